@@ -1,0 +1,1 @@
+"""Effects: named, versioned pieces of physics that can be added to the grasp simulator."""

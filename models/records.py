@@ -1,0 +1,141 @@
+"""Frozen records that travel between the layers. Units are in the names (mm, N, MPa, s)."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from models.ids import content_id
+
+
+class Record(BaseModel):
+    """Base of all records: immutable, unknown keys are errors, values are checked on entry."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Design(Record):
+    """A fin-ray finger in nine parameters, with the ranges of the paper (Problem definition)."""
+
+    length_mm: float = Field(ge=19, le=35, description="depth at the base, closing direction x")
+    width_mm: float = Field(ge=28, le=35, description="along y")
+    height_mm: float = Field(ge=90, le=120, description="along z, base to apex")
+    tip_length_mm: float = Field(ge=20, le=30, description="solid tip, from the apex along z")
+    front_thickness_mm: float = Field(ge=2, le=3, description="wall that touches the object")
+    back_thickness_mm: float = Field(ge=2, le=3, description="slanted wall")
+    rib_thickness_mm: float = Field(ge=2, le=3)
+    rib_count: int = Field(ge=1, le=10)
+    rib_angle_deg: float = Field(ge=-40, le=40, description="from the horizontal")
+
+    @property
+    def design_id(self) -> str:
+        """Id derived from the nine numbers, `D` and 12 hex digits."""
+        return content_id("D", self.model_dump())
+
+
+class Theta(Record):
+    """Calibration parameters of the simulator, with the ranges of the paper."""
+
+    young_modulus_mpa: float = Field(default=11.5, ge=0.5, le=200)
+    friction: float = Field(default=0.56, ge=0, le=2)
+    poisson_ratio: float = Field(default=0.45, ge=0, lt=0.5)
+
+
+class GraspSetup(Record):
+    """How a grasp is made; the paper states neither stroke nor tip height, both matter."""
+
+    open_gap_mm: float = Field(default=70, ge=20, le=200)
+    closed_gap_mm: float = Field(default=16, ge=-20, le=150)
+    tip_below_mm: float = Field(default=5, ge=-40, le=30)
+    close_speed_mm_per_s: float = Field(default=20, gt=0, le=200)
+    lift_speed_mm_per_s: float = Field(default=5, gt=0, le=100)
+    max_lift_mm: float = Field(default=80, gt=0, le=120)
+
+    @property
+    def setup_id(self) -> str:
+        """Id derived from the six numbers."""
+        return content_id("G", self.model_dump())
+
+
+class EffectValue(Record):
+    """One effect of the catalogue, switched on with these parameter values."""
+
+    effect: str
+    parameters: dict[str, float] = Field(default_factory=dict)
+
+
+class MeshSettings(Record):
+    """Which mesher, how fine. `wedge` is the production mesher of fin rays, `tetwild` meshes any body."""
+
+    mesher: Literal["wedge", "tetwild"] = "wedge"
+    edge_mm: float = Field(default=6.0, gt=0.5, le=20)
+    refine: int = Field(default=0, ge=0, le=2, description="uniform splits of every triangle (wedge only)")
+    layers: int = Field(default=1, ge=1, le=6, description="quadratic layers over the half width (wedge only)")
+    fillet_mm: float = Field(default=0.5, ge=0, le=1.5, description="radius of the printed joint fillets")
+
+
+class SimulatorVersion(Record):
+    """FEM settings + theta + an ordered list of effects: everything that decides a simulated number."""
+
+    theta: Theta = Theta()
+    effects: tuple[EffectValue, ...] = ()
+    mesh: MeshSettings = MeshSettings()
+    tier: Literal["screening", "production", "reference"] = "production"
+    fem_version: str = "1"
+
+    @property
+    def version_id(self) -> str:
+        """Id derived from the whole content."""
+        return content_id("V", self.model_dump())
+
+
+class Placement(Record):
+    """Where the object really sits, against its nominal place (mounting scatter)."""
+
+    offset_x_mm: float = 0.0
+    offset_z_mm: float = 0.0
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Samples of one grasp, in order: time from the start of closing, lift, force on the load cell.
+
+    `force_n` > 0 when the object pulls the gripper down; total of both fingers. Equal lengths n.
+    """
+
+    time_s: np.ndarray
+    lift_mm: np.ndarray
+    force_n: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Check that the three channels belong together."""
+        if not self.time_s.shape == self.lift_mm.shape == self.force_n.shape or self.time_s.ndim != 1:
+            raise ValueError(
+                f"trace channels differ in shape: {self.time_s.shape}, {self.lift_mm.shape}, {self.force_n.shape}"
+            )
+
+    @property
+    def is_lift(self) -> np.ndarray:
+        """Mask of the samples of the lift: from the last sample at zero lift onwards."""
+        moved = np.flatnonzero(self.lift_mm > 0)
+        start = max(int(moved[0]) - 1, 0) if moved.size else len(self.lift_mm)
+        return np.arange(len(self.lift_mm)) >= start
+
+
+@dataclass(frozen=True)
+class GraspSimulation:
+    """Result of one simulated grasp, both fingers.
+
+    `contact_force_n` is the closing-direction force on one side at the end of closing, the paper's
+    proxy; `work_j` the area under force over lift.
+    """
+
+    trace: Trace
+    peak_force_n: float
+    contact_force_n: float
+    work_j: float
+    n_steps: int
+    n_newton: int
+    n_dof: int
+    cpu_s: float

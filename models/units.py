@@ -1,0 +1,53 @@
+"""Unit conversions. Inside FAST everything is mm, N, MPa, s; only the edges convert.
+
+The suffix of a name is its unit; `UNIT_OF_SUFFIX` is what the lake writes into field metadata.
+"""
+
+STANDARD_GRAVITY_M_PER_S2 = 9.80665  # CGPM 1901, exact
+MPA_PER_PSI = 0.006894757293168  # 1 lbf/in2, NIST SP 811
+
+UNIT_OF_SUFFIX = {
+    "_mm_per_s": "mm/s",
+    "_mm2": "mm2",
+    "_mm3": "mm3",
+    "_mm": "mm",
+    "_deg": "deg",
+    "_mpa": "MPa",
+    "_psi": "psi",
+    "_hz": "Hz",
+    "_kg": "kg",
+    "_n": "N",
+    "_j": "J",
+    "_s": "s",
+    "_g": "g",
+}
+
+
+def unit_of(name: str) -> str | None:
+    """Unit of a name by its suffix (`force_n` -> `N`), or None for a pure number or text."""
+    if name.startswith("n_"):
+        return None
+    for suffix, unit in UNIT_OF_SUFFIX.items():
+        if name.endswith(suffix):
+            return unit
+    return None
+
+
+def force_n_from_kg(mass_kg: float) -> float:
+    """Force of a mass under standard gravity: load cells are read in kg."""
+    return mass_kg * STANDARD_GRAVITY_M_PER_S2
+
+
+def mass_kg_from_n(force_n: float) -> float:
+    """Inverse of `force_n_from_kg`."""
+    return force_n / STANDARD_GRAVITY_M_PER_S2
+
+
+def pressure_mpa_from_psi(pressure_psi: float) -> float:
+    """Gripper supply pressure: the paper's 30 psi is 0.207 MPa."""
+    return pressure_psi * MPA_PER_PSI
+
+
+def work_j_from_n_mm(work_n_mm: float) -> float:
+    """Area under a force-displacement curve in N mm, as J."""
+    return work_n_mm * 1e-3

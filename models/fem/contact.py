@@ -41,7 +41,7 @@ class PointSpacing:
     """Largest distance of contact points along the finger (z) and across it (y), mm."""
 
     along_mm: float = 0.5
-    across_mm: float = 3.0
+    across_mm: float = 0.5
 
 
 @dataclass

@@ -14,7 +14,7 @@ TOUCH_MM = 0.02
 # The peak sits in the first millimetres of lift: 1 mm steps lose 1.5 % of it (notes/fem.md section 7).
 FINE_LIFT_MM = 3.0
 CUT, GROW, EASY_ITERATIONS = 0.4, 1.5, 7
-MAX_PRESSURE_MPA = 2.0  # a penetration of 1 mm: the point may have passed through something thin
+MAX_PRESSURE_MPA = 4.0  # a penetration of 2 mm: the point may have passed through something thin
 
 
 @dataclass(frozen=True)

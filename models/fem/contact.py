@@ -18,10 +18,18 @@ from models.fem.assembly import ElasticBody, block_map
 from models.fem.friction import return_mapping
 from models.fem.shape import face_shape
 
-# At REFERENCE_MODULUS_MPA; in proportion to E for any other modulus (see models.fem.elasticity).
-NORMAL_STIFFNESS_N_PER_MM3 = 2.0
-TANGENTIAL_STIFFNESS_N_PER_MM3 = 2.0
-SMOOTHING_MM = 0.05  # d0
+
+@dataclass(frozen=True)
+class ContactLaw:
+    """Penalty stiffness in N/mm3 and smoothing depth d0, at REFERENCE_MODULUS_MPA.
+
+    Both stiffnesses are in proportion to E for any other modulus (see models.fem.elasticity). The peak changes by
+    less than 1 % for a normal stiffness of 0.5 to 10 as long as the points resolve the edges.
+    """
+
+    normal_n_per_mm3: float = 2.0
+    tangential_n_per_mm3: float = 2.0
+    smoothing_mm: float = 0.05
 
 
 class Obstacle(Protocol):
@@ -38,7 +46,11 @@ class Obstacle(Protocol):
 
 @dataclass(frozen=True)
 class PointSpacing:
-    """Largest distance of contact points along the finger (z) and across it (y), mm."""
+    """Largest distance of contact points along the finger (z) and across it (y), mm.
+
+    Half the objects' edge radius both ways: across matters for upright edges (3 mm gives a 15 % higher peak on the
+    cube turned by 45 deg), and points in air cost next to nothing.
+    """
 
     along_mm: float = 0.5
     across_mm: float = 0.5
@@ -72,8 +84,9 @@ class ContactResponse:
 class ContactSurface:
     """Contact points of a body: interpolation, areas, and the response to an obstacle."""
 
-    def __init__(self, body: ElasticBody, nodes: np.ndarray, spacing: PointSpacing) -> None:
+    def __init__(self, body: ElasticBody, nodes: np.ndarray, law: ContactLaw, spacing: PointSpacing) -> None:
         """`nodes` (n, 3): undeformed mesh, in the frame of the calculation."""
+        self._law = law
         faces = np.ascontiguousarray(body.mesh.contact_faces)
         self._faces = faces
         self._places = block_map(faces, body.row_of_node, body.pattern)
@@ -128,6 +141,9 @@ class ContactSurface:
             friction,
             state.position,
             state.traction,
+            self._law.normal_n_per_mm3,
+            self._law.tangential_n_per_mm3,
+            self._law.smoothing_mm,
             has_mirror,
             response.force,
             response.traction,
@@ -206,12 +222,12 @@ def _may_touch(positions: np.ndarray, known_position: np.ndarray, known_distance
 
 
 @nb.njit(inline="always")
-def _pressure(depth: float) -> tuple[float, float]:
+def _pressure(depth: float, kn: float, d0: float) -> tuple[float, float]:
     """Pressure in MPa and its slope in N/mm3 at a penetration in mm."""
-    if depth < SMOOTHING_MM:
-        slope = NORMAL_STIFFNESS_N_PER_MM3 * depth / SMOOTHING_MM
+    if depth < d0:
+        slope = kn * depth / d0
         return 0.5 * slope * depth, slope
-    return NORMAL_STIFFNESS_N_PER_MM3 * (depth - 0.5 * SMOOTHING_MM), NORMAL_STIFFNESS_N_PER_MM3
+    return kn * (depth - 0.5 * d0), kn
 
 
 @nb.njit(inline="always")
@@ -250,6 +266,9 @@ def _add_contact(
     friction: np.ndarray,
     old_position: np.ndarray,
     old_traction: np.ndarray,
+    kn: float,
+    kt: float,
+    d0: float,
     has_mirror: bool,
     force: np.ndarray,
     traction: np.ndarray,
@@ -262,7 +281,7 @@ def _add_contact(
     for c in range(len(areas)):
         f, w = face_of_point[c], areas[c]
         if has_mirror and positions[c, 0] < 0.0:
-            p, slope = _pressure(-positions[c, 0])
+            p, slope = _pressure(-positions[c, 0], kn, d0)
             point_force[:] = 0.0
             point_force[0] = w * p
             _scatter_force(faces[f], shape[c], point_force, force)
@@ -272,14 +291,14 @@ def _add_contact(
                 _scatter_tangent(places[f], shape[c], tangent, blocks)
         if not distance[c] < 0.0:
             continue
-        p, slope = _pressure(-distance[c])
+        p, slope = _pressure(-distance[c], kn, d0)
         normal = normals[c]
         slip_step[c] = return_mapping(
             old_traction[c],
             positions[c] - old_position[c],
             normal,
             friction[c] * p,
-            TANGENTIAL_STIFFNESS_N_PER_MM3,
+            kt,
             traction[c],
             tangent,
         )

@@ -72,11 +72,15 @@ class FingerStep:
         u[self._rows] = (state.x + (self._clamped - self._nodes - state.base))[self._free]
         return u
 
-    def least_distance(self, base: np.ndarray) -> float:
-        """Distance in mm of the undeformed finger, base at `base` (3), from the obstacle and the mirror plane."""
-        points = self._surface.positions(self._nodes + base)
-        gap = float(self._obstacle.distance(points).min())
-        return min(gap, float(points[:, 0].min())) if self._has_mirror else gap
+    def distance_to_object(self, base: np.ndarray) -> float:
+        """Least distance in mm of the undeformed finger, base at `base` (3), from the obstacle."""
+        return float(self._obstacle.distance(self._surface.positions(self._nodes + base)).min())
+
+    def distance_to_anything(self, base: np.ndarray) -> float:
+        """As `distance_to_object`, but the other finger (the mirror plane) counts too."""
+        gap = self.distance_to_object(base)
+        front = float((self._nodes + base)[:, 0].min())
+        return min(gap, front) if self._has_mirror else gap
 
     def is_touching(self, state: FingerState) -> bool:
         """True if any contact point carries pressure from the obstacle."""

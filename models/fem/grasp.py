@@ -10,7 +10,7 @@ from models.effects.base import Effect
 from models.effects.catalogue import build_effects
 from models.features import peak_force_n, work_j
 from models.fem.assembly import ElasticBody, Material
-from models.fem.contact import ContactSurface, Obstacle, PointSpacing
+from models.fem.contact import ContactLaw, ContactSurface, Obstacle, PointSpacing
 from models.fem.elasticity import REFERENCE_MODULUS_MPA
 from models.fem.finger import FingerState, FingerStep
 from models.fem.linear import BlockCholesky
@@ -32,8 +32,17 @@ from models.records import Design, GraspSetup, GraspSimulation, Placement, Simul
 
 INWARD, UPWARD = np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 FREE_STEPS = 2  # steps without contact before the end of the lift is considered
-CLEARANCE_MM = 0.05
 RESIDUAL_FORCE_N = 0.05  # at the reference modulus: what may be left of the force when the lift ends
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """Everything numerical but the mesh: contact regularisation, contact points, step sizes, Newton's limits."""
+
+    contact: ContactLaw = ContactLaw()
+    spacing: PointSpacing = PointSpacing()
+    limits: StepLimits = StepLimits()
+    newton: NewtonSettings = NewtonSettings()
 
 
 @dataclass(frozen=True)
@@ -45,9 +54,7 @@ class FingerProblem:
     theta: Theta
     setup: GraspSetup
     effects: tuple[Effect, ...] = ()
-    spacing: PointSpacing = PointSpacing()
-    limits: StepLimits = StepLimits()
-    newton: NewtonSettings = NewtonSettings()
+    numerics: Numerics = Numerics()
 
 
 @dataclass(frozen=True)
@@ -76,6 +83,7 @@ def simulate_grasp(
     placement: Placement = Placement(),  # noqa: B008 - frozen record
     effects: Sequence[Effect] | None = None,
     mesh: SolidMesh | None = None,
+    numerics: Numerics = Numerics(),  # noqa: B008 - frozen record
     deadline_s: float | None = None,
 ) -> GraspSimulation:
     """Simulate one displacement-controlled grasp of a fixed rigid object (design.md 5.1).
@@ -85,7 +93,8 @@ def simulate_grasp(
     is symmetric in y. Forces are exactly proportional to E (see `models.fem.elasticity`).
 
     `effects` default to those of the version. `mesh` replaces the mesh of the design (half width only for objects
-    symmetric in y). `deadline_s` is a wall-clock limit.
+    symmetric in y). `numerics` is for convergence studies and for worlds that must not share the simulator's
+    regularisation. `deadline_s` is a wall-clock limit.
 
     Raises:
         SimulationFailed: reason `time_out`, `no_convergence`, `inverted_element`, `indefinite`, `deep_penetration`
@@ -101,7 +110,7 @@ def simulate_grasp(
         setup = effect.modify_setup(setup, design)
     if mesh is None:
         mesh = build_mesh(design, version.mesh, full_width=not obj.mirror_y, effects=active)
-    problem = FingerProblem(mesh, design.height_mm, theta, setup, active)
+    problem = FingerProblem(mesh, design.height_mm, theta, setup, active, numerics)
     is_symmetric = obj.mirror_x and placement.offset_x_mm == 0.0
     sides = (False,) if is_symmetric else (False, True)
     fingers = [
@@ -129,12 +138,11 @@ def simulate_finger(problem: FingerProblem, obstacle: Obstacle, deadline: float 
     nodes = to_object_frame(problem.mesh.nodes, problem.height_mm, setup.tip_below_mm)
     material = Material(REFERENCE_MODULUS_MPA, problem.theta.poisson_ratio)
     body = ElasticBody(problem.mesh, nodes, material)
-    surface = ContactSurface(body, nodes, problem.spacing)
-    has_mirror = setup.closed_gap_mm < 2.0 * _thickness(nodes)
-    finger = FingerStep(body, surface, nodes, obstacle, has_mirror=has_mirror)
+    surface = ContactSurface(body, nodes, problem.numerics.contact, problem.numerics.spacing)
+    finger = FingerStep(body, surface, nodes, obstacle, has_mirror=True)
     blocks = np.zeros((len(body.pattern.indices), 3, 3))
-    newton = NewtonSolver(BlockCholesky(body.pattern), blocks, problem.newton, deadline)
-    stepper = Stepper(finger, newton, problem.limits, _friction(problem, len(surface.areas)))
+    newton = NewtonSolver(BlockCholesky(body.pattern), blocks, problem.numerics.newton, deadline)
+    stepper = Stepper(finger, newton, problem.numerics.limits, _friction(problem, len(surface.areas)))
     record, n_closing = _close_and_lift(finger, stepper, problem)
     share = 2.0 if problem.mesh.is_half else 1.0
     return FingerResult(
@@ -154,10 +162,6 @@ def to_object_frame(nodes: np.ndarray, height_mm: float, tip_below_mm: float) ->
     return np.ascontiguousarray(np.column_stack([x, -y, height_mm - tip_below_mm - z]))
 
 
-def _thickness(nodes: np.ndarray) -> float:
-    return float(nodes[:, 0].max())
-
-
 def _friction(problem: FingerProblem, n: int) -> Callable[[FingerState], np.ndarray]:
     """Friction coefficient per contact point, frozen over a step, from the effects' factors."""
     scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
@@ -172,11 +176,11 @@ def _friction(problem: FingerProblem, n: int) -> Callable[[FingerState], np.ndar
 
 
 def _close_and_lift(finger: FingerStep, stepper: Stepper, problem: FingerProblem) -> tuple[FingerRecord, int]:
-    setup, limits = problem.setup, problem.limits
+    setup, limits = problem.setup, problem.numerics.limits
     record = FingerRecord()
     record.add(0.0, 0.0, np.zeros(3))
     start, stroke = 0.5 * setup.open_gap_mm * -INWARD, 0.5 * (setup.open_gap_mm - setup.closed_gap_mm)
-    free = travel_to_touch(finger.least_distance, start, INWARD, stroke)
+    free = travel_to_touch(finger.distance_to_anything, start, INWARD, stroke)
     state = finger.rest(start + free * INWARD)
     time_s = free / setup.close_speed_mm_per_s
     if free > 0.0:
@@ -200,7 +204,7 @@ def _close_and_lift(finger: FingerStep, stepper: Stepper, problem: FingerProblem
 def _is_clear(finger: FingerStep, lift: Path, travel: float) -> bool:
     """True if the undeformed finger meets nothing during the rest of the lift."""
     rest = lift.length_mm - travel
-    free = travel_to_touch(lambda base: finger.least_distance(base) - CLEARANCE_MM, lift.at(travel), UPWARD, rest)
+    free = travel_to_touch(finger.distance_to_object, lift.at(travel), UPWARD, rest)
     return free >= rest
 
 
@@ -209,7 +213,7 @@ def _sum_of_fingers(fingers: Sequence[FingerResult], scale: float) -> Trace:
     if len(fingers) == 1:
         only = fingers[0]
         return Trace(only.time_s, only.lift_mm, 2.0 * scale * only.force_n[:, 2])
-    times = np.unique(np.concatenate([f.time_s for f in fingers]))
+    times = np.unique(np.round(np.concatenate([f.time_s for f in fingers]), 9))
     force = sum(np.interp(times, f.time_s, f.force_n[:, 2], right=0.0) for f in fingers)
     longest = max(fingers, key=lambda f: f.time_s[-1])
     lift = np.interp(times, longest.time_s, longest.lift_mm)

@@ -11,6 +11,7 @@ from models.mesh.wedge import wedge_mesh
 from models.records import Design, MeshSettings
 
 TETWILD_TIME_LIMIT_S = 60.0
+RESOLVING_EDGE_TO_RADIUS = 4.0
 
 
 def build_mesh(
@@ -43,7 +44,17 @@ def build_mesh(
 
 def printed_profile(design: Design, settings: MeshSettings, effects: Sequence[Effect]) -> Polygon:
     """Planar profile (x, z in mm) with fillets, after the geometry effects."""
-    profile = planar_profile(design, settings.fillet_mm)
+    profile = planar_profile(design, resolved_fillet_mm(settings))
     for effect in effects:
         profile = effect.modify_profile(profile, design)
     return profile
+
+
+def resolved_fillet_mm(settings: MeshSettings) -> float:
+    """The fillet radius that the mesh can show, else 0.
+
+    On coarse meshes an arc's short edges double the unknowns and change the peak by less than 1.5 %, a tenth of
+    their discretisation error; from `RESOLVING_EDGE_TO_RADIUS` on the fillet matters more than the mesh.
+    """
+    edge_mm = settings.edge_mm / 2**settings.refine
+    return settings.fillet_mm if edge_mm <= RESOLVING_EDGE_TO_RADIUS * settings.fillet_mm else 0.0

@@ -11,11 +11,12 @@ out of the view `<table>`, which is what queries see.
 import logging
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import duckdb
 import pyarrow as pa
@@ -72,6 +73,14 @@ class Engine:
                     if attempt + 1 == _READ_ATTEMPTS:
                         raise _unreadable(self._root / table, error) from error
                     _LOG.debug("reading %s again: %s", table, error)
+
+    def read(self, sql: str, params: Sequence[Any] | dict[str, Any] | None = None) -> pa.Table:
+        """Result of a query over what was last synced, in a read-only transaction."""
+        self.connection.execute("BEGIN TRANSACTION READ ONLY")
+        try:
+            return self.connection.sql(sql, params=params).to_arrow_table()
+        finally:
+            self.connection.execute("ROLLBACK")
 
     def files(self, table: str) -> list[Path]:
         """Files of a table as of the last `sync`."""

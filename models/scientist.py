@@ -52,8 +52,8 @@ def propose(
         UsageError: unknown acquisition or fidelity, wrong shape of pending, no surrogate, or no room for n designs.
 
     Example:
-        >>> designs = [p.design for p in propose(None, 1, 3, NO_PENDING, np.random.default_rng(0), acquisition="random")]
-        >>> len({d.design_id for d in designs})
+        >>> proposals = propose(None, 1, 3, NO_PENDING, np.random.default_rng(0), acquisition="random")
+        >>> len({proposal.design.design_id for proposal in proposals})
         3
     """
     _check(surrogate, fidelity, n, pending, acquisition)

@@ -54,7 +54,8 @@ def climb_mean(
     order = np.argsort(-surrogate.mean(starts, REAL), kind="stable")
     best = starts[order[: settings.n_lineages]]
     for scale in _CLIMB_SCALES:
-        children = mutate(np.repeat(best, settings.n_children, axis=0), np.full(len(best) * settings.n_children, scale), rng)
+        parents = np.repeat(best, settings.n_children, axis=0)
+        children = mutate(parents, np.full(len(parents), scale), rng)
         litter = np.concatenate(
             [
                 best[:, None, :],

@@ -21,7 +21,12 @@ _MAX_CORRELATION_2 = 1.0 - 1e-12  # a noise-free observation at f* would be wort
 
 
 def information_gain(
-    best: np.ndarray, mean: np.ndarray, variance: np.ndarray, variance_s: np.ndarray, covariance: np.ndarray, noise: float
+    best: np.ndarray,
+    mean: np.ndarray,
+    variance: np.ndarray,
+    variance_s: np.ndarray,
+    covariance: np.ndarray,
+    noise: float,
 ) -> np.ndarray:
     """Closed-form information gain about f* of one observation at each of m candidates, m, nats.
 

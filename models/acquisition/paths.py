@@ -29,15 +29,22 @@ class PromisedPosterior:
     """
 
     def __init__(
-        self, surrogate: Surrogate, points: np.ndarray, s: int, pending: np.ndarray, n_paths: int, rng: np.random.Generator
+        self,
+        surrogate: Surrogate,
+        points: np.ndarray,
+        s: int,
+        pending: np.ndarray,
+        n_paths: int,
+        rng: np.random.Generator,
     ) -> None:
+        # Columns: every candidate as a real outcome, again at fidelity s if that is another, then the pending points.
         m, p = len(points), surrogate.parameters
-        blocks = [points] if s == REAL else [points, points]
-        self._first_s = m * (len(blocks) - 1)  # column of the first candidate at fidelity s
+        fidelities = [REAL] if s == REAL else [REAL, s]
+        self._first_s = m * (len(fidelities) - 1)
         self._parameters, self._rng, self._m = p, rng, m
-        self._x = np.concatenate([*blocks, pending[:, :-1]])
-        self._s = np.concatenate([np.full(m, REAL), *[np.full(m, s)] * (len(blocks) - 1), pending[:, -1].astype(int)])
-        self._rows = _whitened(surrogate, points, self._s[: -len(pending) or None], pending)
+        self._x = np.concatenate([points] * len(fidelities) + [pending[:, :-1]])
+        self._s = np.concatenate([np.repeat(fidelities, m), pending[:, -1].astype(int)])
+        self._rows = _whitened(surrogate, points, fidelities, pending)
         self._variances = prior_variance(p, self._s) - np.einsum("ij,ij->j", self._rows, self._rows)
         self._means = np.repeat(surrogate.mean(self._x, self._s)[:, None], n_paths, axis=1)
         self._paths = self._draw_paths()
@@ -112,11 +119,9 @@ class PromisedPosterior:
         )
 
 
-def _whitened(surrogate: Surrogate, points: np.ndarray, s: np.ndarray, pending: np.ndarray) -> np.ndarray:
-    """L^-1 K(data, column) of every column; the candidates' triangular solve serves both fidelities."""
-    h, e = surrogate.whitened_cross(np.concatenate([points, pending[:, :-1]]))
+def _whitened(surrogate: Surrogate, points: np.ndarray, fidelities: list[int], pending: np.ndarray) -> np.ndarray:
+    """L^-1 K of every column; one triangular solve of the candidates serves both fidelities."""
+    cross = surrogate.whitened_cross(np.concatenate([points, pending[:, :-1]]))
     m, rho = len(points), surrogate.parameters.rho
-    columns = [h[:, :m] * (rho if fidelity == REAL else 1.0) + e[:, :m] * fidelity for fidelity in s[::m]]
-    pending_s = pending[:, -1]
-    columns.append(h[:, m:] * np.where(pending_s == REAL, rho, 1.0) + e[:, m:] * pending_s)
-    return np.concatenate(columns, axis=1)
+    columns = [cross.at(np.full(m, s), rho, slice(m)) for s in fidelities]
+    return np.concatenate([*columns, cross.at(pending[:, -1], rho, slice(m, None))], axis=1)

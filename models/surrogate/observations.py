@@ -38,7 +38,9 @@ class ObservationSet:
         for name, values in (("x", self.x), ("y", self.y), ("noise_variance", self.noise_variance)):
             if not np.isfinite(values).all():
                 row = int(np.flatnonzero(~np.isfinite(values).reshape(n, -1).all(axis=1))[0])
-                raise UsageError(f"observation {row} has a {name} that is not finite; leave the design out or impute it.")
+                raise UsageError(
+                    f"observation {row} has a {name} that is not finite; leave the design out or impute it."
+                )
         if not np.isin(self.s, (SIM, REAL)).all():
             raise UsageError(f"fidelities are {np.unique(self.s).tolist()}; they must be 0 (sim) or 1 (real).")
         if (self.noise_variance < 0).any():

@@ -22,6 +22,10 @@ class WhitenedCross(NamedTuple):
     h: np.ndarray
     e: np.ndarray
 
+    def at(self, s: np.ndarray, rho: float, columns: slice = slice(None)) -> np.ndarray:
+        """L^-1 K(data, (x, s)) of these columns, whose fidelities are `s`."""
+        return self.h[:, columns] * np.where(s == REAL, rho, 1.0) + self.e[:, columns] * s
+
 
 class LeaveOneOut(NamedTuple):
     """Prediction of each observation from all others, in the order of `Surrogate.data`, N."""
@@ -101,7 +105,10 @@ class Surrogate:
         return mean + _means(p, fidelity)
 
     def posterior(self, x: np.ndarray, s: np.ndarray | int) -> tuple[np.ndarray, np.ndarray]:
-        """Joint posterior of the noise-free outcome at `x` (m x 9), fidelity `s`: mean (m, N), covariance (m x m, N^2)."""
+        """Joint posterior of the noise-free outcome at `x` (m x 9) of fidelity `s` (Eq. 5-6).
+
+        Returns the mean (m, N) and the covariance (m x m, N^2).
+        """
         fidelity = np.broadcast_to(s, len(x))
         A = self.whitened(x, fidelity)
         covariance = prior_covariance(self.parameters, x, fidelity, x, fidelity) - A.T @ A
@@ -125,8 +132,7 @@ class Surrogate:
 
     def whitened(self, x: np.ndarray, s: np.ndarray) -> np.ndarray:
         """L^-1 K(data, (x, s)), n x m: the covariance explained by the data is its Gram matrix."""
-        h, e = self.whitened_cross(x)
-        return h * np.where(s == REAL, self.parameters.rho, 1.0) + e * s
+        return self.whitened_cross(x).at(s, self.parameters.rho)
 
     def leave_one_out(self) -> LeaveOneOut:
         """Closed-form leave-one-out predictions (Rasmussen and Williams, Eq. 5.12), noise included in the sd.

@@ -6,11 +6,12 @@ command at the missing grasp.
 
 from collections.abc import Callable
 from queue import Empty
+from typing import Any, cast
+from uuid import UUID
 
 from prefect import flow
 from prefect.artifacts import create_markdown_artifact, create_progress_artifact, update_progress_artifact
-from prefect.task_runners import ThreadPoolTaskRunner
-from prefect.utilities.annotations import quote
+from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows.lanes import BenchLane, Session, SimulationLane, closed_batches
 from flows.progress import workload
@@ -19,6 +20,7 @@ from models.errors import FastError
 from tasks import steps
 from tasks.campaign import Campaign
 from tasks.control import append_event, requested_verb
+from tasks.steps import opaque
 
 POLL_S = 2.0  # how often requests of people are looked up while nothing else happens
 
@@ -29,12 +31,12 @@ def run_flow(session: Session, finish: Callable[[], str]) -> bool:
     Returns True when the schedule is complete, False when someone asked to pause or stop.
     """
     campaign = session.campaign
-    n_threads = campaign.config.execution.simulation_workers + 4
+    task_runner: TaskRunner[Any] = ThreadPoolTaskRunner(max_workers=campaign.config.execution.simulation_workers + 4)
 
     @flow(
         name="campaign",
         flow_run_name=f"campaign {campaign.campaign_id}",
-        task_runner=ThreadPoolTaskRunner(max_workers=n_threads),
+        task_runner=task_runner,
     )
     def campaign_flow(campaign_id: str, config_hash: str, lake: str) -> bool:
         artifact = create_progress_artifact(
@@ -104,7 +106,7 @@ def _ensure_proposed(campaign: Campaign, stage: int) -> None:
             "nothing to learn from; look at `fast campaign status` and print the tools again under a new campaign name."
         )
     label = f"{campaign.campaign_id} B{schedule.batches_of(stage)[-1]:02d}"
-    steps.propose_batch(label, quote(campaign), stage)
+    steps.propose_batch(label, opaque(campaign), stage)
 
 
 def _close_stage(campaign: Campaign, stage: int) -> None:
@@ -117,5 +119,5 @@ def _close_stage(campaign: Campaign, stage: int) -> None:
     )
 
 
-def _show_progress(artifact_id: object, campaign: Campaign) -> None:
+def _show_progress(artifact_id: UUID, campaign: Campaign) -> None:
     update_progress_artifact(artifact_id, progress=100.0 * workload(campaign, campaign.state()).fraction)

@@ -7,7 +7,6 @@ from pathlib import Path
 from queue import Queue
 
 from prefect.futures import PrefectFuture
-from prefect.utilities.annotations import quote
 
 from hardware.cell import MeasuredGrasp
 from models.surrogate.fit import fit_surrogate
@@ -17,6 +16,7 @@ from tasks.campaign import Campaign
 from tasks.observing import observe
 from tasks.pool import WorkerPool
 from tasks.state import CampaignState, ProposedSimulation, ProposedTool
+from tasks.steps import opaque
 
 
 @dataclass
@@ -73,12 +73,12 @@ class BenchLane:
             if tools:
                 future = steps.measure_batch.submit(
                     f"{session.campaign.campaign_id} B{batch:02d}",
-                    quote(session.campaign),
-                    quote(tools),
-                    quote(session.open_bench),
+                    opaque(session.campaign),
+                    opaque(tools),
+                    opaque(session.open_bench),
                     session.world_hash,
-                    quote(session.should_stop),
-                    quote(session.on_grasp),
+                    opaque(session.should_stop),
+                    opaque(session.on_grasp),
                 )
                 return session.watch(future)
         return None
@@ -89,11 +89,11 @@ class BenchLane:
             if not state.is_confirmed(batch):
                 future = steps.print_batch.submit(
                     f"{session.campaign.campaign_id} B{batch:02d}",
-                    quote(session.campaign),
+                    opaque(session.campaign),
                     batch,
                     session.auto_print,
-                    quote(session.should_stop),
-                    quote(lambda sheet, batch=batch: session.announce_print(batch, sheet)),
+                    opaque(session.should_stop),
+                    opaque(lambda sheet, batch=batch: session.announce_print(batch, sheet)),
                 )
                 return session.watch(future)
         return None
@@ -135,7 +135,7 @@ class SimulationLane:
     def _submit(self, proposal: ProposedSimulation) -> None:
         campaign = self._session.campaign
         label = f"{campaign.campaign_id} B{proposal.batch:02d} design {proposal.index + 1} of {self._budget}"
-        future = steps.simulate_design.submit(label, quote(campaign), quote(proposal), quote(self._session.pool))
+        future = steps.simulate_design.submit(label, opaque(campaign), opaque(proposal), opaque(self._session.pool))
         self._running[self._session.watch(future)] = proposal
 
     def _next(self, state: CampaignState) -> ProposedSimulation | None:

@@ -7,18 +7,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flows.prefect_server import configure_client, server
+from hardware.bench import BenchSettings
 from hardware.world.spec import World, load_world
 from lake.store import Lake
 from lake.tables import CampaignRow, ObjectRow
-from models.errors import ConfigError
+from models.errors import ConfigError, UsageError
 from models.ids import canonical_json
 from models.objects.catalogue import OBJECTS
 from models.validation import load_record
 from tasks.campaign import Campaign
-from tasks.config import CampaignConfig, differences, load_config, world_path
+from tasks.config import CampaignConfig, differences, load_config, read_toml, relative_to
 from tasks.control import append_event, exclusive
 
 GROWABLE = "schedule.guided_batches"  # a campaign may be made longer while it runs
+
+
+ConfirmReal = Callable[[str, str], bool]  # campaign name, bench file -> did a person confirm
 
 
 @dataclass(frozen=True)
@@ -39,15 +43,19 @@ class Voice:
     announce: Callable[[str], None]
 
 
-def run_campaign(config_path: Path, lake_root: Path, *, auto_print: bool, voice: Voice) -> Outcome:
+def run_campaign(
+    config_path: Path, lake_root: Path, *, auto_print: bool, voice: Voice, confirm_real: ConfirmReal | None = None
+) -> Outcome:
     """Start a campaign, or continue it where the lake says it stands.
+
+    `confirm_real` drives the real bench of the config, after a person has confirmed; None is a virtual bench.
 
     Raises:
         UsageError: config, world or lake cannot be used; nothing was written.
         FastError: another process runs this campaign, or the bench stopped.
     """
     config = load_config(config_path)
-    world = read_world(world_path(config, config_path))
+    bench = _real_bench(config, config_path, confirm_real) if confirm_real else _virtual_bench(config, config_path)
     campaign = Campaign(Lake.open(lake_root, create=True), config)
     name = campaign.campaign_id
     with ExitStack() as stack:
@@ -62,7 +70,21 @@ def run_campaign(config_path: Path, lake_root: Path, *, auto_print: bool, voice:
         # Prefect reads its settings when first imported, so only now.
         from flows.session import run_session
 
-        return run_session(campaign, world, auto_print=auto_print, voice=voice)
+        return run_session(campaign, bench, auto_print=auto_print, voice=voice)
+
+
+def _virtual_bench(config: CampaignConfig, config_path: Path) -> World:
+    return read_world(relative_to(config_path, config.bench.world))
+
+
+def _real_bench(config: CampaignConfig, config_path: Path, confirm: ConfirmReal) -> BenchSettings:
+    if config.bench.real is None:
+        raise ConfigError(f"{config_path}: --real needs `bench.real`, the file with ports and addresses; add it.")
+    path = relative_to(config_path, config.bench.real)
+    settings = load_record(BenchSettings, read_toml(path, "bench file"), str(path))
+    if not confirm(config.name, str(path)):
+        raise UsageError("--real was not confirmed; nothing was moved or written.")
+    return settings
 
 
 def read_world(path: Path) -> World:

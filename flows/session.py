@@ -3,7 +3,7 @@
 import functools
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from flows.launch import Outcome, Voice
 from flows.progress import ProgressReporter
 from flows.report.build import write_report
 from flows.viewer.rerun import write_recording
-from hardware.bench import Bench, MountedTool, open_virtual_bench
+from hardware.bench import Bench, BenchSettings, MountedTool, open_real_bench, open_virtual_bench
 from hardware.cell import MeasuredGrasp
 from hardware.world.physics import PhysicsRequest, solve
 from hardware.world.spec import World
@@ -23,9 +23,10 @@ from tasks.campaign import Campaign
 from tasks.control import append_event
 from tasks.pool import WorkerPool
 from tasks.state import ProposedSimulation, ProposedTool
+from tasks.summary import markdown_table, ranked_tools
 
 
-def run_session(campaign: Campaign, world: World, *, auto_print: bool, voice: Voice) -> Outcome:
+def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print: bool, voice: Voice) -> Outcome:
     """Run the campaign's flow until its schedule is complete or someone asks to stop."""
     config = campaign.config
     simulations = WorkerPool(config.execution.simulation_workers)
@@ -34,8 +35,8 @@ def run_session(campaign: Campaign, world: World, *, auto_print: bool, voice: Vo
     session = Session(
         campaign=campaign,
         pool=simulations,
-        open_bench=functools.partial(_open_bench, campaign, world, physics),
-        world_hash=world.world_hash,
+        open_bench=functools.partial(_open_bench, setup, physics),
+        world_hash=setup.world_hash if isinstance(setup, World) else None,
         auto_print=auto_print,
         on_grasp=functools.partial(_tell_grasp, progress),
         on_simulated=functools.partial(_tell_simulated, progress),
@@ -47,7 +48,7 @@ def run_session(campaign: Campaign, world: World, *, auto_print: bool, voice: Vo
 
     def finish() -> str:
         outcome.append(_write_results(campaign, voice))
-        return _summary_markdown(outcome[0])
+        return markdown_table(ranked_tools(campaign)) + f"\n\nReport: `{outcome[0].report}`"
 
     try:
         with _interrupts(session, voice):
@@ -61,10 +62,12 @@ def run_session(campaign: Campaign, world: World, *, auto_print: bool, voice: Vo
 
 
 def _open_bench(
-    campaign: Campaign, world: World, physics: WorkerPool, tools: Sequence[ProposedTool]
+    setup: World | BenchSettings, physics: WorkerPool, tools: Sequence[ProposedTool]
 ) -> AbstractContextManager[Bench]:
     mounted = {tool.slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
-    return open_virtual_bench(world, mounted, physics=functools.partial(_solve_in_worker, physics))
+    if isinstance(setup, BenchSettings):
+        return open_real_bench(setup, mounted)
+    return open_virtual_bench(setup, mounted, physics=functools.partial(_solve_in_worker, physics))
 
 
 def _solve_in_worker(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulation:

@@ -54,15 +54,15 @@ def load_config(path: Path) -> CampaignConfig:
     config = load_record(CampaignConfig, data, str(path))
     for effect in config.simulator.effects:
         _check_effect(effect.effect, str(path))
-    world = world_path(config, path)
+    world = relative_to(path, config.bench.world)
     if not world.is_file():
         raise ConfigError(f"{path}: world file `{world}` does not exist; set bench.world to an existing file.")
     return config
 
 
-def world_path(config: CampaignConfig, config_path: Path) -> Path:
-    """The world file of a config, relative to the config's own folder."""
-    return (config_path.parent / config.bench.world).resolve()
+def relative_to(config_path: Path, name: str) -> Path:
+    """A file named in a config, relative to the config's own folder."""
+    return (config_path.parent / name).resolve()
 
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable
+from typing import Literal
 
 from hardware.bench import Bench
 from hardware.cell import MeasuredGrasp
@@ -11,6 +12,8 @@ from models.ids import canonical_json
 from tasks.campaign import Campaign
 from tasks.state import Cell, ProposedTool
 
+BenchKind = Literal["virtual", "real"]
+
 logger = logging.getLogger(__name__)
 
 
@@ -19,7 +22,7 @@ def measure_tool(
     bench: Bench,
     tool: ProposedTool,
     *,
-    bench_kind: str,
+    bench_kind: BenchKind,
     world_hash: str | None,
     should_stop: Callable[[], bool],
     on_grasp: Callable[[MeasuredGrasp], None],
@@ -55,7 +58,7 @@ def _append(
     *,
     attempt: int,
     order: int,
-    bench_kind: str,
+    bench_kind: BenchKind,
     world_hash: str | None,
 ) -> None:
     grasp_id = GraspRow.make_id(tool.tool_id, grasp.object_id, grasp.repeat, attempt)

@@ -1,7 +1,7 @@
 """The human step: write what is printed, and record what a person says became of it."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 

@@ -6,6 +6,7 @@ from concurrent.futures import CancelledError, Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
+from typing import Any
 
 from lake.provenance import current_provenance
 from lake.store import Lake
@@ -80,7 +81,7 @@ def _collect(
     wait_s: float,
     config_hash: str,
 ) -> int:
-    key = {
+    key: dict[str, Any] = {
         "simulation_id": SimulationRow.make_id(design.design_id, object_id, version.version_id, setup.setup_id),
         "design_id": design.design_id,
         "object_id": object_id,
@@ -110,7 +111,7 @@ def _collect(
     return 1
 
 
-def _result_row(key: dict, result: GraspSimulation) -> SimulationRow:
+def _result_row(key: dict[str, Any], result: GraspSimulation) -> SimulationRow:
     return SimulationRow(
         **key,
         status="ok",

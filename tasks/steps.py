@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
+from typing import TypeVar, cast
 
 from prefect import task
 from prefect.cache_policies import NO_CACHE
@@ -19,7 +20,13 @@ from tasks.observing import observe
 from tasks.pool import WorkerPool
 from tasks.state import ProposedSimulation, ProposedTool
 
+T = TypeVar("T")
 OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
+
+
+def opaque(value: T) -> T:
+    """Pass a value to a task as it is: Prefect would otherwise walk into it, looking for futures."""
+    return cast(T, quote(value))
 
 
 @task(task_run_name="propose {label}", cache_policy=NO_CACHE)
@@ -119,12 +126,12 @@ def measure_batch(
             name = f"{campaign.campaign_id} {tool.label}"
             measure_tool(
                 name,
-                quote(campaign),
-                quote(bench),
-                quote(tool),
+                opaque(campaign),
+                opaque(bench),
+                opaque(tool),
                 world_hash,
-                quote(should_stop),
-                quote(partial(on_grasp, tool)),
+                opaque(should_stop),
+                opaque(partial(on_grasp, tool)),
             )
     batch = tools[0].batch
     if not should_stop():

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.dataset as pads
 
 from lake.engine import Engine, load_views, tables_used
-from lake.files import discard, file_name, make_folder, publish, stage, writing_failed
+from lake.files import discard, file_name, locked, make_folder, publish, stage, writing_failed
 from lake.provenance import Provenance, stamped
 from lake.schema import SCHEMA_VERSION, has_samples, schema_of, to_arrow
 from lake.sql import check_reads_only
@@ -79,8 +79,9 @@ class Lake:
                 table = to_arrow(group, columns)
                 folder = self.root / row_type.table
                 staged.append((stage(folder, table, row_type.table), folder / file_name(table, _NOT_CONTENT)))
-            for temporary, final in staged:
-                publish(temporary, final)
+            with locked(self.root, exclusive=False):
+                for temporary, final in staged:
+                    publish(temporary, final)
         finally:
             discard([temporary for temporary, _ in staged])
 

@@ -5,13 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.acquisition.candidates import CandidateSettings, candidate_points
-from models.acquisition.catalogue import ACQUISITIONS
+from models.acquisition.catalogue import ACQUISITIONS, Selection
 from models.acquisition.spacing import Spacing
 from models.design_space import PARAMETERS, from_unit, random_unit
 from models.errors import UsageError
 from models.records import Design
 from models.surrogate.observations import REAL, SIM
 from models.surrogate.posterior import Surrogate
+from models.surrogate.threads import one_blas_thread
 from models.validation import closest
 
 RANDOM = "random"
@@ -60,7 +61,20 @@ def propose(
     spacing = Spacing(_known(surrogate, fidelity), pending[pending[:, -1] == fidelity, :-1], min_distance)
     if surrogate is None or acquisition == RANDOM:
         return _propose_random(n, spacing, rng)
-    select = ACQUISITIONS[acquisition]
+    with one_blas_thread():
+        return _propose_by(ACQUISITIONS[acquisition], surrogate, fidelity, n, pending, spacing, rng)
+
+
+def _propose_by(
+    select: Selection,
+    surrogate: Surrogate,
+    fidelity: int,
+    n: int,
+    pending: np.ndarray,
+    spacing: Spacing,
+    rng: np.random.Generator,
+) -> list[Proposal]:
+    """Choose from fresh candidates until n are found; what is already chosen counts as pending."""
     settings = SINGLE_CANDIDATES if n == 1 else BATCH_CANDIDATES
     proposals: list[Proposal] = []
     for _ in range(_MAX_ROUNDS):

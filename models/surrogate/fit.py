@@ -10,6 +10,7 @@ from models.surrogate.likelihood import log_posterior
 from models.surrogate.observations import REAL, SIM, ObservationSet
 from models.surrogate.parameters import Standardisation, SurrogateParameters, Vector, bounds, prior_mode
 from models.surrogate.posterior import Surrogate
+from models.surrogate.threads import one_blas_thread
 
 MIN_OBSERVATIONS = 3
 SUBSET_SIZE = 250  # cold starts search on this many observations, then polish on all
@@ -35,10 +36,14 @@ def fit_surrogate(data: ObservationSet, previous: SurrogateParameters | None = N
             f"The surrogate has {len(data)} observations, it needs at least {MIN_OBSERVATIONS}; "
             "measure or simulate more designs first."
         )
-    data = data.sims_first()
+    with one_blas_thread():
+        return _fit(data.sims_first(), previous, np.random.default_rng(seed))
+
+
+def _fit(data: ObservationSet, previous: SurrogateParameters | None, rng: np.random.Generator) -> Surrogate:
     units = Standardisation.of(data)
     standardised = units.apply(data)
-    starts = _cold_starts(standardised, np.random.default_rng(seed))
+    starts = _cold_starts(standardised, rng)
     if previous is not None:
         starts.append(Vector.from_parameters(previous, units))
     values = [log_posterior(start, standardised)[0] for start in starts]

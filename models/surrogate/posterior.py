@@ -11,6 +11,7 @@ from models.records import Record
 from models.surrogate.covariance import matern52
 from models.surrogate.observations import REAL, SIM, ObservationSet
 from models.surrogate.parameters import SurrogateParameters
+from models.surrogate.threads import one_blas_thread
 
 Z_90 = 1.6448536269514722  # half width of the central 90 % of a standard normal
 _JITTERS = (0.0, 1e-10, 1e-8, 1e-6)  # relative to the largest prior variance, tried in order
@@ -92,8 +93,9 @@ class Surrogate:
         )
 
     def updated(self, data: ObservationSet) -> "Surrogate":
-        """The same parameters conditioned on other (usually more) observations."""
-        return Surrogate.condition(data, self.parameters)
+        """The same parameters conditioned on other (usually more) observations: what an asynchronous loop needs."""
+        with one_blas_thread():
+            return Surrogate.condition(data, self.parameters)
 
     def mean(self, x: np.ndarray, s: np.ndarray | int) -> np.ndarray:
         """Predictive mean at m points `x` (m x 9) of fidelity `s`, m, N (Eq. 5)."""

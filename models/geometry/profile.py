@@ -33,15 +33,15 @@ def planar_profile(design: Design, fillet_mm: float = 0.5) -> Polygon:
     return shapely.geometry.polygon.orient(max(parts, key=lambda part: part.area))
 
 
-def _outline(design: Design) -> Polygon:
-    base, top = BASE_HEIGHT_MM, design.height_mm
-    apex_x = design.front_thickness_mm + APEX_EXTRA_MM
-    return Polygon([(0.0, base), (design.length_mm, base), (apex_x, top), (0.0, top)])
+def _outline(design: Design) -> BaseGeometry:
+    top, apex_x = design.height_mm, design.front_thickness_mm + APEX_EXTRA_MM
+    whole = Polygon([(0.0, 0.0), (design.length_mm, 0.0), (apex_x, top), (0.0, top)])
+    return whole.intersection(box(0.0, BASE_HEIGHT_MM, design.length_mm, top))
 
 
 def _back_line(design: Design) -> tuple[np.ndarray, np.ndarray]:
     """Two points of the inner side of the slanted back wall."""
-    foot = np.array([design.length_mm, BASE_HEIGHT_MM])
+    foot = np.array([design.length_mm, 0.0])
     apex = np.array([design.front_thickness_mm + APEX_EXTRA_MM, design.height_mm])
     along = (apex - foot) / np.linalg.norm(apex - foot)
     inward = np.array([-along[1], along[0]])
@@ -50,13 +50,13 @@ def _back_line(design: Design) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _cavity(design: Design) -> BaseGeometry:
-    """The space between the walls, base and solid tip."""
+    """The space between the walls below the solid tip; it goes on below the base, which has no fillets."""
     foot, apex = _back_line(design)
     top = design.height_mm - design.tip_length_mm
     direction = apex - foot
     start, end, far_x = foot - direction, apex + direction, -4 * design.length_mm
     inner = Polygon([(far_x, start[1]), start, end, (far_x, end[1])])
-    window = box(design.front_thickness_mm, BASE_HEIGHT_MM, design.length_mm, top)
+    window = box(design.front_thickness_mm, -BASE_HEIGHT_MM, 2 * design.length_mm, top)
     return inner.intersection(window)
 
 

@@ -38,7 +38,7 @@ format: setup   ## format and fix what can be fixed
 	$(BIN)/ruff check --fix .
 
 lock: setup     ## write requirements.lock from the environment (after changing pyproject.toml)
-	$(BIN)/python -m pip freeze --exclude-editable | sed 's/+cpu$$//' > requirements.lock
+	$(BIN)/python -m pip freeze --all --exclude-editable | grep -v '^pip==' | sed 's/+cpu$$//' > requirements.lock
 
 clean:          ## remove the environment and caches, never the lake
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build *.egg-info

@@ -18,9 +18,9 @@ _ARC_SEGMENTS = 4  # per quarter circle of a fillet
 
 
 def planar_profile(design: Design, fillet_mm: float = 0.5) -> Polygon:
-    """The compliant body of a finger in the (x, z) plane, mm, with its voids as holes; the lowest
-    void is open towards the base.
+    """The compliant body of a finger in the (x, z) plane, mm, with its voids as holes.
 
+    The lowest void is open towards the base.
     x = 0 is the front wall's outer plane, x > 0 points away from the object; z runs from the top of the
     rigid base (`BASE_HEIGHT_MM`) to the apex (`height_mm`). Ribs are strips centred between the walls,
     equally spaced over the cavity and turned by `rib_angle_deg` about their middle. Inner corners carry

@@ -15,7 +15,8 @@ _STYLE = """
 * { box-sizing: border-box }
 body { font: 13px/1.4 system-ui, "Helvetica Neue", Arial, sans-serif; color: #111; margin: 24px auto; max-width: 186mm }
 h1 { font-size: 24px; margin: 0 0 2px } h2 { font-size: 15px; margin: 18px 0 6px }
-p { margin: 4px 0 } code { font: 12px/1.5 ui-monospace, Menlo, Consolas, monospace; background: #f2f2f2; padding: 2px 5px }
+p { margin: 4px 0 }
+code { font: 12px/1.5 ui-monospace, Menlo, Consolas, monospace; background: #f2f2f2; padding: 2px 5px }
 .tools { display: grid; grid-template-columns: 1fr 1fr; gap: 8px }
 .tool { border: 1px solid #999; border-radius: 4px; padding: 8px 10px; display: flex; gap: 10px; break-inside: avoid }
 .tool h3 { font-size: 20px; margin: 0 } .tool svg { flex: none; height: 132px }
@@ -24,7 +25,8 @@ dl { display: grid; grid-template-columns: auto auto; gap: 0 8px; margin: 4px 0;
 dt { color: #555 } dd { margin: 0; text-align: right; font-variant-numeric: tabular-nums }
 .fill { display: flex; gap: 9px; flex-wrap: wrap; margin: 5px 0 0; font-size: 11.5px }
 .blank { display: inline-block; border-bottom: 1px solid #555; min-width: 10mm; height: 1.2em; vertical-align: bottom }
-.wide { min-width: 55mm } .box { display: inline-block; width: 11px; height: 11px; border: 1.2px solid #111; vertical-align: -1px }
+.wide { min-width: 55mm }
+.box { display: inline-block; width: 11px; height: 11px; border: 1.2px solid #111; vertical-align: -1px }
 .plan { width: 100%; height: auto; border: 1px solid #999; border-radius: 4px }
 @media (max-width: 600px) { body { margin: 12px } .tools { grid-template-columns: 1fr } }
 @media print { body { margin: 0; max-width: none } }
@@ -62,7 +64,7 @@ def batch_sheet_html(
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}: print sheet</title>'
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><style>{_STYLE}</style></head><body>'
         f"<h1>Batch {escape(title)}</h1>"
-        f'<p class="muted">{len(items)} tools, {FINGERS_PER_TOOL * len(items)} fingers, {mass_g:.0f} g of model material. '
+        f'<p class="muted">{len(items)} tools, {FINGERS_PER_TOOL * len(items)} fingers, {mass_g:.0f} g of material. '
         "Body: flexible (Shore A 85). Base: rigid. Print both in one go.</p>"
         '<p>Operator <span class="blank wide"></span> Date <span class="blank"></span><span class="blank"></span> '
         'Material lot <span class="blank wide"></span></p>'

@@ -22,7 +22,7 @@ logger = logging.getLogger(__name__)
 Direction = Literal["sent", "received"]
 
 
-class LinkLost(DeviceError):
+class LinkLostError(DeviceError):
     """The line to a device is gone: unplugged, powered off, or closed at the other end."""
 
 
@@ -110,11 +110,11 @@ class Transport(Protocol):
         ...
 
     def open(self, on_bytes: Callable[[bytes], None], on_lost: Callable[[str], None]) -> None:
-        """Open the line and start reading. Both callbacks come from the reader's thread; raises `LinkLost`."""
+        """Open the line and start reading. Both callbacks come from the reader's thread; raises `LinkLostError`."""
         ...
 
     def write(self, data: bytes) -> None:
-        """Send all of `data`; raises `LinkLost`."""
+        """Send all of `data`; raises `LinkLostError`."""
         ...
 
     def close(self) -> None:
@@ -163,10 +163,10 @@ class SerialTransport:
         """Open the port without raising DTR (an Arduino would reset) and start the reader thread.
 
         Raises:
-            LinkLost: the port is missing, busy or not permitted, or is open already.
+            LinkLostError: the port is missing, busy or not permitted, or is open already.
         """
         if self._serial is not None:
-            raise LinkLost(f"Port {self._port} is open already; close it before opening it again.")
+            raise LinkLostError(f"Port {self._port} is open already; close it before opening it again.")
         port = serial.Serial(baudrate=self._baudrate, timeout=None, write_timeout=self._write_timeout_s, exclusive=True)
         port.port = self._port
         port.dtr = False
@@ -174,7 +174,7 @@ class SerialTransport:
             port.open()
         except (OSError, ValueError) as error:
             port.close()
-            raise LinkLost(
+            raise LinkLostError(
                 f"Port {self._port} did not open ({error}); check the cable, the port name and who else uses it."
             ) from error
         self._is_closing.clear()
@@ -188,16 +188,18 @@ class SerialTransport:
         """Send all of `data`; one writer at a time.
 
         Raises:
-            LinkLost: the port is closed, gone, or did not take the bytes in time.
+            LinkLostError: the port is closed, gone, or did not take the bytes in time.
         """
         with self._write_lock:
             if self._serial is None:
-                raise LinkLost(f"Port {self._port} is closed; connect before sending.")
+                raise LinkLostError(f"Port {self._port} is closed; connect before sending.")
             self._log.record("sent", data)
             try:
                 self._serial.write(data)
             except OSError as error:
-                raise LinkLost(f"Port {self._port} took no bytes ({error}); check the cable and reconnect.") from error
+                raise LinkLostError(
+                    f"Port {self._port} took no bytes ({error}); check the cable and reconnect."
+                ) from error
 
     def close(self) -> None:
         """Stop the reader, wait for it to end and close the port."""

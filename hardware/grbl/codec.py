@@ -37,10 +37,10 @@ _FULL_NUMBER = re.compile(_NUMBER)
 
 
 class LineDecoder:
-    """Splits a byte stream into lines and decodes each; survives cuts, noise and non-ASCII.
+    r"""Splits a byte stream into lines and decodes each; survives cuts, noise and non-ASCII.
 
     >>> decoder = LineDecoder()
-    >>> decoder.feed(b"ok\\r\\nerr"), decoder.feed(b"or:9\\r\\n")
+    >>> decoder.feed(b"ok\r\nerr"), decoder.feed(b"or:9\r\n")
     ([Ok()], [ErrorReply(code=9)])
     """
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from hardware.click.driver import ClickPlc
 from hardware.clock import Clock
-from hardware.force_sensor import Baseline, ForceSensor, Overload, SensorFault
+from hardware.force_sensor import Baseline, ForceSensor, OverloadError, SensorFaultError
 from hardware.gantry import Gantry
 from hardware.layout import BenchLayout
 from hardware.pneumatics import Pneumatics
@@ -196,7 +196,7 @@ class GraspCell:
             self._approach(tool, grasp)
             try:
                 self._grip_and_lift(tool, setup, grasp)
-            except (SensorFault, Overload) as fault:
+            except (SensorFaultError, OverloadError) as fault:
                 grasp.reason = str(fault)
                 self._back_off(fault, grasp)
             self._retreat(tool, grasp)
@@ -270,7 +270,7 @@ class GraspCell:
         """After a failed grasp: stop, give way under overload, so that venting is safe."""
         logger.warning("Grasp on object %d failed: %s", grasp.object_id, fault)
         self._gantry.stop_lift()
-        if isinstance(fault, Overload) and grasp.recorder is not None:
+        if isinstance(fault, OverloadError) and grasp.recorder is not None:
             z_mm = self._gantry.position_mm()[2]
             self._gantry.move_to(z_mm=max(z_mm - OVERLOAD_LOWER_MM, grasp.recorder.z_mm))
 

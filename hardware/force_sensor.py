@@ -11,11 +11,11 @@ from models.units import force_n_from_kg
 FULL_SCALE_N = force_n_from_kg(20.0)  # 20 kg cell
 
 
-class SensorFault(DeviceError):
+class SensorFaultError(DeviceError):
     """A reading cannot be trusted: the grasp is abandoned, the batch goes on if the fault goes away."""
 
 
-class Overload(DeviceError):
+class OverloadError(DeviceError):
     """The force reached the cell's full scale: the lift is stopped at once."""
 
 
@@ -72,20 +72,20 @@ class ForceSensor:
         """The transmitter's present reading.
 
         Raises:
-            SensorFault: a fault bit is on, or readings have stood still for `stale_after_s`.
-            Overload: the gross is at the cell's full scale.
+            SensorFaultError: a fault bit is on, or readings have stood still for `stale_after_s`.
+            OverloadError: the gross is at the cell's full scale.
         """
         reading = self._transmitter.read()
         now_s = self._clock.now_s()
         newton = self._transmitter.newton_per_unit
         if reading.fault:
-            raise SensorFault(
+            raise SensorFaultError(
                 f"The load cell reports a fault: {reading.fault}. The grasp is abandoned; check the cell's cable and "
                 "the transmitter's display."
             )
         force = ForceReading(now_s, reading.gross * newton, reading.net * newton)
         if abs(force.gross_n) >= FULL_SCALE_N:
-            raise Overload(
+            raise OverloadError(
                 f"The load cell carries {force.gross_n:.0f} N, its full scale is {FULL_SCALE_N:.0f} N. The lift was "
                 "stopped; lower the head by hand control and look at the gripper."
             )
@@ -116,7 +116,7 @@ class ForceSensor:
         if values != self._last:
             self._last, self._changed_at_s = values, force.time_s
         elif self._stale_after_s is not None and force.time_s - self._changed_at_s > self._stale_after_s:
-            raise SensorFault(
+            raise SensorFaultError(
                 f"The weight transmitter repeats {force.net_n:.2f} N for {self._stale_after_s:g} s: it is frozen. The "
                 "grasp is abandoned; restart the transmitter."
             )

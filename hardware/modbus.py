@@ -13,7 +13,7 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
-from hardware.transport import LinkLost, WireLog
+from hardware.transport import LinkLostError, WireLog
 from models.errors import DeviceError
 
 logger = logging.getLogger(__name__)
@@ -97,7 +97,7 @@ class ModbusLink:
         for _ in range(self.n_read_repeats):
             try:
                 return self._once(request)
-            except LinkLost as error:
+            except LinkLostError as error:
                 logger.warning("%s Repeating the read on a new connection.", error)
                 self.n_reconnects += 1
         return self._once(request)
@@ -109,7 +109,7 @@ class ModbusLink:
                 answer = request(client)
             except (ModbusException, OSError) as error:
                 self.close()
-                raise LinkLost(
+                raise LinkLostError(
                     f"{self.name} did not answer in time; the outcome of the last request is unknown. "
                     "Check power and cable; the batch is paused and no data is lost."
                 ) from error
@@ -126,7 +126,7 @@ class ModbusLink:
             client = self._make_client(self._trace)
             if not client.connect():
                 client.close()
-                raise LinkLost(f"{self.name} cannot be reached; check its power, network and the address in the config.")
+                raise LinkLostError(f"{self.name} cannot be reached; check its power, network and the address in the config.")
             self._client = client
         return self._client
 

@@ -7,7 +7,7 @@ each word big-endian: the opposite of the Laumas transmitter. Source: notes/hard
 import re
 import struct
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Literal
 
 from models.errors import UsageError
@@ -112,7 +112,7 @@ class Address:
     bank: Bank
     number: int
 
-    @property
+    @cached_property
     def wire(self) -> int:
         """0-based wire address."""
         return self.bank.wire_of(self.number)

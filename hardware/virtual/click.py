@@ -83,7 +83,6 @@ class VirtualClick:
         self._set(tags.MOTOR_ENABLE_OUTPUT, is_host_alive and is_estop_ok)
         self._set(tags.SCAN_COUNTER_REGISTER, self._n_scans)
         self._set(tags.FAULT_REGISTER, _NO_HEARTBEAT * (not is_host_alive) + _ESTOP * (not is_estop_ok))
-        self._world.setup = self._read_recipe()
         self._world.set_outputs(lock, grip, supply, float(self._get(tags.SUPPLY_SETPOINT_REGISTER)))
 
     def _ladder_lock(self) -> bool:
@@ -135,10 +134,10 @@ class VirtualClick:
     # The Modbus side
 
     def read_bits(self, space: str, address: int, count: int) -> list[bool] | None:
-        """Bits of `coil` or `discrete`; pymodbus asks for whole words, gaps between slots read 0."""
+        """Bits of `coil` or `discrete`."""
         legal = _LEGAL["coil" if space == "coil" else "discrete"]
         wires = range(address, address + count)
-        if not any(wire in legal for wire in wires):
+        if any(wire not in legal for wire in wires):
             return None
         with self._lock:
             self._refresh()
@@ -154,22 +153,24 @@ class VirtualClick:
             self._refresh()
             return [self._memory.get((key, wire), 0) for wire in wires]
 
-    def write_bits(self, address: int, values: list[bool]) -> bool | None:
+    def write_bits(self, address: int, values: list[bool]) -> bool:
         """Coils Y and C."""
         wires = range(address, address + len(values))
         if any(wire not in _LEGAL["coil"] or wire in _LEGAL["discrete"] for wire in wires):
-            return None
+            return False
         with self._lock:
             self._memory.update({("coil", wire): int(value) for wire, value in zip(wires, values, strict=True)})
         return True
 
-    def write_registers(self, address: int, values: list[int], function_code: int) -> bool | None:
+    def write_registers(self, address: int, values: list[int], function_code: int) -> bool:
         """Holding registers; writing the job label starts the world's next grasp."""
         wires = range(address, address + len(values))
         if any(wire not in _LEGAL["holding"] for wire in wires):
-            return None
+            return False
         with self._lock:
             self._memory.update({("holding", wire): value for wire, value in zip(wires, values, strict=True)})
+            if parse_address(tags.FIRST_RECIPE_REGISTER).wire in wires:
+                self._world.setup = self._read_recipe()
             if parse_address(tags.JOB_REPEAT_REGISTER).wire in wires:
                 self._world.start_job(
                     int(self._get(tags.JOB_OBJECT_REGISTER)), int(self._get(tags.JOB_REPEAT_REGISTER))
@@ -178,15 +179,16 @@ class VirtualClick:
 
     def _get(self, name: str) -> Value:
         address = parse_address(name)
-        words = [
-            self._memory.get((address.bank.space, address.wire + i), 0) for i in range(address.bank.width)
-        ]
-        return bool(words[0]) if address.bank.kind == "bit" else unpack_value(address.bank.kind, words)
+        space, kind, wire = address.bank.space, address.bank.kind, address.wire
+        if kind == "bit":
+            return bool(self._memory.get((space, wire), 0))
+        return unpack_value(kind, [self._memory.get((space, wire + i), 0) for i in range(address.bank.width)])
 
     def _set(self, name: str, value: Value) -> None:
         address = parse_address(name)
         words = [int(value)] if address.bank.kind == "bit" else pack_value(address.bank.kind, value)
-        self._memory.update({(address.bank.space, address.wire + i): word for i, word in enumerate(words)})
+        for i, word in enumerate(words):
+            self._memory[address.bank.space, address.wire + i] = word
 
 
 def recipe_values(setup: GraspSetup) -> list[float]:

@@ -65,14 +65,14 @@ class VirtualLaumas:
             block[FIRST_MEASURED_REGISTER : FIRST_MEASURED_REGISTER + len(measured)] = measured
         return block[address : address + count]
 
-    def write_bits(self, address: int, values: list[bool]) -> bool | None:
+    def write_bits(self, address: int, values: list[bool]) -> bool:
         """The instrument has no coils."""
-        return None
+        return False
 
-    def write_registers(self, address: int, values: list[int], function_code: int) -> bool | None:
+    def write_registers(self, address: int, values: list[int], function_code: int) -> bool:
         """Commands, by FC16 only; unknown commands are ignored as the instrument does."""
         if address != COMMAND_REGISTER or function_code != _WRITE_FUNCTION:
-            return None
+            return False
         with self._lock:
             if values[0] == Command.TARE:
                 self._tare_counts, self._is_net = self._gross_counts(), True

@@ -8,6 +8,7 @@ from typing import Protocol
 from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
+from pymodbus.simulator.simcore import SimCore
 
 from models.errors import DeviceError
 
@@ -27,11 +28,44 @@ class RegisterMap(Protocol):
     def read_registers(self, space: str, address: int, count: int) -> list[int] | None:
         """Registers of a space (`holding` or `input`)."""
 
-    def write_bits(self, address: int, values: list[bool]) -> bool | None:
-        """Write coils; None where there are none."""
+    def write_bits(self, address: int, values: list[bool]) -> bool:
+        """Write coils; False where there are none."""
 
-    def write_registers(self, address: int, values: list[int], function_code: int) -> bool | None:
-        """Write holding registers; None where there are none."""
+    def write_registers(self, address: int, values: list[int], function_code: int) -> bool:
+        """Write holding registers; False where there are none."""
+
+
+class _MapContext(SimCore):
+    """What pymodbus asks for values: passes every access on to the register map, after the server's faults."""
+
+    def __init__(self, owner: "ModbusServerThread") -> None:
+        super().__init__([])
+        self._owner = owner
+
+    async def async_getValues(
+        self, device_id: int, func_code: int, address: int, count: int = 1
+    ) -> list[int] | list[bool] | ExcCodes:
+        """Values of a read, or of the echo after a write."""
+        await self._owner.misbehave()
+        registers = self._owner.registers
+        values: list[int] | list[bool] | None
+        if func_code in _BIT_SPACES:
+            values = registers.read_bits(_BIT_SPACES[func_code], address, count)
+        else:
+            values = registers.read_registers(_REGISTER_SPACES[func_code], address, count)
+        return ExcCodes.ILLEGAL_ADDRESS if values is None else values
+
+    async def async_setValues(
+        self, device_id: int, func_code: int, address: int, values: list[int] | list[bool]
+    ) -> ExcCodes | None:
+        """Carry out a write."""
+        await self._owner.misbehave()
+        registers = self._owner.registers
+        if func_code in _BIT_SPACES:
+            is_done = registers.write_bits(address, [bool(value) for value in values])
+        else:
+            is_done = registers.write_registers(address, [int(value) for value in values], func_code)
+        return None if is_done else ExcCodes.ILLEGAL_ADDRESS
 
 
 class ModbusServerThread:
@@ -46,7 +80,7 @@ class ModbusServerThread:
         self.port = 0
         self.is_silent = False
         self.delay_s = 0.0
-        self._registers = registers
+        self.registers = registers
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._serve, name=f"modbus-{name}", daemon=True)
         self._is_up = threading.Event()
@@ -73,6 +107,13 @@ class ModbusServerThread:
             asyncio.run_coroutine_threadsafe(self._shut_down(), self._loop)
             self._thread.join(_START_TIME_OUT_S)
 
+    async def misbehave(self) -> None:
+        """Act out the injected faults before an answer."""
+        if self.is_silent:
+            await self._stopping.wait()
+        if self.delay_s:
+            await asyncio.sleep(self.delay_s)
+
     def _serve(self) -> None:
         asyncio.set_event_loop(self._loop)
         try:
@@ -84,7 +125,9 @@ class ModbusServerThread:
             self._loop.close()
 
     async def _listen(self) -> None:
-        server = ModbusTcpServer(self._device(), address=(self.host, self.port))
+        placeholder = SimDevice(0, simdata=SimData(0, values=0, datatype=DataType.REGISTERS))
+        server = ModbusTcpServer(placeholder, address=(self.host, self.port))
+        server.context = _MapContext(self)
         await server.serve_forever(background=True)
         self._server = server
         self.port = server.transport.sockets[0].getsockname()[1]
@@ -101,45 +144,3 @@ class ModbusServerThread:
     async def _shut_down(self) -> None:
         if self._server is not None:
             await self._server.shutdown()
-
-    def _device(self) -> SimDevice:
-        """Four blocks over the whole address range: `_act` is the real memory, these are its scratch space."""
-        bits = [SimData(0, values=[False] * 65536, datatype=DataType.BITS)]
-        words = [SimData(0, values=[0] * 65536, datatype=DataType.REGISTERS)]
-        return SimDevice(0, simdata=(bits, list(bits), words, list(words)), action=self._act)
-
-    async def _act(
-        self,
-        function_code: int,
-        start_address: int,
-        address: int,
-        count: int,
-        registers: list[int],
-        set_values: list[int] | list[bool] | None,
-    ) -> ExcCodes | None:
-        """Called by pymodbus before each access; `count` is in registers, also for bits (16 a register)."""
-        if self.is_silent:
-            await self._stopping.wait()
-        if self.delay_s:
-            await asyncio.sleep(self.delay_s)
-        if set_values is not None:
-            return None if self._write(function_code, address, list(set_values)) else ExcCodes.ILLEGAL_ADDRESS
-        if function_code in _BIT_SPACES:
-            first = address - address % 16
-            bits = self._registers.read_bits(_BIT_SPACES[function_code], first, 16 * count)
-            if bits is None:
-                return ExcCodes.ILLEGAL_ADDRESS
-            for word in range(count):
-                pattern = bits[16 * word : 16 * word + 16]
-                registers[first // 16 + word - start_address] = sum(bit << i for i, bit in enumerate(pattern))
-            return None
-        values = self._registers.read_registers(_REGISTER_SPACES[function_code], address, count)
-        if values is None:
-            return ExcCodes.ILLEGAL_ADDRESS
-        registers[address - start_address : address - start_address + count] = values
-        return None
-
-    def _write(self, function_code: int, address: int, values: list[int] | list[bool]) -> bool:
-        if function_code in _BIT_SPACES:
-            return bool(self._registers.write_bits(address, [bool(value) for value in values]))
-        return bool(self._registers.write_registers(address, [int(value) for value in values], function_code))

@@ -146,7 +146,8 @@ def _open(
     settings: BenchSettings, tools: Mapping[int, MountedTool], inner: Clock, virtual: VirtualBench | None
 ) -> Iterator[Bench]:
     clock = BeatingClock(inner)
-    plc = ClickPlc(tcp_link("CLICK PLC", settings.plc_host, settings.plc_port, time_out_s=settings.modbus_time_out_s), clock)
+    plc_link = tcp_link("CLICK PLC", settings.plc_host, settings.plc_port, time_out_s=settings.modbus_time_out_s)
+    plc = ClickPlc(plc_link, clock)
     transmitter = LaumasTransmitter(_transmitter_link(settings), clock)
     force = ForceSensor(transmitter, clock, settings.force_rate_hz, settings.stale_after_s)
     gantry = Gantry(settings.serial_port, clock)

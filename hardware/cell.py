@@ -262,8 +262,8 @@ class GraspCell:
                 check_s = self._clock.now_s()
             self._record_until(recorder, self._clock.now_s() + POSITION_PERIOD_S)
         raise DeviceError(
-            f"The lift reached {recorder.lift_mm:.1f} of {setup.max_lift_mm:g} mm in {deadline_s - start_s:.0f} s and was "
-            "held; check the Z axis."
+            f"The lift reached {recorder.lift_mm:.1f} of {setup.max_lift_mm:g} mm in {deadline_s - start_s:.0f} s "
+            "and was held; check the Z axis."
         )
 
     def _back_off(self, fault: FastError, grasp: "_GraspInProgress") -> None:

@@ -74,8 +74,8 @@ class BenchLayout(Record):
         if z_mm < 0 or z_mm + setup.max_lift_mm > top_mm:
             raise UsageError(
                 f"A grasp with tips {setup.tip_below_mm:g} mm below the object and a lift of {setup.max_lift_mm:g} mm "
-                f"needs z from {z_mm:.1f} to {z_mm + setup.max_lift_mm:.1f} mm, the axis has 0 to {top_mm:g} mm; change "
-                "tip_below_mm or max_lift_mm."
+                f"needs z from {z_mm:.1f} to {z_mm + setup.max_lift_mm:.1f} mm, the axis has 0 to {top_mm:g} mm; "
+                "change tip_below_mm or max_lift_mm."
             )
         return z_mm
 

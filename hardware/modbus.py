@@ -74,7 +74,7 @@ class ModbusLink:
         else:
             answer = self._repeat(lambda c: c.read_discrete_inputs(address, count=count, device_id=self._device_id))
         self._check_length(len(answer.bits), count, is_bits=True)
-        return answer.bits[:count]
+        return list(answer.bits[:count])
 
     def read_registers(self, function_code: int, address: int, count: int) -> list[int]:
         """`count` holding (FC03) or input (FC04) registers from a 0-based address."""
@@ -83,7 +83,7 @@ class ModbusLink:
         else:
             answer = self._repeat(lambda c: c.read_input_registers(address, count=count, device_id=self._device_id))
         self._check_length(len(answer.registers), count, is_bits=False)
-        return answer.registers
+        return list(answer.registers)
 
     def write_coil(self, address: int, value: bool) -> None:
         """Write one coil with FC05, exactly once."""
@@ -115,8 +115,9 @@ class ModbusLink:
                 ) from error
         if answer.isError():
             code = int(answer.exception_code)
+            words = _EXCEPTION_WORDS.get(code, "unknown")
             raise DeviceError(
-                f"{self.name} refused a request with Modbus exception {code} ({_EXCEPTION_WORDS.get(code, 'unknown')}); "
+                f"{self.name} refused a request with Modbus exception {code} ({words}); "
                 "check that its model and register map are those of docs/hardware."
             )
         return answer
@@ -126,7 +127,9 @@ class ModbusLink:
             client = self._make_client(self._trace)
             if not client.connect():
                 client.close()
-                raise LinkLostError(f"{self.name} cannot be reached; check its power, network and the address in the config.")
+                raise LinkLostError(
+                    f"{self.name} cannot be reached; check its power, network and the address in the config."
+                )
             self._client = client
         return self._client
 
@@ -137,7 +140,9 @@ class ModbusLink:
     def _check_length(self, received: int, expected: int, is_bits: bool) -> None:
         if received < expected or (received != expected and not is_bits):
             self.close()
-            raise DeviceError(f"{self.name} answered {received} values instead of {expected}; the connection was reset.")
+            raise DeviceError(
+                f"{self.name} answered {received} values instead of {expected}; the connection was reset, repeat."
+            )
 
 
 def tcp_link(name: str, host: str, port: int, device_id: int = 1, time_out_s: float = 1.0) -> ModbusLink:
@@ -153,9 +158,6 @@ def rtu_link(name: str, port: str, baud_rate: int = 9600, device_id: int = 1, ti
     """A link over Modbus RTU (8N1) on a serial port or pty. `time_out_s` is real time."""
 
     def make_client(trace: Tracer) -> Client:
-        return ModbusSerialClient(
-            port, baudrate=baud_rate, timeout=time_out_s, retries=0, trace_packet=trace
-        )
+        return ModbusSerialClient(port, baudrate=baud_rate, timeout=time_out_s, retries=0, trace_packet=trace)
 
     return ModbusLink(f"{name} at {port}", make_client, device_id)
-

@@ -62,7 +62,7 @@ class ToolChanger:
         empty = sorted(set(self.tools) - set(self.full_slots()))
         if len(empty) != 1:
             raise InterlockError(
-                f"A tool is on the head, but {len(empty)} slots of the tool table are empty ({empty}); it should be one. "
+                f"A tool is on the head, but {len(empty)} slots of the tool table are empty ({empty}) instead of one. "
                 "Put the dock in order, then continue."
             )
         return empty[0]
@@ -134,7 +134,8 @@ class ToolChanger:
         if not (is_closed and is_present):
             missing = "lock" if not is_closed else "tool"
             raise InterlockError(
-                f"The {missing} sensor went off while a tool is on the head. Motion is held; don't switch anything, look."
+                f"The {missing} sensor went off while a tool is on the head. Motion is held; don't switch anything, "
+                "look at the head."
             )
 
     def _to_slot(self, slot: int) -> None:
@@ -155,5 +156,6 @@ class ToolChanger:
         if abs(gained_n - expected_n) > MASS_TOLERANCE * expected_n:
             raise InterlockError(
                 f"Tool {tool.tool_id} weighs {gained_n / force_n_from_kg(1.0):.3f} kg, the table says "
-                f"{tool.expected_mass_kg:.3f} kg (limit {MASS_TOLERANCE:.0%}). The head holds; fix the tool table or the tool."
+                f"{tool.expected_mass_kg:.3f} kg (limit {MASS_TOLERANCE:.0%}). The head holds; "
+                "fix the tool table or the tool."
             )

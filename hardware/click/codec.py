@@ -7,7 +7,7 @@ each word big-endian: the opposite of the Laumas transmitter. Source: notes/hard
 import re
 import struct
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property
 from typing import Literal
 
 from models.errors import UsageError
@@ -75,9 +75,7 @@ class Bank:
         return number if self.contains(number) else None
 
 
-def _bank(
-    name: str, last: int, base: int, space: Space, kind: Kind, is_writable: bool = False, first: int = 1
-) -> Bank:
+def _bank(name: str, last: int, base: int, space: Space, kind: Kind, is_writable: bool = False, first: int = 1) -> Bank:
     return Bank(name, ((first, last),), base, space, kind, is_writable)
 
 
@@ -121,7 +119,7 @@ class Address:
         return f"{self.bank.name}{self.number}"
 
 
-@lru_cache(maxsize=None)
+@cache
 def parse_address(name: str) -> Address:
     """Resolve a native address such as `X1`, `Y101`, `DF3` (leading zeros and lower case are fine).
 

@@ -69,9 +69,7 @@ class ClickPlc:
             chunk = min(count * width - len(registers), MAX_REGISTERS_PER_READ)
             function = _READ_FUNCTION[address.bank.space]
             registers += self._link.read_registers(function, address.wire + len(registers), chunk)
-        return [
-            unpack_value(address.bank.kind, registers[i : i + width]) for i in range(0, len(registers), width)
-        ]
+        return [unpack_value(address.bank.kind, registers[i : i + width]) for i in range(0, len(registers), width)]
 
     def read_bits(self, first: str, count: int) -> list[bool]:
         """Like `read_many`, for banks of bits."""

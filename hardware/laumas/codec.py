@@ -133,16 +133,12 @@ def decode_measured(registers: list[int], scale: Scale) -> Reading:
     """Reading from the block of `N_MEASURED` registers that starts at `FIRST_MEASURED_REGISTER`."""
     status = Status(registers[0] & 0x1FBF)  # undocumented bits are dropped
     counts = [join_magnitude(registers[i], registers[i + 1]) for i in (1, 3, 5)]
-    signs = [
-        -1 if status & bit else 1 for bit in (Status.GROSS_NEGATIVE, Status.NET_NEGATIVE, Status.PEAK_NEGATIVE)
-    ]
+    signs = [-1 if status & bit else 1 for bit in (Status.GROSS_NEGATIVE, Status.NET_NEGATIVE, Status.PEAK_NEGATIVE)]
     gross, net, peak = (sign * value * scale.division for sign, value in zip(signs, counts, strict=True))
     return Reading(status, gross, net, peak, scale)
 
 
-def encode_measured(
-    status: Status, gross_counts: int, net_counts: int, peak_counts: int, scale: Scale
-) -> list[int]:
+def encode_measured(status: Status, gross_counts: int, net_counts: int, peak_counts: int, scale: Scale) -> list[int]:
     """Inverse of `decode_measured`, for signed counts; sets the sign bits."""
     for counts, bit in (
         (gross_counts, Status.GROSS_NEGATIVE),

@@ -1,8 +1,8 @@
 """Virtual CLICK PLC: the memory map on Modbus TCP, and a ladder that scans it.
 
-Hosts write requests (C) and registers; each scan the ladder decides the outputs (Y), so a Y written by a host reads back
-for a moment and is then overwritten. Without a heartbeat for two seconds the ladder closes the supply and drops the
-motor enable, and holds lock and grip: an object in the air must not fall because a host died.
+Hosts write requests (C) and registers; each scan the ladder decides the outputs (Y), so a Y written by a host reads
+back for a moment and is then overwritten. Without a heartbeat for two seconds the ladder closes the supply and drops
+the motor enable, and holds lock and grip: an object in the air must not fall because a host died.
 """
 
 import threading
@@ -141,7 +141,8 @@ class VirtualClick:
             return None
         with self._lock:
             self._refresh()
-            return [bool(self._memory.get(("coil", wire), 0) or self._memory.get(("discrete", wire), 0)) for wire in wires]
+            spaces: tuple[Space, Space] = ("coil", "discrete")
+            return [any(self._memory.get((key, wire), 0) for key in spaces) for wire in wires]
 
     def read_registers(self, space: str, address: int, count: int) -> list[int] | None:
         """Registers of `holding` or `input`."""

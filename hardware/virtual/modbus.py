@@ -130,7 +130,8 @@ class ModbusServerThread:
         server.context = _MapContext(self)
         await server.serve_forever(background=True)
         self._server = server
-        self.port = server.transport.sockets[0].getsockname()[1]
+        if isinstance(server.transport, asyncio.Server):
+            self.port = server.transport.sockets[0].getsockname()[1]
         self._is_up.set()
         await server.serving
         self._stopping.set()

@@ -146,7 +146,8 @@ def check_hidden(values: Sequence[EffectValue], source: str) -> None:
     for value in values:
         law = HIDDEN_LAWS.get(value.effect)
         if law is None:
-            raise ConfigError(f"{source}: unknown hidden effect `{value.effect}`; {closest(value.effect, list(HIDDEN_LAWS))}")
+            hint = closest(value.effect, list(HIDDEN_LAWS))
+            raise ConfigError(f"{source}: unknown hidden effect `{value.effect}`; {hint}")
         for name in value.parameters:
             if name not in law.limits:
                 hint = closest(name, list(law.limits))
@@ -157,8 +158,8 @@ def check_hidden(values: Sequence[EffectValue], source: str) -> None:
             number = value.parameters[name]
             if not lowest <= number <= highest:
                 raise ConfigError(
-                    f"{source}: `{name}` of hidden effect `{value.effect}` is {number:g}, it must be from {lowest:g} to "
-                    f"{highest:g}; change it."
+                    f"{source}: `{name}` of hidden effect `{value.effect}` is {number:g}, it must be from {lowest:g} "
+                    f"to {highest:g}; change it."
                 )
 
 

@@ -167,11 +167,11 @@ def grasp_curve(simulation: GraspSimulation, world: World, tool_id: str, object_
     lift_mm, lift_n = trace.lift_mm[lift], force_n[lift]
     if lift_mm.size == 0:
         lift_mm, lift_n = np.zeros(1), force_n[-1:] if force_n.size else np.zeros(1)
-    start_n = float(lift_n[0])
-    share = (closing_s - trace.time_s[0]) / max(float(trace.time_s[lift][0] - trace.time_s[0]), 1e-9) if lift.any() else closing_s
+    closing_end_s = float(trace.time_s[lift][0]) if lift.any() else float(trace.time_s[-1])
+    elapsed_s = closing_s - trace.time_s[0]
     return GraspCurve(
-        closing_share=np.append(share, 1.0),
-        closing_force_n=np.append(closing_n, start_n),
+        closing_share=np.append(elapsed_s / max(closing_end_s - float(trace.time_s[0]), 1e-9), 1.0),
+        closing_force_n=np.append(closing_n, lift_n[0]),
         lift_mm=lift_mm,
         lift_force_n=lift_n,
         release_lift_mm=_release_lift_mm(lift_mm, lift_n),

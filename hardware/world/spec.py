@@ -83,9 +83,10 @@ def load_world(text: str, source: str) -> World:
 
 def _check_table(table: Any, source: str) -> None:
     if not isinstance(table, dict) or not isinstance(table.get("effect"), str):
-        raise ConfigError(f'{source}: a [[hidden]] table has no effect; add effect = "static_kinetic_friction" or another.')
+        raise ConfigError(f"{source}: a [[hidden]] table has no effect; add effect = with one of its names.")
     for name, value in table.items():
-        if name != "effect" and (isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value)):
+        is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        if name != "effect" and not is_number:
             raise ConfigError(
                 f"{source}: `{name}` of hidden effect `{table['effect']}` is {value!r}, it must be a finite number; "
                 "change it."

@@ -70,10 +70,11 @@ class VirtualClick:
         n_due = int((now_s - self._last_scan_s) / SCAN_PERIOD_S + 1e-9)
         if n_due < 1 or not self.is_running:
             return
+        first_due_s = self._last_scan_s + SCAN_PERIOD_S
         self._last_scan_s += n_due * SCAN_PERIOD_S
         self._n_scans = (self._n_scans + n_due) % 30000
         self._show_inputs()
-        is_host_alive = self._watch_heartbeat(now_s)
+        is_host_alive = self._watch_heartbeat(first_due_s, now_s)
         is_estop_ok = bool(self._get(tags.ESTOP_OK_INPUT))
         lock, grip = self._ladder_lock(), self._ladder_grip(is_estop_ok)
         supply = bool(self._get(tags.SUPPLY_REQUEST)) and is_host_alive and is_estop_ok
@@ -100,10 +101,11 @@ class VirtualClick:
             return True
         return bool(self._get(tags.GRIP_OUTPUT))
 
-    def _watch_heartbeat(self, now_s: float) -> bool:
+    def _watch_heartbeat(self, first_due_s: float, now_s: float) -> bool:
+        """Whether the host is alive; what changed since the last scan was seen by the first scan that was due."""
         beat = int(self._get(tags.HEARTBEAT_REGISTER))
         if beat != self._last_heartbeat:
-            self._last_heartbeat, self._heartbeat_at_s = beat, now_s
+            self._last_heartbeat, self._heartbeat_at_s = beat, first_due_s
             self._set(tags.HEARTBEAT_ECHO_REGISTER, beat)
         return self._heartbeat_at_s is not None and now_s - self._heartbeat_at_s <= tags.HOST_TIME_OUT_S
 

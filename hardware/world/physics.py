@@ -26,7 +26,7 @@ from models.records import (
     Theta,
 )
 
-NEGLIGIBLE_OFFSET_X_MM = 0.5
+NEGLIGIBLE_OFFSET_X_MM = 0.75
 
 
 class PhysicsRequest(Record):

@@ -25,7 +25,7 @@ from models.records import GraspSetup, Trace
 logger = logging.getLogger(__name__)
 
 SETTLE_S = 0.3  # after a move, before the tare
-BASELINE_S = 0.5
+BASELINE_S = 0.6  # longer than the time after which identical readings mean a frozen transmitter
 CLOSED_SETTLE_S = 0.2  # between the end of closing and the lift
 POSITION_PERIOD_S = 0.1  # 10 Hz, what GRBL answers reliably in motion
 CARRYING_CHECK_PERIOD_S = 0.5
@@ -232,6 +232,11 @@ class GraspCell:
         grasp.end = self._record_lift(recorder, setup)
         self._gantry.stop_lift()
         recorder.add_position(self._clock.now_s(), self._gantry.position_mm()[2])
+        if not recorder.is_contact_seen(FORCE_BACK_N):
+            grasp.reason = (
+                f"No force above {FORCE_BACK_N:g} N on object {grasp.object_id}: it is missing or moved. The grasp is not "
+                "counted; look at the mount."
+            )
 
     def _record_until(self, recorder: GraspRecorder, end_s: float) -> None:
         """Read the force at the transmitter's rate until a time."""
@@ -279,7 +284,7 @@ class GraspCell:
         grasp.details["pressure_psi"] = self._pneumatics.pressure_psi()
         self._pneumatics.vent()
         self._raise(tool)
-        left_n = self._force.baseline(0.1).net_n - grasp.baseline.net_n
+        left_n = self._force.baseline(BASELINE_S).net_n - grasp.baseline.net_n
         grasp.details["after_release_n"] = left_n
         if abs(left_n) > NOT_RELEASED_N:
             raise InterlockError(

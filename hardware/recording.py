@@ -8,6 +8,7 @@ from hardware.force_sensor import Baseline, ForceReading
 from models.records import Trace
 
 WINDOW_MM = 2.0  # lift over which the force must be back at zero
+CONTACT_READINGS = 20  # a quarter of a second: averages the noise, keeps the narrowest contact
 
 
 class GraspRecorder:
@@ -57,6 +58,12 @@ class GraspRecorder:
         first = bisect_left(self._force_s, self._force_s[-1] - WINDOW_MM / speed_mm_per_s)
         recent = self._force_n[first:]
         return abs(sum(recent) / len(recent)) < threshold_n
+
+    def is_contact_seen(self, threshold_n: float) -> bool:
+        """Whether the mean force over any `CONTACT_READINGS` in a row leaves `threshold_n` around zero."""
+        force_n = np.array(self._force_n)
+        n = min(CONTACT_READINGS, len(force_n))
+        return n > 0 and bool(np.abs(np.convolve(force_n, np.full(n, 1.0 / n), mode="valid")).max() > threshold_n)
 
     def trace(self) -> Trace:
         """Trace with time from closing start and lift interpolated to the force's times."""

@@ -146,12 +146,22 @@ QUALIFY row_number() OVER (PARTITION BY batch ORDER BY created_at DESC) = 1
 ORDER BY batch"""
 
 PROVENANCE = """
-SELECT DISTINCT 'grasps' AS rows_of, code_version, code_dirty, config_hash, seed, bench, world_hash, setup_id
-FROM grasps WHERE campaign_id = {campaign}
-UNION
-SELECT DISTINCT 'proposals', code_version, code_dirty, config_hash, seed, NULL, NULL, NULL
-FROM proposals WHERE campaign_id = {campaign}
-ORDER BY ALL"""
+SELECT 'grasps' AS rows_of, code_version, code_dirty, config_hash, bench, world_hash, count(*) AS n
+FROM grasps WHERE campaign_id = {campaign} GROUP BY ALL
+UNION ALL
+SELECT 'proposals', code_version, code_dirty, config_hash, NULL, NULL, count(*)
+FROM proposals WHERE campaign_id = {campaign} GROUP BY ALL
+UNION ALL
+SELECT 'simulations', code_version, code_dirty, config_hash, NULL, NULL, count(*)
+FROM simulations
+WHERE design_id IN (SELECT design_id FROM proposals WHERE campaign_id = {campaign}
+                    UNION SELECT design_id FROM tools WHERE campaign_id = {campaign})
+GROUP BY ALL
+ORDER BY rows_of, code_version, config_hash"""
+
+SETUPS = """
+SELECT setup_id, any_value(setup_json) AS setup_json, count(*) AS n_grasps
+FROM grasps WHERE campaign_id = {campaign} GROUP BY setup_id ORDER BY n_grasps DESC, setup_id"""
 
 # {best}: quoted tool id.
 LINEAGE = f"""
@@ -161,7 +171,8 @@ SELECT (SELECT max(proposal_id) FROM proposals p JOIN tool t
           ON p.campaign_id = t.campaign_id AND p.batch = t.batch AND p.slot = t.slot AND p.fidelity = 'real')
          AS proposal_id,
        tool.design_id, tool.tool_id, tool.confirmed_by, tool.operator, tool.material_lot,
-       tool.created_at AS confirmed_at, (SELECT count(*) FROM counted) AS n_grasps,
+       tool.measured_front_thickness_mm, tool.measured_back_thickness_mm, tool.measured_rib_thickness_mm,
+       tool.hardness_shore_a, tool.created_at AS confirmed_at, (SELECT count(*) FROM counted) AS n_grasps,
        (SELECT min(started_at) FROM counted) AS first_grasp_at, (SELECT max(started_at) FROM counted) AS last_grasp_at
 FROM tool"""
 

@@ -6,13 +6,20 @@ z-buffer is right for every pixel and needs no display.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numba
 import numpy as np
 import trimesh
 from matplotlib.colors import to_rgb
 
+from flows.report.style import OBJECT
+from models.objects.catalogue import get_object
+from models.objects.surface import object_mesh
+
 LIGHT = np.array([-0.35, -0.55, 0.76])  # towards the light, in view coordinates (right, down, towards the eye)
+OBJECT_SPACING_MM = 1.5
+OBJECT_PX = 96
 EDGE_DEPTH_MM = 1.2
 EDGE_ANGLE_COS = 0.82  # neighbouring pixels whose normals differ by more than 35 degrees get an edge line
 
@@ -54,6 +61,17 @@ def render(
         screen = corners * np.array([px_per_mm, px_per_mm, 1.0]) + middle
         _rasterise(screen, normals, np.array(to_rgb(body.colour)), depth, normal, colour)
     return _average_down(_shade(depth, normal, colour), scale)
+
+
+@lru_cache(maxsize=64)
+def object_picture(object_id: int) -> np.ndarray:
+    """Small RGBA picture of a test object, square.
+
+    Raises:
+        UsageError: the catalogue has no such object.
+    """
+    mesh = object_mesh(get_object(object_id), spacing_mm=OBJECT_SPACING_MM)
+    return render([Body(mesh, OBJECT)], azimuth_deg=28.0, elevation_deg=24.0, height_px=OBJECT_PX, width_px=OBJECT_PX)
 
 
 def _view_rotation(azimuth: float, elevation: float) -> np.ndarray:

@@ -20,6 +20,7 @@ BEST = "#0072b2"  # Okabe-Ito blue: the best tool, the last batch
 SIMULATED = "#009e73"  # Okabe-Ito bluish green: anything simulated
 COMPLIANT = "#7fb2d6"
 RIGID = "#6b7078"
+OBJECT = "#d9c9a3"
 
 WIDTH_IN = 4.6
 

@@ -20,16 +20,34 @@ def tools_section(content: Content, folder: Folder) -> Markup:
         (
             number(place, 0) if tool.is_complete else DASH, _mark(tool), tool.kind, number(tool.quality_n, 2),
             number(tool.half_width_n, 2), _bar(tool, top), number(tool.work_j, 3), tool.n_objects, tool.n_grasps,
-            tool.n_failed, tool.reason or ("" if tool.is_complete else tool.status),
+            tool.n_failed, _note(tool),
         )
         for place, tool in enumerate(ranked, start=1)
     ]  # fmt: skip
-    headings = ("rank", "tool", "design", "quality (N)", "± 95 % (N)", "", "work (J)", "objects", "grasps", "failed", "note")
+    headings = (
+        "rank",
+        "tool",
+        "design",
+        "quality (N)",
+        "± 95 % (N)",
+        Markup(""),
+        "work (J)",
+        "objects",
+        "grasps",
+        "failed",
+        "note",
+    )
     best_row = 0 if content.best else None
     return section(
         "tools", "All tools", table(headings, rows, numeric=(0, 3, 4, 6, 7, 8, 9), best_row=best_row),
         folder.sources(content.quality),
     )  # fmt: skip
+
+
+def _note(tool: Tool) -> Markup:
+    if tool.reason or tool.status == "rejected":
+        return Markup(text(tool.reason or tool.status))
+    return Markup("" if tool.is_complete else "not all objects" if tool.n_objects else "not measured yet")
 
 
 def _mark(tool: Tool) -> Markup:
@@ -62,7 +80,9 @@ def cost_section(content: Content, folder: Folder) -> Markup:
         ], numeric=(1, 2, 3, 4, 5),
     )  # fmt: skip
     reasons = (
-        table(("what failed", "reason", "times"), [(r["what"], r["reason"], r["n"]) for r in failures.rows], numeric=(2,))
+        table(
+            ("what failed", "reason", "times"), [(r["what"], r["reason"], r["n"]) for r in failures.rows], numeric=(2,)
+        )
         if failures.rows
         else paragraph("Nothing failed.")
     )
@@ -144,8 +164,8 @@ def _lineage(content: Content, folder: Folder) -> str:
         f"Printed and mounted as {row['tool_id']}, confirmed by {_who(row)} on {moment(row['confirmed_at'])} UTC"
         + (f", lot {row['material_lot']}" if row["material_lot"] else "") + ".",
         f"Measured after printing: {', '.join(measured)}." if measured else "Walls and hardness were not measured.",
-        f"{row['n_grasps']} grasps from {moment(row['first_grasp_at'])} to {moment(row['last_grasp_at'])} UTC, each with "
-        "its raw trace.",
+        f"{row['n_grasps']} grasps from {moment(row['first_grasp_at'])} to {moment(row['last_grasp_at'])} UTC, each "
+        "with its raw trace.",
         f"Peak of each trace, mean over repeats, mean over {best.n_objects} objects: {number(best.quality_n, 2, 'N')}.",
     ]  # fmt: skip
     items = "".join(f"<li>{text(step)}</li>" for step in steps)

@@ -31,7 +31,9 @@ class Content:
         found = lake.records(CampaignRow, campaign_id=campaign_id)
         if not found:
             known = sorted(lake.ids(CampaignRow))
-            hint = closest(campaign_id, known) if known else "the lake has none yet; start one with `fast campaign run`."
+            hint = (
+                closest(campaign_id, known) if known else "the lake has none yet; start one with `fast campaign run`."
+            )
             raise UsageError(f"There is no campaign `{campaign_id}` in {lake.root}; {hint}")
         return cls(lake, found[-1])
 

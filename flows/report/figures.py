@@ -1,4 +1,4 @@
-"""The campaign's figures: tool quality per batch (Fig. 2a), work per object (Fig. 2c), simulated against measured (Fig. 3)."""
+"""Figures of a campaign: quality per batch (Fig. 2a), work per object (2c), simulated against measured (3)."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -36,7 +36,7 @@ def quality_figure(tools: Sequence[Tool], best: Tool) -> Figure:
     so_far = np.maximum.accumulate(
         [max((t.quality_n or 0.0 for t in measured if t.batch == b and t.is_complete), default=0.0) for b in batches]
     )
-    edges = [b + s for b in batches for s in (-0.45, 0.45)]
+    edges = [b + s for b in batches for s in (-0.5, 0.5)]
     axes.plot(edges, np.repeat(so_far, 2), color=INK, linewidth=1.1, linestyle=(0, (4, 2)), label="best so far")
     axes.annotate(
         best.label, (best.batch + _offset(best.slot), best.quality_n or 0.0), xytext=(0, 9),
@@ -108,12 +108,12 @@ def agreement_figure(pairs: Sequence[Pair], stated: Agreement, what: str) -> Fig
     measured = np.array([p.measured_n for p in pairs])
     figure, axes = new_axes(WIDTH_IN, 4.2, grid="both")
     is_dense = len(pairs) > DENSE_PAIRS
-    for is_first, colour, marker in ((True, FIRST, "o"), (False, BEST, "D")):
-        mask = np.array([(p.batch == min(q.batch for q in pairs[:1])) == is_first for p in pairs])
+    is_first = np.array([p.batch for p in pairs]) == min(p.batch for p in pairs)
+    for mask, colour, marker, label in ((is_first, FIRST, "o", "first batch"), (~is_first, BEST, "D", "later batches")):
         axes.plot(
             simulated[mask], measured[mask], marker, color=colour, markersize=2.2 if is_dense else 4.6,
             alpha=0.35 if is_dense else 0.85, markeredgewidth=0, rasterized=is_dense,
-            label="first batch" if is_first else "later batches",
+            label=label if mask.any() else None,
         )  # fmt: skip
     top = 1.06 * max(simulated.max(), measured.max(), 1e-3)
     low = min(0.0, simulated.min(), measured.min())
@@ -123,13 +123,11 @@ def agreement_figure(pairs: Sequence[Pair], stated: Agreement, what: str) -> Fig
     axes.set_aspect("equal")
     axes.set_xlabel(f"simulated peak pull-off force (N), {what}")
     axes.set_ylabel("measured (N)")
-    axes.text(0.03, 0.97, _statistics(stated), transform=axes.transAxes, va="top", fontsize=8.5, linespacing=1.35)
+    axes.set_title(_statistics(stated), loc="left", fontsize=8.5, linespacing=1.35)
     axes.legend(loc="lower right", handletextpad=0.4)
     return figure
 
 
 def _statistics(stated: Agreement) -> str:
-    correlations = (
-        f"r = {stated.pearson:.2f}, rank {stated.spearman:.2f}\n" if np.isfinite(stated.pearson) else ""
-    )
-    return f"{correlations}RMSE {stated.rmse_n:.2f} N\nmean error {stated.bias_n:+.2f} N\nn = {stated.n}"
+    correlations = f", r = {stated.pearson:.2f}, rank {stated.spearman:.2f}" if np.isfinite(stated.pearson) else ""
+    return f"n = {stated.n}{correlations}\nRMSE {stated.rmse_n:.2f} N, mean error {stated.bias_n:+.2f} N"

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
-from shapely.geometry import Polygon
+from shapely.geometry import Polygon, box
 
 from flows.report.render import Body, render
 from flows.report.style import BEST, COMPLIANT, INK, MUTED, RIGID, new_axes
@@ -22,7 +22,7 @@ def finger_picture(design: Design, mark: str) -> np.ndarray:
     bodies = finger_bodies(design, mark)
     return render(
         [Body(bodies.compliant, COMPLIANT), Body(bodies.rigid, RIGID)],
-        azimuth_deg=-32.0,
+        azimuth_deg=-24.0,
         elevation_deg=20.0,
         height_px=PICTURE_PX,
     )
@@ -31,9 +31,8 @@ def finger_picture(design: Design, mark: str) -> np.ndarray:
 def profile_figure(design: Design) -> Figure:
     """Planar profile in mm, front wall on the left, with the dimensions that make the design."""
     figure, axes = new_axes(*PROFILE_SIZE_IN, grid="")
-    base = PathPatch(_outline(Polygon([(0, 0), (design.length_mm, 0), (design.length_mm, BASE_HEIGHT_MM),
-                                       (0, BASE_HEIGHT_MM)])), facecolor=RIGID, edgecolor=INK, linewidth=0.8)  # fmt: skip
-    axes.add_patch(base)
+    base = box(0, 0, design.length_mm, BASE_HEIGHT_MM)
+    axes.add_patch(PathPatch(_outline(base), facecolor=RIGID, edgecolor=INK, linewidth=0.8))
     profile = planar_profile(design)
     for part in [profile] if isinstance(profile, Polygon) else list(profile.geoms):
         axes.add_patch(PathPatch(_outline(part), facecolor=COMPLIANT, edgecolor=INK, linewidth=0.8))
@@ -63,7 +62,12 @@ def _overall_dimensions(axes: Axes, design: Design) -> None:
 
 
 def _dimension(
-    axes: Axes, start: tuple[float, float], end: tuple[float, float], text: str, rotation: float = 0, below: bool = False
+    axes: Axes,
+    start: tuple[float, float],
+    end: tuple[float, float],
+    text: str,
+    rotation: float = 0,
+    below: bool = False,
 ) -> None:
     """Double arrow with its text: left of an upright one when rotated, below a level one, else right of it."""
     arrow = {"arrowstyle": "<|-|>", "color": MUTED, "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 6}

@@ -30,7 +30,10 @@ SYMBOLS = {
     "rib_count": "N",
     "rib_angle_deg": "α",
 }
-NOT_MEASURED = "No tool of this campaign has been measured on any object yet; this part fills itself with the first batch."
+N_EXTREMES = 6
+NOT_MEASURED = (
+    "No tool of this campaign has been measured on any object yet; this part fills itself with the first batch."
+)
 
 
 def headline(content: Content) -> Markup:
@@ -48,7 +51,10 @@ def headline(content: Content) -> Markup:
     reference = mean_quality_n(content.first)
     gain = (best.quality_n or 0.0) / reference - 1
     numbers = [
-        (quality_text(best), f"tool quality of {best.label}, mean over {best.n_objects} objects"),
+        (
+            Markup(f"{number(best.quality_n, 1)} <small>{_plus_minus(best)}</small>"),
+            f"tool quality of {best.label}, mean over {best.n_objects} objects",
+        ),
         (number(reference, 1, "N"), f"mean of the first batch, {len(content.first)} tools"),
         (f"{100 * gain:+.0f} %".replace("-", "\u2212"), "best tool against that mean"),
         *numbers,
@@ -63,10 +69,14 @@ def quality_text(tool: Tool) -> str:
     return f"{number(tool.quality_n, 2)} ± {number(tool.half_width_n, 2, 'N')}"
 
 
+def _plus_minus(tool: Tool) -> str:
+    return "N" if tool.half_width_n is None else f"± {number(tool.half_width_n, 1, 'N')}"
+
+
 def _verdict(content: Content, best: Tool, reference: float, gain: float) -> str:
     opening = f"{best.label} holds best: it takes {quality_text(best)} on average to pull an object out of its grip"
     if best in content.first:
-        return f"{opening}. It is one of the first batch, whose mean is {number(reference, 1, 'N')}; no later tool beats it."
+        return f"{opening}. It is one of the first batch, whose mean is {number(reference, 1, 'N')}; none beats it."
     top = max(content.first, key=lambda t: t.quality_n or 0.0)
     won, of = n_objects_won(content.work.rows, best, content.first)
     over = 100 * ((best.quality_n or 0.0) / (top.quality_n or np.nan) - 1)
@@ -80,7 +90,9 @@ def _verdict(content: Content, best: Tool, reference: float, gain: float) -> str
 def _caution(content: Content) -> Markup:
     benches = sorted({row["bench"] for row in content.provenance.rows if row["bench"]})
     partial = [t.label for t in content.tools if t.quality_n is not None and not t.is_complete]
-    notes = ["± is a 95 % interval from the scatter between repeats; it does not cover another print of the same design."]
+    notes = [
+        "± is a 95 % interval from the scatter between repeats; it does not cover another print of the same design."
+    ]
     if "virtual" in benches:
         notes.insert(0, "Measured on the virtual bench: these forces come from a simulated world, not from a machine.")
     if partial:
@@ -145,9 +157,13 @@ def progress_section(content: Content, folder: Folder) -> Markup:
     for batch in sorted({t.batch for t in content.tools if t.is_complete}):
         values = np.array([t.quality_n for t in content.tools if t.batch == batch and t.is_complete], dtype=float)
         spread = float(values.std(ddof=1)) if values.size > 1 else None
-        rows.append((f"B{batch:02d}", values.size, number(values.mean(), 2), number(spread, 2), number(values.max(), 2)))
+        rows.append(
+            (f"B{batch:02d}", values.size, number(values.mean(), 2), number(spread, 2), number(values.max(), 2))
+        )
     summary = table(("batch", "tools", "mean (N)", "SD (N)", "best (N)"), rows, numeric=(1, 2, 3, 4))
-    return section("progress", "Tool quality by batch", columns(shown, words + summary), folder.sources(content.quality))
+    return section(
+        "progress", "Tool quality by batch", columns(shown, words + summary), folder.sources(content.quality)
+    )
 
 
 def traces_section(content: Content, folder: Folder) -> Markup:
@@ -156,15 +172,17 @@ def traces_section(content: Content, folder: Folder) -> Markup:
     if best is None:
         return section("traces", "Force during the lift", paragraph(NOT_MEASURED))
     other_id = rival.tool_id if rival else best.tool_id
-    measured = content.result(
-        "traces", queries.TRACES, best=best.tool_id, other=other_id, step=queries.TRACE_STEP_MM
-    )
+    measured = content.result("traces", queries.TRACES, best=best.tool_id, other=other_id, step=queries.TRACE_STEP_MM)
     shown = [measured]
     simulated = []
     if content.compared:
         setup = next(r["setup_id"] for r in content.pairs.rows if r["version_id"] == content.compared[-1])
         result = content.result(
-            "simulated_traces", queries.SIMULATED_TRACES, design=best.design_id, version=content.compared[-1], setup=setup
+            "simulated_traces",
+            queries.SIMULATED_TRACES,
+            design=best.design_id,
+            version=content.compared[-1],
+            setup=setup,
         )
         simulated = result.rows
         shown.append(result)
@@ -196,9 +214,12 @@ def _panel(
     panel: Panel, name: str | None, limits: tuple[tuple[float, float], tuple[float, float]], folder: Folder
 ) -> str:
     label = name or "object"
-    figure = folder.figure(f"traces/object_{panel.object_id:02d}", panel_figure(panel, limits), f"Force over lift, {label}")
+    figure = folder.figure(
+        f"traces/object_{panel.object_id:02d}", panel_figure(panel, limits), f"Force over lift, {label}"
+    )
     try:
-        image = f'<img src="{folder.image(f"objects/object_{panel.object_id:02d}", object_picture(panel.object_id))}" alt="">'
+        address = folder.image(f"objects/object_{panel.object_id:02d}", object_picture(panel.object_id))
+        image = f'<img src="{address}" alt="">'
     except UsageError as error:
         _LOG.info("object %d is drawn without its picture: %s", panel.object_id, error)
         image = ""
@@ -216,18 +237,25 @@ def work_section(content: Content, folder: Folder) -> Markup:
         "counts for more than one that is strong for a moment. Each dot is a tool, each bar the median of its batch; "
         "objects are sorted by the newest batch."
     )  # fmt: skip
-    medians = _work_medians(content, first, last)
-    gained = [(name, later - before) for name, before, later in medians]
-    gained.sort(key=lambda item: item[1])
-    if first == last or not gained:
-        summary = paragraph("Only one batch has been measured completely so far; the comparison begins with the next.")
-    else:
-        better = sum(1 for _, change in gained if change > 0)
-        summary = paragraph(
-            f"From batch B{first:02d} to B{last:02d} the median work rose on {better} of {len(gained)} objects; most on "
-            f"{gained[-1][0]} ({gained[-1][1]:+.3f} J), least on {gained[0][0]} ({gained[0][1]:+.3f} J)."
-        )
-    return section("work", "Grasp work by object", columns(shown, words + summary), folder.sources(content.work))
+    return section(
+        "work", "Grasp work by object", columns(shown, words + _work_changes(content, first, last)),
+        folder.sources(content.work),
+    )  # fmt: skip
+
+
+def _work_changes(content: Content, first: int, last: int) -> Markup:
+    """On how many objects the median work rose, and the largest changes both ways."""
+    medians = sorted(_work_medians(content, first, last), key=lambda row: row[1] - row[2])
+    if first == last or not medians:
+        return paragraph("Only one batch has been measured completely so far; the comparison begins with the next.")
+    rose = sum(1 for _, before, after in medians if after > before)
+    extremes = medians if len(medians) <= 2 * N_EXTREMES else [*medians[:N_EXTREMES], *medians[-N_EXTREMES:]]
+    shown = [(name, number(b, 3), number(a, 3), f"{a - b:+.3f}".replace("-", "\u2212")) for name, b, a in extremes]
+    which = "" if extremes is medians else f" The {N_EXTREMES} largest and the {N_EXTREMES} smallest changes:"
+    return Markup(
+        paragraph(f"From B{first:02d} to B{last:02d} the median work rose on {rose} of {len(medians)} objects.{which}")
+        + table(("object", f"B{first:02d} (J)", f"B{last:02d} (J)", "change (J)"), shown, numeric=(1, 2, 3))
+    )
 
 
 def _work_medians(content: Content, first: int, last: int) -> list[tuple[str, float, float]]:
@@ -246,7 +274,9 @@ def agreement_section(content: Content, folder: Folder) -> Markup:
     """Simulated against measured, per design and per design and object."""
     title = "Simulated against measured"
     if not content.compared:
-        return section("agreement", title, paragraph("No measured design has been simulated with the same grasp setup yet."))
+        return section(
+            "agreement", title, paragraph("No measured design has been simulated with the same grasp setup yet.")
+        )
     parts: list[str] = []
     rows = {row["version_id"]: row for row in content.versions.rows}
     for place, version_id in enumerate(content.compared):
@@ -265,8 +295,8 @@ def agreement_section(content: Content, folder: Folder) -> Markup:
             )
         )  # fmt: skip
     words = paragraph(
-        "On the dashed line simulation and bench agree. r is Pearson's correlation, rank is Spearman's; the mean error is "
-        "simulated minus measured. A shifted or tilted cloud is absorbed by the surrogate (its scale rho and its "
+        "On the dashed line simulation and bench agree. r is Pearson's correlation, rank is Spearman's; the mean error "
+        "is simulated minus measured. A shifted or tilted cloud is absorbed by the surrogate (its scale rho and its "
         "discrepancy, Eq. 1); scatter around it is not."
     )  # fmt: skip
     return section("agreement", title, words, *parts, folder.sources(content.pairs, content.versions))

@@ -7,6 +7,7 @@ are drawn narrow (`WIDTH_IN`) because the same SVG is shown on a phone at 390 px
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -24,7 +25,7 @@ OBJECT = "#d9c9a3"
 
 WIDTH_IN = 4.6
 
-_RC = {
+_RC: dict[Any, Any] = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 9,
@@ -78,4 +79,4 @@ def new_axes(width_in: float = WIDTH_IN, height_in: float = 3.2, grid: str = "y"
 def save_svg(figure: Figure, path: Path) -> None:
     """Write an SVG with selectable text and no date, so that the same data gives the same file."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, format="svg", metadata={"Date": None, "Creator": "FAST"}, transparent=True)
+    figure.savefig(path, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")), transparent=True)

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from flows.report.style import BEST, FIRST, MUTED, SIMULATED, new_axes
 
-PANEL_WIDTH_IN = 2.2
-PANEL_HEIGHT_IN = 1.65
+PANEL_WIDTH_IN = 1.85
+PANEL_HEIGHT_IN = 1.5
 
 
 @dataclass(frozen=True)
@@ -75,10 +75,14 @@ def panel_figure(panel: Panel, limits: tuple[tuple[float, float], tuple[float, f
     """One small panel. Colours and dashes are explained once, in the page."""
     figure, axes = new_axes(PANEL_WIDTH_IN, PANEL_HEIGHT_IN, grid="both")
     axes.axhline(0, color=MUTED, linewidth=0.8)
-    styles = ((panel.other, FIRST, "-", 1.2), (panel.simulated, SIMULATED, (0, (3, 1.5)), 1.3), (panel.best, BEST, "-", 1.8))
+    styles = (
+        (panel.other, FIRST, "-", 1.2),
+        (panel.simulated, SIMULATED, (0, (3, 1.5)), 1.3),
+        (panel.best, BEST, "-", 1.8),
+    )
     for curve, colour, dashes, width in styles:
         if curve is not None:
-            axes.plot(curve.lift_mm, curve.force_n, color=colour, linestyle=dashes, linewidth=width)  # type: ignore[arg-type]
+            axes.plot(curve.lift_mm, curve.force_n, color=colour, linestyle=dashes, linewidth=width)
     axes.set_xlim(*limits[0])
     axes.set_ylim(*limits[1])
     axes.locator_params(axis="both", nbins=4)

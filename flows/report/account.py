@@ -6,7 +6,8 @@ from flows.report import queries
 from flows.report.content import Content
 from flows.report.facts import Tool
 from flows.report.folder import Folder
-from flows.report.page import DASH, Markup, columns, moment, number, paragraph, section, table, text
+from flows.report.page import DASH, Markup, moment, number, paragraph, section, table, text
+from flows.report.queries import Result
 from flows.report.results import NOT_MEASURED
 
 
@@ -63,46 +64,70 @@ def cost_section(content: Content, folder: Folder) -> Markup:
     """Batches, throughput, simulations, failures, and the surrogate's fits."""
     failures = content.result("failures", queries.FAILURES)
     fits = content.result("fits", queries.FITS)
-    batches = table(
-        ("batch", "kind", "tools", "grasps", "failed", "first grasp (UTC)", "hours", "grasps per hour"),
-        [
-            (f"B{r['batch']:02d}", r["kind"], r["n_tools"], r["n_grasps"], r["n_failed"], moment(r["first_grasp_at"]),
-             number(r["duration_h"], 2), number(_rate(r["n_grasps"] + r["n_failed"], r["duration_h"]), 0))
-            for r in content.batches.rows
-        ], numeric=(2, 3, 4, 6, 7),
-    )  # fmt: skip
-    simulations = table(
-        ("simulator version", "designs", "simulated", "failed", "median CPU s", "total CPU h"),
-        [
-            (r["version_id"], r["n_designs"], r["n_ok"], r["n_failed"], number(r["median_cpu_s"], 2),
-             number(r["total_cpu_h"], 2))
-            for r in content.cost.rows
-        ], numeric=(1, 2, 3, 4, 5),
-    )  # fmt: skip
-    reasons = (
-        table(
-            ("what failed", "reason", "times"), [(r["what"], r["reason"], r["n"]) for r in failures.rows], numeric=(2,)
-        )
-        if failures.rows
-        else paragraph("Nothing failed.")
-    )
-    believed = (
-        table(
-            ("before batch", "measured", "simulated", "rho", "noise SD (N)", "leave-one-out RMSE (N)"),
-            [
-                (f"B{r['batch']:02d}", r["n_real"], r["n_sim"], number(r["rho"], 2), number(r["noise_sd_n"], 2),
-                 number(r["loo_rmse_n"], 2))
-                for r in fits.rows
-            ], numeric=(1, 2, 3, 4, 5),
-        )
-        if fits.rows
-        else paragraph("The surrogate has not been fitted yet.")
-    )  # fmt: skip
+    reasons = [(row["what"], row["reason"], row["n"]) for row in failures.rows]
     return section(
-        "cost", "What it took", "<h3>Bench</h3>", batches, "<h3>Simulator</h3>", simulations,
-        columns("<h3>Failures</h3>" + reasons, "<h3>The surrogate, as it chose each batch</h3>" + believed),
+        "cost",
+        "What it took",
+        "<h3>Bench</h3>",
+        _batches_table(content),
+        "<h3>Simulator</h3>",
+        _simulations_table(content),
+        "<h3>Failures</h3>",
+        table(("what failed", "reason", "times"), reasons, numeric=(2,), empty="Nothing failed."),
+        "<h3>The surrogate, as it chose each batch</h3>",
+        _fits_table(fits),
         folder.sources(content.batches, content.cost, failures, fits),
-    )  # fmt: skip
+    )
+
+
+def _batches_table(content: Content) -> Markup:
+    headings = ("batch", "kind", "tools", "grasps", "failed", "first grasp (UTC)", "hours", "grasps per hour")
+    rows = [
+        (
+            f"B{row['batch']:02d}",
+            row["kind"],
+            row["n_tools"],
+            row["n_grasps"],
+            row["n_failed"],
+            moment(row["first_grasp_at"]),
+            number(row["duration_h"], 2),
+            number(_rate(row["n_grasps"] + row["n_failed"], row["duration_h"]), 0),
+        )
+        for row in content.batches.rows
+    ]
+    return table(headings, rows, numeric=(2, 3, 4, 6, 7), empty="No batch has been chosen yet.")
+
+
+def _simulations_table(content: Content) -> Markup:
+    headings = ("simulator version", "designs", "simulated", "failed", "median CPU s", "total CPU h")
+    rows = [
+        (
+            row["version_id"],
+            row["n_designs"],
+            row["n_ok"],
+            row["n_failed"],
+            number(row["median_cpu_s"], 2),
+            number(row["total_cpu_h"], 2),
+        )
+        for row in content.cost.rows
+    ]
+    return table(headings, rows, numeric=(1, 2, 3, 4, 5), empty="Nothing has been simulated yet.")
+
+
+def _fits_table(fits: Result) -> Markup:
+    headings = ("before batch", "measured", "simulated", "rho", "noise SD (N)", "leave-one-out RMSE (N)")
+    rows = [
+        (
+            f"B{row['batch']:02d}",
+            row["n_real"],
+            row["n_sim"],
+            number(row["rho"], 2),
+            number(row["noise_sd_n"], 2),
+            number(row["loo_rmse_n"], 2),
+        )
+        for row in fits.rows
+    ]
+    return table(headings, rows, numeric=(1, 2, 3, 4, 5), empty="The surrogate has not been fitted yet.")
 
 
 def _rate(count: int, duration_h: float | None) -> float | None:

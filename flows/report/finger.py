@@ -5,12 +5,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
+from models.geometry.finger import finger_bodies
+from models.geometry.profile import BASE_HEIGHT_MM, planar_profile
 from shapely.geometry import Polygon, box
 
 from flows.report.render import Body, render
 from flows.report.style import BEST, COMPLIANT, INK, MUTED, RIGID, new_axes
-from models.geometry.finger import finger_bodies
-from models.geometry.profile import BASE_HEIGHT_MM, planar_profile
 from models.records import Design
 
 PICTURE_PX = 1100
@@ -75,7 +75,7 @@ def _dimension(
     x, z = (start[0] + end[0]) / 2, (start[1] + end[1]) / 2
     shift = (-1.5, 0) if rotation else (0, -1.5) if below else (1.5, 0)
     alignment = ("right", "center") if rotation else ("center", "top") if below else ("left", "center")
-    axes.text(x + shift[0], z + shift[1], text, rotation=rotation, ha=alignment[0], va=alignment[1], fontsize=9)
+    axes.text(x + shift[0], z + shift[1], text, rotation=rotation, ha=alignment[0], va=alignment[1], fontsize=10)
 
 
 def _wall_labels(axes: Axes, design: Design) -> None:
@@ -102,4 +102,4 @@ def _back_x(design: Design, z_mm: float) -> float:
 def _leader(axes: Axes, point: tuple[float, float], text_at: tuple[float, float], text: str) -> None:
     axes.plot([point[0], text_at[0] - 1], [point[1], text_at[1]], color=BEST, linewidth=0.8)
     axes.plot(*point, "o", color=BEST, markersize=3)
-    axes.text(*text_at, text, ha="left", va="center", fontsize=9, linespacing=1.3)
+    axes.text(*text_at, text, ha="left", va="center", fontsize=10, linespacing=1.3)

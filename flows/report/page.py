@@ -73,9 +73,15 @@ def sources(*results: Result) -> Markup:
 
 
 def table(
-    headings: Sequence[str], rows: Sequence[Sequence[object]], numeric: Sequence[int] = (), best_row: int | None = None
+    headings: Sequence[str],
+    rows: Sequence[Sequence[object]],
+    numeric: Sequence[int] = (),
+    best_row: int | None = None,
+    empty: str = "Nothing yet.",
 ) -> Markup:
-    """A table; `numeric` columns are right-aligned, `best_row` is marked."""
+    """A table; `numeric` columns are right-aligned, `best_row` is marked, `empty` stands where there are no rows."""
+    if not rows:
+        return paragraph(empty)
     marks = [_class("number") if i in numeric else "" for i in range(len(headings))]
     head = "".join(f"<th{mark}>{text(h)}</th>" for h, mark in zip(headings, marks, strict=True))
     body = "".join(

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import pyarrow as pa
+
 from lake.store import Lake
 
 TRACE_STEP_MM = 0.5

@@ -12,11 +12,11 @@ import numba
 import numpy as np
 import trimesh
 from matplotlib.colors import to_rgb
+from models.objects.catalogue import get_object
+from models.objects.surface import object_mesh
 from scipy import ndimage
 
 from flows.report.style import OBJECT
-from models.objects.catalogue import get_object
-from models.objects.surface import object_mesh
 
 LIGHT = np.array([0.10, -0.62, 0.78])  # towards the light, in view coordinates (right, down, towards the eye)
 OBJECT_SPACING_MM = 1.5

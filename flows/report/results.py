@@ -124,8 +124,9 @@ def best_section(content: Content, folder: Folder) -> Markup:
         "Blue dot: this design; ring: the paper's best tool (Table 1, B07T8, 29.68 N on the authors' bench, whose "
         "stroke and objects are not all published, so forces compare only within this campaign).", "note",
     )  # fmt: skip
+    right = f'<div class="params">{parameters}</div>{note}'
     return section(
-        "best", f"The best finger, {best.label}", columns(seen, profile, parameters + note, css="finger"),
+        "best", f"The best finger, {best.label}", columns(seen, profile, right, css="finger"),
         folder.sources(content.designs),
     )  # fmt: skip
 

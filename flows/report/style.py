@@ -6,6 +6,7 @@ are drawn narrow (`WIDTH_IN`) because the same SVG is shown on a phone at 390 px
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -79,4 +80,7 @@ def new_axes(width_in: float = WIDTH_IN, height_in: float = 3.2, grid: str = "y"
 def save_svg(figure: Figure, path: Path) -> None:
     """Write an SVG with selectable text and no date, so that the same data gives the same file."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")), transparent=True)
+    text = StringIO()
+    figure.savefig(text, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")), transparent=True)
+    drawing = text.getvalue()
+    path.write_text(drawing[drawing.index("<svg") :], encoding="utf-8")  # the prologue names a DTD on the network

@@ -4,11 +4,11 @@ import numpy as np
 import rerun as rr
 import trimesh
 from matplotlib.colors import to_rgb
-
-from flows.report.style import COMPLIANT, OBJECT, RIGID
 from models.geometry.finger import finger_bodies
 from models.objects.catalogue import get_object
 from models.objects.surface import object_mesh
+
+from flows.report.style import COMPLIANT, OBJECT, RIGID
 from models.records import Design, GraspSetup, Trace
 
 OBJECT_SPACING_MM = 2.0
@@ -70,4 +70,4 @@ def _flat_mesh(mesh: trimesh.Trimesh, colour: str) -> rr.Mesh3D:
 
 def rgb(colour: str) -> list[int]:
     """A `#rrggbb` colour as three numbers 0-255."""
-    return [round(255 * part) for part in torgb(colour)]
+    return [round(255 * part) for part in to_rgb(colour)]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
+
 from lake.provenance import Provenance
 from lake.store import Lake
 from lake.tables import (
@@ -25,7 +26,6 @@ from lake.tables import (
     TraceRow,
     setup_columns,
 )
-
 from models.design_space import random_designs, to_unit
 from models.features import initial_force_n, peak_force_n, work_j
 from models.ids import content_id, seed_from, tool_label

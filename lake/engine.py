@@ -11,31 +11,31 @@ out of the view `<table>`, which is what queries see.
 import logging
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import duckdb
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from lake.files import FILE_GLOB, FILE_PREFIX, FILE_SUFFIX
+from lake.files import FILE_GLOB, FILE_PREFIX, FILE_SUFFIX, fault_of
 from lake.schema import has_samples, schema_of
 from lake.tables import TABLE_BY_NAME, TABLES, Row
 from models.errors import LakeError
 
 _LOG = logging.getLogger(__name__)
 _READ_ATTEMPTS = 5  # a file may be merged into another between listing and reading
-_Signature = tuple[int, int, int]
+Signature = tuple[int, int, int]  # time, size, inode
 
 
 @dataclass
 class _TableFiles:
     """What the engine has read of one table."""
 
-    signatures: dict[str, _Signature] = field(default_factory=dict)
+    signatures: dict[str, Signature] = field(default_factory=dict)
     numbers: dict[str, int] = field(default_factory=dict)
     next_number: int = 0
 
@@ -72,6 +72,14 @@ class Engine:
                     if attempt + 1 == _READ_ATTEMPTS:
                         raise _unreadable(self._root / table, error) from error
                     _LOG.debug("reading %s again: %s", table, error)
+
+    def read(self, sql: str, params: Sequence[Any] | dict[str, Any] | None = None) -> pa.Table:
+        """Result of a query over what was last synced, in a read-only transaction."""
+        self.connection.execute("BEGIN TRANSACTION READ ONLY")
+        try:
+            return self.connection.sql(sql, params=params).to_arrow_table()
+        finally:
+            self.connection.execute("ROLLBACK")
 
     def files(self, table: str) -> list[Path]:
         """Files of a table as of the last `sync`."""
@@ -193,7 +201,7 @@ class Engine:
         self.connection.unregister("new_files")
 
 
-def list_files(folder: Path) -> dict[str, _Signature]:
+def list_files(folder: Path) -> dict[str, Signature]:
     """Files of a table that readers look at, with what tells a rewritten one (time, size, inode)."""
     found = {}
     try:
@@ -254,12 +262,11 @@ def _quote(path: Path) -> str:
 def _unreadable(folder: Path, error: duckdb.Error) -> LakeError:
     """The sentence for a table that cannot be read, naming the file at fault."""
     for name in sorted(list_files(folder)):
-        try:
-            pq.read_metadata(folder / name)
-        except (OSError, pa.ArrowException):
+        fault = fault_of(folder / name, TABLE_BY_NAME[folder.name], whole=False)
+        if fault:
             return LakeError(
-                f"{folder / name} is not a whole Parquet file, so the table `{folder.name}` cannot be read: "
-                "run `fast lake check --quarantine` to set it aside."
+                f"{folder / name} {fault[1]}, so the table `{folder.name}` cannot be read: "
+                "run `fast lake check --quarantine` to set the file aside."
             )
     first_line = str(error).splitlines()[0]
     return LakeError(

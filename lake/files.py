@@ -1,22 +1,26 @@
 """Whole files or none: Parquet files are written under a temporary name, synced and renamed."""
 
 import errno
+import fcntl
 import hashlib
 import os
 import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from lake.schema import has_samples
-from lake.tables import TABLE_BY_NAME
+from lake.schema import has_samples, schema_of
+from lake.tables import TABLE_BY_NAME, Row
 from models.errors import FastError, LakeError, UsageError
 
 FILE_PREFIX = "rows-"
 FILE_SUFFIX = ".parquet"
 FILE_GLOB = f"{FILE_PREFIX}*{FILE_SUFFIX}"  # what readers look at; temporary and foreign files never match
 TEMPORARY_PREFIX = ".writing-"
+LOCK_NAME = ".lock"
 _ROW_GROUP_OF_TRACES = 256  # small enough for min/max of the id to skip most of a file
 _FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST, errno.ENOENT}
 
@@ -64,6 +68,49 @@ def publish(staged: Path, final: Path) -> None:
         raise writing_failed(final.parent, error) from error
 
 
+@contextmanager
+def locked(root: Path, *, exclusive: bool) -> Iterator[None]:
+    """Hold the lake's lock: shared while files are named, exclusive while merged files are removed.
+
+    It keeps a compaction from removing a file that is being written again under the same name. Readers
+    never take it. The system frees it when a process dies.
+    """
+    try:
+        file = (root / LOCK_NAME).open("a")
+    except OSError as error:
+        raise writing_failed(root, error) from error
+    with file:
+        fcntl.flock(file, fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH)
+        yield
+
+
+def fault_of(path: Path, row_type: type[Row], *, whole: bool) -> tuple[str, str] | None:
+    """What is wrong with a file of a table as (kind, sentence), or None.
+
+    Looks at the footer alone, or with `whole` at every page and its checksum.
+    """
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            schema = file.schema_arrow
+            if whole:
+                for _ in file.iter_batches(batch_size=_ROW_GROUP_OF_TRACES):
+                    continue
+    except FileNotFoundError:
+        return None  # merged into another file since it was listed
+    except (OSError, pa.ArrowException) as error:
+        return "torn", f"is not a whole Parquet file ({str(error).splitlines()[0]})"
+    wanted = schema_of(row_type)
+    for field in wanted:
+        if field.name not in schema.names and not field.nullable:
+            return "wrong_schema", f"lacks the column `{field.name}`"
+        if field.name in schema.names and schema.field(field.name).type != field.type:
+            return "wrong_schema", f"has `{field.name}` as {schema.field(field.name).type}, it must be {field.type}"
+    unknown = [name for name in schema.names if name not in wanted.names]
+    if unknown:
+        return "wrong_schema", f"has the unknown column `{unknown[0]}`"
+    return None
+
+
 def discard(files: list[Path]) -> None:
     """Remove files that may not exist; one that cannot be removed is left for `fast lake check`."""
     for file in files:
@@ -105,10 +152,8 @@ def writing_failed(folder: Path, error: OSError) -> FastError:
 
 
 def _write_parquet(table: pa.Table, file: object, table_name: str) -> None:
-    if has_samples(TABLE_BY_NAME[table_name]):
-        pq.write_table(table, file, compression="zstd", row_group_size=_ROW_GROUP_OF_TRACES)
-    else:
-        pq.write_table(table, file, compression="zstd")
+    row_group_size = _ROW_GROUP_OF_TRACES if has_samples(TABLE_BY_NAME[table_name]) else None
+    pq.write_table(table, file, compression="zstd", row_group_size=row_group_size, write_page_checksum=True)
 
 
 class _Hasher:

@@ -6,7 +6,6 @@ import os
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from itertools import groupby
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,9 +14,10 @@ import pyarrow as pa
 import pyarrow.dataset as pads
 
 from lake.engine import Engine, load_views, tables_used
-from lake.files import discard, file_name, make_folder, publish, stage, writing_failed
+from lake.files import discard, file_name, locked, make_folder, publish, stage, writing_failed
 from lake.provenance import Provenance, stamped
 from lake.schema import SCHEMA_VERSION, has_samples, schema_of, to_arrow
+from lake.sql import check_reads_only
 from lake.tables import TABLE_BY_NAME, TABLES, Row, SimTraceRow, TraceRow
 from models.errors import LakeError, UsageError
 from models.records import Trace
@@ -26,7 +26,6 @@ _LOG = logging.getLogger(__name__)
 MARKER = "lake.json"
 _NOT_CONTENT = frozenset({"created_at", "code_version", "code_dirty"})
 _QUERY_ATTEMPTS = 5  # a file of samples may be merged into another while a query runs
-_TABLE_ORDER = {row_type: place for place, row_type in enumerate(TABLES)}
 
 R = TypeVar("R", bound=Row)
 
@@ -76,12 +75,13 @@ class Lake:
         columns = stamped(provenance)
         staged: list[tuple[Path, Path]] = []
         try:
-            for row_type, group in groupby(sorted(rows, key=lambda r: _TABLE_ORDER[type(r)]), key=type):
-                table = to_arrow(_without_copies(list(group)), columns)
+            for row_type, group in _by_table(rows):
+                table = to_arrow(group, columns)
                 folder = self.root / row_type.table
                 staged.append((stage(folder, table, row_type.table), folder / file_name(table, _NOT_CONTENT)))
-            for temporary, final in staged:
-                publish(temporary, final)
+            with locked(self.root, exclusive=False):
+                for temporary, final in staged:
+                    publish(temporary, final)
         finally:
             discard([temporary for temporary, _ in staged])
 
@@ -89,8 +89,10 @@ class Lake:
         """Result of one SELECT over the tables, views and macros, with the rows of this moment.
 
         Raises:
+            UsageError: it is not one reading statement.
             LakeError: the query is wrong, or a file cannot be read.
         """
+        check_reads_only(sql)
         return self._query(sql, params, tables_used(sql))
 
     def rows(self, table: type[Row], **equals: Any) -> list[dict[str, Any]]:
@@ -174,7 +176,7 @@ class Lake:
         for attempt in range(_QUERY_ATTEMPTS):
             with self._synced(tables) as engine:
                 try:
-                    return engine.connection.sql(sql, params=params).to_arrow_table()
+                    return engine.read(sql, params)
                 except duckdb.IOException as error:
                     if attempt + 1 == _QUERY_ATTEMPTS:
                         raise LakeError(f"{_first_line(error)}; run `fast lake check`.") from error
@@ -209,6 +211,14 @@ class Lake:
 def _index(table: type[Row], where: str) -> str:
     """Where ids are read from: of the traces the index does, if no other column is asked for."""
     return f"raw_{table.table}" if has_samples(table) and not where else table.table
+
+
+def _by_table(rows: Sequence[Row]) -> list[tuple[type[Row], list[Row]]]:
+    """Rows by table in the order of `TABLES`, each id once."""
+    groups: dict[type[Row], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(type(row), []).append(row)
+    return [(row_type, _without_copies(groups[row_type])) for row_type in TABLES if row_type in groups]
 
 
 def _without_copies(rows: list[Row]) -> list[Row]:

@@ -146,14 +146,17 @@ class ToolRow(Row):
 
 
 class SimulatorVersionRow(Row):
-    """A simulator version, so that every simulated number names what it came from."""
+    """A simulator version, so that every simulated number names what it came from.
+
+    Of an imported simulation (tier `imported`) only theta is known, if that; `version` is then an error.
+    """
 
     table: ClassVar[str] = "simulator_versions"
     version_id: str
     version_json: str
-    young_modulus_mpa: float
-    friction: float
-    poisson_ratio: float
+    young_modulus_mpa: float | None = None
+    friction: float | None = None
+    poisson_ratio: float | None = None
     tier: str
     effects_json: str
 
@@ -337,6 +340,6 @@ TABLES: tuple[type[Row], ...] = (
 TABLE_BY_NAME: Mapping[str, type[Row]] = {row_type.table: row_type for row_type in TABLES}
 
 
-def setup_columns(setup: GraspSetup) -> dict[str, str]:
+def setup_columns(setup: GraspSetup) -> dict[str, Any]:
     """`setup_id` and `setup_json` of a row."""
     return {"setup_id": setup.setup_id, "setup_json": canonical_json(setup.model_dump())}

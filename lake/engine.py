@@ -247,7 +247,7 @@ def _view_words() -> dict[str, set[str]]:
 
 
 def _words(sql: str) -> set[str]:
-    return set(re.findall(r"\w+", sql.lower()))
+    return {word.removeprefix("raw_").removeprefix("superseded_") for word in re.findall(r"\w+", sql.lower())}
 
 
 def _numbers(names: list[str], known: _TableFiles) -> pa.Table:

@@ -30,11 +30,11 @@ from lake.files import (
 from lake.schema import schema_of
 from lake.store import MARKER, Lake
 from lake.tables import TABLE_BY_NAME, TABLES, GraspRow, Row, SimTraceRow, SimulationRow, TraceRow
-from models.errors import UsageError
+from models.errors import LakeError
 
 _LOG = logging.getLogger(__name__)
 QUARANTINE = "quarantine"
-TARGET_BYTES = 64 * 2**20  # of a merged file; larger files are left alone
+TARGET_BYTES = 16 * 2**20  # of a merged file, some thousand traces; files over half of it are left alone
 _LEFTOVER_AGE_S = 3600.0  # a temporary file this old belongs to a process that died
 
 Kind = Literal["torn", "wrong_schema", "foreign", "leftover", "incomplete"]
@@ -166,7 +166,7 @@ def _read_merged(folder: Path, row_type: type[Row], names: list[str]) -> pa.Tabl
     for name in names:
         fault = fault_of(folder / name, row_type, whole=False)
         if fault:
-            raise UsageError(f"{folder / name} {fault[1]}; run `fast lake check --quarantine`, then compact again.")
+            raise LakeError(f"{folder / name} {fault[1]}; run `fast lake check --quarantine`, then compact again.")
         tables.append(pq.ParquetFile(folder / name).read())
     rows = pa.concat_tables([schema.empty_table(), *tables], promote_options="default")
     with duckdb.connect(":memory:") as connection:

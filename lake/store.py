@@ -51,7 +51,7 @@ class Lake:
             UsageError: there is no lake, the folder holds something else, or it cannot be written.
         """
         root = Path(root)
-        if (root / MARKER).is_file():
+        if _is_lake(root):
             _check_marker(root / MARKER)
             return cls(root)
         if not create:
@@ -153,7 +153,8 @@ class Lake:
         """A DuckDB connection to the rows of this moment, with all views and macros.
 
         It has no access to files, network or extensions, and its configuration is locked; what is
-        created on it stays in its memory. Traces are read from the files when asked for.
+        created on it stays in its memory. Traces are read from the files when asked for; connect again
+        after a compaction.
         """
         with self._synced(set(TABLE_BY_NAME)) as engine:
             connection = duckdb.connect(":memory:")
@@ -249,6 +250,13 @@ def _conditions(table: type[Row], equals: dict[str, Any]) -> tuple[str, list[Any
             conditions.append(f'"{name}" IS NOT DISTINCT FROM ?')
             values.append(value)
     return ("WHERE " + " AND ".join(conditions) if conditions else ""), values
+
+
+def _is_lake(root: Path) -> bool:
+    try:
+        return (root / MARKER).is_file()
+    except OSError as error:
+        raise UsageError(f"{root} cannot be read ({error.strerror}); change its permissions.") from error
 
 
 def _make_lake(root: Path) -> None:

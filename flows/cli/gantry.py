@@ -41,7 +41,9 @@ def park(*, world: WorldFile = DEFAULT_WORLD, real: RealFile = None) -> None:
 def tare(*, world: WorldFile = DEFAULT_WORLD, real: RealFile = None) -> None:
     """Zero the load cell with the head hanging free, and print the force that was taken as zero."""
     with _bench(world, real, None) as bench:
-        say(f"tared at {bench.force.tare():.3f} N gross")
+        bench.force.tare()
+        base = bench.force.baseline(1.0)
+        say(f"tared: {base.gross_n:.3f} N gross hang free; net {base.net_n:.3f} N, noise {base.sd_n:.3f} N")
 
 
 @app.command
@@ -90,7 +92,7 @@ def faults(*, world: WorldFile = DEFAULT_WORLD, real: RealFile = None) -> None:
         reading = bench.force.read()
         say(f"gantry       ready at {', '.join(f'{v:.1f}' for v in bench.gantry.position_mm())} mm")
         say(f"PLC          e-stop {'PRESSED' if bench.pneumatics.is_estop_pressed() else 'released'}")
-        say(f"load cell    {reading.force_n:.2f} N, no fault")
+        say(f"load cell    {reading.gross_n:.2f} N gross, no fault")
 
 
 @contextmanager

@@ -37,8 +37,9 @@ def start(
     from hardware.world.physics import simulate_request
 
     spec, tools, clock = read_world(world), rack(design), ScaledClock(speed_up)
-    ports = {"plc_port": plc_port, "transmitter_port": transmitter_port}
-    with open_virtual_servers(spec, tools, simulate_request, clock, **ports) as bench:
+    with open_virtual_servers(
+        spec, tools, simulate_request, clock, plc_port=plc_port, transmitter_port=transmitter_port
+    ) as bench:
         for name, address in asdict(bench.endpoints).items():
             say(f"{name:<18} {address}")
         say("Ctrl-C stops the bench")

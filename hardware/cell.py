@@ -234,8 +234,8 @@ class GraspCell:
         recorder.add_position(self._clock.now_s(), self._gantry.position_mm()[2])
         if not recorder.is_contact_seen(FORCE_BACK_N):
             grasp.reason = (
-                f"No force above {FORCE_BACK_N:g} N on object {grasp.object_id}: it is missing or moved. The grasp is not "
-                "counted; look at the mount."
+                f"No force above {FORCE_BACK_N:g} N on object {grasp.object_id}: it is missing or moved. The grasp is "
+                "not counted; look at the mount."
             )
 
     def _record_until(self, recorder: GraspRecorder, end_s: float) -> None:

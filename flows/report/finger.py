@@ -5,12 +5,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
-from models.geometry.finger import finger_bodies
-from models.geometry.profile import BASE_HEIGHT_MM, planar_profile
 from shapely.geometry import Polygon, box
 
 from flows.report.render import Body, render
 from flows.report.style import BEST, COMPLIANT, INK, MUTED, RIGID, new_axes
+from models.geometry.finger import finger_bodies
+from models.geometry.profile import APEX_EXTRA_MM, BASE_HEIGHT_MM, planar_profile
 from models.records import Design
 
 PICTURE_PX = 1100
@@ -33,9 +33,7 @@ def profile_figure(design: Design) -> Figure:
     figure, axes = new_axes(*PROFILE_SIZE_IN, grid="")
     base = box(0, 0, design.length_mm, BASE_HEIGHT_MM)
     axes.add_patch(PathPatch(_outline(base), facecolor=RIGID, edgecolor=INK, linewidth=0.8))
-    profile = planar_profile(design)
-    for part in [profile] if isinstance(profile, Polygon) else list(profile.geoms):
-        axes.add_patch(PathPatch(_outline(part), facecolor=COMPLIANT, edgecolor=INK, linewidth=0.8))
+    axes.add_patch(PathPatch(_outline(planar_profile(design)), facecolor=COMPLIANT, edgecolor=INK, linewidth=0.8))
     _overall_dimensions(axes, design)
     _wall_labels(axes, design)
     axes.set_xlim(-17, design.length_mm + 26)
@@ -95,8 +93,8 @@ def _wall_labels(axes: Axes, design: Design) -> None:
 
 def _back_x(design: Design, z_mm: float) -> float:
     """Outer surface of the back wall at height z, in mm."""
-    share = (z_mm - BASE_HEIGHT_MM) / (design.height_mm - BASE_HEIGHT_MM)
-    return design.length_mm + (design.front_thickness_mm + 1 - design.length_mm) * share
+    apex_x = design.front_thickness_mm + APEX_EXTRA_MM
+    return design.length_mm + (apex_x - design.length_mm) * z_mm / design.height_mm
 
 
 def _leader(axes: Axes, point: tuple[float, float], text_at: tuple[float, float], text: str) -> None:

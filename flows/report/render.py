@@ -12,13 +12,13 @@ import numba
 import numpy as np
 import trimesh
 from matplotlib.colors import to_rgb
-from models.objects.catalogue import get_object
-from models.objects.surface import object_mesh
 from scipy import ndimage
 
 from flows.report.style import OBJECT
+from models.objects.catalogue import get_object
+from models.objects.surface import object_mesh
 
-LIGHT = np.array([0.10, -0.62, 0.78])  # towards the light, in view coordinates (right, down, towards the eye)
+LIGHT = np.array([0.22, -0.58, 0.78])  # towards the light, in view coordinates (right, down, towards the eye)
 OBJECT_SPACING_MM = 1.5
 OBJECT_PX = 96
 EDGE_DEPTH_MM = 1.2
@@ -115,7 +115,7 @@ def _rasterise(
 def _shade(depth: np.ndarray, normal: np.ndarray, colour: np.ndarray) -> np.ndarray:
     """Lambert light with a strong ambient part, darkened along silhouettes and creases; RGBA."""
     light = LIGHT / np.linalg.norm(LIGHT)
-    brightness = 0.50 + 0.56 * np.clip(normal @ light, 0.0, 1.0)
+    brightness = 0.60 + 0.50 * np.clip(normal @ light, 0.0, 1.0)
     covered = np.isfinite(depth)
     filled = np.where(covered, depth, depth[covered].min() - 100.0 if covered.any() else 0.0)
     edge = np.zeros(depth.shape, dtype=bool)

@@ -108,7 +108,7 @@ def best_section(content: Content, folder: Folder) -> Markup:
     design = content.design_of(best)
     address = folder.image("finger", finger_picture(design, best.label))
     seen = picture(address, f"Finger {best.label} in three dimensions",
-                   "As printed: compliant body (blue), rigid base with its id mark (grey).")  # fmt: skip
+                   "As printed: compliant body (blue) on its rigid base (grey), front wall on the left.")  # fmt: skip
     profile = folder.figure("profile", profile_figure(design), f"Profile of finger {best.label} with dimensions",
                             f"Profile in mm; extruded to W {design.width_mm:.1f} mm.")  # fmt: skip
     rows = []

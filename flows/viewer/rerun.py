@@ -35,8 +35,8 @@ PITCH_MM = 150.0  # Materials and Methods: 6 x 6 array
 _TRACES = """
 SELECT g.object_id, g.repeat, g.started_at, t.time_s, t.lift_mm, t.force_n
 FROM grasps g JOIN traces t USING (grasp_id)
-WHERE g.tool_id = {tool} AND g.status = 'ok'{first_only}
-QUALIFY row_number() OVER (PARTITION BY g.object_id, g.repeat ORDER BY g.attempt DESC) = 1
+WHERE g.tool_id = {tool} AND g.status = 'ok'
+QUALIFY row_number() OVER (PARTITION BY {one_of} ORDER BY g.repeat, g.attempt DESC) = 1
 ORDER BY g.object_id, g.repeat"""
 
 
@@ -184,8 +184,8 @@ def _about(content: Content, tools: Sequence[Tool]) -> str:
 
 def _send_tool(recording: rr.RecordingStream, lake: Lake, tool: Tool, everything: bool) -> int:
     """All chosen grasps of a tool; returns how many."""
-    first_only = "" if everything else " AND g.repeat = (SELECT min(repeat) FROM grasps r WHERE r.tool_id = g.tool_id)"
-    rows = lake.query(_TRACES.format(tool=literal(tool.tool_id), first_only=first_only)).to_pylist()
+    one_of = "g.object_id, g.repeat" if everything else "g.object_id"
+    rows = lake.query(_TRACES.format(tool=literal(tool.tool_id), one_of=one_of)).to_pylist()
     for row in rows:
         name = f"object_{row['object_id']:02d}"
         leaf = f"{name}/repeat_{row['repeat']}" if everything else name

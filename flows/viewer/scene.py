@@ -4,11 +4,11 @@ import numpy as np
 import rerun as rr
 import trimesh
 from matplotlib.colors import to_rgb
+
+from flows.report.style import COMPLIANT, OBJECT, RIGID
 from models.geometry.finger import finger_bodies
 from models.objects.catalogue import get_object
 from models.objects.surface import object_mesh
-
-from flows.report.style import COMPLIANT, OBJECT, RIGID
 from models.records import Design, GraspSetup, Trace
 
 OBJECT_SPACING_MM = 2.0

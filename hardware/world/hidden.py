@@ -70,7 +70,10 @@ class DirectionalDilation(Effect):
 
 
 class SpanError(Effect):
-    """Load cell whose span is wrong at low load and right at capacity: F (1 + g (1 - |F| / capacity))."""
+    """Load cell whose span is wrong at low load and right at capacity: F (1 + (g - 1) (1 - |F| / capacity)).
+
+    `gain` g = 1 changes nothing.
+    """
 
     def __init__(self, gain: float) -> None:
         self.gain = gain
@@ -78,7 +81,7 @@ class SpanError(Effect):
     def modify_trace(self, trace: Trace) -> Trace:
         """Reported force of a true force (n), in N."""
         share = np.clip(np.abs(trace.force_n) / CELL_CAPACITY_N, 0.0, 1.0)
-        return Trace(trace.time_s, trace.lift_mm, trace.force_n * (1.0 + self.gain * (1.0 - share)))
+        return Trace(trace.time_s, trace.lift_mm, trace.force_n * (1.0 + (self.gain - 1.0) * (1.0 - share)))
 
 
 class MovingAverageLag(Effect):
@@ -124,13 +127,13 @@ class HiddenLaw:
 
 HIDDEN_LAWS: dict[str, HiddenLaw] = {
     "static_kinetic_friction": HiddenLaw(
-        {"kinetic_ratio": (0.05, 5.0), "slip_scale_mm": (0.01, 100.0)},
+        {"kinetic_ratio": (0.05, 5.0), "slip_scale_mm": (0.1, 100.0)},
         lambda parameters, _seed: RationalSlipFriction(**parameters),
     ),
     "wall_thickness_offset": HiddenLaw(
         {"offset_mm": (-1.0, 1.0)}, lambda parameters, seed: DirectionalDilation(parameters["offset_mm"], seed)
     ),
-    "load_cell_gain": HiddenLaw({"gain": (-0.5, 0.5)}, lambda parameters, _seed: SpanError(**parameters)),
+    "load_cell_gain": HiddenLaw({"gain": (0.5, 2.0)}, lambda parameters, _seed: SpanError(**parameters)),
     "load_cell_lag": HiddenLaw(
         {"time_constant_s": (0.0, 5.0)}, lambda parameters, _seed: MovingAverageLag(**parameters)
     ),

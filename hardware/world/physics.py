@@ -12,7 +12,7 @@ import numpy as np
 
 from hardware.world.hidden import build_hidden
 from hardware.world.spec import World
-from models.errors import SimulationFailed
+from models.errors import MeshingFailed, SimulationFailed
 from models.ids import content_id, seed_from
 from models.records import (
     Design,
@@ -27,11 +27,13 @@ from models.records import (
 )
 
 NEGLIGIBLE_OFFSET_X_MM = 0.75
+SOLVER_DEADLINE_S = 900.0
 
 
 class PhysicsRequest(Record):
     """One grasp for the solver: picklable, and the same for every repeat of a tool on an object."""
 
+    tool_id: str
     design: Design
     object_id: int
     setup: GraspSetup
@@ -59,6 +61,7 @@ def build_request(world: World, tool_id: str, design: Design, object_id: int, se
     if abs(offset_x_mm) < NEGLIGIBLE_OFFSET_X_MM:
         offset_x_mm = 0.0
     return PhysicsRequest(
+        tool_id=tool_id,
         design=design,
         object_id=object_id,
         setup=setup,
@@ -74,20 +77,28 @@ def simulate_request(request: PhysicsRequest) -> GraspSimulation:
     """The default `Physics`: the finite-element grasp with the world's theta, mesh and hidden laws.
 
     Raises:
-        SimulationFailed: the solver found no solution.
+        SimulationFailed: the solver found no solution, or no mesh (reason `mesh_...`).
     """
-    from models.fem.grasp import simulate_grasp  # heavy: compiles on first use
+    from models.fem.contact import ContactLaw
+    from models.fem.grasp import Numerics, simulate_grasp  # heavy: compiles on first use
     from models.objects.catalogue import get_object
 
     version = SimulatorVersion(theta=request.theta, mesh=MeshSettings(edge_mm=request.mesh_edge_mm))
-    return simulate_grasp(
-        request.design,
-        get_object(request.object_id),
-        version,
-        request.setup,
-        placement=request.placement,
-        effects=build_hidden(request.hidden, request.tool_seed),
-    )
+    # The truth must not share the simulator's regularisation of contact (2, 2 and 0.05 there)
+    contact = ContactLaw(normal_n_per_mm3=3.0, tangential_n_per_mm3=1.5, smoothing_mm=0.04)
+    try:
+        return simulate_grasp(
+            request.design,
+            get_object(request.object_id),
+            version,
+            request.setup,
+            placement=request.placement,
+            effects=build_hidden(request.hidden, request.tool_seed),
+            numerics=Numerics(contact=contact),
+            deadline_s=SOLVER_DEADLINE_S,
+        )
+    except MeshingFailed as failure:
+        raise SimulationFailed(str(failure), f"mesh_{failure.reason}") from failure
 
 
 class PhysicsCache:
@@ -147,6 +158,7 @@ class GraspCurve:
     lift_mm: np.ndarray
     lift_force_n: np.ndarray
     release_lift_mm: float
+    """From here on the fingers have left the object; infinite if they never do."""
 
     def closing_force_at(self, share: float) -> float:
         """Force in N when the jaws have made this share of their stroke."""
@@ -157,10 +169,10 @@ class GraspCurve:
         return float(np.interp(lift_mm, self.lift_mm, self.lift_force_n))
 
 
-def grasp_curve(simulation: GraspSimulation, world: World, tool_id: str, object_id: int, repeat: int) -> GraspCurve:
+def grasp_curve(simulation: GraspSimulation, world: World, request: PhysicsRequest, repeat: int) -> GraspCurve:
     """Curve of one grasp: the solver's trace times the scatter of tool and grasp (force is proportional to E)."""
     trace = simulation.trace
-    scale = tool_modulus_factor(world, tool_id) * _repeat_factor(world, tool_id, object_id, repeat)
+    scale = tool_modulus_factor(world, request.tool_id) * _repeat_factor(world, request, repeat)
     force_n = trace.force_n * scale
     lift = trace.is_lift
     closing_s, closing_n = trace.time_s[~lift], force_n[~lift]
@@ -174,12 +186,14 @@ def grasp_curve(simulation: GraspSimulation, world: World, tool_id: str, object_
         closing_force_n=np.append(closing_n, lift_n[0]),
         lift_mm=lift_mm,
         lift_force_n=lift_n,
-        release_lift_mm=_release_lift_mm(lift_mm, lift_n),
+        release_lift_mm=_release_lift_mm(lift_mm, lift_n, request.setup.max_lift_mm),
     )
 
 
-def _release_lift_mm(lift_mm: np.ndarray, force_n: np.ndarray) -> float:
-    """Lift after which the force stays zero; infinite when the fingers never let go on the curve."""
+def _release_lift_mm(lift_mm: np.ndarray, force_n: np.ndarray, max_lift_mm: float) -> float:
+    """Lift after which the force stays zero. A solver that stops before the longest lift saw the fingers come free."""
+    if lift_mm[-1] < max_lift_mm - 1e-6:
+        return float(lift_mm[-1])
     touching = np.flatnonzero(np.abs(force_n) > 1e-6)
     if touching.size == 0:
         return float(lift_mm[0])
@@ -192,8 +206,8 @@ def tool_modulus_factor(world: World, tool_id: str) -> float:
     return float(np.exp(world.scatter.tool_modulus_sd * np.clip(draw, -3, 3)))
 
 
-def _repeat_factor(world: World, tool_id: str, object_id: int, repeat: int) -> float:
-    draw = float(_rng(world, "repeat", tool_id, object_id, repeat).standard_normal())
+def _repeat_factor(world: World, request: PhysicsRequest, repeat: int) -> float:
+    draw = float(_rng(world, "repeat", request.tool_id, request.object_id, repeat).standard_normal())
     return float(np.exp(world.scatter.repeat_sd * np.clip(draw, -3, 3)))
 
 

@@ -53,7 +53,7 @@ class _Grasp:
     """A grasp in progress: solving, then closing, then held."""
 
     answer: "Future[GraspSimulation] | None"
-    object_id: int | None
+    request: PhysicsRequest | None
     setup: GraspSetup
     z_mm: float
     curve: GraspCurve | None = None
@@ -242,26 +242,26 @@ class WorldState:
         x_mm, y_mm, z_mm = self._head
         object_id = None if "object_missing" in self.faults else self.layout.object_at(x_mm, y_mm)
         if self.tool is None or object_id is None:
-            return _Grasp(None, object_id, self.setup, z_mm)
+            return _Grasp(None, None, self.setup, z_mm)
         # 0.05 mm is below what the axis resolves; it makes equal grasps equal requests
         tip_below_mm = round(self.layout.tip_below_mm(self.tool.design, z_mm) * 20) / 20
         if tip_below_mm < -self.layout.object_height_mm:
             return _Grasp(None, None, self.setup, z_mm)  # closed in the air over the object
         setup = self.setup.model_copy(update={"tip_below_mm": tip_below_mm})
         request = build_request(self.world, self.tool.tool_id, self.tool.design, object_id, setup)
-        return _Grasp(self._solver(request), object_id, setup, z_mm)
+        return _Grasp(self._solver(request), request, setup, z_mm)
 
     def _take_answer(self, grasp: _Grasp, answer: "Future[GraspSimulation]") -> None:
-        if self.tool is None or grasp.object_id is None:
+        request = grasp.request
+        if request is None:
             return
         try:
             simulation = answer.result()
         except SimulationFailed as failure:
-            logger.warning("Virtual bench: no physics for object %d (%s): %s", grasp.object_id, failure.reason, failure)
+            logger.warning("Virtual bench: object %d has no physics (%s): %s", request.object_id, failure.reason, failure)
             grasp.is_failed = True
             return
-        repeat = self.job[1]
-        grasp.curve = grasp_curve(simulation, self.world, self.tool.tool_id, grasp.object_id, repeat)
+        grasp.curve = grasp_curve(simulation, self.world, request, self.job[1])
 
     def _take_reading(self, now_s: float) -> None:
         reading = math.floor(now_s * self.world.sensor.rate_hz + 1e-6)

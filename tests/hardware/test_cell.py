@@ -185,6 +185,7 @@ def test_a_person_recovers_and_the_tool_on_the_head_is_known():
         inject_when_pulled(bench, "lock_sensor_dead", above_n=6.0)
         run_into(bench, InterlockError, "lock sensor went off", plan=((0, 0),))
         bench.virtual.state.clear("lock_sensor_dead")
+        bench.clock.sleep(0.05)
         assert bench.changer.current_slot() == 3
         bench.cell.recover()
         assert not bench.pneumatics.is_gripping()

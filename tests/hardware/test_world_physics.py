@@ -67,27 +67,34 @@ def test_a_cache_solves_each_request_once_and_remembers_failures():
     assert cache.missing(requests) == []
 
 
+def curve_of(simulation, world, repeat):
+    return grasp_curve(simulation, world, build_request(world, "t", DESIGN, 0, GraspSetup(max_lift_mm=15)), repeat)
+
+
 def test_the_curve_is_the_trace_scaled_by_tool_and_repeat():
-    curve = grasp_curve(simulation(), World(), "t", 0, 0)
+    curve = curve_of(simulation(), World(), 0)
     assert curve.closing_force_at(0.0) == 0.0
     assert curve.closing_force_at(0.5) == -1.0
     assert curve.closing_force_at(1.0) == curve.lift_force_at(0.0) == -2.0
     assert curve.lift_force_at(2.5) == pytest.approx(4.0)
     assert curve.release_lift_mm == 10.0
-    scaled = grasp_curve(simulation(), SCATTERED, "t", 0, 0)
-    again = grasp_curve(simulation(), SCATTERED, "t", 0, 1)
+    scaled = curve_of(simulation(), SCATTERED, 0)
+    again = curve_of(simulation(), SCATTERED, 1)
     factor = tool_modulus_factor(SCATTERED, "t")
     assert scaled.lift_force_at(5.0) == pytest.approx(10 * factor, rel=0.04)
     assert scaled.lift_force_at(5.0) != again.lift_force_at(5.0)
-    assert scaled.lift_force_at(5.0) == grasp_curve(simulation(), SCATTERED, "t", 0, 0).lift_force_at(5.0)
+    assert scaled.lift_force_at(5.0) == curve_of(simulation(), SCATTERED, 0).lift_force_at(5.0)
 
 
 def test_a_curve_that_never_lets_go_has_no_release():
     held = simulation()
     trace = Trace(held.trace.time_s[:4], held.trace.lift_mm[:4], held.trace.force_n[:4])
-    curve = grasp_curve(GraspSimulation(trace, 10.0, 5.0, 0.05, 4, 4, 1, 0.1), World(), "t", 0, 0)
+    ended = GraspSimulation(trace, 10.0, 5.0, 0.05, 4, 4, 1, 0.1)
+    request = build_request(World(), "t", DESIGN, 0, GraspSetup(max_lift_mm=5))
+    curve = grasp_curve(ended, World(), request, 0)
     assert curve.release_lift_mm == float("inf")
     assert curve.lift_force_at(80.0) == 10.0
+    assert curve_of(ended, World(), 0).release_lift_mm == 5.0, "a solver that stops early saw the fingers come free"
 
 
 def test_tool_scatter_has_the_asked_size():

@@ -6,7 +6,7 @@ command at the missing grasp.
 
 from collections.abc import Callable
 from queue import Empty
-from typing import Any
+from typing import Any, cast
 from uuid import UUID
 
 from prefect import flow

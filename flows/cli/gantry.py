@@ -77,12 +77,16 @@ def grasp(
         }
         for g in made
     ]
-    text = "\n".join(
-        f"object {r['object_id']} repeat {r['repeat']}: peak {r['peak_force_n']:.2f} N, work {1000 * r['work_j']:.1f} mJ, "
-        f"{r['n_samples']} samples{'' if r['status'] == 'ok' else '; failed: ' + r['reason']}"
-        for r in rows
-    )
+    text = "\n".join(_grasp_line(row) for row in rows)
     show(rows, text, json)
+
+
+def _grasp_line(row: dict[str, Any]) -> str:
+    line = (
+        f"object {row['object_id']} repeat {row['repeat']}: peak {row['peak_force_n']:.2f} N, "
+        f"work {1000 * row['work_j']:.1f} mJ, {row['n_samples']} samples"
+    )
+    return line if row["status"] == "ok" else f"{line}; failed: {row['reason']}"
 
 
 @app.command

@@ -71,6 +71,7 @@ class GrblLink:
         self._is_reset_asked = False
         self._was_reset_asked = False
         self._alarm: int | None = None
+        self._alarm_before: int | None = None
         self._lost: str | None = None
         self._report: StatusReport | None = None
         self._offset_mm: Vector | None = None
@@ -92,6 +93,11 @@ class GrblLink:
     def alarm(self) -> int | None:
         """Alarm of the present epoch, or None."""
         return self._alarm
+
+    @property
+    def alarm_before(self) -> int | None:
+        """Alarm that stood when the present epoch began, such as the ALARM:3 of a reset in motion."""
+        return self._alarm_before
 
     @property
     def lost(self) -> str | None:
@@ -249,6 +255,7 @@ class GrblLink:
 
     def _start_epoch(self) -> None:
         self._epoch += 1
+        self._alarm_before = self._alarm
         self._was_reset_asked, self._is_reset_asked = self._is_reset_asked, False
         self._alarm = self._report = self._offset_mm = self._overrides = None
         self._void_pending()

@@ -21,6 +21,7 @@ from hardware.modbus import ModbusLink, rtu_link, tcp_link
 from hardware.pneumatics import Pneumatics
 from hardware.tool_changer import ToolChanger
 from hardware.tools import MountedTool
+from hardware.transport import SerialTransport
 from hardware.virtual.bench import Endpoints, VirtualBench
 from hardware.world.physics import Physics, simulate_request
 from hardware.world.spec import World
@@ -150,7 +151,7 @@ def _open(
     plc = ClickPlc(plc_link, clock)
     transmitter = LaumasTransmitter(_transmitter_link(settings), clock)
     force = ForceSensor(transmitter, clock, settings.force_rate_hz, settings.stale_after_s)
-    gantry = Gantry(settings.serial_port, clock)
+    gantry = Gantry(SerialTransport(settings.serial_port), clock)
     pneumatics = Pneumatics(plc, clock, settings.supply_pressure_psi, settings.pressure_time_out_s)
     changer = ToolChanger(gantry, plc, force, clock, tools, settings.layout)
     cell = GraspCell(gantry, plc, pneumatics, changer, force, clock, settings.layout)

@@ -115,7 +115,7 @@ class GraspCell:
 
     def recover(self) -> None:
         """End the safe state after a person looked: drop what is left of the motion, vent, raise. Homed stays homed."""
-        if self._gantry.is_moving():
+        if self._gantry.status().state != "Idle":
             self._gantry.abort()
         self._pneumatics.check_air()
         if self._pneumatics.is_gripping():
@@ -231,7 +231,8 @@ class GraspCell:
         self._gantry.start_lift(setup.max_lift_mm, setup.lift_speed_mm_per_s)
         grasp.end = self._record_lift(recorder, setup)
         self._gantry.stop_lift()
-        recorder.add_position(self._clock.now_s(), self._gantry.position_mm()[2])
+        sample = self._gantry.sample()
+        recorder.add_position(sample.time_s, sample.z_mm)
         if not recorder.is_contact_seen(FORCE_BACK_N):
             grasp.reason = (
                 f"No force above {FORCE_BACK_N:g} N on object {grasp.object_id}: it is missing or moved. The grasp is "
@@ -257,7 +258,8 @@ class GraspCell:
         start_s = check_s = self._clock.now_s()
         deadline_s = start_s + setup.max_lift_mm / speed + LIFT_MARGIN_S
         while self._clock.now_s() < deadline_s:
-            recorder.add_position(self._clock.now_s(), self._gantry.position_mm()[2])
+            sample = self._gantry.sample()
+            recorder.add_position(sample.time_s, sample.z_mm)
             if recorder.lift_mm >= setup.max_lift_mm - 0.01:
                 return "max_lift"
             if recorder.lift_mm >= least_lift_mm and recorder.is_force_back(FORCE_BACK_N, speed):

@@ -65,7 +65,6 @@ class VirtualBench:
             DeviceError: a port is taken; nothing is left running.
         """
         try:
-            self.grbl.start()
             self.plc.server.start(plc_port)
             self.transmitter.server.start(transmitter_port)
         except BaseException:
@@ -90,7 +89,7 @@ class VirtualBench:
             self._ticker.join(timeout=10.0)
         self.transmitter.server.stop()
         self.plc.server.stop()
-        self.grbl.stop()
+        self.grbl.close()
         if self._worker is not None:
             self._worker.shutdown(wait=True, cancel_futures=True)
 

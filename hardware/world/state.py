@@ -258,7 +258,7 @@ class WorldState:
         try:
             simulation = answer.result()
         except SimulationFailed as failure:
-            logger.warning("Virtual bench: object %d has no physics (%s): %s", request.object_id, failure.reason, failure)
+            logger.warning("Virtual bench: no physics for %d (%s): %s", request.object_id, failure.reason, failure)
             grasp.is_failed = True
             return
         grasp.curve = grasp_curve(simulation, self.world, request, self.job[1])

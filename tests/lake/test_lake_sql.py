@@ -163,7 +163,10 @@ def test_scalars_in_sql_are_those_stored(filled):
 
 @pytest.fixture(scope="module")
 def connection(tmp_path_factory):
-    return Lake.open(tmp_path_factory.mktemp("sql") / "lake", create=True).connect()
+    lake = Lake.open(tmp_path_factory.mktemp("sql") / "lake", create=True)
+    with lake.connect() as connection:
+        yield connection
+    lake.close()
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

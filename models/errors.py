@@ -21,20 +21,23 @@ class MissingDependencyError(UsageError):
     """A package or program that this command needs is not installed."""
 
 
-class MeshingFailed(FastError):
-    """A mesher gave no usable mesh; `reason` is a short machine-readable word (`time_out`, `crash`, ...)."""
+class ReasonedError(FastError):
+    """A failure with a short machine-readable `reason`, which is what the lake keeps of it."""
 
     def __init__(self, message: str, reason: str) -> None:
-        super().__init__(message)
+        super().__init__(message, reason)  # both, so that it can be pickled on its way out of a worker
         self.reason = reason
 
+    def __str__(self) -> str:
+        return str(self.args[0])
 
-class SimulationFailed(FastError):
-    """A grasp simulation ended without a result; `reason` is a short machine-readable word."""
 
-    def __init__(self, message: str, reason: str) -> None:
-        super().__init__(message)
-        self.reason = reason
+class MeshingFailed(ReasonedError):
+    """A mesher gave no usable mesh (`time_out`, `crash`, `empty`, ...)."""
+
+
+class SimulationFailed(ReasonedError):
+    """A grasp simulation ended without a result (`time_out`, `no_convergence`, ...)."""
 
 
 class DeviceError(FastError):

@@ -93,11 +93,15 @@ _ENTRIES: tuple[_Entry, ...] = (
     ("diabolo", "diabolo", "axis z", {"end_mm": 46, "waist_mm": 18, "height_mm": 46, "rounding_mm": 1}),
     ("diabolo along y", "diabolo", "axis y", {"end_mm": 44, "waist_mm": 22, "height_mm": 48, "rounding_mm": 1}),
     (
-        "hourglass", "hourglass", "axis z",
+        "hourglass",
+        "hourglass",
+        "axis z",
         {"end_mm": 42, "waist_mm": 26, "neck_mm": 10, "rim_mm": 5, "height_mm": 50, "rounding_mm": 1},
     ),
     (
-        "wide hourglass", "hourglass", "axis z",
+        "wide hourglass",
+        "hourglass",
+        "axis z",
         {"end_mm": 48, "waist_mm": 36, "neck_mm": 14, "rim_mm": 6, "height_mm": 46, "rounding_mm": 1},
     ),
     ("cube", "cube", "axis z", {"size_x_mm": 40, "size_y_mm": 40, "size_z_mm": 40, "rounding_mm": 1}),

@@ -81,9 +81,7 @@ def _hourglass(sizes: Sizes) -> np.ndarray:
 
 
 def _cube(sizes: Sizes) -> np.ndarray:
-    return np.stack(
-        [primitives.box(sizes["size_x_mm"], sizes["size_y_mm"], sizes["size_z_mm"], sizes["rounding_mm"])]
-    )
+    return np.stack([primitives.box(sizes["size_x_mm"], sizes["size_y_mm"], sizes["size_z_mm"], sizes["rounding_mm"])])
 
 
 def _prism(sizes: Sizes) -> np.ndarray:

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from models.errors import UsageError
 from models.objects.catalogue import OBJECTS, RigidObject, get_object
 from models.objects.distance import distance
@@ -66,7 +67,10 @@ def test_mesh_agrees_with_the_distance(obj: RigidObject) -> None:
     mesh = object_mesh(obj)
     assert mesh.is_watertight
     assert np.abs(distance(rows, mesh.vertices)).max() < 0.02
-    assert np.abs(distance(rows, mesh.triangles_center)).max() < 0.3
+    # Flat triangles of 1 mm cut the edges, which are rounded by 1 mm.
+    sag = np.abs(distance(rows, mesh.triangles_center))
+    assert sag.max() < 0.45
+    assert sag.mean() < 0.04
     assert mesh.bounds == pytest.approx(bounds(rows), abs=0.25)
     points = np.random.default_rng(6).uniform([-25, -25, 0], [25, 25, 50], (100_000, 3))
     inside_mm3 = np.mean(distance(rows, points) < 0) * 50**3

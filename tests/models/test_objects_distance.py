@@ -2,6 +2,7 @@ import time
 
 import numpy as np
 import pytest
+
 from models.objects import primitives as p
 from models.objects.catalogue import OBJECTS, RigidObject
 from models.objects.distance import distance, distance_and_normal
@@ -35,13 +36,13 @@ def brute_force(profile: list[tuple[float, float]], point: np.ndarray, *, is_squ
 def test_turned_profile_agrees_with_brute_force(is_square: bool) -> None:
     profile = [(0.0, -20.0), (18.0, -20.0), (8.0, 2.0), (14.0, 20.0), (0.0, 20.0)]
     row = (p.square_lathe if is_square else p.lathe)(profile, 0.0)[None]
-    points = np.random.default_rng(1).uniform([-22, -22, -24], [22, 22, 24], (30, 3))
+    points = np.random.default_rng(1).uniform([-16, -16, -24], [16, 16, 24], (60, 3))
     expected = [brute_force(profile, point, is_square=is_square) for point in points]
     assert np.abs(distance(row, points)) == pytest.approx(np.array(expected), abs=0.05)
     half_side = np.interp(points[:, 2], [-20, 2, 20], [18, 8, 14])
     across = np.abs(points[:, :2]).max(axis=1) if is_square else np.hypot(points[:, 0], points[:, 1])
     is_inside = (across < half_side) & (np.abs(points[:, 2]) < 20)
-    assert is_inside.sum() > 3
+    assert is_inside.sum() > 10
     assert np.array_equal(distance(row, points) < 0, is_inside)
 
 
@@ -62,7 +63,7 @@ def test_ellipsoid_point_moved_along_the_normal_is_that_far() -> None:
 def test_ellipsoid_depth_at_its_centre_and_on_its_axes() -> None:
     row = p.ellipsoid(36, 28, 48)[None]
     points = np.array([[0.0, 0, 0], [0, 0, 23], [0, 0, 30], [20, 0, 0]])
-    assert distance(row, points) == pytest.approx([-14, -1, 6, 2], abs=1e-6)
+    assert distance(row, points) == pytest.approx([-14, -1, 6, 2], abs=1e-5)
 
 
 def test_rounded_box_against_closed_form() -> None:

@@ -14,7 +14,8 @@ TOUCH_MM = 0.02
 # The peak sits in the first millimetres of lift: 1 mm steps lose 1.5 % of it (notes/fem.md section 7).
 FINE_LIFT_MM = 3.0
 CUT, GROW, EASY_ITERATIONS = 0.4, 1.5, 7
-MAX_PRESSURE_MPA = 4.0  # a penetration of 2 mm: the point may have passed through something thin
+# A point that sinks a millimetre in one step, or five in all, may have passed through something thin.
+MAX_PRESSURE_RISE_MPA, MAX_PRESSURE_MPA = 2.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,8 @@ class Stepper:
         if outcome != "converged":
             return outcome, None
         new, clamp = self.finger.finish(state, u, base, dt_s)
-        if new.contact.pressure.max() > MAX_PRESSURE_MPA:
+        rise = new.contact.pressure - state.contact.pressure
+        if rise.max() > MAX_PRESSURE_RISE_MPA or new.contact.pressure.max() > MAX_PRESSURE_MPA:
             return "deep_penetration", None
         return outcome, (new, clamp)
 

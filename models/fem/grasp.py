@@ -213,8 +213,10 @@ def _sum_of_fingers(fingers: Sequence[FingerResult], scale: float) -> Trace:
     if len(fingers) == 1:
         only = fingers[0]
         return Trace(only.time_s, only.lift_mm, 2.0 * scale * only.force_n[:, 2])
-    times = np.unique(np.round(np.concatenate([f.time_s for f in fingers]), 9))
-    force = sum(np.interp(times, f.time_s, f.force_n[:, 2], right=0.0) for f in fingers)
+    # Rounding joins instants that differ only in their last bit.
+    own = [np.round(f.time_s, 9) for f in fingers]
+    times = np.unique(np.concatenate(own))
+    force = sum(np.interp(times, t, f.force_n[:, 2], right=0.0) for t, f in zip(own, fingers, strict=True))
     longest = max(fingers, key=lambda f: f.time_s[-1])
     lift = np.interp(times, longest.time_s, longest.lift_mm)
     return Trace(times, lift, scale * np.asarray(force))

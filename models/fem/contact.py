@@ -126,9 +126,7 @@ class ContactSurface:
         positions = self.positions(x)
         distance, normal = self._gaps(positions, obstacle)
         n = len(distance)
-        response = ContactResponse(
-            np.zeros_like(x), positions, np.zeros((n, 3)), np.zeros(n), np.zeros(n), distance
-        )
+        response = ContactResponse(np.zeros_like(x), positions, np.zeros((n, 3)), np.zeros(n), np.zeros(n), distance)
         _add_contact(
             self._faces,
             self._face_of_point,

@@ -44,6 +44,15 @@ class Path:
         return self.start + travel_mm * self.direction
 
 
+@dataclass(frozen=True)
+class Step:
+    """A converged step: travel along the path in mm, the state, and the force (3) of the clamp on the finger in N."""
+
+    travel_mm: float
+    state: FingerState
+    clamp_n: np.ndarray
+
+
 @dataclass
 class FingerRecord:
     """Samples of one finger: time, travel of the phase, force (3) of the clamp on the finger in N."""
@@ -70,8 +79,8 @@ class Stepper:
     n_steps: int = 0
     n_cuts: int = 0
 
-    def walk(self, state: FingerState, path: Path) -> Iterator[tuple[float, FingerState, np.ndarray]]:
-        """Yield (travel in mm, state, clamp force) after every converged step of a path.
+    def walk(self, state: FingerState, path: Path) -> Iterator[Step]:
+        """Yield every converged step of a path.
 
         Raises:
             SimulationFailed: with the reason of the last failed step when the step became too short, `max_steps`
@@ -94,7 +103,7 @@ class Stepper:
                 proposed = max(proposed, step) * GROW
             else:
                 proposed = step
-            yield travel, state, clamp
+            yield Step(travel, state, clamp)
 
     def _try(
         self, state: FingerState, path: Path, travel: float, dt_s: float
@@ -145,7 +154,9 @@ def lift_step_mm(limits: StepLimits) -> Callable[[float], float]:
     return longest
 
 
-def travel_to_touch(gap: Callable[[np.ndarray], float], start: np.ndarray, direction: np.ndarray, length_mm: float) -> float:
+def travel_to_touch(
+    gap: Callable[[np.ndarray], float], start: np.ndarray, direction: np.ndarray, length_mm: float
+) -> float:
     """Travel in mm until the undeformed finger is `TOUCH_MM` from the obstacle, or the whole length.
 
     `gap(base)` is the least distance at a base position. A distance shrinks at most as fast as the finger moves,

@@ -89,9 +89,7 @@ def test_lag_follows_a_ramp_late_by_its_time_constant() -> None:
 
 def test_lag_does_not_depend_on_the_sampling() -> None:
     fine_time = np.unique(np.concatenate([TIME_S, np.linspace(0, 8, 801)]))
-    fine = Trace(
-        fine_time, np.interp(fine_time, TIME_S, TRACE.lift_mm), np.interp(fine_time, TIME_S, TRACE.force_n)
-    )
+    fine = Trace(fine_time, np.interp(fine_time, TIME_S, TRACE.lift_mm), np.interp(fine_time, TIME_S, TRACE.force_n))
     coarse = LoadCellLag(0.3).modify_trace(TRACE)
     resampled = np.interp(TIME_S, fine_time, LoadCellLag(0.3).modify_trace(fine).force_n)
     assert np.allclose(coarse.force_n, resampled, atol=1e-9)

@@ -94,12 +94,12 @@ class ContactSurface:
         self._face_of_point = np.repeat(np.arange(len(faces), dtype=np.int32), [len(w) for _, w in parts])
         self._shape = np.ascontiguousarray(np.vstack([shape for shape, _ in parts]))
         self.areas = np.concatenate([weights for _, weights in parts])
+        self._known_obstacle: Obstacle | None = None
         self._known_distance = np.full(len(self.areas), -np.inf)
         self._known_position = np.zeros((len(self.areas), 3))
 
     def start(self, x: np.ndarray) -> ContactState:
         """State before any contact, at deformed nodes x (n, 3)."""
-        self._known_distance[:] = -np.inf
         n = len(self.areas)
         return ContactState(self.positions(x), np.zeros((n, 3)), np.zeros(n), np.zeros(n))
 
@@ -126,9 +126,7 @@ class ContactSurface:
         positions = self.positions(x)
         distance, normal = self._gaps(positions, obstacle)
         n = len(distance)
-        response = ContactResponse(
-            np.zeros_like(x), positions, np.zeros((n, 3)), np.zeros(n), np.zeros(n), distance
-        )
+        response = ContactResponse(np.zeros_like(x), positions, np.zeros((n, 3)), np.zeros(n), np.zeros(n), distance)
         _add_contact(
             self._faces,
             self._face_of_point,
@@ -159,6 +157,9 @@ class ContactSurface:
 
         A distance changes at most as far as its point moves, so points that cannot have arrived are not asked for.
         """
+        if obstacle is not self._known_obstacle:
+            self._known_obstacle = obstacle
+            self._known_distance[:] = -np.inf
         near = np.flatnonzero(_may_touch(positions, self._known_position, self._known_distance))
         if near.size:
             self._known_distance[near] = obstacle.distance(positions[near])

@@ -86,7 +86,9 @@ class FingerStep:
         """True if any contact point carries pressure from the obstacle."""
         return bool((state.contact.pressure > 0.0).any())
 
-    def finish(self, state: FingerState, u: np.ndarray, base: np.ndarray, dt_s: float) -> tuple[FingerState, np.ndarray]:
+    def finish(
+        self, state: FingerState, u: np.ndarray, base: np.ndarray, dt_s: float
+    ) -> tuple[FingerState, np.ndarray]:
         """The state after the step, and the force (3) in N that the clamp exerts on the meshed body."""
         x = self.positions(u)
         response = self._contact(x, None)

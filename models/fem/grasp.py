@@ -83,7 +83,7 @@ def simulate_grasp(
     placement: Placement = Placement(),  # noqa: B008 - frozen record
     effects: Sequence[Effect] | None = None,
     mesh: SolidMesh | None = None,
-    numerics: Numerics = Numerics(),  # noqa: B008 - frozen record
+    numerics: Numerics = Numerics(),
     deadline_s: float | None = None,
 ) -> GraspSimulation:
     """Simulate one displacement-controlled grasp of a fixed rigid object (design.md 5.1).
@@ -113,9 +113,7 @@ def simulate_grasp(
     problem = FingerProblem(mesh, design.height_mm, theta, setup, active, numerics)
     is_symmetric = obj.mirror_x and placement.offset_x_mm == 0.0
     sides = (False,) if is_symmetric else (False, True)
-    fingers = [
-        simulate_finger(problem, ObjectObstacle(obj, placement, is_mirrored=side), deadline) for side in sides
-    ]
+    fingers = [simulate_finger(problem, ObjectObstacle(obj, placement, is_mirrored=side), deadline) for side in sides]
     trace = _sum_of_fingers(fingers, theta.young_modulus_mpa / REFERENCE_MODULUS_MPA)
     for effect in active:
         trace = effect.modify_trace(trace)
@@ -186,17 +184,18 @@ def _close_and_lift(finger: FingerStep, stepper: Stepper, problem: FingerProblem
     if free > 0.0:
         record.add(time_s, 0.0, np.zeros(3))
     closing = Path(state.base, INWARD, stroke - free, setup.close_speed_mm_per_s, lambda _: limits.closing_mm)
-    for travel, state, force in stepper.walk(state, closing):
-        record.add(time_s + travel / setup.close_speed_mm_per_s, 0.0, force)
+    for step in stepper.walk(state, closing):
+        state = step.state
+        record.add(time_s + step.travel_mm / setup.close_speed_mm_per_s, 0.0, step.clamp_n)
     n_closing, time_s = len(record.time_s), stroke / setup.close_speed_mm_per_s
     state.v[:] = 0.0
     lift = Path(state.base, UPWARD, setup.max_lift_mm, setup.lift_speed_mm_per_s, lift_step_mm(limits))
     n_free = 0
-    for travel, state, force in stepper.walk(state, lift):
-        record.add(time_s + travel / setup.lift_speed_mm_per_s, travel, force)
-        n_free = 0 if finger.is_touching(state) else n_free + 1
-        is_slack = abs(force[2]) < RESIDUAL_FORCE_N
-        if n_free >= FREE_STEPS and is_slack and _is_clear(finger, lift, travel):
+    for step in stepper.walk(state, lift):
+        record.add(time_s + step.travel_mm / setup.lift_speed_mm_per_s, step.travel_mm, step.clamp_n)
+        n_free = 0 if finger.is_touching(step.state) else n_free + 1
+        is_slack = abs(step.clamp_n[2]) < RESIDUAL_FORCE_N
+        if n_free >= FREE_STEPS and is_slack and _is_clear(finger, lift, step.travel_mm):
             break
     return record, n_closing
 
@@ -213,8 +212,10 @@ def _sum_of_fingers(fingers: Sequence[FingerResult], scale: float) -> Trace:
     if len(fingers) == 1:
         only = fingers[0]
         return Trace(only.time_s, only.lift_mm, 2.0 * scale * only.force_n[:, 2])
-    times = np.unique(np.round(np.concatenate([f.time_s for f in fingers]), 9))
-    force = sum(np.interp(times, f.time_s, f.force_n[:, 2], right=0.0) for f in fingers)
+    # Rounding joins instants that differ only in their last bit.
+    own = [np.round(f.time_s, 9) for f in fingers]
+    times = np.unique(np.concatenate(own))
+    force = sum(np.interp(times, t, f.force_n[:, 2], right=0.0) for t, f in zip(own, fingers, strict=True))
     longest = max(fingers, key=lambda f: f.time_s[-1])
     lift = np.interp(times, longest.time_s, longest.lift_mm)
     return Trace(times, lift, scale * np.asarray(force))

@@ -70,9 +70,7 @@ def _simplex(points: np.ndarray, edges: tuple[tuple[int, int], ...]) -> tuple[np
     corner_slope = (4.0 * bary - 1.0)[:, :, None] * slope[None]
     first, second = np.array(edges).T
     middle = 4.0 * bary[:, first] * bary[:, second]
-    middle_slope = 4.0 * (
-        bary[:, first, None] * slope[None, second] + bary[:, second, None] * slope[None, first]
-    )
+    middle_slope = 4.0 * (bary[:, first, None] * slope[None, second] + bary[:, second, None] * slope[None, first])
     return np.hstack([corner, middle]), np.concatenate([corner_slope, middle_slope], axis=1)
 
 
@@ -98,8 +96,8 @@ def _wedge(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         i, j = np.array([0, 1, 2]), np.array([1, 2, 0])
         middle = slice(6 + offset, 9 + offset)
         values[:, middle] = 2.0 * bary[:, i] * bary[:, j] * a
-        gradients[:, middle, :2] = 2.0 * a[:, :, None] * (
-            bary[:, i, None] * slope[None, j] + bary[:, j, None] * slope[None, i]
+        gradients[:, middle, :2] = (
+            2.0 * a[:, :, None] * (bary[:, i, None] * slope[None, j] + bary[:, j, None] * slope[None, i])
         )
         gradients[:, middle, 2] = 2.0 * bary[:, i] * bary[:, j] * sign
     values[:, 12:] = bary * (1.0 - t**2)

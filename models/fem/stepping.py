@@ -14,7 +14,8 @@ TOUCH_MM = 0.02
 # The peak sits in the first millimetres of lift: 1 mm steps lose 1.5 % of it (notes/fem.md section 7).
 FINE_LIFT_MM = 3.0
 CUT, GROW, EASY_ITERATIONS = 0.4, 1.5, 7
-MAX_PRESSURE_MPA = 4.0  # a penetration of 2 mm: the point may have passed through something thin
+# A point that sinks a millimetre in one step, or five in all, may have passed through something thin.
+MAX_PRESSURE_RISE_MPA, MAX_PRESSURE_MPA = 2.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,15 @@ class Path:
         return self.start + travel_mm * self.direction
 
 
+@dataclass(frozen=True)
+class Step:
+    """A converged step: travel along the path in mm, the state, and the force (3) of the clamp on the finger in N."""
+
+    travel_mm: float
+    state: FingerState
+    clamp_n: np.ndarray
+
+
 @dataclass
 class FingerRecord:
     """Samples of one finger: time, travel of the phase, force (3) of the clamp on the finger in N."""
@@ -69,8 +79,8 @@ class Stepper:
     n_steps: int = 0
     n_cuts: int = 0
 
-    def walk(self, state: FingerState, path: Path) -> Iterator[tuple[float, FingerState, np.ndarray]]:
-        """Yield (travel in mm, state, clamp force) after every converged step of a path.
+    def walk(self, state: FingerState, path: Path) -> Iterator[Step]:
+        """Yield every converged step of a path.
 
         Raises:
             SimulationFailed: with the reason of the last failed step when the step became too short, `max_steps`
@@ -93,7 +103,7 @@ class Stepper:
                 proposed = max(proposed, step) * GROW
             else:
                 proposed = step
-            yield travel, state, clamp
+            yield Step(travel, state, clamp)
 
     def _try(
         self, state: FingerState, path: Path, travel: float, dt_s: float
@@ -108,7 +118,8 @@ class Stepper:
         if outcome != "converged":
             return outcome, None
         new, clamp = self.finger.finish(state, u, base, dt_s)
-        if new.contact.pressure.max() > MAX_PRESSURE_MPA:
+        rise = new.contact.pressure - state.contact.pressure
+        if rise.max() > MAX_PRESSURE_RISE_MPA or new.contact.pressure.max() > MAX_PRESSURE_MPA:
             return "deep_penetration", None
         return outcome, (new, clamp)
 
@@ -143,7 +154,9 @@ def lift_step_mm(limits: StepLimits) -> Callable[[float], float]:
     return longest
 
 
-def travel_to_touch(gap: Callable[[np.ndarray], float], start: np.ndarray, direction: np.ndarray, length_mm: float) -> float:
+def travel_to_touch(
+    gap: Callable[[np.ndarray], float], start: np.ndarray, direction: np.ndarray, length_mm: float
+) -> float:
     """Travel in mm until the undeformed finger is `TOUCH_MM` from the obstacle, or the whole length.
 
     `gap(base)` is the least distance at a base position. A distance shrinks at most as fast as the finger moves,

@@ -1,0 +1,44 @@
+# FAST: `make campaign` and `make test` each set everything up on a fresh machine, then do their job.
+PYTHON ?= python3.11
+VENV ?= .venv
+BIN = $(VENV)/bin
+# One thread per process: the campaign runs several processes side by side.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+export MKL_NUM_THREADS ?= 1
+
+.PHONY: help setup campaign test check format lock clean
+
+help:           ## list the commands
+	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
+
+setup: $(VENV)/.ready  ## virtual environment from the lock file
+
+$(VENV)/.ready: requirements.lock pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check torch==2.13.0
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	touch $@
+
+campaign: setup ## a small complete campaign on the virtual bench, with report and recording
+	$(BIN)/fast campaign run campaigns/quick.toml --auto-print
+
+test: setup     ## the test suite
+	$(BIN)/python -m pytest
+
+check: setup    ## format, lint, types, import layers
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: setup   ## format and fix what can be fixed
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+lock: setup     ## write requirements.lock from the environment (after changing pyproject.toml)
+	$(BIN)/python -m pip freeze --all --exclude-editable | grep -v '^pip==' | sed 's/+cpu$$//' > requirements.lock
+
+clean:          ## remove the environment and caches, never the lake
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build *.egg-info

@@ -1,0 +1,123 @@
+"""The closed loop: propose, print, measure, simulate meanwhile, learn, propose again.
+
+All state is derived from the lake before each decision, so a killed campaign continues with the same
+command at the missing grasp.
+"""
+
+from collections.abc import Callable
+from queue import Empty
+from typing import Any, cast
+from uuid import UUID
+
+from prefect import flow
+from prefect.artifacts import create_markdown_artifact, create_progress_artifact, update_progress_artifact
+from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
+
+from flows.lanes import BenchLane, Session, SimulationLane, closed_batches
+from flows.progress import workload
+from lake.maintenance import compact
+from models.errors import FastError
+from tasks import steps
+from tasks.campaign import Campaign
+from tasks.control import append_event, requested_verb
+from tasks.steps import opaque
+
+POLL_S = 2.0  # how often requests of people are looked up while nothing else happens
+
+
+def run_flow(session: Session, finish: Callable[[], str]) -> bool:
+    """Run the campaign as a Prefect flow; `finish` writes report and recording and returns a Markdown summary.
+
+    Returns True when the schedule is complete, False when someone asked to pause or stop.
+    """
+    campaign = session.campaign
+    task_runner: TaskRunner[Any] = ThreadPoolTaskRunner(max_workers=campaign.config.execution.simulation_workers + 4)
+
+    @flow(
+        name="campaign",
+        flow_run_name=f"campaign {campaign.campaign_id}",
+        task_runner=task_runner,
+    )
+    def campaign_flow(campaign_id: str, config_hash: str, lake: str) -> bool:
+        description = "grasps done, measured and simulated"
+        # Called from a synchronous flow it returns the id, not a coroutine.
+        artifact = cast(UUID, create_progress_artifact(0.0, key=f"{campaign_id}-progress", description=description))
+        on_event = lambda: _show_progress(artifact, campaign)  # noqa: E731 - two callers, one line
+        for stage in range(campaign.config.schedule.n_stages):
+            if not run_stage(session, stage, on_event):
+                return False
+        on_event()
+        create_markdown_artifact(finish(), key=f"{campaign_id}-summary", description="result of the campaign")
+        return True
+
+    return campaign_flow(campaign.campaign_id, campaign.config.config_hash, str(campaign.lake.root))
+
+
+def run_stage(session: Session, stage: int, on_event: Callable[[], None]) -> bool:
+    """One stage: its tools and its simulations, side by side. False when asked to stop before the end."""
+    campaign = session.campaign
+    if session.should_stop():
+        return False
+    _ensure_proposed(campaign, stage)
+    bench = BenchLane(session, campaign.config.schedule.batches_of(stage))
+    simulations = SimulationLane(session, stage)
+    error = _drive(session, bench, simulations, on_event)
+    if error is not None:
+        raise error
+    if not session.should_stop():
+        _close_stage(campaign, stage)
+    return not session.should_stop()
+
+
+def _drive(
+    session: Session, bench: BenchLane, simulations: SimulationLane, on_event: Callable[[], None]
+) -> FastError | None:
+    """Turn the wheel until both lanes are idle; the first failure stops new work and is returned."""
+    error: FastError | None = None
+    while True:
+        if requested_verb(session.campaign.lake, session.campaign.campaign_id):
+            session.stopping.set()
+        state = session.campaign.state()
+        is_bench_busy, are_simulations_busy = bench.advance(state), simulations.advance(state)
+        if not (is_bench_busy or are_simulations_busy):
+            return error
+        try:
+            future = session.events.get(timeout=POLL_S)
+        except Empty:
+            continue
+        try:
+            if not bench.finish(future):
+                simulations.finish(future)
+        except FastError as fault:
+            error = error or fault
+            session.stopping.set()
+        on_event()
+
+
+def _ensure_proposed(campaign: Campaign, stage: int) -> None:
+    """Have the tools of a stage proposed, unless the lake has them already."""
+    schedule, state = campaign.config.schedule, campaign.state()
+    wanted = {(b, slot) for b in schedule.batches_of(stage) for slot in range(schedule.tools_of(b))}
+    if wanted <= {(t.batch, t.slot) for t in state.tools}:
+        return
+    if stage > 0 and not any(state.measured.get(t.tool_id) for t in state.tools):
+        raise FastError(
+            f"campaign {campaign.campaign_id}: none of the {len(state.tools)} tools so far gave a grasp, so there is "
+            "nothing to learn from; look at `fast campaign status` and print the tools again under a new campaign name."
+        )
+    label = f"{campaign.campaign_id} B{schedule.batches_of(stage)[-1]:02d}"
+    steps.propose_batch(label, opaque(campaign), stage)
+
+
+def _close_stage(campaign: Campaign, stage: int) -> None:
+    """Merge the small files of the stage: one per grasp while it ran, few afterwards."""
+    for table in ("grasps", "traces", "simulations", "sim_traces"):
+        compact(campaign.lake, table)
+    closed = closed_batches(campaign, campaign.state())
+    append_event(
+        campaign.lake, campaign.campaign_id, "stage_closed", f"stage {stage} closed", stage=stage, batches=closed
+    )
+
+
+def _show_progress(artifact_id: UUID, campaign: Campaign) -> None:
+    update_progress_artifact(artifact_id, progress=100.0 * workload(campaign, campaign.state()).fraction)

@@ -1,0 +1,1 @@
+"""The `fast` command line. Commands import their bodies only when they are called."""

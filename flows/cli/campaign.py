@@ -1,0 +1,162 @@
+"""`fast campaign`: start, continue, watch and stop campaigns."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import App, Parameter
+
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text, tell
+
+if TYPE_CHECKING:
+    from flows.launch import Outcome
+    from lake.store import Lake
+    from tasks.control import Verb
+
+app = App(name="campaign", help="Start, continue, watch and stop campaigns.")
+
+
+@app.command
+def run(
+    config: Path,
+    *,
+    lake: LakePath = DEFAULT_LAKE,
+    auto_print: Annotated[bool, Parameter(negative="")] = False,
+    real: Annotated[bool, Parameter(negative="")] = False,
+    json: AsJson = False,
+) -> None:
+    """Start the campaign of a config file, or continue it where it stands.
+
+    Parameters
+    ----------
+    config
+        TOML file of the campaign, e.g. campaigns/quick.toml.
+    lake
+        Folder of the lake; made if it does not exist.
+    auto_print
+        Confirm printed batches without asking a person (demos and tests).
+    real
+        Drive the real bench of the config's `bench.real` file; asks for a typed confirmation.
+    json
+        Print the summary as JSON.
+    """
+    from flows.launch import Voice, run_campaign
+
+    confirm = typed_confirmation if real else None
+    outcome = run_campaign(config, lake, auto_print=auto_print, confirm_real=confirm, voice=Voice(tell, tell))
+    _tell_outcome(outcome, json)
+
+
+@app.command
+def status(campaign: str | None = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
+    """Where a campaign stands: done and left, best tool so far, what it waits for."""
+    from flows.status import campaign_status, status_text
+
+    found = open_lake(lake)
+    state = campaign_status(found, resolve_campaign(found, campaign))
+    show(state, status_text(state), json)
+
+
+@app.command(name="list")
+def list_campaigns(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
+    """All campaigns of the lake."""
+    from flows.status import campaign_status
+
+    found = open_lake(lake)
+    rows = [campaign_status(found, name) for name in _campaign_ids(found)]
+    columns = ["campaign", "state", "grasps", "simulated", "best_tool", "best_n"]
+    show(rows, table_text(rows, columns), json)
+
+
+@app.command
+def pause(campaign: str | None = None, *, lake: LakePath = DEFAULT_LAKE) -> None:
+    """Finish the current grasp, park the tool, end; `fast campaign run` continues."""
+    _request("pause", campaign, lake)
+
+
+@app.command
+def stop(campaign: str | None = None, *, lake: LakePath = DEFAULT_LAKE) -> None:
+    """Bring the bench to its safe state after this grasp, keep all data, end."""
+    _request("stop", campaign, lake)
+
+
+@app.command
+def abort(campaign: str | None = None, *, lake: LakePath = DEFAULT_LAKE) -> None:
+    """As stop, and the campaign counts as failed; `fast campaign run` can still continue it."""
+    _request("abort", campaign, lake)
+
+
+def _request(verb: "Verb", campaign: str | None, lake: Path) -> None:
+    from models.errors import FastError
+    from tasks.control import append_event, is_held
+
+    found = open_lake(lake)
+    name = resolve_campaign(found, campaign)
+    if not is_held(found, f"campaign-{name}"):
+        raise FastError(f"campaign {name} is not running, so there is nothing to {verb}; nothing was changed.")
+    append_event(found, name, verb, f"{verb} asked for on the command line")
+    say(f"asked campaign {name} to {verb}; it ends after the current grasp.")
+
+
+def open_lake(lake: Path) -> "Lake":
+    """The lake at a path that must exist already."""
+    from lake.store import Lake
+
+    return Lake.open(lake)
+
+
+def _campaign_ids(lake: "Lake") -> list[str]:
+    from lake.tables import CampaignRow
+
+    return [row["campaign_id"] for row in lake.rows(CampaignRow)]
+
+
+def resolve_campaign(lake: "Lake", campaign: str | None) -> str:
+    """The campaign asked for, or the only one there is."""
+    from models.errors import UsageError
+    from models.validation import closest
+
+    known = _campaign_ids(lake)
+    if campaign in known:
+        return str(campaign)
+    if campaign is not None:
+        raise UsageError(f"campaign `{campaign}` is not in this lake; {closest(campaign, known)}")
+    if len(known) != 1:
+        listed = ", ".join(known) or "none"
+        raise UsageError(f"this lake has {len(known)} campaigns ({listed}); name one.")
+    return known[0]
+
+
+def typed_confirmation(word: str, bench: str) -> bool:
+    """Ask a person to type `word` before real hardware moves; no terminal counts as no."""
+    tell(f"This moves real hardware ({bench}). Is the workspace clear and the emergency stop in reach?")
+    tell(f"Type `{word}` to go on:")
+    try:
+        return input().strip() == word
+    except EOFError:
+        return False
+
+
+def _tell_outcome(outcome: "Outcome", as_json: bool) -> None:
+    from tasks.summary import ranked_tools
+
+    tools = ranked_tools(outcome.campaign)
+    data: dict[str, Any] = {
+        "campaign": outcome.campaign.campaign_id,
+        "complete": outcome.is_complete,
+        "best_tool": tools[0] if tools else None,
+        "tools": tools,
+        "report": str(outcome.report) if outcome.report else None,
+        "recording": str(outcome.recording) if outcome.recording else None,
+    }
+    show(data, _outcome_text(data), as_json)
+
+
+def _outcome_text(data: dict[str, Any]) -> str:
+    lines = ["", table_text(data["tools"]), ""]
+    if not data["complete"]:
+        return "\n".join([*lines, f"campaign {data['campaign']} is interrupted; the same command continues it."])
+    best = data["best_tool"]
+    if best:
+        lines.append(f"best tool  {best['tool_id']}  {best['tool_quality_n']:.2f} N mean peak pull-off force")
+    lines += [f"report     {data['report']}", f"recording  {data['recording']}"]
+    return "\n".join(lines)

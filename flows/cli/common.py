@@ -1,0 +1,50 @@
+"""What the commands share: the lake option, output as text or JSON, spoken progress."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+LakePath = Annotated[Path, Parameter(name="--lake", env_var="FAST_LAKE", help="folder of the lake")]
+AsJson = Annotated[bool, Parameter(name="--json", negative="", help="print JSON for machines")]
+
+DEFAULT_LAKE = Path("lake-data")
+
+
+def say(text: str) -> None:
+    """Print a line of result to standard output."""
+    print(text, flush=True)
+
+
+def tell(text: str) -> None:
+    """Print progress to standard error, so that standard output stays the result."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def show(data: Any, text: str, as_json: bool) -> None:
+    """Print a result: `data` as JSON for machines, or `text` for people."""
+    say(json.dumps(data, indent=2, default=str) if as_json else text)
+
+
+def table_text(rows: list[dict[str, Any]], columns: list[str] | None = None) -> str:
+    """Rows as an aligned plain-text table; numbers to the right."""
+    names = columns or list(rows[0] if rows else {})
+    if not rows:
+        return "  ".join(names) + "\n(no rows)" if names else "(no rows)"
+    cells = [[_cell(row.get(name)) for name in names] for row in rows]
+    widths = [max(len(name), *(len(row[i]) for row in cells)) for i, name in enumerate(names)]
+    numeric = [all(isinstance(row.get(name), int | float) for row in rows) for name in names]
+    lines = ["  ".join(name.ljust(width) for name, width in zip(names, widths, strict=True)).rstrip()]
+    lines.append("  ".join("-" * width for width in widths))
+    for row in cells:
+        padded = [c.rjust(w) if n else c.ljust(w) for c, w, n in zip(row, widths, numeric, strict=True)]
+        lines.append("  ".join(padded).rstrip())
+    return "\n".join(lines)
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,54 @@
+"""Entry point of `fast`: the table of commands, and one sentence for every expected error."""
+
+import os
+import sys
+
+from cyclopts import App
+from cyclopts.exceptions import CycloptsError
+
+app = App(
+    name="fast",
+    help="FAST: design soft grippers with simulations, a printer and a gantry.",
+    version_flags=["--version"],
+)
+for _name, _target, _help in (
+    ("campaign", "flows.cli.campaign:app", "Start, continue, watch and stop campaigns."),
+    ("print", "flows.cli.printing:app", "Print sheets, and the word of the person who printed."),
+    ("simulate", "flows.cli.simulate:simulate", "Simulate one grasp: peak, contact force, work, trace, picture."),
+    ("gantry", "flows.cli.gantry:app", "Move the bench by hand: home, park, tare, grasp, faults."),
+    ("virtual", "flows.cli.virtual:app", "A virtual bench that stays up."),
+    ("lake", "flows.cli.lake:app", "Import, export, check, compact and measure the lake."),
+    ("sql", "flows.cli.sql:sql", "Ask the lake a question in SQL (read-only)."),
+    ("report", "flows.cli.results:report", "Write a campaign's report: figures, tables, data."),
+    ("view", "flows.cli.results:view", "Look at a grasp, design or campaign in Rerun."),
+    ("serve", "flows.cli.serve:serve", "Prefect server with its pages; prints the address."),
+    ("bench", "flows.cli.benchmarks:app", "Performance and study benchmarks."),
+    ("doctor", "flows.cli.doctor:doctor", "Check dependencies, ports and disk; each failure comes with its fix."),
+):
+    app.command(_target, name=_name, help=_help)
+
+
+def main() -> None:
+    """Run `fast`; exit status 0 done, 1 failed, 2 wrong use."""
+    # Several processes work side by side: one thread each, set before numpy is imported.
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+    try:
+        app(exit_on_error=False)
+    except CycloptsError:
+        sys.exit(2)
+    except ModuleNotFoundError as error:
+        _fail(f"the package `{error.name}` is not installed; install it with `make setup`.", 2)
+    except KeyboardInterrupt:
+        _fail("interrupted; what was finished is in the lake.", 130)
+    except Exception as error:
+        from models.errors import FastError
+
+        if not isinstance(error, FastError):
+            raise
+        _fail(str(error), error.exit_status)
+
+
+def _fail(sentence: str, status: int) -> None:
+    print(f"fast: {sentence}", file=sys.stderr)
+    sys.exit(status)

@@ -1,0 +1,139 @@
+"""`fast simulate`: one grasp of one design on one object."""
+
+import json as json_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from flows.cli.common import AsJson, say, show
+
+if TYPE_CHECKING:
+    from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion
+
+
+def simulate(
+    *,
+    design: Annotated[
+        Path | None, Parameter(help="JSON file with the nine parameters; default: best published")
+    ] = None,
+    object: Annotated[int, Parameter(help="object id, 0 to 35")],
+    set: Annotated[
+        list[str] | None, Parameter(negative="", help="theta, grasp or mesh value, e.g. friction=0.5")
+    ] = None,
+    out: Annotated[Path | None, Parameter(help="folder for trace.csv, result.json and grasp.png")] = None,
+    json: AsJson = False,
+) -> None:
+    """Simulate one grasp: closing, lift and pull-off."""
+    from models.fem.grasp import simulate_grasp
+    from models.objects.catalogue import get_object
+
+    chosen = read_design(design)
+    version, setup = apply_settings(set or [])
+    result = simulate_grasp(chosen, get_object(object), version, setup)
+    data = {
+        "design_id": chosen.design_id,
+        "object_id": object,
+        "version_id": version.version_id,
+        "peak_force_n": result.peak_force_n,
+        "contact_force_n": result.contact_force_n,
+        "work_j": result.work_j,
+        "n_steps": result.n_steps,
+        "n_dof": result.n_dof,
+        "cpu_s": result.cpu_s,
+    }
+    show(data, _text(data), json)
+    if out is not None:
+        write_result(out, chosen, data, result)
+        if not json:
+            say(f"wrote {out / 'trace.csv'}, {out / 'result.json'}, {out / 'grasp.png'}")
+
+
+def read_design(path: Path | None) -> "Design":
+    """A design from a JSON file, or the best published one.
+
+    Raises:
+        ConfigError: missing file, no JSON, or a value out of its range.
+    """
+    from models.design_space import BEST_PUBLISHED
+    from models.errors import ConfigError
+    from models.records import Design
+    from models.validation import load_record
+
+    if path is None:
+        return BEST_PUBLISHED
+    try:
+        data = json_module.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"design file `{path}` cannot be read: {error.strerror}; give an existing file.") from error
+    except ValueError as error:
+        raise ConfigError(f"design file `{path}` is not JSON: {error}; correct it.") from error
+    return load_record(Design, data, str(path))
+
+
+def apply_settings(settings: list[str]) -> "tuple[SimulatorVersion, GraspSetup]":
+    """Simulator version and grasp setup with `name=value` settings applied to theta, grasp and mesh.
+
+    Raises:
+        ConfigError: unknown name or value out of range.
+    """
+    from models.errors import ConfigError
+    from models.records import GraspSetup, MeshSettings, SimulatorVersion, Theta
+    from models.validation import closest, load_record
+
+    sections = {Theta: {}, GraspSetup: {}, MeshSettings: {}}  # type: dict[Any, dict[str, Any]]
+    for setting in settings:
+        name, _, value = setting.partition("=")
+        owner = next((record for record in sections if name in record.model_fields), None)
+        if owner is None:
+            known = [field for record in sections for field in record.model_fields]
+            raise ConfigError(f"--set {setting}: unknown name `{name}`; {closest(name, known)}")
+        sections[owner][name] = value
+    theta, setup, mesh = (load_record(record, values, "--set") for record, values in sections.items())
+    return SimulatorVersion(theta=theta, mesh=mesh), setup
+
+
+def write_result(out: Path, design: "Design", data: dict[str, Any], result: "GraspSimulation") -> None:
+    """Write trace, numbers and picture of a simulated grasp into the folder `out`.
+
+    Raises:
+        UsageError: the folder cannot be written.
+    """
+    from models.errors import UsageError
+
+    trace = result.trace
+    lines = ["time_s,lift_mm,force_n"]
+    lines += [f"{t:.6g},{x:.6g},{f:.6g}" for t, x, f in zip(trace.time_s, trace.lift_mm, trace.force_n, strict=True)]
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "trace.csv").write_text("\n".join(lines) + "\n")
+        (out / "result.json").write_text(json_module.dumps({**data, "design": design.model_dump()}, indent=2) + "\n")
+        _draw(out / "grasp.png", data, result)
+    except OSError as error:
+        raise UsageError(
+            f"--out `{out}` cannot be written: {error.strerror}; give a folder you may write to."
+        ) from error
+
+
+def _draw(path: Path, data: dict[str, Any], result: "GraspSimulation") -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    lift = result.trace.is_lift
+    figure = Figure(figsize=(6.4, 3.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.axhline(0, color="0.8", lw=0.8)
+    axes.plot(result.trace.lift_mm[lift], result.trace.force_n[lift], color="#0072B2")
+    axes.set(xlabel="lift (mm)", ylabel="force on the load cell (N)")
+    axes.set_title(f"object {data['object_id']}: peak {data['peak_force_n']:.1f} N", loc="left", fontsize=10)
+    figure.savefig(path, dpi=150)
+
+
+def _text(data: dict[str, Any]) -> str:
+    return (
+        f"peak pull-off force  {data['peak_force_n']:.2f} N\n"
+        f"contact force        {data['contact_force_n']:.2f} N\n"
+        f"work                 {1000 * data['work_j']:.1f} mJ\n"
+        f"{data['n_steps']} steps, {data['n_dof']} degrees of freedom, {data['cpu_s']:.1f} s of CPU"
+    )

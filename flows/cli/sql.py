@@ -1,0 +1,59 @@
+"""`fast sql`: read-only questions to the lake."""
+
+import io
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, table_text
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Format = Literal["table", "csv", "json", "parquet"]
+
+
+def sql(
+    query: Annotated[str, Parameter(help="one SELECT statement")],
+    *,
+    lake: LakePath = DEFAULT_LAKE,
+    format: Format = "table",
+    out: Annotated[Path | None, Parameter(help="file to write; needed for parquet")] = None,
+    json: AsJson = False,
+) -> None:
+    """Run one SELECT over the lake's tables, views and macros."""
+    from lake.sql import run_sql
+    from lake.store import Lake
+    from models.errors import UsageError
+
+    chosen: Format = "json" if json else format
+    if chosen == "parquet" and out is None:
+        raise UsageError("--format parquet is binary and needs a file; add --out FILE.parquet.")
+    content = _formatted(run_sql(Lake.open(lake), query), chosen)
+    if out is None:
+        say(content.decode().rstrip("\n"))
+        return
+    try:
+        out.write_bytes(content)
+    except OSError as error:
+        raise UsageError(f"--out `{out}` cannot be written: {error.strerror}; give another file.") from error
+
+
+def _formatted(table: "pa.Table", chosen: Format) -> bytes:
+    if chosen == "csv":
+        from pyarrow import csv
+
+        buffer = io.BytesIO()
+        csv.write_csv(table, buffer)
+        return buffer.getvalue()
+    if chosen == "parquet":
+        from pyarrow import parquet
+
+        buffer = io.BytesIO()
+        parquet.write_table(table, buffer)
+        return buffer.getvalue()
+    rows = table.to_pylist()
+    text = json.dumps(rows, indent=2, default=str) if chosen == "json" else table_text(rows, table.column_names)
+    return text.encode()

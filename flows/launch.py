@@ -1,0 +1,143 @@
+"""Start or continue a campaign: check everything that can be checked, take the lock, find a Prefect server."""
+
+import tomllib
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from flows.prefect_server import configure_client, server
+from hardware.bench import BenchSettings
+from hardware.world.spec import World, load_world
+from lake.store import Lake
+from lake.tables import CampaignRow, ObjectRow
+from models.errors import ConfigError, UsageError
+from models.ids import canonical_json
+from models.objects.catalogue import OBJECTS
+from models.validation import load_record
+from tasks.campaign import Campaign
+from tasks.config import CampaignConfig, differences, load_config, read_toml, relative_to
+from tasks.control import append_event, exclusive
+
+GROWABLE = "schedule.guided_batches"  # a campaign may be made longer while it runs
+
+
+ConfirmReal = Callable[[str, str], bool]  # campaign name, bench file -> did a person confirm
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a campaign left behind when its process ended; paths only when the schedule is complete."""
+
+    campaign: Campaign
+    is_complete: bool
+    report: Path | None = None
+    recording: Path | None = None
+
+
+@dataclass(frozen=True)
+class Voice:
+    """How a long command speaks: `progress` may be skipped over, `announce` must be read."""
+
+    progress: Callable[[str], None]
+    announce: Callable[[str], None]
+
+
+def run_campaign(
+    config_path: Path, lake_root: Path, *, auto_print: bool, voice: Voice, confirm_real: ConfirmReal | None = None
+) -> Outcome:
+    """Start a campaign, or continue it where the lake says it stands.
+
+    `confirm_real` drives the real bench of the config, after a person has confirmed; None is a virtual bench.
+
+    Raises:
+        UsageError: config, world or lake cannot be used; nothing was written.
+        FastError: another process runs this campaign, or the bench stopped.
+    """
+    config = load_config(config_path)
+    bench = _real_bench(config, config_path, confirm_real) if confirm_real else _virtual_bench(config, config_path)
+    campaign = Campaign(Lake.open(lake_root, create=True), config)
+    name = campaign.campaign_id
+    with ExitStack() as stack:
+        busy = f"campaign {name} is already being run"
+        stack.enter_context(exclusive(campaign.lake, f"campaign-{name}", busy))
+        register(campaign, config_path.read_text(encoding="utf-8"))
+        append_event(campaign.lake, name, "started", "started or continued")
+        voice.progress("starting the Prefect server (ten seconds the first time, a minute on a busy machine)")
+        api_url = stack.enter_context(server(campaign.lake.root))
+        configure_client(api_url, campaign.lake.root)
+        voice.announce(f"Campaign {name}; watch it at {api_url.removesuffix('/api')}")
+        # Prefect reads its settings when first imported, so only now.
+        from flows.session import run_session
+
+        return run_session(campaign, bench, auto_print=auto_print, voice=voice)
+
+
+def _virtual_bench(config: CampaignConfig, config_path: Path) -> World:
+    return read_world(relative_to(config_path, config.bench.world))
+
+
+def _real_bench(config: CampaignConfig, config_path: Path, confirm: ConfirmReal) -> BenchSettings:
+    if config.bench.real is None:
+        raise ConfigError(f"{config_path}: --real needs `bench.real`, the file with ports and addresses; add it.")
+    path = relative_to(config_path, config.bench.real)
+    settings = read_bench(path)
+    if not confirm(config.name, str(path)):
+        raise UsageError("--real was not confirmed; nothing was moved or written.")
+    return settings
+
+
+def read_bench(path: Path) -> BenchSettings:
+    """Read and check the file with the addresses of a real bench.
+
+    Raises:
+        ConfigError: the file is missing, or has a wrong value or key.
+    """
+    return load_record(BenchSettings, read_toml(path, "bench file"), str(path))
+
+
+def read_world(path: Path) -> World:
+    """Read and check a world file.
+
+    Raises:
+        ConfigError: the file is missing, or has a wrong value, key or effect.
+    """
+    try:
+        return load_world(path.read_text(encoding="utf-8"), str(path))
+    except OSError as error:
+        raise ConfigError(f"world file `{path}` cannot be read: {error.strerror}; give an existing file.") from error
+
+
+def register(campaign: Campaign, config_toml: str) -> None:
+    """Write campaign and objects to the lake, or check that the config is the one it was started with.
+
+    Raises:
+        ConfigError: the lake has a campaign of this name with another config.
+    """
+    name = campaign.campaign_id
+    known = campaign.lake.rows(CampaignRow, campaign_id=name)
+    if known:
+        before = load_record(CampaignConfig, tomllib.loads(known[-1]["config_toml"]), f"stored config of {name}")
+        changes = differences(before.science, campaign.config.science)
+        if not changes:
+            return
+        if not all(change.startswith(GROWABLE) for change in changes):
+            raise ConfigError(
+                f"campaign `{name}` was started with another config ({'; '.join(changes)}); "
+                "undo the change or give the new config another name."
+            )
+    row = CampaignRow(campaign_id=name, name=name, config_toml=config_toml)
+    campaign.lake.append([row, *_object_rows()], campaign.provenance(campaign.config.seed))
+
+
+def _object_rows() -> list[ObjectRow]:
+    return [
+        ObjectRow(
+            object_id=obj.object_id,
+            name=obj.name,
+            object_class=obj.object_class,
+            orientation=obj.orientation,
+            parameters_json=canonical_json(obj.parameters),
+        )
+        for obj in OBJECTS
+    ]

@@ -1,0 +1,1 @@
+"""The campaign report: one self-contained HTML folder with figures, their data and the SQL behind them."""

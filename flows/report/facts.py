@@ -1,0 +1,184 @@
+"""What the report states, computed from the query results: best tool, its interval, agreement with simulation."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from models.ids import tool_label
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A tool of the campaign and what was measured with it.
+
+    `quality_n` is the mean over objects of the mean over repeats of the peak pull-off force, None where
+    nothing was measured; `half_width_n` half of its 95 % interval from the scatter between repeats.
+    """
+
+    label: str
+    batch: int
+    slot: int
+    kind: str
+    tool_id: str
+    design_id: str
+    status: str
+    reason: str
+    quality_n: float | None
+    half_width_n: float | None
+    work_j: float | None
+    n_objects: int
+    n_grasps: int
+    n_failed: int
+    is_complete: bool
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How well n simulated numbers predict n measured ones. Correlations are NaN below three pairs."""
+
+    n: int
+    pearson: float
+    spearman: float
+    rmse_n: float
+    bias_n: float
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Simulated and measured peak pull-off force of one design, on one object or averaged over `n_objects`."""
+
+    label: str
+    batch: int
+    simulated_n: float
+    measured_n: float
+    n_objects: int
+
+
+def tools_of(rows: Sequence[Mapping[str, Any]]) -> list[Tool]:
+    """Tools in order of batch and slot; complete means measured on as many objects as the best covered tool."""
+    most = max((row["n_objects"] for row in rows), default=0)
+    return [
+        Tool(
+            label=tool_label(row["batch"], row["slot"]),
+            half_width_n=_half_width(row["quality_se_n"], row["n_freedom"]),
+            is_complete=row["n_objects"] == most > 0,
+            kind=row["kind"] or "",
+            **{
+                key: row[key]
+                for key in "batch slot tool_id design_id status quality_n work_j n_objects n_grasps n_failed".split()
+            },
+            reason=row["reason"] or "",
+        )
+        for row in rows
+    ]
+
+
+def _half_width(standard_error: float | None, n_freedom: int | None) -> float | None:
+    if standard_error is None or not n_freedom:
+        return None
+    return float(stats.t.ppf(0.5 + CONFIDENCE / 2, n_freedom)) * standard_error
+
+
+def best_tool(tools: Sequence[Tool]) -> Tool | None:
+    """Highest tool quality among the completely measured tools (a few easy objects do not make a good tool)."""
+    return max((t for t in tools if t.is_complete), key=_quality, default=None)
+
+
+def first_batch(tools: Sequence[Tool]) -> list[Tool]:
+    """The completely measured tools of the first random batch (of the first batch, where none was random)."""
+    measured = [t for t in tools if t.is_complete]
+    random = [t for t in measured if t.kind == "random"] or measured
+    first = min((t.batch for t in random), default=0)
+    return [t for t in random if t.batch == first]
+
+
+def last_batch(tools: Sequence[Tool]) -> list[Tool]:
+    """The completely measured tools of the newest batch that has any."""
+    measured = [t for t in tools if t.is_complete]
+    last = max((t.batch for t in measured), default=0)
+    return [t for t in measured if t.batch == last]
+
+
+def middle_tool(tools: Sequence[Tool]) -> Tool | None:
+    """The tool of median quality (the lower one of two)."""
+    ranked = sorted(tools, key=_quality)
+    return ranked[(len(ranked) - 1) // 2] if ranked else None
+
+
+def mean_quality_n(tools: Sequence[Tool]) -> float:
+    """Mean tool quality of measured tools, in N."""
+    return float(np.mean([_quality(t) for t in tools]))
+
+
+def n_objects_won(work_rows: Sequence[Mapping[str, Any]], winner: Tool, others: Sequence[Tool]) -> tuple[int, int]:
+    """On how many objects the winner's mean peak force is above the mean of the others; and of how many."""
+    peaks: dict[tuple[int, int], dict[int, float]] = defaultdict(dict)
+    for row in work_rows:
+        peaks[row["batch"], row["slot"]][row["object_id"]] = row["peak_force_n"]
+    rivals = [peaks[t.batch, t.slot] for t in others]
+    mine = peaks[winner.batch, winner.slot]
+    shared = [o for o in mine if all(o in rival for rival in rivals)]
+    won = [o for o in shared if mine[o] > np.mean([rival[o] for rival in rivals])]
+    return len(won), len(shared)
+
+
+def object_pairs(rows: Sequence[Mapping[str, Any]], version_id: str) -> list[Pair]:
+    """One pair per tool and object that a simulator version has simulated and the bench has measured."""
+    return [
+        Pair(tool_label(r["batch"], r["slot"]), r["batch"], r["simulated_n"], r["measured_n"], 1)
+        for r in rows
+        if r["version_id"] == version_id
+    ]
+
+
+def design_pairs(pairs: Sequence[Pair]) -> list[Pair]:
+    """One pair per tool: means over the objects it has in common with the simulation."""
+    grouped: dict[tuple[int, str], list[Pair]] = defaultdict(list)
+    for pair in pairs:
+        grouped[pair.batch, pair.label].append(pair)
+    return [
+        Pair(
+            label,
+            batch,
+            float(np.mean([p.simulated_n for p in group])),
+            float(np.mean([p.measured_n for p in group])),
+            len(group),
+        )
+        for (batch, label), group in sorted(grouped.items())
+    ]
+
+
+def agreement(pairs: Sequence[Pair]) -> Agreement:
+    """Pearson and Spearman correlation, root mean square error and mean error (simulated - measured), in N."""
+    simulated = np.array([p.simulated_n for p in pairs])
+    measured = np.array([p.measured_n for p in pairs])
+    error = simulated - measured
+    has_spread = len(pairs) >= 3 and np.ptp(simulated) > 0 and np.ptp(measured) > 0
+    return Agreement(
+        n=len(pairs),
+        pearson=float(stats.pearsonr(simulated, measured)[0]) if has_spread else float("nan"),
+        spearman=float(stats.spearmanr(simulated, measured)[0]) if has_spread else float("nan"),
+        rmse_n=float(np.sqrt(np.mean(error**2))),
+        bias_n=float(np.mean(error)),
+    )
+
+
+def compared_versions(rows: Sequence[Mapping[str, Any]], ordered: Sequence[str]) -> list[str]:
+    """Simulator versions to compare with measurements: the oldest and the newest that have pairs.
+
+    Where any is of the production tier, only that tier is compared. `ordered` lists versions by age.
+    """
+    production = [r for r in rows if r["tier"] == "production"]
+    present = {r["version_id"] for r in (production or rows)}
+    found = [v for v in ordered if v in present]
+    return found if len(found) < 2 else [found[0], found[-1]]
+
+
+def _quality(tool: Tool) -> float:
+    return tool.quality_n if tool.quality_n is not None else -np.inf

@@ -1,0 +1,44 @@
+"""The folder a report is written to: figures, data and the page."""
+
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pyarrow.csv
+from matplotlib.figure import Figure
+
+from flows.report.page import Markup, picture, sources
+from flows.report.queries import Result
+from flows.report.style import save_svg
+from models.errors import UsageError
+
+
+class Folder:
+    """Writes the parts of a report and returns the HTML that shows them."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        try:
+            for name in ("figures", "data"):
+                (root / name).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"The report folder {root} cannot be written ({error}); give another one.") from error
+
+    def figure(self, name: str, figure: Figure, alternative: str, caption: object = "") -> Markup:
+        """Save a figure as SVG and show it."""
+        save_svg(figure, self.root / "figures" / f"{name}.svg")
+        return picture(f"figures/{name}.svg", alternative, caption)
+
+    def image(self, name: str, rgba: np.ndarray) -> str:
+        """Save an RGBA image as PNG; returns its address in the page."""
+        path = self.root / "figures" / f"{name}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        matplotlib.image.imsave(path, rgba, metadata={"Software": "FAST"})
+        return f"figures/{name}.png"
+
+    def sources(self, *results: Result) -> Markup:
+        """Save results as CSV next to their SQL, and show both."""
+        for result in results:
+            pyarrow.csv.write_csv(result.table, self.root / "data" / f"{result.name}.csv")
+            (self.root / "data" / f"{result.name}.sql").write_text(result.sql + "\n", encoding="utf-8")
+        return sources(*results)

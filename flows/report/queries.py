@@ -1,0 +1,204 @@
+"""The SQL behind every figure and table of the report, one named query each.
+
+What the page shows is the text that was executed, so a reader can repeat it with `fast sql "..."`.
+`{campaign}` is replaced by the quoted campaign id, other braces by the values named in each comment.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import pyarrow as pa
+
+from lake.store import Lake
+
+TRACE_STEP_MM = 0.5
+
+# The last attempt of each repeat is the one that counts.
+_COUNTED = """
+  SELECT * FROM grasps
+  WHERE campaign_id = {campaign} AND status = 'ok'
+  QUALIFY row_number() OVER (PARTITION BY tool_id, object_id, repeat ORDER BY attempt DESC) = 1"""
+
+TOOL_QUALITY = f"""
+WITH counted AS ({_COUNTED}),
+per_object AS (
+  SELECT tool_id, object_id, avg(peak_force_n) AS peak_force_n, avg(work_j) AS work_j, count(*) AS n_repeats,
+         coalesce(var_samp(peak_force_n), 0) * (count(*) - 1) AS squares_n2
+  FROM counted GROUP BY ALL),
+per_tool AS (
+  SELECT tool_id, count(*) AS n_objects, sum(n_repeats)::BIGINT AS n_grasps, avg(peak_force_n) AS quality_n,
+         avg(work_j) AS work_j, sum(n_repeats - 1)::BIGINT AS n_freedom, sum(squares_n2) AS squares_n2,
+         sum(1.0 / n_repeats) AS inverse_repeats
+  FROM per_object GROUP BY ALL),
+failed AS (
+  SELECT tool_id, count(*) AS n_failed FROM grasps
+  WHERE campaign_id = {{campaign}} AND status = 'failed' GROUP BY ALL)
+SELECT t.batch, t.slot, b.kind, t.tool_id, t.design_id, t.status, t.reason,
+       q.quality_n, sqrt(q.squares_n2 / nullif(q.n_freedom, 0) * q.inverse_repeats) / q.n_objects AS quality_se_n,
+       q.n_freedom, q.work_j, coalesce(q.n_objects, 0) AS n_objects, coalesce(q.n_grasps, 0) AS n_grasps,
+       coalesce(f.n_failed, 0) AS n_failed
+FROM tools t
+LEFT JOIN batches b ON b.campaign_id = t.campaign_id AND b.batch = t.batch
+LEFT JOIN per_tool q USING (tool_id)
+LEFT JOIN failed f USING (tool_id)
+WHERE t.campaign_id = {{campaign}}
+ORDER BY t.batch, t.slot"""
+
+DESIGNS = """
+SELECT DISTINCT d.design_id, length_mm, width_mm, height_mm, tip_length_mm, front_thickness_mm,
+       back_thickness_mm, rib_thickness_mm, rib_count, rib_angle_deg
+FROM designs d JOIN tools t USING (design_id)
+WHERE t.campaign_id = {campaign}
+ORDER BY d.design_id"""
+
+OBJECT_WORK = f"""
+WITH counted AS ({_COUNTED})
+SELECT c.batch, c.slot, c.object_id, any_value(o.name) AS object_name, avg(c.work_j) AS work_j,
+       avg(c.peak_force_n) AS peak_force_n, count(*) AS n_repeats
+FROM counted c LEFT JOIN objects o USING (object_id)
+GROUP BY c.batch, c.slot, c.object_id
+ORDER BY c.batch, c.slot, c.object_id"""
+
+# {best}, {other}: quoted tool ids; {step}: lift step in mm.
+TRACES = f"""
+WITH counted AS ({_COUNTED} AND tool_id IN ({{best}}, {{other}})),
+points AS (
+  SELECT c.tool_id, c.object_id, unnest(t.lift_mm) AS lift_mm, unnest(t.force_n) AS force_n
+  FROM counted c JOIN traces t USING (grasp_id))
+SELECT tool_id, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm, avg(force_n) AS force_n
+FROM points WHERE lift_mm > 0
+GROUP BY ALL
+ORDER BY tool_id, object_id, lift_mm"""
+
+# {version}, {design}: quoted ids; {setup}: the setup the measurements used.
+SIMULATED_TRACES = """
+WITH chosen AS (
+  SELECT simulation_id, object_id FROM simulations
+  WHERE design_id = {design} AND version_id = {version} AND setup_id = {setup} AND status = 'ok'),
+points AS (
+  SELECT c.object_id, unnest(t.lift_mm) AS lift_mm, unnest(t.force_n) AS force_n
+  FROM chosen c JOIN sim_traces t USING (simulation_id))
+SELECT object_id, lift_mm, force_n FROM points
+WHERE lift_mm > 0
+ORDER BY object_id, lift_mm"""
+
+# Same design, object and grasp setup on both sides, one row per simulator version.
+SIM_REAL_PAIRS = f"""
+WITH counted AS ({_COUNTED}),
+measured AS (
+  SELECT batch, slot, design_id, object_id, setup_id, avg(peak_force_n) AS measured_n
+  FROM counted GROUP BY ALL)
+SELECT s.version_id, v.tier, m.batch, m.slot, m.object_id, m.setup_id, s.peak_force_n AS simulated_n, m.measured_n
+FROM measured m
+JOIN simulations s USING (design_id, object_id, setup_id)
+LEFT JOIN simulator_versions v USING (version_id)
+WHERE s.status = 'ok' AND s.peak_force_n IS NOT NULL
+ORDER BY s.version_id, m.batch, m.slot, m.object_id"""
+
+VERSIONS = """
+SELECT v.version_id, v.tier, v.young_modulus_mpa, v.friction, v.poisson_ratio, v.effects_json,
+       count(*) AS n_simulations, min(s.created_at) AS first_at
+FROM simulations s JOIN simulator_versions v USING (version_id)
+WHERE s.design_id IN (SELECT design_id FROM proposals WHERE campaign_id = {campaign}
+                      UNION SELECT design_id FROM tools WHERE campaign_id = {campaign})
+GROUP BY ALL
+ORDER BY first_at, v.version_id"""
+
+BATCHES = """
+SELECT b.batch, b.kind, b.n_tools,
+       count(g.grasp_id) FILTER (g.status = 'ok') AS n_grasps,
+       count(g.grasp_id) FILTER (g.status = 'failed') AS n_failed,
+       min(g.started_at) AS first_grasp_at, max(g.started_at) AS last_grasp_at,
+       epoch(max(g.started_at) - min(g.started_at)) / 3600 AS duration_h
+FROM batches b
+LEFT JOIN grasps g ON g.campaign_id = b.campaign_id AND g.batch = b.batch
+WHERE b.campaign_id = {campaign}
+GROUP BY b.batch, b.kind, b.n_tools
+ORDER BY b.batch"""
+
+SIMULATION_COST = """
+SELECT s.version_id, count(*) AS n_simulations, count(*) FILTER (s.status = 'ok') AS n_ok,
+       count(*) FILTER (s.status = 'failed') AS n_failed, count(DISTINCT s.design_id) AS n_designs,
+       median(s.cpu_s) AS median_cpu_s, sum(s.cpu_s) / 3600 AS total_cpu_h
+FROM simulations s
+WHERE s.design_id IN (SELECT design_id FROM proposals WHERE campaign_id = {campaign}
+                      UNION SELECT design_id FROM tools WHERE campaign_id = {campaign})
+GROUP BY s.version_id
+ORDER BY min(s.created_at), s.version_id"""
+
+FAILURES = """
+SELECT 'grasp' AS what, coalesce(nullif(reason, ''), 'no reason given') AS reason, count(*) AS n FROM grasps
+WHERE campaign_id = {campaign} AND status = 'failed' GROUP BY ALL
+UNION ALL
+SELECT 'simulation', coalesce(nullif(reason, ''), 'no reason given'), count(*) FROM simulations
+WHERE status = 'failed' AND design_id IN (SELECT design_id FROM proposals WHERE campaign_id = {campaign}
+                                          UNION SELECT design_id FROM tools WHERE campaign_id = {campaign})
+GROUP BY ALL
+UNION ALL
+SELECT 'tool', coalesce(nullif(reason, ''), 'no reason given'), count(*) FROM tools
+WHERE campaign_id = {campaign} AND status = 'rejected' GROUP BY ALL
+ORDER BY what, n DESC, reason"""
+
+FITS = """
+SELECT batch, n_real, n_sim, rho, noise_sd_n, loo_rmse_n
+FROM fits WHERE campaign_id = {campaign}
+QUALIFY row_number() OVER (PARTITION BY batch ORDER BY created_at DESC) = 1
+ORDER BY batch"""
+
+PROVENANCE = """
+SELECT 'grasps' AS rows_of, code_version, code_dirty, config_hash, bench, world_hash, count(*) AS n
+FROM grasps WHERE campaign_id = {campaign} GROUP BY ALL
+UNION ALL
+SELECT 'proposals', code_version, code_dirty, config_hash, NULL, NULL, count(*)
+FROM proposals WHERE campaign_id = {campaign} GROUP BY ALL
+UNION ALL
+SELECT 'simulations', code_version, code_dirty, config_hash, NULL, NULL, count(*)
+FROM simulations
+WHERE design_id IN (SELECT design_id FROM proposals WHERE campaign_id = {campaign}
+                    UNION SELECT design_id FROM tools WHERE campaign_id = {campaign})
+GROUP BY ALL
+ORDER BY rows_of, code_version, config_hash"""
+
+SETUPS = """
+SELECT setup_id, any_value(setup_json) AS setup_json, count(*) AS n_grasps
+FROM grasps WHERE campaign_id = {campaign} GROUP BY setup_id ORDER BY n_grasps DESC, setup_id"""
+
+# {best}: quoted tool id.
+LINEAGE = f"""
+WITH counted AS ({_COUNTED} AND tool_id = {{best}}),
+tool AS (SELECT * FROM tools WHERE tool_id = {{best}})
+SELECT (SELECT max(proposal_id) FROM proposals p JOIN tool t
+          ON p.campaign_id = t.campaign_id AND p.batch = t.batch AND p.slot = t.slot AND p.fidelity = 'real')
+         AS proposal_id,
+       tool.design_id, tool.tool_id, tool.confirmed_by, tool.operator, tool.material_lot,
+       tool.measured_front_thickness_mm, tool.measured_back_thickness_mm, tool.measured_rib_thickness_mm,
+       tool.hardness_shore_a, tool.created_at AS confirmed_at, (SELECT count(*) FROM counted) AS n_grasps,
+       (SELECT min(started_at) FROM counted) AS first_grasp_at, (SELECT max(started_at) FROM counted) AS last_grasp_at
+FROM tool"""
+
+
+@dataclass(frozen=True)
+class Result:
+    """A query as executed and its rows."""
+
+    name: str
+    sql: str
+    table: pa.Table
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """The rows as dictionaries."""
+        return list(self.table.to_pylist())
+
+
+def literal(text: str) -> str:
+    """A SQL string literal."""
+    return "'" + text.replace("'", "''") + "'"
+
+
+def fetch(lake: Lake, name: str, sql: str, campaign_id: str, values: Mapping[str, str | float] | None = None) -> Result:
+    """Execute one query of this module; text in `values` is quoted, numbers are written as they are."""
+    quoted = {k: literal(v) if isinstance(v, str) else f"{v:g}" for k, v in (values or {}).items()}
+    text = sql.strip().format(campaign=literal(campaign_id), **quoted)
+    return Result(name, text, lake.query(text))

@@ -1,0 +1,127 @@
+"""One process's share of a campaign: workers, bench, signals, and the report at the end."""
+
+import functools
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+
+from flows.campaign import run_flow
+from flows.lanes import Session
+from flows.launch import Outcome, Voice
+from flows.progress import ProgressReporter
+from flows.report.build import write_report
+from flows.viewer.rerun import write_recording
+from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_bench
+from hardware.cell import MeasuredGrasp
+from hardware.tools import MountedTool
+from hardware.world.physics import PhysicsRequest, simulate_request
+from hardware.world.spec import World
+from models.features import peak_force_n
+from models.records import GraspSimulation
+from tasks.campaign import Campaign
+from tasks.control import append_event
+from tasks.pool import WorkerPool
+from tasks.state import ProposedSimulation, ProposedTool
+from tasks.summary import markdown_table, ranked_tools
+
+
+def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print: bool, voice: Voice) -> Outcome:
+    """Run the campaign's flow until its schedule is complete or someone asks to stop."""
+    config = campaign.config
+    simulations = WorkerPool(config.execution.simulation_workers)
+    physics = WorkerPool(config.execution.physics_workers)
+    progress = ProgressReporter(campaign, voice.progress)
+    session = Session(
+        campaign=campaign,
+        pool=simulations,
+        open_bench=functools.partial(_open_bench, setup, physics),
+        world_hash=setup.world_hash if isinstance(setup, World) else None,
+        auto_print=auto_print,
+        on_grasp=functools.partial(_tell_grasp, progress),
+        on_simulated=functools.partial(_tell_simulated, progress),
+        announce_print=functools.partial(_announce_print, campaign, voice),
+    )
+    if auto_print:
+        voice.announce("--auto-print: trays count as printed and mounted without asking a person")
+    outcome: list[Outcome] = []
+
+    def finish() -> str:
+        outcome.append(_write_results(campaign, voice))
+        return markdown_table(ranked_tools(campaign)) + f"\n\nReport: `{outcome[0].report}`"
+
+    try:
+        with _interrupts(session, voice):
+            is_complete = run_flow(session, finish)
+    finally:
+        simulations.close()
+        physics.close()
+    event = "completed" if is_complete else "interrupted"
+    append_event(campaign.lake, campaign.campaign_id, event, f"campaign {event}")
+    return outcome[0] if outcome else Outcome(campaign, is_complete=False)
+
+
+def _open_bench(
+    setup: World | BenchSettings, physics: WorkerPool, tools: Sequence[ProposedTool]
+) -> AbstractContextManager[Bench]:
+    mounted = {tool.slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
+    if isinstance(setup, BenchSettings):
+        return open_real_bench(setup, mounted)
+    return open_virtual_bench(setup, mounted, physics=functools.partial(_solve_in_worker, physics))
+
+
+def _solve_in_worker(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulation:
+    return pool.call(simulate_request, request)
+
+
+def _tell_grasp(progress: ProgressReporter, tool: ProposedTool, grasp: MeasuredGrasp) -> None:
+    result = f"{peak_force_n(grasp.trace):.1f} N" if grasp.status == "ok" else f"failed ({grasp.reason})"
+    progress.line(f"{tool.label} object {grasp.object_id} repeat {grasp.repeat}: {result}")
+
+
+def _tell_simulated(progress: ProgressReporter, proposal: ProposedSimulation, n_failed: int) -> None:
+    failed = f", {n_failed} failed" if n_failed else ""
+    progress.line(f"simulated design {proposal.index + 1} of B{proposal.batch:02d}{failed}", force=True)
+
+
+def _announce_print(campaign: Campaign, voice: Voice, batch: int, sheet: Path) -> None:
+    name = f"{campaign.campaign_id}/B{batch:02d}"
+    voice.announce(
+        f"A person is needed: print and mount batch {name} ({sheet}), then\n"
+        f"    fast print confirm {name} --operator NAME --lake {campaign.lake.root}\n"
+        "Simulations go on meanwhile."
+    )
+    append_event(campaign.lake, campaign.campaign_id, "print_waiting", f"waiting for {name}", batch=batch)
+
+
+@contextmanager
+def _interrupts(session: Session, voice: Voice) -> Iterator[None]:
+    """The first Ctrl-C or SIGTERM finishes the grasp, parks the tool and ends; the second one is the default."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(signal_number: int, frame: object) -> None:
+        session.stopping.set()
+        voice.announce("Finishing the current grasp and simulations; the same command continues later.")
+        restore()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+    try:
+        yield
+    finally:
+        restore()
+
+
+def _write_results(campaign: Campaign, voice: Voice) -> Outcome:
+    voice.progress("writing report and recording")
+    report = write_report(campaign.lake, campaign.campaign_id, campaign.output / "report")
+    recording = campaign.output / f"{campaign.campaign_id}.rrd"
+    write_recording(campaign.lake, campaign.campaign_id, recording)
+    return Outcome(campaign, is_complete=True, report=report, recording=recording)

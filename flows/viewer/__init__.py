@@ -1,0 +1,1 @@
+"""Rerun recordings of grasps and campaigns, made on demand from the lake."""

@@ -1,0 +1,73 @@
+"""Meshes of fingers and objects as Rerun archetypes, in the object frame (mm, z up, x closing)."""
+
+import numpy as np
+import rerun as rr
+import trimesh
+from matplotlib.colors import to_rgb
+
+from flows.report.style import COMPLIANT, OBJECT, RIGID
+from models.geometry.finger import finger_bodies
+from models.objects.catalogue import get_object
+from models.objects.surface import object_mesh
+from models.records import Design, GraspSetup, Trace
+
+OBJECT_SPACING_MM = 2.0
+SIDES = {"right": 1.0, "left": -1.0}
+
+
+def finger_meshes(design: Design, mark: str | None = None) -> dict[str, rr.Mesh3D]:
+    """Hanging fingers, tips down, faces in the plane x = 0, by entity name (`right/compliant`, ...)."""
+    bodies = finger_bodies(design, mark)
+    found = {}
+    for side, sign in SIDES.items():
+        for name, body, colour in (("compliant", bodies.compliant, COMPLIANT), ("rigid", bodies.rigid, RIGID)):
+            hanging = body.copy()
+            # Turned tips down by half a turn about x; the left one by another half turn about z.
+            hanging.apply_transform(np.diag([sign, -sign, -1.0, 1.0]))
+            found[f"{side}/{name}"] = _flat_mesh(hanging, colour)
+    return found
+
+
+def finger_translations(design: Design, setup: GraspSetup, trace: Trace) -> dict[str, np.ndarray]:
+    """Where the undeformed fingers are at each of the n samples of a grasp, n x 3 in mm, by side.
+
+    The jaws are taken to close evenly until the lift starts.
+    """
+    closing = trace.time_s[~trace.is_lift]
+    closing_s = float(closing[-1]) if closing.size else 0.0
+    share = np.clip(trace.time_s / closing_s, 0.0, 1.0) if closing_s > 0 else np.ones_like(trace.time_s)
+    half_gap = (setup.open_gap_mm + (setup.closed_gap_mm - setup.open_gap_mm) * share) / 2
+    height = design.height_mm - setup.tip_below_mm + trace.lift_mm
+    zero = np.zeros_like(height)
+    return {side: np.column_stack([sign * half_gap, zero, height]) for side, sign in SIDES.items()}
+
+
+def mounted_object_mesh(object_id: int, shift_mm: tuple[float, float] = (0.0, 0.0)) -> rr.Mesh3D:
+    """A test object, moved in x and y.
+
+    Raises:
+        UsageError: the catalogue has no such object.
+    """
+    mesh = object_mesh(get_object(object_id), spacing_mm=OBJECT_SPACING_MM)
+    return rr.Mesh3D(
+        vertex_positions=np.asarray(mesh.vertices) + np.array([*shift_mm, 0.0]),
+        vertex_normals=np.asarray(mesh.vertex_normals),
+        triangle_indices=np.asarray(mesh.faces),
+        albedo_factor=rgb(OBJECT),
+    )
+
+
+def _flat_mesh(mesh: trimesh.Trimesh, colour: str) -> rr.Mesh3D:
+    """Mesh with its own corners for every triangle, so that creases stay sharp."""
+    corners = np.asarray(mesh.vertices)[np.asarray(mesh.faces)].reshape(-1, 3)
+    return rr.Mesh3D(
+        vertex_positions=corners,
+        vertex_normals=np.repeat(np.asarray(mesh.face_normals), 3, axis=0),
+        triangle_indices=np.arange(len(corners)).reshape(-1, 3),
+        albedo_factor=rgb(colour),
+    )
+
+
+def rgb(colour: str) -> list[int]:
+    """A `#rrggbb` colour as three numbers 0-255."""
+    return [round(255 * part) for part in to_rgb(colour)]

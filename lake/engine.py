@@ -1,0 +1,275 @@
+"""An in-memory DuckDB kept in step with the files of a lake.
+
+Scalar tables are held in memory; of the tables of traces only the index (id, time, file, row) is, the
+samples are read in place. `sync` looks at the names, sizes and times of the files and reads only what is
+new, so asking again costs milliseconds however many files there are.
+
+Rows that a later row with the same id supersedes are listed per table in `superseded_<table>` and left
+out of the view `<table>`, which is what queries see.
+"""
+
+import logging
+import os
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import duckdb
+import pyarrow as pa
+
+from lake.files import FILE_GLOB, FILE_PREFIX, FILE_SUFFIX, fault_of
+from lake.schema import has_samples, schema_of
+from lake.tables import TABLE_BY_NAME, TABLES, Row
+from models.errors import LakeError
+
+_LOG = logging.getLogger(__name__)
+_READ_ATTEMPTS = 5  # a file may be merged into another between listing and reading
+Signature = tuple[int, int, int]  # time, size, inode
+
+
+@dataclass
+class _TableFiles:
+    """What the engine has read of one table."""
+
+    signatures: dict[str, Signature] = field(default_factory=dict)
+    numbers: dict[str, int] = field(default_factory=dict)
+    next_number: int = 0
+
+
+class Engine:
+    """One DuckDB connection over one lake folder. Not thread-safe; `lake.store` holds the lock."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._files = {row_type.table: _TableFiles() for row_type in TABLES}
+        self.connection = duckdb.connect(":memory:")
+        self.connection.execute("SET TimeZone = 'UTC'")
+        self.connection.execute("SET parquet_metadata_cache = true")
+        for row_type in TABLES:
+            self._create_table(row_type)
+        load_views(self.connection)
+        self.connection.execute(f"SET allowed_directories = [{_quote(root.resolve())}]")
+        self.connection.execute("SET enable_external_access = false")
+        self.connection.execute("SET lock_configuration = true")
+
+    def sync(self, tables: Iterable[str]) -> None:
+        """Read what is new or changed in these tables, forget what is gone.
+
+        Raises:
+            LakeError: a file cannot be read; the message names it.
+        """
+        for table in tables:
+            for attempt in range(_READ_ATTEMPTS):
+                try:
+                    self._sync_table(TABLE_BY_NAME[table])
+                    break
+                except duckdb.Error as error:
+                    self._forget(table)
+                    if attempt + 1 == _READ_ATTEMPTS:
+                        raise _unreadable(self._root / table, error) from error
+                    _LOG.debug("reading %s again: %s", table, error)
+
+    def read(self, sql: str, params: Sequence[Any] | dict[str, Any] | None = None) -> pa.Table:
+        """Result of a query over what was last synced, in a read-only transaction."""
+        self.connection.execute("BEGIN TRANSACTION READ ONLY")
+        try:
+            return self.connection.sql(sql, params=params).to_arrow_table()
+        finally:
+            self.connection.execute("ROLLBACK")
+
+    def files(self, table: str) -> list[Path]:
+        """Files of a table as of the last `sync`."""
+        return [self._root / table / name for name in sorted(self._files[table].signatures)]
+
+    def file_of(self, row_type: type[Row], row_id: str) -> Path | None:
+        """File that holds the valid row with this id, as of the last `sync`."""
+        table, key = row_type.table, row_type.id_column()
+        found = self.connection.execute(
+            f"SELECT _file FROM raw_{table} WHERE {key} = ? ORDER BY created_at DESC, _file DESC LIMIT 1", [row_id]
+        ).fetchall()
+        if not found:
+            return None
+        names = {number: name for name, number in self._files[table].numbers.items()}
+        return self._root / table / names[found[0][0]]
+
+    def has_superseded(self, table: str) -> bool:
+        """True when some row of the table has been superseded, as of the last `sync`."""
+        return bool(self.connection.execute(f"SELECT 1 FROM superseded_{table} LIMIT 1").fetchall())
+
+    def _create_table(self, row_type: type[Row]) -> None:
+        table, key = row_type.table, row_type.id_column()
+        empty = schema_of(row_type).empty_table()
+        self.connection.register("empty_rows", empty)
+        held = f"{key}, created_at" if has_samples(row_type) else "*"
+        self.connection.execute(
+            f"CREATE TABLE raw_{table} AS SELECT {held}, 0::INTEGER AS _file, 0::BIGINT AS _row FROM empty_rows"
+        )
+        self.connection.execute(f"CREATE TABLE superseded_{table} (_file INTEGER, _row BIGINT, _name VARCHAR)")
+        if has_samples(row_type):
+            self.connection.execute(f"CREATE TABLE empty_{table} AS SELECT * FROM empty_rows")
+            self._point_view_at_files(row_type)
+        else:
+            self.connection.execute(
+                f"CREATE VIEW {table} AS SELECT * EXCLUDE (_file, _row) FROM raw_{table} "
+                f"ANTI JOIN superseded_{table} USING (_file, _row)"
+            )
+        self.connection.unregister("empty_rows")
+
+    def _point_view_at_files(self, row_type: type[Row]) -> None:
+        table = row_type.table
+        if not self._files[table].signatures:
+            self.connection.execute(f"CREATE OR REPLACE VIEW {table} AS SELECT * FROM empty_{table}")
+            return
+        pattern = _quote(self._root.resolve() / table / FILE_GLOB)
+        self.connection.execute(
+            f"CREATE OR REPLACE VIEW {table} AS SELECT * FROM empty_{table} UNION ALL BY NAME "
+            "SELECT * EXCLUDE (_name, file_row_number) FROM (SELECT * REPLACE (parse_filename(_name) AS _name) FROM "
+            f"read_parquet({pattern}, union_by_name = true, filename = '_name', file_row_number = true)) AS samples "
+            f"ANTI JOIN superseded_{table} AS old ON samples._name = old._name AND samples.file_row_number = old._row"
+        )
+
+    def _sync_table(self, row_type: type[Row]) -> None:
+        table = row_type.table
+        known = self._files[table]
+        found = list_files(self._root / table)
+        if found == known.signatures:
+            return
+        changed = sorted(name for name, signature in found.items() if known.signatures.get(name) != signature)
+        stale = [name for name, signature in known.signatures.items() if found.get(name) != signature]
+        was_empty = not known.signatures
+        self._drop_rows(table, stale)
+        known.signatures = {name: found[name] for name in found if name not in changed}
+        if changed:
+            self._read_rows(row_type, changed)
+            known.signatures = found
+        self._find_superseded(row_type)
+        if has_samples(row_type) and was_empty != (not found):
+            self._point_view_at_files(row_type)
+
+    def _read_rows(self, row_type: type[Row], names: list[str]) -> None:
+        table = row_type.table
+        known = self._files[table]
+        for name in names:
+            known.numbers[name] = known.next_number
+            known.next_number += 1
+        self.connection.register("new_files", _numbers(names, known))
+        folder = self._root.resolve() / table
+        paths = ", ".join(_quote(folder / name) for name in names)
+        held = (
+            f"{row_type.id_column()}, created_at"
+            if has_samples(row_type)
+            else "rows.* EXCLUDE (filename, file_row_number)"
+        )
+        self.connection.execute(
+            f"INSERT INTO raw_{table} BY NAME SELECT {held}, _file, file_row_number AS _row "
+            f"FROM read_parquet([{paths}], union_by_name = true, filename = true, file_row_number = true) AS rows "
+            "JOIN new_files ON new_files._name = parse_filename(rows.filename)"
+        )
+        self.connection.unregister("new_files")
+
+    def _drop_rows(self, table: str, names: list[str]) -> None:
+        known = self._files[table]
+        numbers = [known.numbers.pop(name) for name in names]
+        for name in names:
+            del known.signatures[name]
+        if known.signatures:
+            self.connection.execute(f"DELETE FROM raw_{table} WHERE _file IN (SELECT unnest(?))", [numbers])
+        else:
+            self.connection.execute(f"TRUNCATE raw_{table}")
+
+    def _forget(self, table: str) -> None:
+        self._files[table] = _TableFiles()
+        self.connection.execute(f"TRUNCATE raw_{table}")
+
+    def _find_superseded(self, row_type: type[Row]) -> None:
+        table, key = row_type.table, row_type.id_column()
+        self.connection.execute(f"TRUNCATE superseded_{table}")
+        counted = self.connection.execute(f"SELECT count(*) = count(DISTINCT {key}) FROM raw_{table}").fetchall()
+        if counted[0][0]:
+            return
+        known = self._files[table]
+        self.connection.register("new_files", _numbers(list(known.numbers), known))
+        self.connection.execute(
+            f"INSERT INTO superseded_{table} SELECT _file, _row, _name FROM (SELECT _file, _row FROM raw_{table} "
+            f"QUALIFY row_number() OVER (PARTITION BY {key} ORDER BY created_at DESC, _file DESC, _row DESC) > 1) "
+            "JOIN new_files USING (_file)"
+        )
+        self.connection.unregister("new_files")
+
+
+def list_files(folder: Path) -> dict[str, Signature]:
+    """Files of a table that readers look at, with what tells a rewritten one (time, size, inode)."""
+    found = {}
+    try:
+        with os.scandir(folder) as entries:
+            for entry in entries:
+                if entry.name.startswith(FILE_PREFIX) and entry.name.endswith(FILE_SUFFIX):
+                    status = entry.stat()
+                    found[entry.name] = status.st_mtime_ns, status.st_size, status.st_ino
+    except FileNotFoundError:
+        return found  # the table has no rows yet, or a file was merged while we looked: the caller looks again
+    return found
+
+
+def load_views(connection: duckdb.DuckDBPyConnection) -> None:
+    """Create the views and macros of `views.sql` on a connection that has the tables."""
+    connection.execute(_view_text())
+
+
+def tables_used(sql: str) -> set[str]:
+    """Tables that a query may read, directly or through a view: every table whose name is a word of it."""
+    used: set[str] = set()
+    words = _words(sql)
+    while words:
+        used |= words & set(TABLE_BY_NAME)
+        words = set().union(*(_view_words()[name] for name in words & set(_view_words())))
+    return used
+
+
+@cache
+def _view_text() -> str:
+    return files("lake").joinpath("views.sql").read_text(encoding="utf-8")
+
+
+@cache
+def _view_words() -> dict[str, set[str]]:
+    """Words in the definition of each view and macro."""
+    found = {}
+    for statement in _view_text().split(";"):
+        match = re.search(r"CREATE (?:VIEW|MACRO) (\w+)", statement)
+        if match:
+            found[match[1]] = _words(statement) - {match[1]}
+    return found
+
+
+def _words(sql: str) -> set[str]:
+    return {word.removeprefix("raw_").removeprefix("superseded_") for word in re.findall(r"\w+", sql.lower())}
+
+
+def _numbers(names: list[str], known: _TableFiles) -> pa.Table:
+    numbers = pa.array([known.numbers[name] for name in names], type=pa.int32())
+    return pa.table({"_name": pa.array(names, type=pa.string()), "_file": numbers})
+
+
+def _quote(path: Path) -> str:
+    return "'" + str(path).replace("'", "''") + "'"
+
+
+def _unreadable(folder: Path, error: duckdb.Error) -> LakeError:
+    """The sentence for a table that cannot be read, naming the file at fault."""
+    for name in sorted(list_files(folder)):
+        fault = fault_of(folder / name, TABLE_BY_NAME[folder.name], whole=False)
+        if fault:
+            return LakeError(
+                f"{folder / name} {fault[1]}, so the table `{folder.name}` cannot be read: "
+                "run `fast lake check --quarantine` to set the file aside."
+            )
+    first_line = str(error).splitlines()[0]
+    return LakeError(
+        f"The table `{folder.name}` in {folder.parent} cannot be read ({first_line}): "
+        "run `fast lake check` to find the file at fault."
+    )

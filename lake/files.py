@@ -1,0 +1,175 @@
+"""Whole files or none: Parquet files are written under a temporary name, synced and renamed."""
+
+import errno
+import fcntl
+import hashlib
+import os
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from lake.schema import has_samples, schema_of
+from lake.tables import TABLE_BY_NAME, Row
+from models.errors import FastError, LakeError, UsageError
+
+FILE_PREFIX = "rows-"
+FILE_SUFFIX = ".parquet"
+FILE_GLOB = f"{FILE_PREFIX}*{FILE_SUFFIX}"  # what readers look at; temporary and foreign files never match
+TEMPORARY_PREFIX = ".writing-"
+LOCK_NAME = ".lock"
+_ROW_GROUP_OF_TRACES = 256  # small enough for min/max of the id to skip most of a file
+_FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST, errno.ENOENT}
+
+
+def file_name(table: pa.Table, ignore: frozenset[str] = frozenset()) -> str:
+    """Name derived from the content of the columns not in `ignore`: the same rows give the same file."""
+    kept = table.select([name for name in table.column_names if name not in ignore])
+    digest = hashlib.sha256()
+    with pa.ipc.new_stream(_Hasher(digest), kept.schema.remove_metadata()) as stream:
+        stream.write_table(kept)
+    return f"{FILE_PREFIX}{digest.hexdigest()[:24]}{FILE_SUFFIX}"
+
+
+def stage(folder: Path, table: pa.Table, table_name: str) -> Path:
+    """Write `table` to a synced temporary file in `folder`, which is made if missing.
+
+    Raises:
+        UsageError: the folder cannot be written.
+        LakeError: the disk is full or broken; the partial file is removed.
+    """
+    temporary = folder / f"{TEMPORARY_PREFIX}{os.getpid()}-{uuid.uuid4().hex}"
+    try:
+        make_folder(folder)
+        with temporary.open("xb") as file:
+            _write_parquet(table, file, table_name)
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        discard([temporary])
+        raise writing_failed(folder, error) from error
+    return temporary
+
+
+def publish(staged: Path, final: Path) -> None:
+    """Give a staged file its name, at once for every reader, and make that last.
+
+    Raises:
+        LakeError: the rename failed; the staged file is removed.
+    """
+    try:
+        os.replace(staged, final)
+        sync_folder(final.parent)
+    except OSError as error:
+        discard([staged])
+        raise writing_failed(final.parent, error) from error
+
+
+@contextmanager
+def locked(root: Path, *, exclusive: bool) -> Iterator[None]:
+    """Hold the lake's lock: shared while files are named, exclusive while merged files are removed.
+
+    It keeps a compaction from removing a file that is being written again under the same name. Readers
+    never take it. The system frees it when a process dies.
+    """
+    try:
+        file = (root / LOCK_NAME).open("a")
+    except OSError as error:
+        raise writing_failed(root, error) from error
+    with file:
+        fcntl.flock(file, fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH)
+        yield
+
+
+def fault_of(path: Path, row_type: type[Row], *, whole: bool) -> tuple[str, str] | None:
+    """What is wrong with a file of a table as (kind, sentence), or None.
+
+    Looks at the footer alone, or with `whole` at every page and its checksum.
+    """
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            schema = file.schema_arrow
+            if whole:
+                for _ in file.iter_batches(batch_size=_ROW_GROUP_OF_TRACES):
+                    continue
+    except FileNotFoundError:
+        return None  # merged into another file since it was listed
+    except (OSError, pa.ArrowException) as error:
+        return "torn", f"is not a whole Parquet file ({str(error).splitlines()[0]})"
+    wanted = schema_of(row_type)
+    for field in wanted:
+        if field.name not in schema.names and not field.nullable:
+            return "wrong_schema", f"lacks the column `{field.name}`"
+        if field.name in schema.names and schema.field(field.name).type != field.type:
+            return "wrong_schema", f"has `{field.name}` as {schema.field(field.name).type}, it must be {field.type}"
+    unknown = [name for name in schema.names if name not in wanted.names]
+    if unknown:
+        return "wrong_schema", f"has the unknown column `{unknown[0]}`"
+    return None
+
+
+def discard(files: list[Path]) -> None:
+    """Remove files that may not exist; one that cannot be removed is left for `fast lake check`."""
+    for file in files:
+        try:
+            file.unlink(missing_ok=True)
+        except OSError:
+            continue
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and its parents, durably."""
+    if folder.is_dir():
+        return
+    make_folder(folder.parent)
+    folder.mkdir(exist_ok=True)
+    sync_folder(folder.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Force the names in a folder to disk."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def writing_failed(folder: Path, error: OSError) -> FastError:
+    """The sentence for a folder that could not be written."""
+    if error.errno in _FORBIDDEN:
+        return UsageError(
+            f"{folder} cannot be written ({error.strerror}); nothing was written: "
+            "give another folder with --lake, or change its permissions."
+        )
+    return LakeError(
+        f"Writing to {folder} failed ({error.strerror}); no row of this call is visible, earlier rows are "
+        "untouched: free disk space or repair the disk, then run the same command again."
+    )
+
+
+def _write_parquet(table: pa.Table, file: object, table_name: str) -> None:
+    row_group_size = _ROW_GROUP_OF_TRACES if has_samples(TABLE_BY_NAME[table_name]) else None
+    pq.write_table(table, file, compression="zstd", row_group_size=row_group_size, write_page_checksum=True)
+
+
+class _Hasher:
+    """File-like object that hashes what is written to it."""
+
+    closed = False
+
+    def __init__(self, digest: "hashlib._Hash") -> None:
+        self._digest = digest
+
+    def write(self, data: bytes) -> int:
+        self._digest.update(data)
+        return len(data)
+
+    def flush(self) -> None:
+        return
+
+    def close(self) -> None:
+        return

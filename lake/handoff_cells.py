@@ -1,0 +1,118 @@
+"""Reading one cell of the hand-off format: a value, or a ValueError that states the limit and the unit."""
+
+import math
+import operator
+from collections.abc import Callable
+from datetime import UTC, datetime
+
+from annotated_types import Ge, Gt, Le, Lt
+
+from models.records import Design, Theta
+from models.units import unit_of
+
+_Holds = Callable[[float, float], bool]
+
+
+def design_number(name: str) -> Callable[[str], float]:
+    """Reader of a design parameter, within its range (a whole number for the rib count)."""
+    limit = limits(Design, name)
+
+    def read(text: str) -> float:
+        value = number_or_nan(text)
+        if not math.isfinite(value) or (name == "rib_count" and value != int(value)):
+            raise ValueError(limit)
+        return int(value) if name == "rib_count" else value
+
+    return read
+
+
+def optional_number(name: str) -> Callable[[str], float | None]:
+    """Reader of a column of simulations.csv: a number within its range, or nothing."""
+    limit = limits(Theta, name) if name in Theta.model_fields else "must be a finite number, in N."
+
+    def read(text: str) -> float | None:
+        if not text:
+            return None
+        value = number_or_nan(text)
+        bounds = _bounds(Theta, name) if name in Theta.model_fields else []
+        if not math.isfinite(value) or not all(holds(value, bound) for _, holds, bound in bounds):
+            raise ValueError(limit)
+        return value
+
+    return read
+
+
+def limits(record_type: type[Design] | type[Theta], name: str) -> str:
+    """The range of a field as words with its unit."""
+    unit = unit_of(name)
+    kind = "an integer" if record_type.model_fields[name].annotation is int else "a number"
+    text = " and ".join(f"{word} {bound:g}" for word, _, bound in _bounds(record_type, name))
+    return f"must be {kind}, {text}{' ' + unit if unit else ''}."
+
+
+def _bounds(record_type: type[Design] | type[Theta], name: str) -> list[tuple[str, _Holds, float]]:
+    """Each bound of a field: its word, its comparison, its value."""
+    found: list[tuple[str, _Holds, float]] = []
+    for bound in record_type.model_fields[name].metadata:
+        match bound:
+            case Ge(ge=int() | float() as limit):
+                found.append(("at least", operator.ge, float(limit)))
+            case Gt(gt=int() | float() as limit):
+                found.append(("above", operator.gt, float(limit)))
+            case Le(le=int() | float() as limit):
+                found.append(("at most", operator.le, float(limit)))
+            case Lt(lt=int() | float() as limit):
+                found.append(("below", operator.lt, float(limit)))
+    return found
+
+
+def integer(low: int | None, high: int | None) -> Callable[[str], int]:
+    """Reader of a whole number within limits that include both ends."""
+    limit = "must be an integer"
+    if low is not None:
+        limit += f" of at least {low}" if high is None else f" from {low} to {high}"
+
+    def read(text: str) -> int:
+        number = number_or_nan(text)  # spreadsheets write an integer beside an empty cell as 3.0
+        if not number.is_integer() or (low is not None and number < low) or (high is not None and number > high):
+            raise ValueError(f"{limit}.")
+        return int(number)
+
+    return read
+
+
+def one_of_designs(design_ids: set[str]) -> Callable[[str], str]:
+    """Reader of the id of a known design."""
+
+    def read(text: str) -> str:
+        if text not in design_ids:
+            raise ValueError("must be a design_id of designs.csv, or of a design in the lake.")
+        return text
+
+    return read
+
+
+def fidelity(text: str) -> str:
+    """`real` or `sim`."""
+    if text not in ("real", "sim"):
+        raise ValueError("must be `real` or `sim`.")
+    return text
+
+
+def time(text: str) -> datetime | None:
+    """A time; without an offset it is UTC."""
+    if not text:
+        return None
+    try:
+        value = datetime.fromisoformat(text)
+    except ValueError as error:
+        raise ValueError("must be an ISO 8601 time such as 2026-03-01T14:05:00+00:00, or empty.") from error
+    return value.astimezone(UTC) if value.tzinfo else value.replace(tzinfo=UTC)
+
+
+def number_or_nan(text: str) -> float:
+    """The number, or NaN for anything else."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan

@@ -1,0 +1,64 @@
+"""Read-only SQL over a lake, for people (`fast sql`) and for `Lake.query`.
+
+Three locks, each enough for its part: only SELECT-like statements are taken, they run in a read-only
+transaction (a WITH clause can hide an INSERT), and the connection has no access to files or network.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import duckdb
+import pyarrow as pa
+
+from models.errors import UsageError
+
+if TYPE_CHECKING:
+    from lake.store import Lake
+
+_READING = {duckdb.StatementType.SELECT}
+_ATTEMPTS = 5  # files of traces may be merged between opening and reading
+
+
+def run_sql(lake: Lake, sql: str) -> pa.Table:
+    """Result of one SELECT (also FROM, WITH, VALUES, DESCRIBE, SUMMARIZE, SHOW).
+
+    Raises:
+        UsageError: the text is not one reading statement, or DuckDB cannot make sense of it.
+        LakeError: a file of the lake cannot be read.
+    """
+    check_reads_only(sql)
+    for attempt in range(_ATTEMPTS):
+        connection = lake.connect()
+        try:
+            connection.execute("BEGIN TRANSACTION READ ONLY")
+            return connection.sql(sql).to_arrow_table()
+        except duckdb.Error as error:
+            if not _is_vanished_file(error) or attempt + 1 == _ATTEMPTS:
+                raise UsageError(f"The query failed: {error}") from error
+        finally:
+            connection.close()
+    raise UsageError("The query was not answered; run it again.")
+
+
+@lru_cache(maxsize=256)
+def check_reads_only(sql: str) -> None:
+    """Refuse anything but one statement that reads.
+
+    Raises:
+        UsageError: the statement writes, loads, attaches or sets something, or there is not exactly one.
+    """
+    try:
+        statements = duckdb.extract_statements(sql)
+    except duckdb.Error as error:
+        raise UsageError(f"This is not SQL that DuckDB understands: {error}") from error
+    if len(statements) != 1:
+        raise UsageError(f"Give exactly one SELECT statement, not {len(statements)}.")
+    kind = statements[0].type
+    if kind not in _READING:
+        raise UsageError(f"{kind.name} is not allowed here, the lake is read-only to SQL: use a SELECT statement.")
+
+
+def _is_vanished_file(error: duckdb.Error) -> bool:
+    return "FileNotFoundError" in str(error) or "No such file" in str(error)

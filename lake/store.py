@@ -1,0 +1,287 @@
+"""The lake: a folder of append-only Parquet tables, written atomically and queried through DuckDB."""
+
+import json
+import logging
+import os
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+import duckdb
+import pyarrow as pa
+import pyarrow.dataset as pads
+
+from lake.engine import Engine, load_views, tables_used
+from lake.files import discard, file_name, locked, make_folder, publish, stage, writing_failed
+from lake.provenance import Provenance, stamped
+from lake.schema import SCHEMA_VERSION, has_samples, schema_of, to_arrow
+from lake.sql import check_reads_only
+from lake.tables import TABLE_BY_NAME, TABLES, Row, SimTraceRow, TraceRow
+from models.errors import LakeError, UsageError
+from models.records import Trace
+
+_LOG = logging.getLogger(__name__)
+MARKER = "lake.json"
+_NOT_CONTENT = frozenset({"created_at", "code_version", "code_dirty"})
+_QUERY_ATTEMPTS = 5  # a file of samples may be merged into another while a query runs
+
+R = TypeVar("R", bound=Row)
+
+
+class Lake:
+    """A lake in the folder `root`. Safe to use from several threads and, opened in each, several processes."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = Path(root)
+        self._lock = threading.RLock()
+        self._engine: Engine | None = None
+        self._engine_pid = 0
+
+    def __reduce__(self) -> tuple[type["Lake"], tuple[Path]]:
+        """Pickle as the path; the connection is opened again in the other process."""
+        return Lake, (self.root,)
+
+    @classmethod
+    def open(cls, root: Path, create: bool = False) -> "Lake":
+        """Open the lake in the folder `root`; with `create`, make one there if there is none.
+
+        Raises:
+            UsageError: there is no lake, the folder holds something else, or it cannot be written.
+        """
+        root = Path(root)
+        if _is_lake(root):
+            _check_marker(root / MARKER)
+            return cls(root)
+        if not create:
+            raise UsageError(
+                f"{root} is not a lake: give another --lake (or FAST_LAKE), or make one there with "
+                f"`fast campaign run CONFIG.toml --lake {root}` or `fast lake import DIR --lake {root}`."
+            )
+        _make_lake(root)
+        return cls(root)
+
+    def append(self, rows: Sequence[Row], provenance: Provenance) -> None:
+        """Append rows of one or several tables, durably: when this returns, they survive a power cut.
+
+        Each table's rows become visible at once or not at all. Appending the same rows again replaces
+        them; a row with a known id and other content supersedes it.
+
+        Raises:
+            UsageError: the folder cannot be written; nothing was.
+            LakeError: two different rows share an id, or the disk is full; no row is visible.
+        """
+        columns = stamped(provenance)
+        staged: list[tuple[Path, Path]] = []
+        try:
+            for row_type, group in _by_table(rows):
+                table = to_arrow(group, columns)
+                folder = self.root / row_type.table
+                staged.append((stage(folder, table, row_type.table), folder / file_name(table, _NOT_CONTENT)))
+            with locked(self.root, exclusive=False):
+                for temporary, final in staged:
+                    publish(temporary, final)
+        finally:
+            discard([temporary for temporary, _ in staged])
+
+    def query(self, sql: str, params: Sequence[Any] | dict[str, Any] | None = None) -> pa.Table:
+        """Result of one SELECT over the tables, views and macros, with the rows of this moment.
+
+        Raises:
+            UsageError: it is not one reading statement.
+            LakeError: the query is wrong, or a file cannot be read.
+        """
+        check_reads_only(sql)
+        return self._query(sql, params, tables_used(sql))
+
+    def rows(self, table: type[Row], **equals: Any) -> list[dict[str, Any]]:
+        """Rows of a table as dicts with all columns, oldest first; `equals` are column = value filters.
+
+        A value may be a list or tuple: any of these. None finds empty values.
+
+        Raises:
+            LakeError: the table has no such column.
+        """
+        where, values = _conditions(table, equals)
+        sql = f"SELECT * FROM {table.table} {where} ORDER BY created_at, {table.id_column()}"
+        return self._query(sql, values, {table.table}).to_pylist()
+
+    def records(self, table: type[R], **equals: Any) -> list[R]:
+        """Like `rows`, as row records, without provenance."""
+        names = set(table.model_fields)
+        rows = self.rows(table, **equals)
+        return [table.model_validate({k: v for k, v in row.items() if k in names}) for row in rows]
+
+    def ids(self, table: type[Row], **equals: Any) -> set[Any]:
+        """Ids of the rows that `rows` would give; the cheap way to ask what is there."""
+        where, values = _conditions(table, equals)
+        key = table.id_column()
+        found = self._query(f"SELECT {key} FROM {_index(table, where)} {where}", values, {table.table})
+        return set(found.column(0).to_pylist())
+
+    def has(self, table: type[Row] | str, row_id: str | int) -> bool:
+        """True when the table has a row with this id."""
+        row_type = TABLE_BY_NAME[table] if isinstance(table, str) else table
+        sql = f"SELECT 1 FROM raw_{row_type.table} WHERE {row_type.id_column()} = ? LIMIT 1"
+        return self._query(sql, [row_id], {row_type.table}).num_rows > 0
+
+    def trace(self, row_id: str, table: type[TraceRow] | type[SimTraceRow] = TraceRow) -> Trace:
+        """Samples of one grasp (or simulation), read from its file alone.
+
+        Raises:
+            LakeError: there is no such trace.
+        """
+        key = table.id_column()
+        for _ in range(_QUERY_ATTEMPTS):
+            with self._synced({table.table}) as engine:
+                path = engine.file_of(table, row_id)
+            if path is None:
+                raise LakeError(
+                    f"The lake {self.root} has no trace of `{row_id}`; check the id, or how the grasp ended."
+                )
+            try:
+                found = pads.dataset(path, schema=schema_of(table)).to_table(filter=pads.field(key) == row_id)
+            except OSError as error:
+                _LOG.debug("%s was merged while reading: %s", path, error)
+                continue
+            latest = found.sort_by([("created_at", "descending")])
+            return table.model_validate(latest.select(list(table.model_fields)).to_pylist()[0]).trace
+        raise LakeError(f"The trace of `{row_id}` could not be read from {self.root}; run `fast lake check`.")
+
+    def connect(self) -> duckdb.DuckDBPyConnection:
+        """A DuckDB connection to the rows of this moment, with all views and macros.
+
+        It has no access to files, network or extensions, and its configuration is locked; what is
+        created on it stays in its memory. Traces are read from the files when asked for; connect again
+        after a compaction.
+        """
+        with self._synced(set(TABLE_BY_NAME)) as engine:
+            connection = duckdb.connect(":memory:")
+            connection.execute("SET TimeZone = 'UTC'")
+            for row_type in TABLES:
+                self._copy_table(engine, connection, row_type)
+        load_views(connection)
+        connection.execute("SET enable_external_access = false")
+        connection.execute("SET lock_configuration = true")
+        return connection
+
+    def close(self) -> None:
+        """Give the memory back; the lake opens again when next asked."""
+        with self._lock:
+            if self._engine is not None and self._engine_pid == os.getpid():
+                self._engine.connection.close()
+            self._engine = None
+
+    def _query(self, sql: str, params: Sequence[Any] | dict[str, Any] | None, tables: set[str]) -> pa.Table:
+        for attempt in range(_QUERY_ATTEMPTS):
+            with self._synced(tables) as engine:
+                try:
+                    return engine.read(sql, params)
+                except duckdb.IOException as error:
+                    if attempt + 1 == _QUERY_ATTEMPTS:
+                        raise LakeError(f"{_first_line(error)}; run `fast lake check`.") from error
+                except duckdb.Error as error:
+                    raise LakeError(f"The query cannot be answered: {error}") from error
+        raise LakeError(f"The lake {self.root} could not be read; run `fast lake check`.")
+
+    @contextmanager
+    def _synced(self, tables: set[str]) -> Iterator[Engine]:
+        with self._lock:
+            if self._engine is None or self._engine_pid != os.getpid():
+                self._engine, self._engine_pid = Engine(self.root), os.getpid()
+            self._engine.sync(tables)
+            yield self._engine
+
+    def _copy_table(self, engine: Engine, connection: duckdb.DuckDBPyConnection, row_type: type[Row]) -> None:
+        table, key = row_type.table, row_type.id_column()
+        if not has_samples(row_type):
+            rows = engine.connection.sql(f"SELECT * FROM {table}").to_arrow_table()
+            connection.register("rows_now", rows)
+            connection.execute(f"CREATE TABLE {table} AS SELECT * FROM rows_now")
+            connection.unregister("rows_now")
+            return
+        files = [str(path) for path in engine.files(table)]
+        schema = schema_of(row_type)
+        connection.register(f"{table}_files", pads.dataset(files, schema=schema) if files else schema.empty_table())
+        latest = f"QUALIFY row_number() OVER (PARTITION BY {key} ORDER BY created_at DESC) = 1"
+        only_latest = latest if engine.has_superseded(table) else ""
+        connection.execute(f"CREATE TEMP VIEW {table} AS SELECT * FROM {table}_files {only_latest}")
+
+
+def _index(table: type[Row], where: str) -> str:
+    """Where ids are read from: of the traces the index does, if no other column is asked for."""
+    return f"raw_{table.table}" if has_samples(table) and not where else table.table
+
+
+def _by_table(rows: Sequence[Row]) -> list[tuple[type[Row], list[Row]]]:
+    """Rows by table in the order of `TABLES`, each id once."""
+    groups: dict[type[Row], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(type(row), []).append(row)
+    return [(row_type, _without_copies(groups[row_type])) for row_type in TABLES if row_type in groups]
+
+
+def _without_copies(rows: list[Row]) -> list[Row]:
+    """Rows of one table, each id once.
+
+    Raises:
+        LakeError: two rows with one id differ.
+    """
+    by_id: dict[Any, Row] = {}
+    for row in rows:
+        row_id = row.__dict__[row.id_column()]
+        if row_id in by_id and by_id[row_id].model_dump_json() != row.model_dump_json():
+            raise LakeError(f"Two different rows of `{row.table}` share the id `{row_id}`; nothing was written.")
+        by_id[row_id] = row
+    return list(by_id.values())
+
+
+def _conditions(table: type[Row], equals: dict[str, Any]) -> tuple[str, list[Any]]:
+    known = schema_of(table).names
+    conditions, values = [], []
+    for name, value in equals.items():
+        if name not in known:
+            raise LakeError(f"The table `{table.table}` has no column `{name}`; it has {', '.join(known)}.")
+        if isinstance(value, list | tuple):
+            conditions.append(f'"{name}" IN (SELECT unnest(?))')
+            values.append(list(value))
+        else:
+            conditions.append(f'"{name}" IS NOT DISTINCT FROM ?')
+            values.append(value)
+    return ("WHERE " + " AND ".join(conditions) if conditions else ""), values
+
+
+def _is_lake(root: Path) -> bool:
+    try:
+        return (root / MARKER).is_file()
+    except OSError as error:
+        raise UsageError(f"{root} cannot be read ({error.strerror}); change its permissions.") from error
+
+
+def _make_lake(root: Path) -> None:
+    try:
+        if root.exists() and any(entry.name != MARKER for entry in root.iterdir()):
+            raise UsageError(f"{root} is not empty and not a lake; nothing was written: give a new folder with --lake.")
+        make_folder(root)
+        staged = root / f".{MARKER}.{os.getpid()}"
+        staged.write_text(json.dumps({"format": "fast-lake", "schema_version": SCHEMA_VERSION}) + "\n")
+        publish(staged, root / MARKER)
+    except OSError as error:
+        raise writing_failed(root, error) from error
+
+
+def _check_marker(marker: Path) -> None:
+    try:
+        version = json.loads(marker.read_text())["schema_version"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise LakeError(f"{marker} is not readable as the marker of a lake; restore it from another lake.") from error
+    if version != SCHEMA_VERSION:
+        raise LakeError(
+            f"The lake {marker.parent} has schema version {version}, this program reads {SCHEMA_VERSION}: "
+            "update the program."
+        )
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0]

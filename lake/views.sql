@@ -1,0 +1,113 @@
+-- Views and macros for people. The tables are those of lake/tables.py, without superseded rows.
+-- Each statement starts with CREATE VIEW or CREATE MACRO; the names are read from here.
+
+-- Position of the last sample before the lift (1 is the first sample); NULL when nothing was lifted.
+CREATE MACRO lift_start(lift_mm) AS
+    CASE WHEN list_max(lift_mm) > 0
+        THEN greatest(list_position(list_transform(lift_mm, lambda x: x > 0), true) - 1, 1) END;
+
+-- Work to break the grasp, in J: trapezoids under force over lift, from the start of the lift (Fig. 2c).
+CREATE MACRO work_j(lift_mm, force_n) AS
+    1e-3 * coalesce(list_sum(list_transform(
+        range(lift_start(lift_mm), len(lift_mm)),
+        lambda k: (force_n[k] + force_n[k + 1]) / 2 * (lift_mm[k + 1] - lift_mm[k])
+    )), 0);
+
+-- Peak pull-off force, in N: the largest force during the lift.
+CREATE MACRO peak_force_n(lift_mm, force_n) AS
+    coalesce(list_max(force_n[lift_start(lift_mm):]), 0);
+
+-- Samples of one measured grasp: SELECT * FROM trace('K...').
+CREATE MACRO trace(wanted) AS TABLE
+    SELECT unnest(time_s) AS time_s, unnest(lift_mm) AS lift_mm, unnest(force_n) AS force_n
+    FROM traces WHERE grasp_id = wanted;
+
+-- Samples of one simulated grasp: SELECT * FROM sim_trace('S...').
+CREATE MACRO sim_trace(wanted) AS TABLE
+    SELECT unnest(time_s) AS time_s, unnest(lift_mm) AS lift_mm, unnest(force_n) AS force_n
+    FROM sim_traces WHERE simulation_id = wanted;
+
+-- One row per grasp attempt. `is_valid`: it succeeded, and no later attempt of the same grasp did.
+CREATE VIEW grasp_summary AS
+    SELECT
+        g.grasp_id, g.campaign_id, g.tool_id, g.batch, g.slot, g.design_id, g.object_id,
+        o.name AS object_name, o.object_class, g.repeat, g.attempt, g."order", g.status, g.reason,
+        g.status = 'ok' AND g.attempt = max(g.attempt) FILTER (WHERE g.status = 'ok')
+            OVER (PARTITION BY g.tool_id, g.object_id, g.repeat) AS is_valid,
+        g.started_at, g.peak_force_n, g.work_j, g.initial_force_n, g.tare_force_n, g.setup_id, g.bench
+    FROM grasps AS g LEFT JOIN objects AS o USING (object_id);
+
+-- One row per tool and object: mean over the repeats, and how far the repeats lie apart.
+CREATE VIEW tool_object AS
+    SELECT
+        campaign_id, tool_id, batch, slot, design_id, object_id, object_name, object_class, setup_id,
+        count(*) AS n_repeats,
+        avg(peak_force_n) AS peak_force_n,
+        stddev_samp(peak_force_n) AS repeat_sd_n,
+        avg(work_j) AS work_j,
+        avg(initial_force_n) AS initial_force_n
+    FROM grasp_summary WHERE is_valid
+    GROUP BY ALL;
+
+-- One row per tool with at least one valid grasp. `tool_quality_n` is the mean over the objects measured;
+-- with objects missing (`n_missing`) it is not comparable before imputation (models.surrogate.imputation).
+CREATE VIEW tool_quality AS
+    WITH quality AS (
+        SELECT
+            campaign_id, tool_id, batch, slot, design_id,
+            count(DISTINCT object_id) AS n_objects,
+            36 - count(DISTINCT object_id) AS n_missing,
+            sum(n_repeats)::BIGINT AS n_grasps,
+            avg(peak_force_n) AS tool_quality_n,
+            stddev_samp(peak_force_n) AS object_sd_n,
+            sqrt(avg(repeat_sd_n ** 2)) AS repeat_sd_n,
+            avg(work_j) AS work_j
+        FROM tool_object GROUP BY ALL
+    )
+    SELECT
+        q.*, b.kind AS batch_kind, d.length_mm, d.width_mm, d.height_mm, d.tip_length_mm, d.front_thickness_mm,
+        d.back_thickness_mm, d.rib_thickness_mm, d.rib_count, d.rib_angle_deg
+    FROM quality AS q
+    LEFT JOIN designs AS d USING (design_id)
+    LEFT JOIN batches AS b USING (campaign_id, batch);
+
+-- One row per campaign and object: how the tools fared on it.
+CREATE VIEW object_profile AS
+    SELECT
+        campaign_id, object_id, object_name, object_class,
+        count(*) AS n_tools,
+        sum(n_repeats)::BIGINT AS n_grasps,
+        avg(peak_force_n) AS peak_force_n,
+        stddev_samp(peak_force_n) AS tool_sd_n,
+        min(peak_force_n) AS lowest_n,
+        max(peak_force_n) AS highest_n,
+        arg_max(tool_id, peak_force_n) AS best_tool_id,
+        sqrt(avg(repeat_sd_n ** 2)) AS repeat_sd_n,
+        avg(work_j) AS work_j,
+        avg(initial_force_n) AS initial_force_n
+    FROM tool_object GROUP BY ALL;
+
+-- Measured against simulated, per tool, object and simulator version, of the same grasp setup.
+CREATE VIEW sim_vs_real AS
+    SELECT
+        r.campaign_id, r.tool_id, r.batch, r.slot, r.design_id, r.object_id, r.object_name, s.version_id, v.tier,
+        s.simulation_id, r.n_repeats, r.peak_force_n AS real_peak_force_n, s.peak_force_n AS sim_peak_force_n,
+        r.peak_force_n - s.peak_force_n AS gap_n, r.repeat_sd_n,
+        r.work_j AS real_work_j, s.work_j AS sim_work_j, s.contact_force_n
+    FROM tool_object AS r
+    JOIN simulations AS s USING (design_id, object_id, setup_id)
+    LEFT JOIN simulator_versions AS v ON v.version_id = s.version_id
+    WHERE s.status = 'ok';
+
+-- Grasp stability (Fig. 2c): distribution over the tools of the work to break the grasp, per batch and object.
+CREATE VIEW stability AS
+    SELECT
+        campaign_id, batch, object_id, object_name, object_class,
+        count(*) AS n_tools,
+        min(work_j) AS lowest_j,
+        quantile_cont(work_j, 0.25) AS lower_quartile_j,
+        median(work_j) AS median_j,
+        quantile_cont(work_j, 0.75) AS upper_quartile_j,
+        max(work_j) AS highest_j,
+        avg(work_j) AS mean_j
+    FROM tool_object GROUP BY ALL;

@@ -1,0 +1,17 @@
+"""The acquisition rules by name: a new rule is one function and one line here."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from models.acquisition.mes import select_by_mes
+from models.acquisition.spacing import Spacing
+from models.surrogate.posterior import Surrogate
+
+# (surrogate, points m x 9, fidelity, n, pending p x 10, spacing, rng) -> [(row of points, value)], best first
+Selection = Callable[
+    [Surrogate, np.ndarray, int, int, np.ndarray, Spacing, np.random.Generator], list[tuple[int, float]]
+]
+
+# Rules that need a surrogate; `random` needs none and lives in `models.scientist`.
+ACQUISITIONS: dict[str, Selection] = {"mes": select_by_mes}

@@ -1,0 +1,99 @@
+"""The planar profile of a fin-ray finger: what is extruded over the width."""
+
+import math
+
+import numpy as np
+import shapely
+from shapely import affinity
+from shapely.geometry import LineString, Polygon, box
+from shapely.geometry.base import BaseGeometry
+
+from models.records import Design
+
+BASE_HEIGHT_MM = 3.0  # rigid mounting base, printed in another material below the compliant body
+APEX_EXTRA_MM = 1.0  # the apex is this much longer in x than the front wall is thick
+MIN_CAVITY_AREA_MM2 = 2.25  # smaller cavities, and
+MIN_CAVITY_WIDTH_MM = 1.0  # parts of cavities thinner than this, are filled: a printer cannot resolve them
+_ARC_SEGMENTS = 4  # per quarter circle of a fillet
+
+
+def planar_profile(design: Design, fillet_mm: float = 0.5) -> Polygon:
+    """The compliant body of a finger in the (x, z) plane, mm, with its voids as holes.
+
+    The lowest void is open towards the base.
+    x = 0 is the front wall's outer plane, x > 0 points away from the object; z runs from the top of the
+    rigid base (`BASE_HEIGHT_MM`) to the apex (`height_mm`). Ribs are strips centred between the walls,
+    equally spaced over the cavity and turned by `rib_angle_deg` about their middle. Inner corners carry
+    fillets of radius `fillet_mm`, as printed ones do; 0 leaves them sharp.
+    """
+    voids = _cavity(design).difference(shapely.union_all(_ribs(design)))
+    printable = [void for part in _polygons(voids) for void in _printable(part, fillet_mm)]
+    # The lowest void is open towards the base, so it is a notch of the outline and no hole.
+    parts = _polygons(_outline(design).difference(shapely.union_all(printable)))
+    return shapely.geometry.polygon.orient(max(parts, key=lambda part: part.area))
+
+
+def _outline(design: Design) -> BaseGeometry:
+    top, apex_x = design.height_mm, design.front_thickness_mm + APEX_EXTRA_MM
+    whole = Polygon([(0.0, 0.0), (design.length_mm, 0.0), (apex_x, top), (0.0, top)])
+    return whole.intersection(box(0.0, BASE_HEIGHT_MM, design.length_mm, top))
+
+
+def _back_line(design: Design) -> tuple[np.ndarray, np.ndarray]:
+    """Two points of the inner side of the slanted back wall."""
+    foot = np.array([design.length_mm, 0.0])
+    apex = np.array([design.front_thickness_mm + APEX_EXTRA_MM, design.height_mm])
+    along = (apex - foot) / np.linalg.norm(apex - foot)
+    inward = np.array([-along[1], along[0]])
+    offset = design.back_thickness_mm * inward
+    return foot + offset, apex + offset
+
+
+def _cavity(design: Design) -> BaseGeometry:
+    """The space between the walls below the solid tip; it goes on below the base, which has no fillets."""
+    foot, apex = _back_line(design)
+    top = design.height_mm - design.tip_length_mm
+    direction = apex - foot
+    start, end, far_x = foot - direction, apex + direction, -4 * design.length_mm
+    inner = Polygon([(far_x, start[1]), start, end, (far_x, end[1])])
+    window = box(design.front_thickness_mm, -BASE_HEIGHT_MM, 2 * design.length_mm, top)
+    return inner.intersection(window)
+
+
+def _ribs(design: Design) -> list[BaseGeometry]:
+    foot, apex = _back_line(design)
+    bottom, top = BASE_HEIGHT_MM, design.height_mm - design.tip_length_mm
+    reach = 4 * design.length_mm  # longer than any cavity is wide at any angle
+    ribs = []
+    for index in range(1, design.rib_count + 1):
+        z = bottom + (top - bottom) * index / (design.rib_count + 1)
+        back_x = foot[0] + (apex[0] - foot[0]) * (z - foot[1]) / (apex[1] - foot[1])
+        centre = (design.front_thickness_mm + back_x) / 2, z
+        middle = LineString([(centre[0] - reach, z), (centre[0] + reach, z)])
+        strip = middle.buffer(design.rib_thickness_mm / 2, cap_style="flat")
+        ribs.append(affinity.rotate(strip, design.rib_angle_deg, origin=centre))
+    return ribs
+
+
+def _printable(cavity: Polygon, fillet_mm: float) -> list[Polygon]:
+    """A cavity without its slivers, its corners rounded; nothing when it is too small to print."""
+    radius = max(MIN_CAVITY_WIDTH_MM / 2, fillet_mm)
+    core = cavity.buffer(-radius, join_style="mitre")
+    parts = []
+    for part in _polygons(core):
+        if fillet_mm > 0:
+            grown = part.buffer(radius - fillet_mm, join_style="mitre").buffer(fillet_mm, quad_segs=_ARC_SEGMENTS)
+        else:
+            grown = part.buffer(radius, join_style="mitre", mitre_limit=10)
+        parts += [p for p in _polygons(grown.intersection(cavity)) if p.area >= MIN_CAVITY_AREA_MM2]
+    return [_clean(part) for part in parts]
+
+
+def _clean(polygon: Polygon) -> Polygon:
+    """Drop points closer than 1 um, and any holes (there are none in a cavity)."""
+    return Polygon(shapely.simplify(polygon, 1e-3).exterior)
+
+
+def _polygons(geometry: BaseGeometry) -> list[Polygon]:
+    parts = shapely.get_parts(geometry)
+    return [part for part in parts if isinstance(part, Polygon) and part.area > math.ulp(1.0)]

@@ -1,0 +1,80 @@
+"""What people ask of a running campaign (pause, stop, abort), kept in the lake; and who may run it."""
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal
+
+from lake.provenance import current_provenance
+from lake.store import Lake
+from lake.tables import EventRow
+from models.errors import FastError
+from models.ids import canonical_json, content_id
+
+Verb = Literal["pause", "stop", "abort"]
+VERBS: tuple[Verb, ...] = ("pause", "stop", "abort")
+
+
+def append_event(lake: Lake, campaign_id: str, kind: str, message: str, **payload: object) -> None:
+    """Add a line to the campaign's log in the lake; equal kind, message and payload are distinct events."""
+    stamp = datetime.now(UTC).isoformat()
+    row = EventRow(
+        event_id=content_id("E", [campaign_id, kind, message, stamp, os.getpid()]),
+        campaign_id=campaign_id,
+        kind=kind,
+        message=message,
+        payload_json=canonical_json(payload),
+    )
+    lake.append([row], current_provenance())
+
+
+def requested_verb(lake: Lake, campaign_id: str) -> Verb | None:
+    """The latest request that came after the campaign was last started, if any."""
+    events = [r for r in lake.rows(EventRow, campaign_id=campaign_id) if r["kind"] in (*VERBS, "started")]
+    if not events:
+        return None
+    latest = max(events, key=lambda row: row["created_at"])["kind"]
+    return latest if latest in VERBS else None
+
+
+@contextmanager
+def exclusive(lake: Lake, name: str, busy: str) -> Iterator[None]:
+    """Hold the lock `name` of this lake; the kernel frees it however the holder dies.
+
+    Raises:
+        FastError: `busy`, with the holder's process id, when another process holds it.
+    """
+    path = lock_path(lake, name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a+") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            file.seek(0)
+            holder = file.read().strip() or "unknown"
+            raise FastError(f"{busy} (process {holder}); wait for it or stop it first.") from error
+        file.truncate(0)
+        file.write(str(os.getpid()))
+        file.flush()
+        yield
+
+
+def is_held(lake: Lake, name: str) -> bool:
+    """True while another process holds the lock."""
+    path = lock_path(lake, name)
+    if not path.exists():
+        return False
+    with path.open("a+") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        return False
+
+
+def lock_path(lake: Lake, name: str) -> Path:
+    """File behind a lock."""
+    return lake.root / ".state" / f"{name}.lock"

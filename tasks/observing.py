@@ -1,0 +1,65 @@
+"""What the scientist learns from: mean forces per measured tool and per simulated design, from the lake."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from lake.tables import GraspRow, SimulationRow
+from models.design_space import to_unit
+from models.records import Design
+from models.surrogate.imputation import mean_over_objects
+from models.surrogate.observations import ObservationSet
+from tasks.campaign import Campaign
+from tasks.state import CampaignState, ProposedTool
+
+
+def observe(campaign: Campaign, state: CampaignState, batches: Iterable[int]) -> ObservationSet:
+    """Observations of the closed `batches` and of all finished simulations of the campaign.
+
+    Objects without a value (given up on the bench, failed in simulation) are imputed by the paper's rule.
+    """
+    closed = set(batches)
+    tools = [t for t in state.tools if t.batch in closed and state.measured.get(t.tool_id)]
+    designs = {s.design.design_id: s.design for s in state.simulations}
+    designs = {k: d for k, d in designs.items() if not state.missing_objects(k, campaign.object_ids)}
+    real, simulated = _tool_forces(campaign, tools), _simulated_forces(campaign, list(designs))
+    return _observation_set([t.design for t in tools], real, list(designs.values()), simulated)
+
+
+def _tool_forces(campaign: Campaign, tools: Sequence[ProposedTool]) -> np.ndarray:
+    """Mean peak force over the repeats, n_tools x n_objects in N, NaN where nothing was measured."""
+    row_of = {t.tool_id: i for i, t in enumerate(tools)}
+    column_of = {o: i for i, o in enumerate(campaign.object_ids)}
+    total, count = np.zeros((2, len(row_of), len(column_of)))
+    for row in campaign.lake.rows(GraspRow, campaign_id=campaign.campaign_id, status="ok"):
+        if row["tool_id"] in row_of and row["object_id"] in column_of:
+            cell = row_of[row["tool_id"]], column_of[row["object_id"]]
+            total[cell] += row["peak_force_n"]
+            count[cell] += 1
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _simulated_forces(campaign: Campaign, design_ids: Sequence[str]) -> np.ndarray:
+    """The simulator's objective, n_designs x n_objects in N, NaN where the simulation failed."""
+    row_of = {design_id: i for i, design_id in enumerate(design_ids)}
+    column_of = {o: i for i, o in enumerate(campaign.object_ids)}
+    forces = np.full((len(row_of), len(column_of)), np.nan)
+    keys = {"version_id": campaign.version.version_id, "setup_id": campaign.config.grasp.setup_id, "status": "ok"}
+    for row in campaign.lake.rows(SimulationRow, **keys):
+        if row["design_id"] in row_of and row["object_id"] in column_of:
+            cell = row_of[row["design_id"]], column_of[row["object_id"]]
+            forces[cell] = row[campaign.config.simulator.objective]
+    return forces
+
+
+def _observation_set(
+    real_designs: list[Design], real: np.ndarray, sim_designs: list[Design], simulated: np.ndarray
+) -> ObservationSet:
+    y_real, variance_real = mean_over_objects(real)
+    y_sim, variance_sim = mean_over_objects(simulated)
+    x = np.vstack([to_unit(real_designs), to_unit(sim_designs)])
+    s = np.concatenate([np.ones(len(real_designs)), np.zeros(len(sim_designs))])
+    y = np.concatenate([y_real, y_sim])
+    variance = np.concatenate([variance_real, variance_sim])
+    usable = np.isfinite(y)
+    return ObservationSet(x=x[usable], s=s[usable], y=y[usable], noise_variance=variance[usable])

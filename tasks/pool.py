@@ -1,0 +1,77 @@
+"""Warm pools of worker processes for FEM work; a worker never outlives the process that started it."""
+
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from typing import ParamSpec, TypeVar
+
+logger = logging.getLogger(__name__)
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+
+
+class WorkerPool:
+    """A process pool that replaces itself after a worker crashed or hung."""
+
+    def __init__(self, n_workers: int) -> None:
+        self._n_workers = n_workers
+        self._lock = threading.Lock()
+        self._executor: ProcessPoolExecutor | None = None
+
+    def call(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        """Run `function` in a worker and wait for its result."""
+        return self.submit(function, *args, **kwargs).result()
+
+    def submit(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> "Future[R]":
+        """Queue `function` for a worker."""
+        with self._lock:
+            if self._executor is None:
+                self._executor = _new_executor(self._n_workers)
+            try:
+                return self._executor.submit(function, *args, **kwargs)
+            except BrokenProcessPool:
+                logger.warning("a worker process died; starting new workers")
+                self._executor = _new_executor(self._n_workers)
+                return self._executor.submit(function, *args, **kwargs)
+
+    def restart(self) -> None:
+        """Kill the workers (one of them hangs); queued work fails with `BrokenProcessPool`."""
+        with self._lock:
+            if self._executor is not None:
+                for process in list((self._executor._processes or {}).values()):  # noqa: SLF001 - no public way before Python 3.14
+                    process.kill()
+                self._executor.shutdown(wait=False, cancel_futures=True)
+                self._executor = None
+
+    def close(self) -> None:
+        """Stop the workers; waits for the ones at work."""
+        with self._lock:
+            if self._executor is not None:
+                self._executor.shutdown(cancel_futures=True)
+                self._executor = None
+
+
+def _new_executor(n_workers: int) -> ProcessPoolExecutor:
+    os.environ.update(_ONE_THREAD)
+    return ProcessPoolExecutor(
+        n_workers, mp_context=get_context("spawn"), initializer=follow_parent, initargs=(os.getpid(),)
+    )
+
+
+def follow_parent(parent_pid: int, poll_s: float = 1.0) -> None:
+    """Make this process exit soon after the one that started it is gone, even by SIGKILL."""
+
+    def watch() -> None:
+        while os.getppid() == parent_pid:
+            time.sleep(poll_s)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True, name="follow-parent").start()

@@ -1,0 +1,171 @@
+"""Ask the scientist: tools for the next batch, one more design to simulate. Decisions go to the lake."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lake.tables import BatchRow, DesignRow, FitRow, ProposalRow
+from models.design_space import random_designs, to_unit
+from models.ids import content_id
+from models.records import Design
+from models.scientist import Proposal as ProposedDesign
+from models.scientist import propose
+from models.surrogate.fit import fit_surrogate
+from models.surrogate.observations import ObservationSet
+from models.surrogate.posterior import Surrogate
+from tasks.campaign import Campaign
+from tasks.state import CampaignState
+
+
+def propose_initial(campaign: Campaign) -> None:
+    """Random designs for the initial simulations and the initial trays (the paper: 50 and 30)."""
+    schedule = campaign.config.schedule
+    seed = campaign.seed("initial simulations")
+    last = schedule.batches_of(0)[-1]
+    for index, design in enumerate(random_designs(schedule.initial_simulations, np.random.default_rng(seed))):
+        _append_simulation(campaign, last, index, ProposedDesign(design=design, value=0.0), seed)
+    seed = campaign.seed("initial tools")
+    designs = random_designs(schedule.initial_tools, np.random.default_rng(seed))
+    for batch in schedule.batches_of(0):
+        start = (batch - 1) * schedule.tools_per_batch
+        chosen = designs[start : start + schedule.tools_of(batch)]
+        _append_tools(campaign, batch, [ProposedDesign(design=d, value=0.0) for d in chosen], seed)
+
+
+def fit(campaign: Campaign, batch: int, data: ObservationSet) -> Surrogate:
+    """Fit the surrogate to all data before a batch is chosen, and record the fit."""
+    surrogate = fit_surrogate(data, None, seed=campaign.seed("fit", batch))
+    row = _fit_row(campaign, batch, data, surrogate)
+    campaign.lake.append([row], campaign.provenance(row.seed))
+    return surrogate
+
+
+def propose_tools(
+    campaign: Campaign, batch: int, data: ObservationSet, surrogate: Surrogate, state: CampaignState
+) -> None:
+    """The next batch for the gantry, chosen jointly, given the simulations that are still running."""
+    seed = campaign.seed("tools", batch)
+    scientist = campaign.config.scientist
+    pending = pending_points(campaign, state)
+    proposals = propose(
+        surrogate,
+        1,
+        campaign.config.schedule.tools_of(batch),
+        pending,
+        np.random.default_rng(seed),
+        min_distance=scientist.min_distance,
+        acquisition=scientist.acquisition,
+    )
+    _append_tools(campaign, batch, proposals, seed, data, len(pending))
+
+
+def propose_simulation(
+    campaign: Campaign, batch: int, index: int, data: ObservationSet, surrogate: Surrogate, state: CampaignState
+) -> None:
+    """One more design for the simulator, given what is simulated, printed and measured right now."""
+    seed = campaign.seed("simulation", batch, index)
+    acquisition = campaign.config.scientist.acquisition
+    pending = pending_points(campaign, state)
+    rng = np.random.default_rng(seed)
+    proposal = propose(surrogate, 0, 1, pending, rng, min_distance=0.0, acquisition=acquisition)[0]
+    _append_simulation(campaign, batch, index, proposal, seed, data, len(pending))
+
+
+def pending_points(campaign: Campaign, state: CampaignState) -> np.ndarray:
+    """Designs under way as points (x, s), m x 10: s is 1 for tools, 0 for simulations."""
+    plan = campaign.config.objects
+    tools = [t.design for t in state.tools if len(state.measured.get(t.tool_id, ())) < plan.n_grasps]
+    simulations = [s.design for s in state.simulations if state.missing_objects(s.design.design_id, plan.object_ids)]
+    points = np.vstack([to_unit(tools), to_unit(simulations)])
+    fidelity = np.concatenate([np.ones(len(tools)), np.zeros(len(simulations))])
+    return np.column_stack([points, fidelity])
+
+
+def _append_tools(
+    campaign: Campaign,
+    batch: int,
+    proposals: Sequence[ProposedDesign],
+    seed: int,
+    data: ObservationSet | None = None,
+    n_pending: int = 0,
+) -> None:
+    """Write the proposals of a batch; the batch row comes last and makes the batch complete."""
+    designs = [p.design for p in proposals]
+    provenance = campaign.provenance(seed, [d.design_id for d in designs])
+    _append_designs(campaign, designs, seed)
+    campaign.lake.append(
+        [_proposal_row(campaign, batch, slot, slot, p, data, n_pending) for slot, p in enumerate(proposals)], provenance
+    )
+    row = BatchRow(
+        batch_id=BatchRow.make_id(campaign.campaign_id, batch),
+        campaign_id=campaign.campaign_id,
+        batch=batch,
+        kind="random" if data is None else "guided",
+        n_tools=len(proposals),
+    )
+    campaign.lake.append([row], provenance)
+
+
+def _append_simulation(
+    campaign: Campaign,
+    batch: int,
+    index: int,
+    proposal: ProposedDesign,
+    seed: int,
+    data: ObservationSet | None = None,
+    n_pending: int = 0,
+) -> None:
+    _append_designs(campaign, [proposal.design], seed)
+    row = _proposal_row(campaign, batch, None, index, proposal, data, n_pending)
+    campaign.lake.append([row], campaign.provenance(seed, [proposal.design.design_id]))
+
+
+def _append_designs(campaign: Campaign, designs: Sequence[Design], seed: int) -> None:
+    rows = [DesignRow.of(d) for d in designs]
+    campaign.lake.append(rows, campaign.provenance(seed))
+
+
+def _proposal_row(
+    campaign: Campaign,
+    batch: int,
+    slot: int | None,
+    index: int,
+    proposal: ProposedDesign,
+    data: ObservationSet | None,
+    n_pending: int,
+) -> ProposalRow:
+    """A row of `proposals`; `data` None means that the design was drawn at random, without a model."""
+    return ProposalRow(
+        proposal_id=content_id("P", [campaign.campaign_id, batch, slot, index]),
+        campaign_id=campaign.campaign_id,
+        batch=batch,
+        slot=slot,
+        index=index,
+        fidelity="sim" if slot is None else "real",
+        design_id=proposal.design.design_id,
+        acquisition="random" if data is None else campaign.config.scientist.acquisition,
+        acquisition_value=None if data is None else proposal.value,
+        n_real=0 if data is None else data.n_real,
+        n_sim=0 if data is None else data.n_sim,
+        n_pending=n_pending,
+    )
+
+
+def _fit_row(campaign: Campaign, batch: int, data: ObservationSet, surrogate: Surrogate) -> FitRow:
+    parameters = surrogate.parameters
+    return FitRow(
+        fit_id=content_id("F", [campaign.campaign_id, batch, data.n_real, data.n_sim]),
+        campaign_id=campaign.campaign_id,
+        batch=batch,
+        n_real=data.n_real,
+        n_sim=data.n_sim,
+        rho=parameters.rho,
+        noise_sd_n=parameters.noise_sd,
+        log_posterior=float(surrogate.log_posterior or 0.0),
+        loo_rmse_n=surrogate.health().loo_rmse_n,
+        lengthscales_h=parameters.lengthscales_h,
+        lengthscales_e=parameters.lengthscales_e,
+        sd_h=parameters.sd_h,
+        sd_e=parameters.sd_e,
+        seed=campaign.seed("fit", batch),
+    )

@@ -1,0 +1,117 @@
+"""The sections of a campaign config: schedule, objects, simulator, scientist, execution."""
+
+import random
+from typing import Literal
+
+from pydantic import Field, field_validator
+
+from models.records import EffectValue, MeshSettings, Record, SimulatorVersion, Theta
+
+N_OBJECTS = 36
+
+
+class ObjectPlan(Record):
+    """Which objects a tool is measured on, and how often."""
+
+    ids: Literal["all"] | tuple[int, ...] = "all"
+    repeats: int = Field(default=3, ge=1, le=20)
+    order: Literal["fixed", "random"] = "fixed"
+
+    @field_validator("ids")
+    @classmethod
+    def _check_ids(cls, ids: Literal["all"] | tuple[int, ...]) -> Literal["all"] | tuple[int, ...]:
+        if ids == "all":
+            return ids
+        for object_id in ids:
+            if not 0 <= object_id < N_OBJECTS:
+                raise ValueError(f"object {object_id} does not exist, ids are 0 to {N_OBJECTS - 1}; change it")
+        if len(set(ids)) != len(ids) or not ids:
+            raise ValueError("object ids must be given once each, at least one")
+        return ids
+
+    @property
+    def object_ids(self) -> tuple[int, ...]:
+        """The objects as a tuple of ids."""
+        return tuple(range(N_OBJECTS)) if self.ids == "all" else self.ids
+
+    @property
+    def n_grasps(self) -> int:
+        """Grasps of one tool."""
+        return len(self.object_ids) * self.repeats
+
+    def cells(self, seed: int) -> list[tuple[int, int]]:
+        """(object id, repeat) in the order of measurement: repeats together, objects fixed or shuffled by `seed`."""
+        objects = list(self.object_ids)
+        if self.order == "random":
+            random.Random(seed).shuffle(objects)
+        return [(object_id, repeat) for object_id in objects for repeat in range(self.repeats)]
+
+
+class SimulatorSettings(Record):
+    """The simulator that the scientist consults (the world's own physics is set in the world file)."""
+
+    theta: Theta = Theta()
+    mesh: MeshSettings = MeshSettings()
+    effects: tuple[EffectValue, ...] = ()
+    objective: Literal["peak_force_n", "contact_force_n"] = Field(
+        default="peak_force_n", description="what of a simulated grasp the scientist learns from"
+    )
+    grasp_deadline_s: float = Field(default=120, gt=0, description="wall time after which one grasp has failed")
+
+    @property
+    def version(self) -> SimulatorVersion:
+        """The simulator version that these settings describe."""
+        return SimulatorVersion(theta=self.theta, mesh=self.mesh, effects=self.effects)
+
+
+class ScientistSettings(Record):
+    """How designs are proposed."""
+
+    acquisition: Literal["mes", "random"] = "mes"
+    min_distance: float = Field(
+        default=0.05, ge=0, le=1, description="between tools of one batch, in the unit cube of the design space"
+    )
+
+
+class Schedule(Record):
+    """How many tools and simulations, in which order (the paper: 30 + 50, then 8 x (10 with 100))."""
+
+    initial_tools: int = Field(default=30, ge=2, le=1000)
+    tools_per_batch: int = Field(default=10, ge=1, le=10, description="the rack has ten tool heads")
+    guided_batches: int = Field(default=8, ge=0, le=1000)
+    initial_simulations: int = Field(default=50, ge=0, le=100_000)
+    simulations_per_batch: int = Field(default=100, ge=0, le=100_000)
+
+    @property
+    def n_initial_batches(self) -> int:
+        """Trays needed for the initial random tools."""
+        return -(-self.initial_tools // self.tools_per_batch)
+
+    @property
+    def n_stages(self) -> int:
+        """The initial stage and one stage per guided batch."""
+        return 1 + self.guided_batches
+
+    def batches_of(self, stage: int) -> list[int]:
+        """Batch numbers (from 1) printed and measured in a stage (from 0)."""
+        first = self.n_initial_batches
+        return list(range(1, first + 1)) if stage == 0 else [first + stage]
+
+    def tools_of(self, batch: int) -> int:
+        """How many tools a batch holds; the last initial tray may be partly filled."""
+        if batch != self.n_initial_batches:
+            return self.tools_per_batch
+        return self.initial_tools - (self.n_initial_batches - 1) * self.tools_per_batch
+
+    def simulations_of(self, stage: int) -> int:
+        """Designs simulated while the tools of a stage are printed and measured."""
+        return self.initial_simulations if stage == 0 else self.simulations_per_batch
+
+
+class Execution(Record):
+    """How the work is spread over this machine; changes no result."""
+
+    simulation_workers: int = Field(default=2, ge=1, le=256)
+    physics_workers: int = Field(default=1, ge=1, le=64, description="processes behind a virtual bench")
+    print_poll_s: float = Field(default=5.0, gt=0, le=3600)
+    max_grasp_attempts: int = Field(default=2, ge=1, le=10)

@@ -1,0 +1,124 @@
+"""Where a campaign stands, derived from the lake alone: any process can be killed and ask again."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+from lake.store import Lake
+from lake.tables import DesignRow, GraspRow, ProposalRow, SimulationRow, ToolRow
+from models.ids import tool_label
+from models.records import Design
+
+Cell = tuple[int, int]  # (object id, repeat)
+
+
+@dataclass(frozen=True)
+class ProposedTool:
+    """A design that the scientist wants on a slot of a batch."""
+
+    tool_id: str
+    batch: int
+    slot: int
+    design: Design
+
+    @property
+    def label(self) -> str:
+        """`B07T8`, as the paper prints it."""
+        return tool_label(self.batch, self.slot)
+
+
+@dataclass(frozen=True)
+class ProposedSimulation:
+    """A design to be simulated; `batch` is the last batch of the stage in which it was proposed."""
+
+    proposal_id: str
+    batch: int
+    index: int
+    design: Design
+
+
+@dataclass(frozen=True)
+class CampaignState:
+    """All decisions and results of one campaign."""
+
+    tools: tuple[ProposedTool, ...]
+    simulations: tuple[ProposedSimulation, ...]
+    confirmed: dict[str, str] = field(default_factory=dict)  # tool_id -> printed | rejected
+    measured: dict[str, set[Cell]] = field(default_factory=dict)  # tool_id -> good grasps
+    failures: dict[tuple[str, Cell], int] = field(default_factory=dict)  # (tool_id, cell) -> failed attempts
+    simulated: dict[str, set[int]] = field(default_factory=dict)  # design_id -> objects with a result or a failure
+
+    def tools_of(self, batch: int) -> list[ProposedTool]:
+        """The proposed tools of a batch, by slot."""
+        return sorted((t for t in self.tools if t.batch == batch), key=lambda t: t.slot)
+
+    def simulations_of(self, batch: int) -> list[ProposedSimulation]:
+        """The simulations proposed in the stage that ends with `batch`, in order."""
+        return sorted((s for s in self.simulations if s.batch == batch), key=lambda s: s.index)
+
+    def is_confirmed(self, batch: int) -> bool:
+        """True when a person (or `--auto-print`) has said what became of every tool of the batch."""
+        tools = self.tools_of(batch)
+        return bool(tools) and all(t.tool_id in self.confirmed for t in tools)
+
+    def attempts(self, tool_id: str, cell: Cell) -> int:
+        """How often this grasp has failed so far; the next attempt has this number."""
+        return self.failures.get((tool_id, cell), 0)
+
+    def missing_grasps(self, tool: ProposedTool, plan: Iterable[Cell], max_attempts: int) -> list[Cell]:
+        """Grasps still to be made: not measured, and not given up; none for a rejected tool."""
+        if self.confirmed.get(tool.tool_id) != "printed":
+            return []
+        done = self.measured.get(tool.tool_id, set())
+        return [c for c in plan if c not in done and self.attempts(tool.tool_id, c) < max_attempts]
+
+    def missing_objects(self, design_id: str, object_ids: Sequence[int]) -> list[int]:
+        """Objects on which a design has not been simulated yet."""
+        done = self.simulated.get(design_id, set())
+        return [o for o in object_ids if o not in done]
+
+
+def derive_state(lake: Lake, campaign_id: str, version_id: str, setup_id: str) -> CampaignState:
+    """Read the state of a campaign; `version_id` and `setup_id` say which simulations count."""
+    proposals = lake.rows(ProposalRow, campaign_id=campaign_id)
+    designs = load_designs(lake)
+    return CampaignState(
+        tools=tuple(_tool(campaign_id, row, designs) for row in proposals if row["fidelity"] == "real"),
+        simulations=tuple(
+            ProposedSimulation(row["proposal_id"], row["batch"], row["index"], designs[row["design_id"]])
+            for row in proposals
+            if row["fidelity"] == "sim"
+        ),
+        confirmed={row["tool_id"]: row["status"] for row in lake.rows(ToolRow, campaign_id=campaign_id)},
+        **_grasp_progress(lake, campaign_id),
+        simulated=_simulated(lake, version_id, setup_id),
+    )
+
+
+def load_designs(lake: Lake) -> dict[str, Design]:
+    """All designs of the lake by id."""
+    return {row.design_id: row.design for row in lake.records(DesignRow)}
+
+
+def _tool(campaign_id: str, row: dict, designs: dict[str, Design]) -> ProposedTool:
+    tool_id = ToolRow.make_id(campaign_id, row["batch"], row["slot"])
+    return ProposedTool(tool_id, row["batch"], row["slot"], designs[row["design_id"]])
+
+
+def _grasp_progress(lake: Lake, campaign_id: str) -> dict:
+    measured: dict[str, set[Cell]] = defaultdict(set)
+    failures: dict[tuple[str, Cell], int] = defaultdict(int)
+    for row in lake.rows(GraspRow, campaign_id=campaign_id):
+        cell = (row["object_id"], row["repeat"])
+        if row["status"] == "ok":
+            measured[row["tool_id"]].add(cell)
+        else:
+            failures[row["tool_id"], cell] += 1
+    return {"measured": dict(measured), "failures": dict(failures)}
+
+
+def _simulated(lake: Lake, version_id: str, setup_id: str) -> dict[str, set[int]]:
+    simulated: dict[str, set[int]] = defaultdict(set)
+    for row in lake.rows(SimulationRow, version_id=version_id, setup_id=setup_id):
+        simulated[row["design_id"]].add(row["object_id"])
+    return dict(simulated)

@@ -1,0 +1,138 @@
+"""Prefect tasks: the names and boundaries under which the work shows in the Prefect UI."""
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from functools import partial
+from pathlib import Path
+from typing import TypeVar, cast
+
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+from prefect.utilities.annotations import quote
+
+from hardware.bench import Bench
+from hardware.cell import MeasuredGrasp
+from tasks import measuring, printing, proposing, simulating
+from tasks.campaign import Campaign
+from tasks.control import append_event, exclusive
+from tasks.observing import observe
+from tasks.pool import WorkerPool
+from tasks.state import ProposedSimulation, ProposedTool
+
+T = TypeVar("T")
+OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
+
+
+def opaque(value: T) -> T:
+    """Pass a value to a task as it is: Prefect would otherwise walk into it, looking for futures."""
+    return cast(T, quote(value))
+
+
+@task(task_run_name="propose {label}", cache_policy=NO_CACHE)
+def propose_batch(label: str, campaign: Campaign, stage: int) -> None:
+    """Choose the tools of a stage: at random at first, then with the surrogate fitted to all data."""
+    schedule = campaign.config.schedule
+    if stage == 0:
+        proposing.propose_initial(campaign)
+        return
+    batch = schedule.batches_of(stage)[0]
+    state = campaign.state()
+    data = observe(campaign, state, range(1, batch))
+    surrogate = proposing.fit(campaign, batch, data)
+    proposing.propose_tools(campaign, batch, data, surrogate, state)
+
+
+@task(task_run_name="simulate {label}", cache_policy=NO_CACHE)
+def simulate_design(label: str, campaign: Campaign, proposal: ProposedSimulation, pool: WorkerPool) -> int:
+    """Simulate one design on all objects that are missing; returns the number of failed grasps."""
+    objects = campaign.state().missing_objects(proposal.design.design_id, campaign.object_ids)
+    return simulating.simulate_design(
+        campaign.lake,
+        proposal.design,
+        objects,
+        campaign.version,
+        campaign.config.grasp,
+        pool=pool,
+        deadline_s=campaign.config.simulator.grasp_deadline_s,
+        config_hash=campaign.config.config_hash,
+    )
+
+
+@task(task_run_name="print {label}", cache_policy=NO_CACHE)
+def print_batch(
+    label: str,
+    campaign: Campaign,
+    batch: int,
+    auto_print: bool,
+    should_stop: Callable[[], bool],
+    announce: Callable[[Path], None],
+) -> None:
+    """Write tray and sheet, then wait until a person has confirmed the batch."""
+    folder = printing.print_folder(campaign.lake, campaign.campaign_id, batch)
+    sheet = folder / "sheet.html"
+    if not sheet.exists():
+        sheet = printing.write_tray(campaign.lake, campaign.campaign_id, batch, folder)
+    if auto_print:
+        word = printing.PrintConfirmation(operator="nobody (--auto-print)", confirmed_by="auto")
+        printing.confirm_print(campaign.lake, campaign.campaign_id, batch, word)
+        return
+    announce(sheet)
+    while not should_stop() and not campaign.state().is_confirmed(batch):
+        time.sleep(campaign.config.execution.print_poll_s)
+
+
+@task(task_run_name="gantry {label}", cache_policy=NO_CACHE)
+def measure_tool(
+    label: str,
+    campaign: Campaign,
+    bench: Bench,
+    tool: ProposedTool,
+    world_hash: str | None,
+    should_stop: Callable[[], bool],
+    on_grasp: Callable[[MeasuredGrasp], None],
+) -> None:
+    """Make the missing grasps of one tool."""
+    measuring.measure_tool(
+        campaign,
+        bench,
+        tool,
+        bench_kind="real" if world_hash is None else "virtual",
+        world_hash=world_hash,
+        should_stop=should_stop,
+        on_grasp=on_grasp,
+    )
+
+
+@task(task_run_name="gantry {label}", cache_policy=NO_CACHE)
+def measure_batch(
+    label: str,
+    campaign: Campaign,
+    tools: Sequence[ProposedTool],
+    open_bench: OpenBench,
+    world_hash: str | None,
+    should_stop: Callable[[], bool],
+    on_grasp: Callable[[ProposedTool, MeasuredGrasp], None],
+) -> None:
+    """Measure the tools of a batch one after the other; only one process may hold the bench of a lake.
+
+    Raises:
+        DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
+    """
+    with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), open_bench(tools) as bench:
+        for tool in tools:
+            if should_stop():
+                return
+            name = f"{campaign.campaign_id} {tool.label}"
+            measure_tool(
+                name,
+                opaque(campaign),
+                opaque(bench),
+                opaque(tool),
+                world_hash,
+                opaque(should_stop),
+                opaque(partial(on_grasp, tool)),
+            )
+    batch = tools[0].batch
+    if not should_stop():
+        append_event(campaign.lake, campaign.campaign_id, "batch_measured", f"B{batch:02d} measured", batch=batch)

@@ -1,0 +1,25 @@
+"""The result of a campaign in a few rows, for the terminal, the Prefect artifact and `--json`."""
+
+from typing import Any
+
+from tasks.campaign import Campaign
+
+_TOOLS = """
+SELECT tool_id, batch, slot, tool_quality_n, n_objects, n_grasps
+FROM tool_quality WHERE campaign_id = ? ORDER BY tool_quality_n DESC
+"""
+
+
+def ranked_tools(campaign: Campaign) -> list[dict[str, Any]]:
+    """Measured tools, best first, with tool quality (mean peak pull-off force over the objects) in N."""
+    return campaign.lake.query(_TOOLS, [campaign.campaign_id]).to_pylist()
+
+
+def markdown_table(tools: list[dict[str, Any]]) -> str:
+    """The ranking as a Markdown table."""
+    head = "| tool | batch | tool quality (N) | objects | grasps |\n| --- | --- | --- | --- | --- |"
+    rows = [
+        f"| {t['tool_id']} | {t['batch']} | {t['tool_quality_n']:.2f} | {t['n_objects']} | {t['n_grasps']} |"
+        for t in tools
+    ]
+    return "\n".join([head, *rows])

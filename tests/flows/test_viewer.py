@@ -1,0 +1,124 @@
+import subprocess
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from flows.report.content import Content
+from flows.viewer.rerun import chosen_tools, write_design_recording, write_grasp_recording, write_recording
+from flows.viewer.scene import finger_meshes, finger_translations
+from lake.store import Lake
+from lake.tables import GraspRow
+from models.design_space import BEST_PUBLISHED
+from models.errors import UsageError
+from models.records import GraspSetup, Trace
+from tests.flows.synthetic_lake import Campaign, build
+
+
+@pytest.fixture(scope="module")
+def lake(tmp_path_factory):
+    return build(Lake.open(tmp_path_factory.mktemp("lake") / "data", create=True), Campaign())
+
+
+def rows_by_entity(path: Path) -> dict[str, int]:
+    """Rows on timelines per entity; static data counts as none."""
+    found: dict[str, int] = defaultdict(int)
+    for chunk in RrdReader(path).stream():
+        found[chunk.entity_path] += 0 if chunk.is_static else chunk.num_rows
+    return found
+
+
+def assert_verified(path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "verify", str(path)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "without error" in done.stdout + done.stderr
+
+
+def test_campaign_holds_the_best_tool_of_each_batch_with_every_sample(lake, tmp_path):
+    path = write_recording(lake, "demo", tmp_path / "new" / "demo.rrd")
+    assert_verified(path)
+    rows = rows_by_entity(path)
+    tools = chosen_tools(Content.load(lake, "demo"), everything=False)
+    assert [t.batch for t in tools] == [2, 1]
+    assert {p.split("/")[2] for p in rows if p.startswith("/tools/")} == {t.label for t in tools}
+    for tool in tools:
+        for object_id in range(4):
+            grasps = lake.records(GraspRow, tool_id=tool.tool_id, object_id=object_id, status="ok")
+            first = min(grasps, key=lambda grasp: grasp.repeat)  # not always repeat 0: some grasps failed
+            n_samples = len(lake.trace(first.grasp_id).time_s)
+            assert rows[f"/tools/{tool.label}/force/object_{object_id:02d}"] == n_samples
+            assert rows[f"/tools/{tool.label}/lift/object_{object_id:02d}"] == n_samples
+    assert "/cell/objects/object_03" in rows
+    assert "/cell/fingers/left/compliant" in rows
+
+
+def test_everything_means_every_tool_and_repeat(lake, tmp_path):
+    rows = rows_by_entity(write_recording(lake, "demo", tmp_path / "all.rrd", everything=True))
+    n_grasps = sum(1 for g in lake.records(GraspRow) if g.status == "ok")
+    assert sum(1 for name, n in rows.items() if "/force/" in name and n) == n_grasps == 70
+
+
+def test_campaign_without_measurements_is_still_a_recording(tmp_path):
+    lake = build(Lake.open(tmp_path / "lake", create=True), Campaign(n_measured_batches=0))
+    path = write_recording(lake, "demo", tmp_path / "empty.rrd")
+    assert_verified(path)
+    assert "/about" in rows_by_entity(path)
+
+
+def test_grasp_shows_measured_and_simulated_force_and_moving_fingers(lake, tmp_path):
+    grasp = next(g for g in lake.records(GraspRow) if g.status == "ok")
+    path = write_grasp_recording(lake, grasp.grasp_id, tmp_path / "grasp.rrd")
+    assert_verified(path)
+    rows = rows_by_entity(path)
+    n_samples = len(lake.trace(grasp.grasp_id).time_s)
+    assert rows["/force/measured"] == rows["/lift/measured"] == rows["/cell/fingers/left"] == n_samples
+    assert rows["/force/simulated_0"] > 0
+    assert rows["/force/simulated_1"] > 0
+
+
+def test_failed_or_unknown_grasps_are_one_sentence(lake, tmp_path):
+    failed = next(g for g in lake.records(GraspRow) if g.status == "failed")
+    with pytest.raises(UsageError, match=r"failed \(separation_not_found\), so there is nothing to show"):
+        write_grasp_recording(lake, failed.grasp_id, tmp_path / "x.rrd")
+    with pytest.raises(UsageError, match="There is no grasp `Knone`"):
+        write_grasp_recording(lake, "Knone", tmp_path / "x.rrd")
+    with pytest.raises(UsageError, match="There is no design `Dnone`"):
+        write_design_recording(lake, "Dnone", tmp_path / "x.rrd")
+
+
+def test_design_shows_two_fingers(lake, tmp_path):
+    design_id = lake.records(GraspRow)[0].design_id
+    path = write_design_recording(lake, design_id, tmp_path / "design.rrd")
+    assert_verified(path)
+    bodies = {name for name in rows_by_entity(path) if name.startswith("/cell/fingers/")}
+    assert {f"/cell/fingers/{side}/{body}" for side in ("left", "right") for body in ("compliant", "rigid")} <= bodies
+
+
+def test_unwritable_file_is_one_sentence(lake, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(UsageError, match="cannot be written"):
+        write_recording(lake, "demo", tmp_path / "file" / "demo.rrd")
+
+
+def test_fingers_hang_tips_down_with_their_faces_to_the_object():
+    meshes = finger_meshes(BEST_PUBLISHED)
+    for side, sign in (("right", 1), ("left", -1)):
+        corners = np.array(meshes[f"{side}/compliant"].vertex_positions.as_arrow_array().to_pylist())
+        assert corners[:, 2].min() == pytest.approx(-BEST_PUBLISHED.height_mm, abs=1e-4)
+        assert (sign * corners[:, 0]).min() == pytest.approx(0.0, abs=1e-4)
+        assert np.ptp(corners[:, 1]) == pytest.approx(BEST_PUBLISHED.width_mm, abs=1e-4)
+
+
+def test_fingers_close_then_rise():
+    setup = GraspSetup()
+    trace = Trace(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 0.0, 0.0, 5.0]), np.zeros(4))
+    places = finger_translations(BEST_PUBLISHED, setup, trace)
+    # Design.md 5.1: the base hangs at H - 5, faces 70 mm apart when open and 16 mm when closed.
+    np.testing.assert_allclose(places["right"][0], [35.0, 0.0, BEST_PUBLISHED.height_mm - 5.0])
+    np.testing.assert_allclose(places["right"][-1], [8.0, 0.0, BEST_PUBLISHED.height_mm])
+    np.testing.assert_allclose(places["left"][:, 0], -places["right"][:, 0])

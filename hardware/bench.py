@@ -128,8 +128,12 @@ def open_virtual_servers(
 
 
 @contextmanager
-def open_real_bench(settings: BenchSettings, tools: Mapping[int, MountedTool]) -> Iterator[Bench]:
-    """The real bench with its drivers connected and homed. The caller has asked the person for leave to move.
+def open_real_bench(
+    settings: BenchSettings, tools: Mapping[int, MountedTool], clock: Clock | None = None
+) -> Iterator[Bench]:
+    """The bench at these addresses with its drivers connected and homed. The caller has asked for leave to move.
+
+    `clock` is the machine's; a virtual bench that runs faster in another process needs a `ScaledClock` as fast.
 
     Raises:
         DeviceError: names every device that did not connect.
@@ -138,7 +142,7 @@ def open_real_bench(settings: BenchSettings, tools: Mapping[int, MountedTool]) -
         slot: MountedTool(tool.tool_id, tool.design, settings.tool_mass_kg.get(slot, tool.mass_kg))
         for slot, tool in tools.items()
     }
-    with _open(settings, weighed, RealClock(), None) as bench:
+    with _open(settings, weighed, clock or RealClock(), None) as bench:
         yield bench
 
 

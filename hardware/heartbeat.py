@@ -18,7 +18,7 @@ class BeatingClock:
     """A clock that passes everything on to another, and beats whenever a beat falls due in a `sleep`."""
 
     def __init__(self, inner: Clock) -> None:
-        self._inner = inner
+        self.inner = inner
         self._plc: ClickPlc | None = None
 
     def start(self, plc: ClickPlc) -> None:
@@ -32,36 +32,36 @@ class BeatingClock:
     @property
     def lock(self) -> threading.RLock:
         """Lock of the inner clock."""
-        return self._inner.lock
+        return self.inner.lock
 
     def now_s(self) -> float:
         """Time of the inner clock."""
-        return self._inner.now_s()
+        return self.inner.now_s()
 
     def sleep(self, duration_s: float) -> None:
         """Sleep on the inner clock, in pieces no longer than a heartbeat."""
         plc = self._plc
         if plc is None:
-            self._inner.sleep(duration_s)
+            self.inner.sleep(duration_s)
             return
-        end_s = self._inner.now_s() + duration_s
+        end_s = self.inner.now_s() + duration_s
         remaining_s = duration_s
         while remaining_s > 1e-9:
-            self._inner.sleep(min(remaining_s, plc.heartbeat_period_s))
+            self.inner.sleep(min(remaining_s, plc.heartbeat_period_s))
             plc.beat_if_due()
-            remaining_s = end_s - self._inner.now_s()
+            remaining_s = end_s - self.inner.now_s()
 
     def wall_s(self, duration_s: float) -> float:
         """Real seconds of the inner clock."""
-        return self._inner.wall_s(duration_s)
+        return self.inner.wall_s(duration_s)
 
     def add_listener(self, listener: Listener) -> None:
         """Add to the inner clock."""
-        self._inner.add_listener(listener)
+        self.inner.add_listener(listener)
 
     def remove_listener(self, listener: Listener) -> None:
         """Remove from the inner clock."""
-        self._inner.remove_listener(listener)
+        self.inner.remove_listener(listener)
 
 
 class HeartbeatThread:

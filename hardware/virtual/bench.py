@@ -54,7 +54,7 @@ class VirtualBench:
         self.grbl = VirtualGrbl(clock)
         solve = self._solve_now if self.is_lockstep else self._solve_later
         now_s = clock.now_s()
-        self.state = WorldState(world, tools, solve, layout, self.grbl.position_mm, now_s)
+        self.state = WorldState(world, tools, solve, layout, self._head_mm, now_s)
         self.plc = VirtualClick(self.state, clock.lock, now_s, self._refresh)
         self.transmitter = VirtualLaumas(self.state, clock.lock, refresh=self._refresh)
 
@@ -92,6 +92,10 @@ class VirtualBench:
         self.grbl.close()
         if self._worker is not None:
             self._worker.shutdown(wait=True, cancel_futures=True)
+
+    def _head_mm(self, now_s: float) -> tuple[float, float, float]:
+        x_mm, y_mm, z_mm = self.grbl.position_mm(now_s)
+        return x_mm, y_mm, z_mm
 
     def _advance(self, now_s: float) -> None:
         """Bring world, ladder and transmitter to `now_s`; the caller holds the clock's lock."""

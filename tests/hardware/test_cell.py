@@ -3,7 +3,8 @@ import threading
 import numpy as np
 import pytest
 
-from hardware.bench import MountedTool, open_virtual_bench
+from hardware.bench import BenchSettings, MountedTool, open_real_bench, open_virtual_bench, open_virtual_servers
+from hardware.clock import ScaledClock
 from hardware.layout import BenchLayout
 from hardware.world.spec import Scatter, Sensor, World
 from models.errors import DeviceError, InterlockError, LakeError, SimulationFailed, UsageError
@@ -50,16 +51,19 @@ def measure(world, plan, slot=3, physics=physics, setup=SETUP, prepare=lambda be
     return grasps
 
 
-def inject_when_pulled(bench, fault, above_n=4.0):
-    """Switch a fault on, once, in the middle of a lift."""
-    state = bench.virtual.state
+def when_pulled(bench, act, above_n=4.0):
+    """Do something, once, in the middle of a lift."""
 
     def watch(_now_s):
-        if state.grasp_force_n() > above_n:
-            state.inject(fault)
+        if bench.virtual.state.grasp_force_n() > above_n:
             bench.clock.remove_listener(watch)
+            act()
 
     bench.clock.add_listener(watch)
+
+
+def inject_when_pulled(bench, fault, above_n=4.0):
+    when_pulled(bench, lambda: bench.virtual.state.inject(fault), above_n)
 
 
 def test_a_quiet_world_is_measured_as_its_physics_says():
@@ -247,6 +251,55 @@ def test_a_callback_that_fails_leaves_the_gripper_open():
         grasps = []
         bench.cell.measure_tool(0, [(0, 0)], SETUP, grasps.append, lambda: False)
         assert grasps[0].status == "ok", "the tool left on the head was docked first"
+
+
+def test_a_plc_that_vanishes_in_a_lift_holds_the_gantry():
+    with open_virtual_bench(QUIET, TOOLS, physics) as bench:
+        when_pulled(bench, bench.virtual.plc.server.stop)
+        grasps = run_into(bench, DeviceError, "CLICK PLC at")
+        assert [g.status for g in grasps] == ["failed"]
+        z_mm = bench.gantry.position_mm()[2]
+        assert not bench.gantry.is_moving()
+        bench.clock.inner.sleep(3.0)
+        assert bench.gantry.position_mm()[2] == z_mm
+        assert bench.virtual.state.pressure_psi == pytest.approx(30.0, abs=0.5), "the grip holds by itself"
+
+
+def test_a_gantry_that_vanishes_in_a_lift_loses_its_motor_enable():
+    with open_virtual_bench(QUIET, TOOLS, physics) as bench:
+        when_pulled(bench, lambda: bench.virtual.grbl.inject("unplug"))
+        grasps = run_into(bench, DeviceError, "position is unknown|is gone")
+        assert [g.status for g in grasps] == ["failed"]
+        bench.clock.sleep(3.0)
+        assert not bench.plc.read_bit("Y4"), "no heartbeat, no motor enable"
+        assert bench.pneumatics.is_gripping()
+
+
+def test_drivers_reach_a_virtual_bench_by_its_addresses():
+    clock = ScaledClock(20.0)
+    with open_virtual_servers(NOISY, TOOLS, physics, clock) as virtual:
+        at = virtual.endpoints
+        settings = BenchSettings(
+            serial_port=at.serial_port, plc_host=at.plc_host, plc_port=at.plc_port,
+            transmitter_host=at.transmitter_host, transmitter_port=at.transmitter_port, modbus_time_out_s=5.0,
+        )  # fmt: skip
+        with open_real_bench(settings, TOOLS, clock) as bench:
+            assert bench.endpoints == at
+            bench.pneumatics.open_supply()
+            assert bench.changer.pick(0).tool_id == "a/B01T0"
+            bench.cell.park()
+        settings = settings.model_copy(update={"tool_mass_kg": {0: 1.0}})
+        with open_real_bench(settings, TOOLS, clock) as bench, pytest.raises(InterlockError, match="table says 1.000"):
+            bench.changer.pick(0)
+
+
+def test_every_device_that_does_not_connect_is_named():
+    settings = BenchSettings(
+        serial_port="/dev/null/none", plc_host="127.0.0.1", plc_port=1, transmitter_host="127.0.0.1", transmitter_port=1
+    )
+    with pytest.raises(DeviceError, match="PLC: .*load cell: .*gantry: ") as caught, open_real_bench(settings, TOOLS):
+        pass
+    assert "cannot be reached" in str(caught.value)
 
 
 def test_nothing_is_left_running():

@@ -6,7 +6,7 @@ command at the missing grasp.
 
 from collections.abc import Callable
 from queue import Empty
-from typing import Any
+from typing import Any, cast
 from uuid import UUID
 
 from prefect import flow
@@ -39,9 +39,9 @@ def run_flow(session: Session, finish: Callable[[], str]) -> bool:
         task_runner=task_runner,
     )
     def campaign_flow(campaign_id: str, config_hash: str, lake: str) -> bool:
-        artifact = create_progress_artifact(
-            0.0, key=f"{campaign_id}-progress", description="grasps, real and simulated"
-        )
+        description = "grasps done, measured and simulated"
+        # Called from a synchronous flow it returns the id, not a coroutine.
+        artifact = cast(UUID, create_progress_artifact(0.0, key=f"{campaign_id}-progress", description=description))
         on_event = lambda: _show_progress(artifact, campaign)  # noqa: E731 - two callers, one line
         for stage in range(campaign.config.schedule.n_stages):
             if not run_stage(session, stage, on_event):

@@ -81,10 +81,19 @@ def _real_bench(config: CampaignConfig, config_path: Path, confirm: ConfirmReal)
     if config.bench.real is None:
         raise ConfigError(f"{config_path}: --real needs `bench.real`, the file with ports and addresses; add it.")
     path = relative_to(config_path, config.bench.real)
-    settings = load_record(BenchSettings, read_toml(path, "bench file"), str(path))
+    settings = read_bench(path)
     if not confirm(config.name, str(path)):
         raise UsageError("--real was not confirmed; nothing was moved or written.")
     return settings
+
+
+def read_bench(path: Path) -> BenchSettings:
+    """Read and check the file with the addresses of a real bench.
+
+    Raises:
+        ConfigError: the file is missing, or has a wrong value or key.
+    """
+    return load_record(BenchSettings, read_toml(path, "bench file"), str(path))
 
 
 def read_world(path: Path) -> World:

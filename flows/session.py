@@ -13,9 +13,10 @@ from flows.launch import Outcome, Voice
 from flows.progress import ProgressReporter
 from flows.report.build import write_report
 from flows.viewer.rerun import write_recording
-from hardware.bench import Bench, BenchSettings, MountedTool, open_real_bench, open_virtual_bench
+from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_bench
 from hardware.cell import MeasuredGrasp
-from hardware.world.physics import PhysicsRequest, solve
+from hardware.tools import MountedTool
+from hardware.world.physics import PhysicsRequest, simulate_request
 from hardware.world.spec import World
 from models.features import peak_force_n
 from models.records import GraspSimulation
@@ -71,7 +72,7 @@ def _open_bench(
 
 
 def _solve_in_worker(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulation:
-    return pool.call(solve, request)
+    return pool.call(simulate_request, request)
 
 
 def _tell_grasp(progress: ProgressReporter, tool: ProposedTool, grasp: MeasuredGrasp) -> None:

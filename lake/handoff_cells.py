@@ -1,12 +1,16 @@
 """Reading one cell of the hand-off format: a value, or a ValueError that states the limit and the unit."""
 
 import math
+import operator
 from collections.abc import Callable
 from datetime import UTC, datetime
-from typing import Any
+
+from annotated_types import Ge, Gt, Le, Lt
 
 from models.records import Design, Theta
 from models.units import unit_of
+
+_Holds = Callable[[float, float], bool]
 
 
 def design_number(name: str) -> Callable[[str], float]:
@@ -30,29 +34,36 @@ def optional_number(name: str) -> Callable[[str], float | None]:
         if not text:
             return None
         value = number_or_nan(text)
-        bounds = Theta.model_fields[name].metadata if name in Theta.model_fields else []
-        if not math.isfinite(value) or not all(_within(value, bound) for bound in bounds):
+        bounds = _bounds(Theta, name) if name in Theta.model_fields else []
+        if not math.isfinite(value) or not all(holds(value, bound) for _, holds, bound in bounds):
             raise ValueError(limit)
         return value
 
     return read
 
 
-def _within(value: float, bound: Any) -> bool:
-    checks = {"ge": value.__ge__, "gt": value.__gt__, "le": value.__le__, "lt": value.__lt__}
-    return all(check(float(bound.__dict__[key])) for key, check in checks.items() if key in bound.__dict__)
-
-
 def limits(record_type: type[Design] | type[Theta], name: str) -> str:
     """The range of a field as words with its unit."""
-    words = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
-    found = {}
-    for bound in record_type.model_fields[name].metadata:
-        found.update({words[kind]: limit for kind, limit in bound.__dict__.items() if kind in words})
     unit = unit_of(name)
     kind = "an integer" if record_type.model_fields[name].annotation is int else "a number"
-    text = " and ".join(f"{word} {limit}" for word, limit in found.items())
+    text = " and ".join(f"{word} {bound:g}" for word, _, bound in _bounds(record_type, name))
     return f"must be {kind}, {text}{' ' + unit if unit else ''}."
+
+
+def _bounds(record_type: type[Design] | type[Theta], name: str) -> list[tuple[str, _Holds, float]]:
+    """Each bound of a field: its word, its comparison, its value."""
+    found: list[tuple[str, _Holds, float]] = []
+    for bound in record_type.model_fields[name].metadata:
+        match bound:
+            case Ge(ge=int() | float() as limit):
+                found.append(("at least", operator.ge, float(limit)))
+            case Gt(gt=int() | float() as limit):
+                found.append(("above", operator.gt, float(limit)))
+            case Le(le=int() | float() as limit):
+                found.append(("at most", operator.le, float(limit)))
+            case Lt(lt=int() | float() as limit):
+                found.append(("below", operator.lt, float(limit)))
+    return found
 
 
 def integer(low: int | None, high: int | None) -> Callable[[str], int]:

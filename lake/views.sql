@@ -3,7 +3,8 @@
 
 -- Position of the last sample before the lift (1 is the first sample); NULL when nothing was lifted.
 CREATE MACRO lift_start(lift_mm) AS
-    greatest(list_position(list_transform(lift_mm, lambda x: x > 0), true) - 1, 1);
+    CASE WHEN list_max(lift_mm) > 0
+        THEN greatest(list_position(list_transform(lift_mm, lambda x: x > 0), true) - 1, 1) END;
 
 -- Work to break the grasp, in J: trapezoids under force over lift, from the start of the lift (Fig. 2c).
 CREATE MACRO work_j(lift_mm, force_n) AS

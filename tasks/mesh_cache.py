@@ -52,5 +52,5 @@ def _store(path: Path, mesh: SolidMesh) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
     with os.fdopen(handle, "wb") as file:
-        np.savez_compressed(file, **mesh.to_arrays())
+        np.savez_compressed(file, allow_pickle=False, **mesh.to_arrays())
     os.replace(temporary, path)

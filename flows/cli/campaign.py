@@ -41,7 +41,7 @@ def run(
     """
     from flows.launch import Voice, run_campaign
 
-    confirm = _typed_confirmation if real else None
+    confirm = typed_confirmation if real else None
     outcome = run_campaign(config, lake, auto_print=auto_print, confirm_real=confirm, voice=Voice(tell, tell))
     _tell_outcome(outcome, json)
 
@@ -126,11 +126,12 @@ def resolve_campaign(lake: "Lake", campaign: str | None) -> str:
     return known[0]
 
 
-def _typed_confirmation(name: str, bench: str) -> bool:
+def typed_confirmation(word: str, bench: str) -> bool:
+    """Ask a person to type `word` before real hardware moves; no terminal counts as no."""
     tell(f"This moves real hardware ({bench}). Is the workspace clear and the emergency stop in reach?")
-    tell(f"Type the campaign's name ({name}) to go on:")
+    tell(f"Type `{word}` to go on:")
     try:
-        return input().strip() == name
+        return input().strip() == word
     except EOFError:
         return False
 

@@ -16,9 +16,10 @@ def import_(
 ) -> None:
     """Import designs, grasps and traces in the hand-off format; all of it or, with every fault named, nothing."""
     from lake.handoff import import_handoff
+    from lake.provenance import current_provenance
     from lake.store import Lake
 
-    counts = import_handoff(Lake.open(lake, create=True), directory, campaign)
+    counts = import_handoff(Lake.open(lake, create=True), directory, current_provenance(), campaign_id=campaign)
     show(counts._asdict(), _counts_text("imported", counts._asdict()), json)
 
 
@@ -30,7 +31,7 @@ def export(
     from lake.handoff import export_handoff
     from lake.store import Lake
 
-    counts = export_handoff(Lake.open(lake), directory, campaign)
+    counts = export_handoff(Lake.open(lake), directory, campaign_id=campaign)
     show(counts._asdict(), _counts_text("exported", counts._asdict()), json)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import trimesh
@@ -68,10 +69,14 @@ def tray_files(items: Sequence[PrintItem], bed_mm: tuple[float, float] = BED_MM)
     bodies = {item.label: finger_bodies(item.design, item.label) for item in items}
     files: dict[str, bytes] = {}
     for label, finger in bodies.items():
-        files[f"{label}_compliant.stl"] = finger.compliant.export(file_type="stl")
-        files[f"{label}_rigid.stl"] = finger.rigid.export(file_type="stl")
-    files["tray.3mf"] = _tray_scene(layout, bodies).export(file_type="3mf")
+        files[f"{label}_compliant.stl"] = _stl(finger.compliant)
+        files[f"{label}_rigid.stl"] = _stl(finger.rigid)
+    files["tray.3mf"] = cast(bytes, _tray_scene(layout, bodies).export(file_type="3mf"))
     return files
+
+
+def _stl(body: trimesh.Trimesh) -> bytes:
+    return cast(bytes, body.export(file_type="stl"))  # binary STL
 
 
 def _tray_scene(layout: Sequence[PlacedFinger], bodies: dict[str, FingerBodies]) -> trimesh.Scene:

@@ -14,9 +14,9 @@ SMALL = CandidateSettings(n_random=60, n_local=150, n_lineages=3, n_children=10)
 def hill_surrogate() -> Surrogate:
     """Real forces with one hill at 0.6 in every continuous direction and at seven ribs."""
     rng = np.random.default_rng(0)
-    x = random_unit(60, rng)
+    x = random_unit(200, rng)
     y = 10 + 8 * np.exp(-0.7 * ((x - 0.6) ** 2).sum(axis=1) - 8 * (x[:, RIB_COUNT_COLUMN] - 6 / 9) ** 2)
-    return fit_surrogate(ObservationSet(x, np.ones(60, int), y, np.zeros(60)))
+    return fit_surrogate(ObservationSet(x, np.ones(200, int), y, np.zeros(200)))
 
 
 def test_candidates_are_legal_and_include_every_rib_count_around_incumbents():

@@ -1,0 +1,330 @@
+"""The grasp cell: measures a tool on a plan of objects, and leaves the bench safe whatever happens."""
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Literal
+
+import numpy as np
+
+from hardware.click.driver import ClickPlc
+from hardware.clock import Clock
+from hardware.force_sensor import Baseline, ForceSensor, OverloadError, SensorFaultError
+from hardware.gantry import Gantry
+from hardware.layout import BenchLayout
+from hardware.pneumatics import Pneumatics
+from hardware.recording import GraspRecorder
+from hardware.safety import BenchCondition, SafeAction, safe_actions
+from hardware.tool_changer import ToolChanger
+from hardware.tools import MountedTool
+from models.errors import DeviceError, FastError, InterlockError, UsageError
+from models.records import GraspSetup, Trace
+
+logger = logging.getLogger(__name__)
+
+SETTLE_S = 0.3  # after a move, before the tare
+BASELINE_S = 0.6  # longer than the time after which identical readings mean a frozen transmitter
+CLOSED_SETTLE_S = 0.2  # between the end of closing and the lift
+POSITION_PERIOD_S = 0.1  # 10 Hz, what GRBL answers reliably in motion
+CARRYING_CHECK_PERIOD_S = 0.5
+FORCE_BACK_N = 0.25
+NOT_RELEASED_N = 1.0
+OVERLOAD_LOWER_MM = 5.0
+LIFT_MARGIN_S = 5.0
+
+
+@dataclass(frozen=True)
+class MeasuredGrasp:
+    """One grasp as the bench measured it.
+
+    `tare_force_n`: gross force of the free-hanging gripper that was taken as zero. A failed grasp keeps what was
+    recorded until then.
+    """
+
+    object_id: int
+    repeat: int
+    started_at: datetime
+    trace: Trace
+    status: Literal["ok", "failed"]
+    reason: str
+    tare_force_n: float
+    details: dict[str, float | str] = field(default_factory=dict)
+
+
+class GraspCell:
+    """Runs grasps on the devices of one bench. Between grasps the gripper is open and the head at travel height."""
+
+    def __init__(
+        self,
+        gantry: Gantry,
+        plc: ClickPlc,
+        pneumatics: Pneumatics,
+        changer: ToolChanger,
+        force: ForceSensor,
+        clock: Clock,
+        layout: BenchLayout,
+    ) -> None:
+        self._gantry = gantry
+        self._plc = plc
+        self._pneumatics = pneumatics
+        self._changer = changer
+        self._force = force
+        self._clock = clock
+        self._layout = layout
+
+    def measure_tool(
+        self,
+        slot: int,
+        plan: Sequence[tuple[int, int]],
+        setup: GraspSetup,
+        on_grasp: Callable[[MeasuredGrasp], None],
+        should_stop: Callable[[], bool],
+    ) -> None:
+        """Pick the tool of `slot`, measure the planned (object, repeat) grasps in order, park the tool.
+
+        `on_grasp` gets each grasp as soon as it is measured; `should_stop` is asked before each grasp and ends the
+        plan early, with the tool parked. A grasp that fails by itself (load cell fault, overload) is reported as failed
+        and the plan goes on.
+
+        Raises:
+            UsageError: plan or setup cannot be carried out; nothing has moved.
+            DeviceError: the bench cannot go on; it is in the safe state and the tool may still be on the head.
+        """
+        tool = self._check_plan(slot, plan, setup)
+        if not plan:
+            return
+        with self._safely():
+            self._check_at_rest()
+            self._pneumatics.open_supply()
+            self._pneumatics.set_stroke(setup)
+            self._changer.pick(slot)
+            for object_id, repeat in plan:
+                if should_stop():
+                    logger.info("Stop asked: parking tool %s", tool.tool_id)
+                    break
+                self._measure(tool, object_id, repeat, setup, on_grasp)
+            self.park()
+
+    def park(self) -> None:
+        """Dock the tool on the head (if any) and close the air supply."""
+        self._gantry.move_to(z_mm=self._layout.top_z_mm)
+        self._changer.dock()
+        self._pneumatics.close_supply()
+
+    def recover(self) -> None:
+        """End the safe state after a person looked: drop what is left of the motion, vent, raise. Homed stays homed."""
+        if self._gantry.status().state != "Idle":
+            self._gantry.abort()
+        self._pneumatics.check_air()
+        if self._pneumatics.is_gripping():
+            self._pneumatics.vent()
+        self._gantry.move_to(z_mm=self._layout.top_z_mm)
+
+    def make_safe(self) -> tuple[SafeAction, ...]:
+        """Bring the bench into the safe state; a device that does not answer does not stop the others."""
+        actions = safe_actions(self._condition())
+        for action in actions:
+            try:
+                self._carry_out(action)
+            except FastError as error:
+                logger.error("Safe state: could not %s: %s", action.value, error)
+        return actions
+
+    def _check_plan(self, slot: int, plan: Sequence[tuple[int, int]], setup: GraspSetup) -> MountedTool:
+        tool = self._changer.tools.get(slot)
+        if tool is None:
+            raise UsageError(f"Slot {slot} has no tool; mounted are slots {sorted(self._changer.tools)}.")
+        self._layout.grasp_z_mm(tool.design, setup)
+        for object_id, _ in plan:
+            self._layout.object_xy_mm(object_id)
+        return tool
+
+    def _check_at_rest(self) -> None:
+        if self._pneumatics.is_gripping():
+            raise InterlockError(
+                "The gripper is closed from an earlier grasp; an object may hang in it. Look, then run "
+                "`fast gantry park` to lower, vent and park."
+            )
+
+    @contextmanager
+    def _safely(self) -> Iterator[None]:
+        """Safe state on any exception, including Ctrl-C."""
+        try:
+            yield
+        except BaseException:
+            self.make_safe()
+            raise
+
+    def _condition(self) -> BenchCondition:
+        """What the devices still tell; unknown stays at the worse case."""
+        known: dict[str, bool] = {}
+        try:
+            known["is_moving"] = self._gantry.is_moving()
+        except FastError:
+            known["is_gantry_reachable"] = False
+        try:
+            known["is_gripping"] = self._pneumatics.is_gripping()
+            known["is_estop_pressed"] = self._pneumatics.is_estop_pressed()
+        except FastError:
+            known["is_plc_reachable"] = False
+        return BenchCondition(**known)
+
+    def _carry_out(self, action: SafeAction) -> None:
+        if action is SafeAction.HOLD_MOTION:
+            self._gantry.hold()
+        elif action is SafeAction.CLOSE_SUPPLY:
+            self._pneumatics.close_supply()
+        elif action is SafeAction.DROP_MOTOR_ENABLE:
+            self._plc.stop_heartbeat()
+        else:
+            logger.warning("Safe state: %s", action.value)
+
+    def _measure(
+        self,
+        tool: MountedTool,
+        object_id: int,
+        repeat: int,
+        setup: GraspSetup,
+        on_grasp: Callable[[MeasuredGrasp], None],
+    ) -> None:
+        """One grasp, reported whatever its end; re-raises what the bench cannot go on with."""
+        started_at = datetime.now(UTC)
+        grasp = _GraspInProgress(object_id, repeat, started_at)
+        try:
+            self._approach(tool, grasp)
+            try:
+                self._grip_and_lift(tool, setup, grasp)
+            except (SensorFaultError, OverloadError) as fault:
+                grasp.reason = str(fault)
+                self._back_off(fault, grasp)
+            self._retreat(tool, grasp)
+        except FastError as error:
+            grasp.reason = grasp.reason or str(error)
+            on_grasp(grasp.result())
+            raise
+        on_grasp(grasp.result())
+
+    def _approach(self, tool: MountedTool, grasp: "_GraspInProgress") -> None:
+        """Travel over the object and tare hanging free."""
+        x_mm, y_mm = self._layout.object_xy_mm(grasp.object_id)
+        self._raise(tool)
+        self._gantry.move_to(x_mm=x_mm, y_mm=y_mm)
+        self._changer.check_carrying()
+        self._pneumatics.label_job(grasp.object_id, grasp.repeat)
+        self._clock.sleep(SETTLE_S)
+        self._force.tare()
+        grasp.baseline = self._force.baseline(BASELINE_S)
+
+    def _grip_and_lift(self, tool: MountedTool, setup: GraspSetup, grasp: "_GraspInProgress") -> None:
+        self._gantry.move_to(z_mm=self._layout.grasp_z_mm(tool.design, setup))
+        z_mm = self._gantry.position_mm()[2]
+        self._force.forget()
+        self._pneumatics.grip()
+        recorder = GraspRecorder(self._clock.now_s(), z_mm, grasp.baseline)
+        grasp.recorder = recorder
+        stroke_mm = max(setup.open_gap_mm - setup.closed_gap_mm, 0.0) / 2
+        self._record_until(recorder, self._clock.now_s() + stroke_mm / setup.close_speed_mm_per_s + CLOSED_SETTLE_S)
+        self._pneumatics.check_pressure()
+        recorder.add_position(self._clock.now_s(), z_mm)
+        self._gantry.start_lift(setup.max_lift_mm, setup.lift_speed_mm_per_s)
+        grasp.end = self._record_lift(recorder, setup)
+        self._gantry.stop_lift()
+        sample = self._gantry.sample()
+        recorder.add_position(sample.time_s, sample.z_mm)
+        if not recorder.is_contact_seen(FORCE_BACK_N):
+            grasp.reason = (
+                f"No force above {FORCE_BACK_N:g} N on object {grasp.object_id}: it is missing or moved. The grasp is "
+                "not counted; look at the mount."
+            )
+
+    def _record_until(self, recorder: GraspRecorder, end_s: float) -> None:
+        """Read the force at the transmitter's rate until a time."""
+        period_s = 1.0 / self._force.rate_hz
+        next_s = max(recorder.last_force_s + period_s, self._clock.now_s())
+        while next_s <= end_s + 1e-9:
+            self._clock.sleep(next_s - self._clock.now_s())
+            recorder.add_force(self._force.read())
+            next_s = max(next_s + period_s, self._clock.now_s())
+
+    def _record_lift(self, recorder: GraspRecorder, setup: GraspSetup) -> str:
+        """Read force and position until the fingers have left the object; says how it ended.
+
+        The tips must have passed the tallest object's top first: a waisted object lets go in between.
+        """
+        speed = setup.lift_speed_mm_per_s
+        least_lift_mm = min(setup.tip_below_mm + self._layout.object_height_mm, setup.max_lift_mm)
+        start_s = check_s = self._clock.now_s()
+        deadline_s = start_s + setup.max_lift_mm / speed + LIFT_MARGIN_S
+        while self._clock.now_s() < deadline_s:
+            sample = self._gantry.sample()
+            recorder.add_position(sample.time_s, sample.z_mm)
+            if recorder.lift_mm >= setup.max_lift_mm - 0.01:
+                return "max_lift"
+            if recorder.lift_mm >= least_lift_mm and recorder.is_force_back(FORCE_BACK_N, speed):
+                return "separated"
+            if self._clock.now_s() - check_s >= CARRYING_CHECK_PERIOD_S:
+                self._changer.check_carrying()
+                check_s = self._clock.now_s()
+            self._record_until(recorder, self._clock.now_s() + POSITION_PERIOD_S)
+        raise DeviceError(
+            f"The lift reached {recorder.lift_mm:.1f} of {setup.max_lift_mm:g} mm in {deadline_s - start_s:.0f} s "
+            "and was held; check the Z axis."
+        )
+
+    def _back_off(self, fault: FastError, grasp: "_GraspInProgress") -> None:
+        """After a failed grasp: stop, give way under overload, so that venting is safe."""
+        logger.warning("Grasp on object %d failed: %s", grasp.object_id, fault)
+        self._gantry.stop_lift()
+        if isinstance(fault, OverloadError) and grasp.recorder is not None:
+            z_mm = self._gantry.position_mm()[2]
+            self._gantry.move_to(z_mm=max(z_mm - OVERLOAD_LOWER_MM, grasp.recorder.z_mm))
+
+    def _retreat(self, tool: MountedTool, grasp: "_GraspInProgress") -> None:
+        """Open, go up, and make sure that nothing came along."""
+        grasp.details["pressure_psi"] = self._pneumatics.pressure_psi()
+        self._pneumatics.vent()
+        self._raise(tool)
+        left_n = self._force.baseline(BASELINE_S).net_n - grasp.baseline.net_n
+        grasp.details["after_release_n"] = left_n
+        if abs(left_n) > NOT_RELEASED_N:
+            raise InterlockError(
+                f"{left_n:.1f} N hang on the open gripper after object {grasp.object_id} (limit {NOT_RELEASED_N:g} N): "
+                "the object was not released. Take it out, then continue."
+            )
+
+    def _raise(self, tool: MountedTool) -> None:
+        z_mm = self._layout.travel_z_mm(tool.design)
+        if self._gantry.position_mm()[2] < z_mm - 0.01:
+            self._gantry.move_to(z_mm=z_mm)
+
+
+@dataclass
+class _GraspInProgress:
+    """What is known of a grasp while it is made."""
+
+    object_id: int
+    repeat: int
+    started_at: datetime
+    baseline: Baseline = Baseline(0.0, 0.0, 0.0)
+    recorder: GraspRecorder | None = None
+    reason: str = ""
+    end: str = ""
+    details: dict[str, float | str] = field(default_factory=dict)
+
+    def result(self) -> MeasuredGrasp:
+        """The grasp as measured; failed when a reason was noted."""
+        empty = np.zeros(0)
+        trace = self.recorder.trace() if self.recorder is not None else Trace(empty, empty, empty)
+        self.details.update(end=self.end, baseline_sd_n=self.baseline.sd_n, baseline_net_n=self.baseline.net_n)
+        return MeasuredGrasp(
+            object_id=self.object_id,
+            repeat=self.repeat,
+            started_at=self.started_at,
+            trace=trace,
+            status="failed" if self.reason else "ok",
+            reason=self.reason,
+            tare_force_n=self.baseline.gross_n,
+            details=self.details,
+        )

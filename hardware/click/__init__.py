@@ -1,0 +1,1 @@
+"""CLICK PLC over Modbus TCP: address codec, tags, driver."""

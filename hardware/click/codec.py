@@ -1,0 +1,169 @@
+"""CLICK addresses and values on the Modbus wire: one table of banks, formulas both ways, no I/O.
+
+Documented addresses count from 1 (Y001 is 8193), the wire counts from 0 (8192). 32-bit values travel low word first,
+each word big-endian: the opposite of the Laumas transmitter. Source: notes/hardware.md section 2.1.
+"""
+
+import re
+import struct
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Literal
+
+from models.errors import UsageError
+from models.validation import closest
+
+Space = Literal["coil", "discrete", "holding", "input"]
+Kind = Literal["bit", "int16", "uint16", "int32", "float32", "text"]
+Value = bool | int | float | str
+
+MAX_REGISTERS_PER_READ = 124  # 125 is the Modbus limit; an even number never splits a 32-bit value
+MAX_BITS_PER_READ = 2000  # Modbus limit of FC01 and FC02
+
+_SPARSE_RANGES = ((1, 16), (21, 36), *((100 * slot + 1, 100 * slot + 16) for slot in range(1, 9)))
+_WRITABLE_SYSTEM_BITS = frozenset({53, 55, 60, 61, 65, 66, 67, 75, 76, 120, 121})
+
+
+@dataclass(frozen=True)
+class Bank:
+    """One CLICK memory bank: its native numbers, where it starts on the wire, and what it holds."""
+
+    name: str
+    ranges: tuple[tuple[int, int], ...]
+    base: int
+    space: Space
+    kind: Kind
+    is_writable: bool
+    writable_numbers: frozenset[int] = frozenset()
+
+    @property
+    def width(self) -> int:
+        """Registers (or bits) that one value takes."""
+        return 2 if self.kind in ("int32", "float32") else 1
+
+    @property
+    def is_sparse(self) -> bool:
+        """True for X and Y, whose numbers have gaps between the slots."""
+        return len(self.ranges) > 1
+
+    def contains(self, number: int) -> bool:
+        """Whether this bank has that native number."""
+        return any(first <= number <= last for first, last in self.ranges)
+
+    def can_write(self, number: int) -> bool:
+        """Whether a Modbus client may write that number."""
+        return self.is_writable or number in self.writable_numbers
+
+    def wire_of(self, number: int) -> int:
+        """0-based wire address of a native number."""
+        if not self.is_sparse:
+            return self.base + self.width * (number - self.ranges[0][0])
+        if 21 <= number <= 36:  # second slot of the CPU module
+            return self.base + 16 + (number - 21)
+        return self.base + 32 * (number // 100) + number % 100 - 1
+
+    def number_at(self, wire: int) -> int | None:
+        """Native number whose value starts at this wire address, or None."""
+        offset = wire - self.base
+        if offset < 0:
+            return None
+        if not self.is_sparse:
+            number = self.ranges[0][0] + offset // self.width
+            return number if offset % self.width == 0 and self.contains(number) else None
+        slot, bit = divmod(offset, 32)
+        number = 21 + bit - 16 if slot == 0 and bit >= 16 else 100 * slot + bit + 1
+        return number if self.contains(number) else None
+
+
+def _bank(name: str, last: int, base: int, space: Space, kind: Kind, is_writable: bool = False, first: int = 1) -> Bank:
+    return Bank(name, ((first, last),), base, space, kind, is_writable)
+
+
+_BANKS = (
+    Bank("X", _SPARSE_RANGES, 0x0000, "discrete", "bit", False),
+    Bank("Y", _SPARSE_RANGES, 0x2000, "coil", "bit", True),
+    _bank("C", 2000, 0x4000, "coil", "bit", True),
+    _bank("T", 500, 0xB000, "discrete", "bit"),
+    _bank("CT", 250, 0xC000, "discrete", "bit"),
+    Bank("SC", ((1, 1000),), 0xF000, "discrete", "bit", False, _WRITABLE_SYSTEM_BITS),
+    _bank("DS", 4500, 0x0000, "holding", "int16", True),
+    _bank("DD", 1000, 0x4000, "holding", "int32", True),
+    _bank("DH", 500, 0x6000, "holding", "uint16", True),
+    _bank("DF", 500, 0x7000, "holding", "float32", True),
+    _bank("TXT", 1000, 0x9000, "holding", "text", True),
+    _bank("TD", 500, 0xB000, "holding", "int16", True),
+    _bank("CTD", 250, 0xC000, "holding", "int32", True),
+    _bank("XD", 8, 0xE000, "input", "uint16", first=0),
+    _bank("YD", 8, 0xE200, "holding", "uint16", True, first=0),
+    _bank("SD", 1000, 0xF000, "input", "int16"),
+)
+BANKS: dict[str, Bank] = {bank.name: bank for bank in _BANKS}
+
+_NAME = re.compile(r"([A-Z]+)(\d+)")
+_FORMATS: dict[str, str] = {"int16": "<h", "uint16": "<H", "int32": "<i", "float32": "<f"}
+
+
+@dataclass(frozen=True)
+class Address:
+    """A native address (`Y101`) resolved to its bank and its place on the wire."""
+
+    bank: Bank
+    number: int
+
+    @cached_property
+    def wire(self) -> int:
+        """0-based wire address."""
+        return self.bank.wire_of(self.number)
+
+    def __str__(self) -> str:
+        return f"{self.bank.name}{self.number}"
+
+
+@cache
+def parse_address(name: str) -> Address:
+    """Resolve a native address such as `X1`, `Y101`, `DF3` (leading zeros and lower case are fine).
+
+    Raises:
+        UsageError: no such bank or number on a CLICK.
+    """
+    match = _NAME.fullmatch(name.upper())
+    if match is None:
+        raise UsageError(f"`{name}` is not a CLICK address; write a bank and a number, such as `X1` or `DS100`.")
+    bank = BANKS.get(match[1])
+    if bank is None:
+        raise UsageError(f"CLICK has no memory bank `{match[1]}`; {closest(match[1], list(BANKS))}")
+    number = int(match[2])
+    if not bank.contains(number):
+        spans = ", ".join(f"{first}-{last}" for first, last in bank.ranges)
+        raise UsageError(f"CLICK address {bank.name}{number} does not exist; {bank.name} has {spans}.")
+    return Address(bank, number)
+
+
+def address_at(space: Space, wire: int) -> Address | None:
+    """Native address whose value starts at a wire address of a Modbus space, or None."""
+    for bank in _BANKS:
+        if bank.space == space and (number := bank.number_at(wire)) is not None:
+            return Address(bank, number)
+    return None
+
+
+def pack_value(kind: Kind, value: Value) -> list[int]:
+    """Registers of one value, low word first. Text is at most two characters, the first in the low byte."""
+    if kind == "text":
+        low, high = str(value).ljust(2, "\0").encode("ascii")
+        return [low | high << 8]
+    number = float(value) if kind == "float32" else int(value)
+    try:
+        data = struct.pack(_FORMATS[kind], number)
+    except struct.error as error:
+        raise UsageError(f"{value} does not fit the CLICK type {kind}; use a number in its range.") from error
+    return [word for (word,) in struct.iter_unpack("<H", data)]
+
+
+def unpack_value(kind: Kind, registers: list[int]) -> int | float | str:
+    """Inverse of `pack_value` for exactly one value (1 or 2 registers)."""
+    data = struct.pack(f"<{len(registers)}H", *registers)
+    if kind == "text":
+        return data.decode("ascii", errors="replace").rstrip("\0")
+    (value,) = struct.unpack(_FORMATS[kind], data)
+    return float(value) if kind == "float32" else int(value)

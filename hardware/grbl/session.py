@@ -1,0 +1,269 @@
+"""Brings a GRBL controller into a known state and keeps it there: connect, query, poll, reset, alarms, trust.
+
+*Trust* is the knowledge that MPos is the true place. Homing gives it; an unasked banner, a position-losing alarm, a
+silent controller or a lost line takes it; a soft reset at rest and ALARM:2 leave it (hardware notes, 1.6).
+"""
+
+import logging
+
+from hardware.clock import Clock
+from hardware.grbl.codes import alarm_meaning
+from hardware.grbl.errors import (
+    ControllerResetError,
+    GrblAlarmError,
+    GrblReplyError,
+    MoveAbortedError,
+    ProfileMismatchError,
+    SilentControllerError,
+)
+from hardware.grbl.link import GrblLink, Ticket
+from hardware.grbl.messages import ErrorReply, Feedback, Message, RealTime, Setting, StatusReport
+from hardware.grbl.profile import GrblProfile
+from hardware.transport import Transport
+
+logger = logging.getLogger(__name__)
+
+REPLY_TIMEOUT_S = 1.0  # real; a line or `?` is answered within some 20 ms
+BANNER_TIMEOUT_S = 2.0  # real
+BOOT_WAIT_S = 3.0  # clock; bootloader of a Mega after a port open
+BOOT_POLL_S = 0.1
+CRITICAL_ALARM_S = 0.7  # clock; the firmware is deaf for 0.5 s after ALARM:1 and 2
+HOLD_TIMEOUT_S = 2.0  # clock; beyond it a bare reset is the second choice
+HOLD_POLL_S = 0.05
+OVERRIDE_POLLS = 25  # `Ov` comes at the latest every 20th report
+OVERRIDE_POLL_S = 0.05
+FULL_OVERRIDES = (RealTime.FEED_100, RealTime.RAPID_100)
+MAX_DIFFERENCES = 5
+N_AXES_MIN = 3
+
+
+class GrblSession:
+    """One controller over one transport. Errors are those of `hardware.grbl.errors` and `LinkLostError`."""
+
+    def __init__(self, transport: Transport, clock: Clock, profile: GrblProfile) -> None:
+        self.link = GrblLink(transport)
+        self.clock = clock
+        self.profile = profile
+        self.build: tuple[str, ...] = ()
+        self._known_epoch = -1
+        self._trusted_epoch = -1
+        self._is_prepared = False
+
+    # Trust
+
+    @property
+    def is_position_known(self) -> bool:
+        """Whether MPos can be believed."""
+        alarm = self.link.alarm
+        is_kept = alarm is None or alarm_meaning(alarm).keeps_position
+        return is_kept and self.link.lost is None and self._trusted_epoch == self.link.epoch
+
+    def trust(self) -> None:
+        """MPos is the true place from now on."""
+        self._trusted_epoch = self.link.epoch
+
+    def distrust(self) -> None:
+        """MPos means nothing until the next homing."""
+        self._trusted_epoch = -1
+
+    # Life
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is open."""
+        return self.link.transport.is_open
+
+    def connect(self) -> None:
+        """Open the port, bring the controller to rest, check its settings. Never starts a motion.
+
+        A controller that was alive is stopped (`!`, Hold:0) and reset on purpose: that empties its queue and a half
+        line left by an earlier host.
+
+        Raises:
+            LinkLostError: the port does not open.
+            SilentControllerError: nothing answers as a GRBL would.
+            ProfileMismatchError: the settings differ from the profile.
+        """
+        self.link.close()
+        self.distrust()
+        self._is_prepared = False
+        self.link.open()
+        try:
+            self._wake_up()
+            self.prepare()
+        except Exception:
+            self.link.close()
+            raise
+
+    def close(self) -> None:
+        """Close the port; stops nothing."""
+        self.link.close()
+
+    def _wake_up(self) -> None:
+        epoch = self.link.epoch
+        until_s = self.clock.now_s() + BOOT_WAIT_S
+        while self.link.epoch == epoch and self.clock.now_s() < until_s:
+            self.clock.sleep(BOOT_POLL_S)
+        report = self.link.request_report(REPLY_TIMEOUT_S)
+        self._known_epoch = self.link.epoch
+        if report is not None and report.is_moving:
+            logger.warning("%s was %s when connecting; it is stopped", self.link.transport.name, report.state)
+            self.slow_to_rest("connecting")
+        self.reset("connecting")
+
+    def prepare(self) -> None:
+        """Ping, then compare all settings with the profile and force the overrides to 100 %."""
+        self._known_epoch = self.link.epoch
+        doing = "reading the settings"
+        self.command("", doing)
+        self.build = tuple(f"{m.kind}:{m.text}" for m in self.query("$I", doing) if isinstance(m, Feedback))
+        found = {m.number: m.value for m in self.query("$$", doing) if isinstance(m, Setting)}
+        differences = self.profile.differences(found)
+        if differences:
+            rest = f" and {len(differences) - MAX_DIFFERENCES} more" if len(differences) > MAX_DIFFERENCES else ""
+            raise ProfileMismatchError(
+                f"Settings of the controller on {self.link.transport.name} differ from the profile: "
+                f"{'; '.join(differences[:MAX_DIFFERENCES])}{rest}. Nothing moves; correct the one that is wrong."
+            )
+        self._force_overrides()
+        self._is_prepared = True
+
+    def prepare_again_if_needed(self) -> None:
+        """After an unasked restart: check the settings once more."""
+        if not self._is_prepared or self._known_epoch != self.link.epoch:
+            self.prepare()
+
+    def _force_overrides(self) -> None:
+        self.link.send_real_time(*FULL_OVERRIDES)
+        for _ in range(OVERRIDE_POLLS):
+            self.poll("setting the overrides to 100 %")
+            overrides = self.link.overrides()
+            if overrides is not None and overrides[:2] == (100, 100):
+                return
+            self.clock.sleep(OVERRIDE_POLL_S)
+        raise SilentControllerError(
+            f"Feed override of the controller on {self.link.transport.name} does not come to 100 % "
+            f"(last report {self.link.overrides()}); check who else drives it."
+        )
+
+    # Talking
+
+    def command(self, line: str, doing: str) -> Ticket:
+        """Send a line and wait for its `ok`.
+
+        Raises:
+            GrblReplyError: it was answered `error:N`.
+            SilentControllerError: no answer; the line may be lost or half taken.
+        """
+        epoch = self.link.epoch
+        ticket = self.link.send_line(line)
+        self.link.wait(lambda: ticket.is_settled or ticket.alarm is not None, REPLY_TIMEOUT_S)
+        self.check(doing, epoch)
+        if isinstance(ticket.reply, ErrorReply):
+            raise GrblReplyError(ticket.reply.code, line)
+        if ticket.reply is None:
+            self.distrust()
+            raise SilentControllerError(
+                f"Line {line!r} got no answer in {REPLY_TIMEOUT_S:g} s while {doing}; it may have been taken in part. "
+                "Abort, then home again."
+            )
+        return ticket
+
+    def query(self, line: str, doing: str) -> list[Message]:
+        """What the controller says in answer to a `$` query, before its `ok`."""
+        return self.command(line, doing).messages
+
+    def poll(self, doing: str, epoch: int | None = None) -> StatusReport:
+        """Fresh status report with a position.
+
+        Args:
+            doing: what the host is doing, for messages.
+            epoch: banner epoch the action began in; default the last one this session dealt with.
+
+        Raises:
+            GrblAlarmError, ControllerResetError, MoveAbortedError: why there is none.
+            SilentControllerError: no answer for 1 s; one soft reset was tried.
+        """
+        epoch = self._known_epoch if epoch is None else epoch
+        self.check(doing, epoch)
+        report = self.link.request_report(REPLY_TIMEOUT_S)
+        self.check(doing, epoch)
+        if report is None:
+            self._rouse(doing)
+        if report is None or report.machine_mm is None or len(report.machine_mm) < N_AXES_MIN:
+            raise SilentControllerError(f"The status report lacks a position while {doing}; set $10 of the controller.")
+        return report
+
+    def check(self, doing: str, epoch: int) -> None:
+        """Raise what has come up since `epoch` began: a restart, an abort, an alarm."""
+        if self.link.epoch != epoch:
+            if self.link.was_reset_asked:
+                raise MoveAbortedError(doing)
+            self.distrust()
+            self._is_prepared = False
+            raise ControllerResetError(doing)
+        if self.link.alarm is not None:
+            raise GrblAlarmError(self.link.alarm, doing)
+
+    def _rouse(self, doing: str) -> None:
+        """Silent for a second: it may be deaf in a critical alarm whose line was lost. One reset, then it is gone."""
+        self.distrust()
+        self._is_prepared = False
+        self.reset(doing)
+        raise SilentControllerError(
+            f"The gantry controller was silent for {REPLY_TIMEOUT_S:g} s while {doing} and was reset; the position is "
+            "unknown, home again."
+        )
+
+    # Stopping
+
+    def slow_to_rest(self, doing: str) -> bool:
+        """Feed hold, and wait until nothing moves; False when it did not come to rest in time."""
+        epoch = self.link.epoch
+        self.link.send_real_time(RealTime.HOLD)
+        until_s = self.clock.now_s() + HOLD_TIMEOUT_S
+        while self.poll(doing, epoch).is_moving:
+            if self.clock.now_s() > until_s:
+                return False
+            self.clock.sleep(HOLD_POLL_S)
+        return True
+
+    def reset(self, doing: str) -> None:
+        """Soft reset and its banner. At rest it keeps the position; in motion it costs it (ALARM:3).
+
+        Raises:
+            SilentControllerError: no banner; the link counts as lost.
+        """
+        was_known = self.is_position_known
+        epoch = self.link.epoch
+        for _ in range(2):
+            self.link.send_real_time(RealTime.RESET)
+            if self.link.wait(lambda: self.link.epoch != epoch, BANNER_TIMEOUT_S):
+                break
+        else:
+            self.distrust()
+            raise SilentControllerError(
+                f"Nothing on {self.link.transport.name} answers as a GRBL controller while {doing}; the position is "
+                "unknown. Check power, cable and port, drop the motor enable, then reconnect."
+            )
+        alarm = self.link.alarm_before
+        self._known_epoch = self.link.epoch
+        if was_known and (alarm is None or alarm_meaning(alarm).keeps_position):
+            self.trust()
+        else:
+            self.distrust()
+
+    def clear_alarm(self) -> None:
+        """Get a controller out of an alarm so that it listens again; it stays locked. Does nothing without alarm."""
+        alarm = self.link.alarm
+        if alarm is None:
+            return
+        if alarm_meaning(alarm).is_critical:
+            self.clock.sleep(CRITICAL_ALARM_S)
+        self.reset("clearing an alarm")
+
+    def wait_for_restart(self) -> None:
+        """Deal with the banner that the controller sends by itself after a failed homing."""
+        epoch = self._known_epoch
+        self.link.wait(lambda: self.link.epoch != epoch, BANNER_TIMEOUT_S)
+        self._known_epoch = self.link.epoch

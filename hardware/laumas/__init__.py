@@ -1,0 +1,1 @@
+"""Laumas weight transmitter over Modbus: register codec and driver."""

@@ -1,0 +1,151 @@
+"""Registers of a Laumas weight transmitter: typed readings from and to register blocks, no I/O.
+
+Weights are magnitudes, high word first; the sign sits in the status register. 0-based addresses are the documented
+ones minus 40001. Source: notes/hardware.md section 3.1.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+from models.errors import DeviceError
+
+IDENTITY_REGISTER, N_IDENTITY = 0, 5  # firmware, type, year, serial number, program type
+COMMAND_REGISTER = 5
+STATUS_REGISTER = 6
+GROSS_REGISTER = 7
+NET_REGISTER = 9
+PEAK_REGISTER = 11
+DIVISION_REGISTER = 13
+FIRST_MEASURED_REGISTER, N_MEASURED = STATUS_REGISTER, 8  # status to division in one read
+MAX_REGISTERS_PER_REQUEST = 32
+
+DIVISIONS = (
+    100, 50, 20, 10, 5, 2, 1, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005, 0.0002, 0.0001,
+)  # fmt: skip
+UNITS = ("kg", "g", "t", "lb", "N", "l", "bar", "atm", "pieces", "Nm", "kgm", "other")
+_PLAIN_DIVISIONS = frozenset({1, 0.1, 0.01, 0.001, 0.0001})
+
+
+class Command(IntEnum):
+    """The only commands this driver knows; calibration and EEPROM commands stay on the keypad."""
+
+    TARE = 7
+    ZERO = 8
+    GROSS = 9
+
+
+class Status(IntFlag):
+    """Bits of the status register."""
+
+    CELL_ERROR = 1 << 0
+    CONVERTER_FAULT = 1 << 1
+    MAXIMUM_PASSED = 1 << 2
+    GROSS_OVER_FULL_SCALE = 1 << 3
+    GROSS_OUT_OF_RANGE = 1 << 4
+    NET_OUT_OF_RANGE = 1 << 5
+    GROSS_NEGATIVE = 1 << 7
+    NET_NEGATIVE = 1 << 8
+    PEAK_NEGATIVE = 1 << 9
+    NET_SHOWN = 1 << 10
+    STABLE = 1 << 11
+    NEAR_ZERO = 1 << 12
+
+
+FAULT_MASK = Status(0x003F)
+_FAULT_WORDS = {
+    Status.CELL_ERROR: "load cell error (cable or cell)",
+    Status.CONVERTER_FAULT: "converter fault",
+    Status.MAXIMUM_PASSED: "maximum weight passed",
+    Status.GROSS_OVER_FULL_SCALE: "gross above 110 % of full scale",
+    Status.GROSS_OUT_OF_RANGE: "gross out of range",
+    Status.NET_OUT_OF_RANGE: "net out of range",
+}
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What one count means: `division` of `unit`; `decimals` digits after the point."""
+
+    division: float
+    unit: str
+
+    @property
+    def decimals(self) -> int:
+        """Digits after the decimal point of the instrument's display."""
+        return max(len(f"{self.division:.4f}".rstrip("0")) - 2, 0) if self.division < 1 else 0
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One block of measured registers. Weights are signed, in the instrument's unit."""
+
+    status: Status
+    gross: float
+    net: float
+    peak: float
+    scale: Scale
+
+    @property
+    def fault(self) -> str:
+        """Words for every fault bit that is on, or an empty text."""
+        return ", ".join(words for bit, words in _FAULT_WORDS.items() if self.status & bit)
+
+
+def decode_scale(register: int) -> Scale:
+    """Division and unit from register 40014 (division code in the low byte, unit code in the high byte).
+
+    Raises:
+        DeviceError: unknown code, or a division other than 1, 0.1, 0.01, 0.001, 0.0001: drivers in the field disagree
+            on the scale of those (counts x division or counts / 10^decimals).
+    """
+    division_code, unit_code = register & 0xFF, register >> 8
+    if division_code >= len(DIVISIONS) or unit_code >= len(UNITS):
+        raise DeviceError(
+            f"The weight transmitter reports division code {division_code} and unit code {unit_code}, which its manual "
+            "does not list; check that this is a Laumas instrument with the register map of docs/hardware."
+        )
+    division = DIVISIONS[division_code]
+    if division not in _PLAIN_DIVISIONS:
+        raise DeviceError(
+            f"The weight transmitter is set to a division of {division:g} {UNITS[unit_code]}, whose scale is ambiguous "
+            "over Modbus; set it to 0.001 kg or 0.01 N on the keypad."
+        )
+    return Scale(division, UNITS[unit_code])
+
+
+def encode_scale(scale: Scale) -> int:
+    """Inverse of `decode_scale`."""
+    return UNITS.index(scale.unit) << 8 | DIVISIONS.index(scale.division)
+
+
+def join_magnitude(high: int, low: int) -> int:
+    """Magnitude of a 32-bit weight, high word first; a firmware that sends two's complement is undone."""
+    value = high << 16 | low
+    return abs(value - (1 << 32)) if value & 0x80000000 else value
+
+
+def split_magnitude(counts: int) -> tuple[int, int]:
+    """High and low word of the magnitude of signed counts."""
+    return abs(counts) >> 16, abs(counts) & 0xFFFF
+
+
+def decode_measured(registers: list[int], scale: Scale) -> Reading:
+    """Reading from the block of `N_MEASURED` registers that starts at `FIRST_MEASURED_REGISTER`."""
+    status = Status(registers[0] & 0x1FBF)  # undocumented bits are dropped
+    counts = [join_magnitude(registers[i], registers[i + 1]) for i in (1, 3, 5)]
+    signs = [-1 if status & bit else 1 for bit in (Status.GROSS_NEGATIVE, Status.NET_NEGATIVE, Status.PEAK_NEGATIVE)]
+    gross, net, peak = (sign * value * scale.division for sign, value in zip(signs, counts, strict=True))
+    return Reading(status, gross, net, peak, scale)
+
+
+def encode_measured(status: Status, gross_counts: int, net_counts: int, peak_counts: int, scale: Scale) -> list[int]:
+    """Inverse of `decode_measured`, for signed counts; sets the sign bits."""
+    for counts, bit in (
+        (gross_counts, Status.GROSS_NEGATIVE),
+        (net_counts, Status.NET_NEGATIVE),
+        (peak_counts, Status.PEAK_NEGATIVE),
+    ):
+        if counts < 0:
+            status |= bit
+    words = [word for counts in (gross_counts, net_counts, peak_counts) for word in split_magnitude(counts)]
+    return [int(status), *words, encode_scale(scale)]

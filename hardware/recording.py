@@ -1,0 +1,75 @@
+"""Collects force and position of one grasp on the clock's time base and turns them into a trace."""
+
+from bisect import bisect_left
+
+import numpy as np
+
+from hardware.force_sensor import Baseline, ForceReading
+from models.records import Trace
+
+WINDOW_MM = 2.0  # lift over which the force must be back at zero
+CONTACT_READINGS = 20  # a quarter of a second: averages the noise, keeps the narrowest contact
+
+
+class GraspRecorder:
+    """Force at the transmitter's rate, position at a slower one, both on the bench's clock.
+
+    The force's time base does not hang on the position polls (notes/hardware.md 1.8): lift is interpolated to it.
+    """
+
+    def __init__(self, start_s: float, z_mm: float, baseline: Baseline) -> None:
+        self.start_s = start_s
+        self.z_mm = z_mm
+        self._baseline_n = baseline.net_n
+        self._force_s: list[float] = []
+        self._force_n: list[float] = []
+        self._position_s: list[float] = []
+        self._lift_mm: list[float] = []
+
+    def add_force(self, reading: ForceReading) -> None:
+        """One reading of the load cell."""
+        self._force_s.append(reading.time_s)
+        self._force_n.append(reading.net_n - self._baseline_n)
+
+    def add_position(self, time_s: float, z_mm: float) -> None:
+        """Height of the head at a time."""
+        self._position_s.append(time_s)
+        self._lift_mm.append(z_mm - self.z_mm)
+
+    @property
+    def last_force_s(self) -> float:
+        """Time of the last reading, or of the start."""
+        return self._force_s[-1] if self._force_s else self.start_s
+
+    @property
+    def lift_mm(self) -> float:
+        """Lift at the last position."""
+        return self._lift_mm[-1] if self._lift_mm else 0.0
+
+    @property
+    def n_positions(self) -> int:
+        """How many positions were polled."""
+        return len(self._position_s)
+
+    def is_force_back(self, threshold_n: float, speed_mm_per_s: float) -> bool:
+        """Whether the mean force over the last `WINDOW_MM` of lift is within `threshold_n` of zero."""
+        if not self._force_s:
+            return False
+        first = bisect_left(self._force_s, self._force_s[-1] - WINDOW_MM / speed_mm_per_s)
+        recent = self._force_n[first:]
+        return abs(sum(recent) / len(recent)) < threshold_n
+
+    def is_contact_seen(self, threshold_n: float) -> bool:
+        """Whether the mean force over any `CONTACT_READINGS` in a row leaves `threshold_n` around zero."""
+        force_n = np.array(self._force_n)
+        n = min(CONTACT_READINGS, len(force_n))
+        return n > 0 and bool(np.abs(np.convolve(force_n, np.full(n, 1.0 / n), mode="valid")).max() > threshold_n)
+
+    def trace(self) -> Trace:
+        """Trace with time from closing start and lift interpolated to the force's times."""
+        force_s = np.array(self._force_s)
+        if self._position_s:
+            lift_mm = np.interp(force_s, self._position_s, self._lift_mm)
+        else:
+            lift_mm = np.zeros(len(force_s))
+        return Trace(force_s - self.start_s, np.maximum(lift_mm, 0.0), np.array(self._force_n))

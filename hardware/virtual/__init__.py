@@ -1,0 +1,1 @@
+"""Virtual devices: servers that speak the wire protocols of the real ones."""

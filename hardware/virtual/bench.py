@@ -1,0 +1,134 @@
+"""The whole virtual bench: GRBL on a pty, CLICK and Laumas on Modbus TCP, coupled to one world."""
+
+import logging
+import math
+import threading
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+from hardware.clock import Clock
+from hardware.layout import BenchLayout
+from hardware.tools import MountedTool
+from hardware.virtual.click import VirtualClick
+from hardware.virtual.grbl import VirtualGrbl
+from hardware.virtual.laumas import VirtualLaumas
+from hardware.world.physics import Physics, PhysicsCache, PhysicsRequest
+from hardware.world.spec import World
+from hardware.world.state import WorldState
+from models.errors import SimulationFailed
+from models.records import GraspSimulation
+
+logger = logging.getLogger(__name__)
+
+_TICK_S = 0.01  # real time between looks at a world whose clock runs by itself
+
+
+@dataclass(frozen=True)
+class Endpoints:
+    """Where drivers connect."""
+
+    serial_port: str
+    plc_host: str
+    plc_port: int
+    transmitter_host: str
+    transmitter_port: int
+
+
+class VirtualBench:
+    """Starts and stops the three servers and moves the world.
+
+    With a lockstep clock the world moves inside `clock.sleep`, physics included. With a clock that runs by itself a
+    thread moves it, every access of a server brings it up to date first, and physics runs in a worker.
+    """
+
+    def __init__(
+        self, world: World, tools: Mapping[int, MountedTool], physics: Physics, clock: Clock, layout: BenchLayout
+    ) -> None:
+        self.is_lockstep = math.isinf(clock.wall_s(1.0))
+        self._physics = physics if isinstance(physics, PhysicsCache) else PhysicsCache(physics)
+        self._clock = clock
+        self._worker: ThreadPoolExecutor | None = None
+        self._ticker = threading.Thread(target=self._tick, name="virtual-world", daemon=True)
+        self._stopping = threading.Event()
+        self.grbl = VirtualGrbl(clock)
+        solve = self._solve_now if self.is_lockstep else self._solve_later
+        now_s = clock.now_s()
+        self.state = WorldState(world, tools, solve, layout, self.grbl.position_mm, now_s)
+        self.plc = VirtualClick(self.state, clock.lock, now_s, self._refresh)
+        self.transmitter = VirtualLaumas(self.state, clock.lock, refresh=self._refresh)
+
+    def start(self, plc_port: int = 0, transmitter_port: int = 0) -> Endpoints:
+        """Start everything; ports 0 are free ones.
+
+        Raises:
+            DeviceError: a port is taken; nothing is left running.
+        """
+        try:
+            self.plc.server.start(plc_port)
+            self.transmitter.server.start(transmitter_port)
+        except BaseException:
+            self.stop()
+            raise
+        self._clock.add_listener(self._advance)
+        if not self.is_lockstep:
+            self._ticker.start()
+        return self.endpoints
+
+    @property
+    def endpoints(self) -> Endpoints:
+        """Where drivers connect."""
+        plc, transmitter = self.plc.server, self.transmitter.server
+        return Endpoints(self.grbl.port, plc.host, plc.port, transmitter.host, transmitter.port)
+
+    def stop(self) -> None:
+        """Stop everything; safe to call twice."""
+        self._stopping.set()
+        self._clock.remove_listener(self._advance)
+        if self._ticker.is_alive():
+            self._ticker.join(timeout=10.0)
+        self.transmitter.server.stop()
+        self.plc.server.stop()
+        self.grbl.close()
+        if self._worker is not None:
+            self._worker.shutdown(wait=True, cancel_futures=True)
+
+    def _advance(self, now_s: float) -> None:
+        """Bring world, ladder and transmitter to `now_s`; the caller holds the clock's lock."""
+        self.state.step(now_s)
+        self.plc.scan(now_s)
+        self.transmitter.step()
+
+    def _refresh(self) -> None:
+        if not self.is_lockstep:
+            self._advance(self._clock.now_s())
+
+    def _tick(self) -> None:
+        while not self._stopping.wait(_TICK_S):
+            with self._clock.lock:
+                self._refresh()
+
+    def _solve_now(self, request: PhysicsRequest) -> "Future[GraspSimulation]":
+        """Physics in the thread that waits on the clock; a defect in it surfaces there."""
+        answer: Future[GraspSimulation] = Future()
+        try:
+            answer.set_result(self._physics(request))
+        except SimulationFailed as failure:
+            answer.set_exception(failure)
+        return answer
+
+    def _solve_later(self, request: PhysicsRequest) -> "Future[GraspSimulation]":
+        """Physics in a worker, so that the servers keep answering."""
+        if self._worker is None:
+            self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="virtual-physics")
+        return self._worker.submit(self._solve_guarded, request)
+
+    def _solve_guarded(self, request: PhysicsRequest) -> GraspSimulation:
+        """A defect of the physics must not end the world's thread: it becomes a failed grasp, with its traceback."""
+        try:
+            return self._physics(request)
+        except SimulationFailed:
+            raise
+        except Exception as error:
+            logger.exception("Virtual bench: the physics of object %d broke down", request.object_id)
+            raise SimulationFailed(f"The physics broke down: {error!r}.", "crash") from error

@@ -1,0 +1,134 @@
+"""The mechanics under a virtual GRBL: where the carriage really is, its switches, its end stops.
+
+Machine coordinates are those of a homed controller: an axis that homes to its + end has its home switch at 0 and
+moves in negative numbers (an axis with its `$23` bit set has it at minus the travel). The controller *counts* steps;
+`slip_mm` is what the count has missed (lost steps, power cuts, crashes into an end stop).
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+from hardware.grbl.messages import Vector
+from hardware.grbl.profile import GrblProfile
+from hardware.virtual.grbl_motion import Leg
+
+FAR_SWITCH_MM = 4.0  # far limit switch beyond the soft limit
+END_STOP_MM = 3.0  # hard stop beyond each switch
+SWITCH_SLACK_MM = 1e-6  # rounding
+HISTORY_LEGS = 256
+
+
+@dataclass(frozen=True)
+class _Past:
+    """A leg, when it really ended, and the slip that held while it ran."""
+
+    leg: Leg
+    end_s: float
+    slip_mm: Vector
+
+
+class Carriage:
+    """Counted and true position over time, three axes, mm."""
+
+    def __init__(self, profile: GrblProfile, true_mm: Vector) -> None:
+        self._profile = profile
+        self.forced_switches: set[int] = set()
+        self.dead_switches: set[int] = set()
+        self._slip_mm: Vector = true_mm
+        self._count_mm: Vector = (0.0, 0.0, 0.0)
+        self._leg: Leg | None = None
+        self._past: deque[_Past] = deque(maxlen=HISTORY_LEGS)
+
+    # Ends
+
+    def home_switch_mm(self, axis: int) -> float:
+        """Where the home switch closes."""
+        return 0.0 if self._profile.homes_to_plus_end(axis) else -self._profile.travel_mm[axis]
+
+    def switch_range_mm(self, axis: int) -> tuple[float, float]:
+        """Between these two places both limit switches of an axis are open."""
+        travel = self._profile.travel_mm[axis]
+        if self._profile.homes_to_plus_end(axis):
+            return -travel - FAR_SWITCH_MM, 0.0
+        return -travel, FAR_SWITCH_MM
+
+    def is_switch_closed(self, axis: int, now_s: float) -> bool:
+        """Whether the limit input of an axis is active."""
+        if axis in self.forced_switches:
+            return True
+        low, high = self.switch_range_mm(axis)
+        place = self.true_mm(now_s)[axis]
+        is_beyond = place >= high - SWITCH_SLACK_MM or place <= low + SWITCH_SLACK_MM
+        return is_beyond and axis not in self.dead_switches
+
+    # Motion
+
+    @property
+    def leg(self) -> Leg | None:
+        """What it is doing, or None at rest."""
+        return self._leg
+
+    def count_mm(self, now_s: float) -> Vector:
+        """What the controller believes."""
+        return self._count_mm if self._leg is None else self._leg.position_at(now_s)
+
+    def true_mm(self, now_s: float) -> Vector:
+        """Where it is, or was at a time within the last legs."""
+        rest_since_s = self._past[-1].end_s if self._past else -math.inf
+        started_s = rest_since_s if self._leg is None else self._leg.start_s
+        if now_s >= started_s or not self._past:
+            return self._stopped(self.count_mm(now_s), self._slip_mm)
+        past = next((past for past in reversed(self._past) if now_s >= past.leg.start_s), self._past[0])
+        return self._stopped(past.leg.position_at(min(now_s, past.end_s)), past.slip_mm)
+
+    def _stopped(self, count_mm: Vector, slip_mm: Vector) -> Vector:
+        """True position for a count: the end stops let nothing pass."""
+        places = []
+        for axis, (count, slip) in enumerate(zip(count_mm, slip_mm, strict=True)):
+            low, high = self.switch_range_mm(axis)
+            places.append(min(max(count + slip, low - END_STOP_MM), high + END_STOP_MM))
+        return tuple(places)
+
+    def start(self, leg: Leg) -> None:
+        """Begin a leg from the present count."""
+        self._leg = leg
+
+    def finish(self, now_s: float, slip_mm: float = 0.0) -> None:
+        """Come to rest where the leg is now; `slip_mm` more is lost along the direction of motion."""
+        leg = self._leg
+        if leg is None:
+            return
+        true_mm = self.true_mm(now_s)
+        self._count_mm = leg.position_at(now_s)
+        self._past.append(_Past(leg, min(now_s, leg.end_s), self._slip_mm))
+        self._leg = None
+        self._slip_mm = tuple(
+            true - count + slip_mm * part
+            for true, count, part in zip(true_mm, self._count_mm, leg.direction, strict=True)
+        )
+
+    def switch_time_s(self, leg: Leg) -> float:
+        """When a leg will open or close a limit switch; infinite if never."""
+        first = math.inf
+        true_mm = self.true_mm(leg.start_s)
+        for axis, part in enumerate(leg.direction):
+            if part == 0 or axis in self.forced_switches or axis in self.dead_switches:
+                continue
+            for edge in self.switch_range_mm(axis):
+                way = (edge - true_mm[axis]) / part
+                if SWITCH_SLACK_MM < way <= leg.length_mm:
+                    first = min(first, leg.time_at_way(way))
+        return first
+
+    def recount(self, count_mm: Vector, now_s: float) -> None:
+        """The controller takes the present place for `count_mm` (homing, power-up); at rest only."""
+        true_mm = self.true_mm(now_s)
+        self._count_mm = count_mm
+        self._slip_mm = tuple(true - count for true, count in zip(true_mm, count_mm, strict=True))
+
+    def nudge(self, axis: int, distance_mm: float) -> None:
+        """Push the carriage without the controller noticing: lost steps."""
+        slip = list(self._slip_mm)
+        slip[axis] += distance_mm
+        self._slip_mm = tuple(slip)

@@ -1,0 +1,45 @@
+"""Effects of the sensor layer: what the load-cell chain makes of the true force."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.effects.base import Effect
+from models.records import Trace
+
+
+@dataclass(frozen=True)
+class LoadCellGain(Effect):
+    """Span error: the reported force is `gain` times the true one."""
+
+    gain: float
+
+    def modify_trace(self, trace: Trace) -> Trace:
+        """The trace with the force scaled."""
+        return Trace(trace.time_s, trace.lift_mm, self.gain * trace.force_n)
+
+
+@dataclass(frozen=True)
+class LoadCellLag(Effect):
+    """First-order lag tau dy/dt + y = u of the transmitter's filter, `time_constant_s` tau.
+
+    Exact for a force u that is linear in time between samples. With slope m and step h:
+    y_1 = u_1 - tau m + (y_0 - u_0 + tau m) exp(-h / tau).
+    """
+
+    time_constant_s: float
+
+    def modify_trace(self, trace: Trace) -> Trace:
+        """The trace as the lagging transmitter reports it, starting from the true force."""
+        tau = self.time_constant_s
+        if tau == 0.0 or len(trace.time_s) < 2:
+            return trace
+        true = trace.force_n
+        step = np.diff(trace.time_s)
+        slope = np.divide(np.diff(true), step, out=np.zeros_like(step), where=step > 0)
+        decay = np.exp(-step / tau)
+        reported = true.copy()
+        for i in range(len(step)):
+            lag = tau * slope[i]
+            reported[i + 1] = true[i + 1] - lag + (reported[i] - true[i] + lag) * decay[i]
+        return Trace(trace.time_s, trace.lift_mm, reported)

@@ -1,0 +1,192 @@
+"""Elastic force and tangent of a whole mesh, assembled into the blocks of a fixed sparse pattern."""
+
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+
+from models.errors import MeshingFailed
+from models.fem.elasticity import LAW_CODE, MaterialLaw, element_force, element_stiffness, lame_constants
+from models.fem.linear import BlockPattern, block_pattern
+from models.fem.shape import quadrature_of, shape_of
+from models.mesh.solid import SolidMesh
+
+CLAMPED = -1
+
+
+@dataclass(frozen=True)
+class Material:
+    """Elastic law of the compliant body."""
+
+    young_modulus_mpa: float
+    poisson_ratio: float
+    law: MaterialLaw = "neo_hookean"
+
+
+class ElasticBody:
+    """A meshed elastic body: its internal force, its tangent, and its lumped volumes.
+
+    Blocks refer to `pattern`; `row_of_node` (n) is a node's block row, `CLAMPED` for base nodes. Block maps hold
+    the place z of a block in the pattern, -2 - z for its transpose, and -1 for a clamped node.
+    """
+
+    def __init__(self, mesh: SolidMesh, nodes: np.ndarray, material: Material, n_axial_points: int = 2) -> None:
+        """`nodes` (n, 3): the undeformed mesh in the frame of the calculation (a rotation of the finger frame)."""
+        self.mesh = mesh
+        self.elements = np.ascontiguousarray(mesh.elements, dtype=np.int32)
+        self._law = LAW_CODE[material.law]
+        self._lam, self._mu = lame_constants(material.young_modulus_mpa, material.poisson_ratio)
+        self._slopes, self._weights, self._values = _reference_gradients(mesh, nodes, n_axial_points)
+        self.row_of_node, self.pattern = _number_rows(mesh)
+        self._map = block_map(self.elements, self.row_of_node, self.pattern)
+        self._symmetry = _symmetry_blocks(mesh, self.row_of_node, self.pattern)
+
+    @property
+    def n_dof(self) -> int:
+        """Unknown displacements."""
+        return 3 * self.pattern.n - len(self._symmetry[2])
+
+    def force(self, x: np.ndarray) -> np.ndarray | None:
+        """Internal nodal force (n, 3) at deformed nodes x (n, 3); None if an element is inverted."""
+        force = np.zeros_like(x)
+        valid = _assemble_force(x, self.elements, self._slopes, self._weights, self._law, self._lam, self._mu, force)
+        return force if valid else None
+
+    def stiffness(self, x: np.ndarray, blocks: np.ndarray) -> np.ndarray | None:
+        """As `force`; also overwrites `blocks` (z, 3, 3) with the tangent (symmetry not yet applied)."""
+        force = np.zeros_like(x)
+        blocks[:] = 0.0
+        valid = _assemble(
+            x, self.elements, self._slopes, self._weights, self._law, self._lam, self._mu, self._map, force, blocks
+        )
+        return force if valid else None
+
+    def apply_symmetry(self, blocks: np.ndarray) -> None:
+        """Decouple the y displacement of the nodes on the symmetry plane."""
+        rows, columns, diagonal = self._symmetry
+        blocks[rows, 1, :] = 0.0
+        blocks[columns, :, 1] = 0.0
+        blocks[diagonal, 1, 1] = 1.0
+
+    def lumped_volume(self) -> np.ndarray:
+        """Volume of each node in mm3 (n): diagonal of the consistent mass, scaled per element (HRZ lumping)."""
+        diagonal = np.einsum("qa,mq->ma", self._values**2, self._weights)
+        diagonal *= (self._weights.sum(axis=1) / diagonal.sum(axis=1))[:, None]
+        volume = np.zeros(len(self.mesh.nodes))
+        np.add.at(volume, self.elements.ravel(), diagonal.ravel())
+        return volume
+
+
+def block_map(connectivity: np.ndarray, row_of_node: np.ndarray, pattern: BlockPattern) -> np.ndarray:
+    """Places (m, k, k) of the blocks between the nodes of each element or face, in the code of `ElasticBody`."""
+    rows = row_of_node[connectivity].astype(np.int64)
+    first, second = np.broadcast_arrays(rows[:, :, None], rows[:, None, :])
+    low, high = np.minimum(first, second), np.maximum(first, second)
+    columns = np.repeat(np.arange(pattern.n, dtype=np.int64), np.diff(pattern.indptr))
+    keys = columns * pattern.n + pattern.indices
+    places = np.searchsorted(keys, (low * pattern.n + high).ravel()).reshape(low.shape)
+    places = np.where(first >= second, places, -2 - places)
+    return np.where(low < 0, -1, places).astype(np.int32)
+
+
+def _reference_gradients(
+    mesh: SolidMesh, nodes: np.ndarray, n_axial_points: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gradients dN/dX (m, q, k, 3), weights (m, q) in mm3 and shape values (q, k)."""
+    rule = quadrature_of(mesh.kind, n_axial_points)
+    values, gradients = shape_of(mesh.kind, rule.points)
+    jacobian = np.einsum("mai,qaj->mqij", nodes[mesh.elements], gradients)
+    determinant = np.linalg.det(jacobian)
+    if not determinant.min() > 0.0:
+        raise MeshingFailed(
+            f"{int((determinant.min(axis=1) <= 0).sum())} of {len(mesh.elements)} elements are inverted before any "
+            "load; change the mesh settings.",
+            reason="inverted_element",
+        )
+    slopes = np.einsum("qaj,mqji->mqai", gradients, np.linalg.inv(jacobian))
+    return np.ascontiguousarray(slopes), determinant * rule.weights, values
+
+
+def _number_rows(mesh: SolidMesh) -> tuple[np.ndarray, BlockPattern]:
+    n_nodes = len(mesh.nodes)
+    free = np.ones(n_nodes, dtype=bool)
+    free[mesh.base_nodes] = False
+    compact = np.where(free, np.cumsum(free) - 1, CLAMPED)
+    local = compact[mesh.elements]
+    k = local.shape[1]
+    first, second = np.broadcast_arrays(local[:, :, None], local[:, None, :])
+    pairs = np.column_stack([first.reshape(-1, k * k).ravel(), second.reshape(-1, k * k).ravel()])
+    pattern = block_pattern(int(free.sum()), pairs[(pairs >= 0).all(axis=1)])
+    return np.where(free, pattern.position[compact], CLAMPED).astype(np.int32), pattern
+
+
+def _symmetry_blocks(
+    mesh: SolidMesh, row_of_node: np.ndarray, pattern: BlockPattern
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rows = row_of_node[mesh.symmetry_nodes]
+    constrained = np.zeros(pattern.n, dtype=bool)
+    constrained[rows[rows >= 0]] = True
+    columns = np.repeat(np.arange(pattern.n), np.diff(pattern.indptr))
+    by_row, by_column = constrained[pattern.indices], constrained[columns]
+    diagonal = by_row & (pattern.indices == columns)
+    return np.flatnonzero(by_row), np.flatnonzero(by_column), np.flatnonzero(diagonal)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _assemble(
+    x: np.ndarray,
+    elements: np.ndarray,
+    slopes: np.ndarray,
+    weights: np.ndarray,
+    law: int,
+    lam: float,
+    mu: float,
+    places: np.ndarray,
+    force: np.ndarray,
+    blocks: np.ndarray,
+) -> bool:
+    m, k = elements.shape
+    local_x, local_force, K = np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((3, 3, k, k))
+    for e in range(m):
+        for a in range(k):
+            local_x[a] = x[elements[e, a]]
+        if not element_stiffness(local_x, slopes[e], weights[e], law, lam, mu, local_force, K):
+            return False
+        for a in range(k):
+            for i in range(3):
+                force[elements[e, a], i] += local_force[a, i]
+            for b in range(a + 1):
+                place = places[e, a, b]
+                if place >= 0:
+                    for i in range(3):
+                        for j in range(3):
+                            blocks[place, i, j] += K[i, j, a, b]
+                elif place < -1:
+                    for i in range(3):
+                        for j in range(3):
+                            blocks[-2 - place, j, i] += K[i, j, a, b]
+    return True
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _assemble_force(
+    x: np.ndarray,
+    elements: np.ndarray,
+    slopes: np.ndarray,
+    weights: np.ndarray,
+    law: int,
+    lam: float,
+    mu: float,
+    force: np.ndarray,
+) -> bool:
+    m, k = elements.shape
+    local_x, local_force = np.zeros((k, 3)), np.zeros((k, 3))
+    for e in range(m):
+        for a in range(k):
+            local_x[a] = x[elements[e, a]]
+        if not element_force(local_x, slopes[e], weights[e], law, lam, mu, local_force):
+            return False
+        for a in range(k):
+            for i in range(3):
+                force[elements[e, a], i] += local_force[a, i]
+    return True

@@ -1,0 +1,134 @@
+"""One finger in one grasp: its mechanics at a time step, for Newton's method.
+
+Implicit Euler with the real density: f_int - f_contact + M/dt^2 (x - x_n - dt v_n) = 0. Inertia is a thousandth of
+the stiffness while the grasp is quasi-static; where the finger snaps (a rib buckles, the tip slips off) steps
+become short and inertia carries it through. Ten times less density changes the peak by less than 0.01 %.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.fem.assembly import ElasticBody
+from models.fem.contact import ContactResponse, ContactState, ContactSurface, Obstacle
+
+DENSITY_T_PER_MM3 = 1.1e-9  # silicone-like print material, 1.1 g/cm3; at REFERENCE_MODULUS_MPA
+
+
+@dataclass
+class FingerState:
+    """A converged instant: positions x (n, 3) mm, velocities v (n, 3) mm/s, contact memory, base offset (3) mm."""
+
+    x: np.ndarray
+    v: np.ndarray
+    contact: ContactState
+    base: np.ndarray
+
+
+class FingerStep:
+    """The equations of one time step; a `models.fem.newton.Problem`."""
+
+    def __init__(
+        self,
+        body: ElasticBody,
+        surface: ContactSurface,
+        nodes: np.ndarray,
+        obstacle: Obstacle,
+        *,
+        has_mirror: bool,
+    ) -> None:
+        """`nodes` (n, 3): undeformed, in the object frame with the front wall at x = 0 and no lift."""
+        self._body, self._surface, self._nodes = body, surface, nodes
+        self._obstacle, self._has_mirror = obstacle, has_mirror
+        self._free = body.row_of_node >= 0
+        self._rows = body.row_of_node[self._free]
+        self._mass = np.zeros((body.pattern.n, 1))
+        self._mass[self._rows, 0] = DENSITY_T_PER_MM3 * body.lumped_volume()[self._free]
+        self._symmetric = np.zeros(body.pattern.n, dtype=bool)
+        plane = body.row_of_node[body.mesh.symmetry_nodes]
+        self._symmetric[plane[plane >= 0]] = True
+        self._clamped = self._nodes
+        self._rate = 0.0
+        self._target = np.zeros((body.pattern.n, 3))
+        self._friction = np.zeros(len(surface.areas))
+        self._state = ContactState(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+
+    def rest(self, base: np.ndarray) -> FingerState:
+        """The undeformed finger at rest with its base moved by `base` (3)."""
+        x = self._nodes + base
+        return FingerState(x, np.zeros_like(x), self._surface.start(x), base.copy())
+
+    def begin(self, state: FingerState, base: np.ndarray, dt_s: float, friction: np.ndarray) -> np.ndarray:
+        """Set up the step from `state` to the base position `base`; returns the first guess of the unknowns."""
+        self._clamped = self._nodes + base
+        self._rate = 1.0 / dt_s**2
+        self._target[self._rows] = (state.x + dt_s * state.v)[self._free]
+        self._friction, self._state = friction, state.contact
+        return self._target.copy()
+
+    def start_from(self, state: FingerState) -> np.ndarray:
+        """Another first guess of the unknowns: the positions of `state`, moved along with the base."""
+        u = np.zeros_like(self._target)
+        u[self._rows] = (state.x + (self._clamped - self._nodes - state.base))[self._free]
+        return u
+
+    def distance_to_object(self, base: np.ndarray) -> float:
+        """Least distance in mm of the undeformed finger, base at `base` (3), from the obstacle."""
+        return float(self._obstacle.distance(self._surface.positions(self._nodes + base)).min())
+
+    def distance_to_anything(self, base: np.ndarray) -> float:
+        """As `distance_to_object`, but the other finger (the mirror plane) counts too."""
+        gap = self.distance_to_object(base)
+        front = float((self._nodes + base)[:, 0].min())
+        return min(gap, front) if self._has_mirror else gap
+
+    def is_touching(self, state: FingerState) -> bool:
+        """True if any contact point carries pressure from the obstacle."""
+        return bool((state.contact.pressure > 0.0).any())
+
+    def finish(self, state: FingerState, u: np.ndarray, base: np.ndarray, dt_s: float) -> tuple[FingerState, np.ndarray]:
+        """The state after the step, and the force (3) in N that the clamp exerts on the meshed body."""
+        x = self.positions(u)
+        response = self._contact(x, None)
+        elastic = self._body.force(x)
+        clamp = np.zeros(3) if elastic is None else (elastic - response.force)[~self._free].sum(axis=0)
+        contact = ContactState(
+            response.position, response.traction, response.pressure, state.contact.slip + response.slip_step
+        )
+        return FingerState(x, (x - state.x) / dt_s, contact, base.copy()), clamp
+
+    def positions(self, u: np.ndarray) -> np.ndarray:
+        """All nodes (n, 3) from the unknown rows."""
+        x = self._clamped.copy()
+        x[self._free] = u[self._rows]
+        return x
+
+    def residual(self, u: np.ndarray) -> np.ndarray | None:
+        """See `Problem`."""
+        x = self.positions(u)
+        elastic = self._body.force(x)
+        if elastic is None:
+            return None
+        balance = self._contact(x, None).force - elastic
+        rows = self._rate * self._mass * (self._target - u)
+        rows[self._rows] += balance[self._free]
+        rows[self._symmetric, 1] = 0.0
+        return rows
+
+    def tangent(self, u: np.ndarray, blocks: np.ndarray) -> bool:
+        """See `Problem`."""
+        x = self.positions(u)
+        if self._body.stiffness(x, blocks) is None:
+            return False
+        self._contact(x, blocks)
+        self.shift(blocks, 1.0)
+        self._body.apply_symmetry(blocks)
+        return True
+
+    def shift(self, blocks: np.ndarray, amount: float) -> None:
+        """See `Problem`; in units of the inertia M/dt^2."""
+        diagonal = self._body.pattern.indptr[:-1]
+        blocks[diagonal] += (amount * self._rate) * self._mass[:, :, None] * np.eye(3)
+
+    def _contact(self, x: np.ndarray, blocks: np.ndarray | None) -> ContactResponse:
+        return self._surface.respond(x, self._state, self._obstacle, self._friction, self._has_mirror, blocks)

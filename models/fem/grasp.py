@@ -1,0 +1,220 @@
+"""One simulated grasp: close, lift, separate; the sum of both fingers as the load cell sees it."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.effects.base import Effect
+from models.effects.catalogue import build_effects
+from models.features import peak_force_n, work_j
+from models.fem.assembly import ElasticBody, Material
+from models.fem.contact import ContactLaw, ContactSurface, Obstacle, PointSpacing
+from models.fem.elasticity import REFERENCE_MODULUS_MPA
+from models.fem.finger import FingerState, FingerStep
+from models.fem.linear import BlockCholesky
+from models.fem.newton import NewtonSettings, NewtonSolver
+from models.fem.obstacle import ObjectObstacle
+from models.fem.stepping import (
+    FingerRecord,
+    Path,
+    StepLimits,
+    Stepper,
+    deadline_after,
+    lift_step_mm,
+    travel_to_touch,
+)
+from models.mesh.build import build_mesh
+from models.mesh.solid import SolidMesh
+from models.objects.catalogue import RigidObject
+from models.records import Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion, Theta, Trace
+
+INWARD, UPWARD = np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+FREE_STEPS = 2  # steps without contact before the end of the lift is considered
+RESIDUAL_FORCE_N = 0.05  # at the reference modulus: what may be left of the force when the lift ends
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """Everything numerical but the mesh: contact regularisation, contact points, step sizes, Newton's limits."""
+
+    contact: ContactLaw = ContactLaw()
+    spacing: PointSpacing = PointSpacing()
+    limits: StepLimits = StepLimits()
+    newton: NewtonSettings = NewtonSettings()
+
+
+@dataclass(frozen=True)
+class FingerProblem:
+    """Everything about one finger in one grasp. `mesh` is in the finger frame; forces at the reference modulus."""
+
+    mesh: SolidMesh
+    height_mm: float
+    theta: Theta
+    setup: GraspSetup
+    effects: tuple[Effect, ...] = ()
+    numerics: Numerics = Numerics()
+
+
+@dataclass(frozen=True)
+class FingerResult:
+    """Samples of one finger (full width) at the reference modulus, and the work it took.
+
+    `time_s`, `lift_mm` (n); `force_n` (n, 3) of the clamp on the finger: z > 0 pulls it up, x < 0 presses it on.
+    `n_closing` samples belong to the closing.
+    """
+
+    time_s: np.ndarray
+    lift_mm: np.ndarray
+    force_n: np.ndarray
+    n_closing: int
+    n_steps: int
+    n_newton: int
+    n_dof: int
+
+
+def simulate_grasp(
+    design: Design,
+    obj: RigidObject,
+    version: SimulatorVersion = SimulatorVersion(),  # noqa: B008 - frozen record
+    setup: GraspSetup = GraspSetup(),  # noqa: B008 - frozen record
+    *,
+    placement: Placement = Placement(),  # noqa: B008 - frozen record
+    effects: Sequence[Effect] | None = None,
+    mesh: SolidMesh | None = None,
+    numerics: Numerics = Numerics(),  # noqa: B008 - frozen record
+    deadline_s: float | None = None,
+) -> GraspSimulation:
+    """Simulate one displacement-controlled grasp of a fixed rigid object (design.md 5.1).
+
+    Each finger is solved alone: the object is fixed, so the fingers meet only through the mirror plane x = 0. One
+    finger counts twice when the object is symmetric in x and not offset; half a finger is modelled when the object
+    is symmetric in y. Forces are exactly proportional to E (see `models.fem.elasticity`).
+
+    `effects` default to those of the version. `mesh` replaces the mesh of the design (half width only for objects
+    symmetric in y). `numerics` is for convergence studies and for worlds that must not share the simulator's
+    regularisation. `deadline_s` is a wall-clock limit.
+
+    Raises:
+        SimulationFailed: reason `time_out`, `no_convergence`, `inverted_element`, `indefinite`, `deep_penetration`
+            or `max_steps`.
+        MeshingFailed: the mesh could not be made.
+    """
+    started = time.process_time()
+    deadline = deadline_after(deadline_s)
+    active = tuple(build_effects(version.effects) if effects is None else effects)
+    theta = version.theta
+    for effect in active:
+        theta = effect.modify_theta(theta, design)
+        setup = effect.modify_setup(setup, design)
+    if mesh is None:
+        mesh = build_mesh(design, version.mesh, full_width=not obj.mirror_y, effects=active)
+    problem = FingerProblem(mesh, design.height_mm, theta, setup, active, numerics)
+    is_symmetric = obj.mirror_x and placement.offset_x_mm == 0.0
+    sides = (False,) if is_symmetric else (False, True)
+    fingers = [
+        simulate_finger(problem, ObjectObstacle(obj, placement, is_mirrored=side), deadline) for side in sides
+    ]
+    trace = _sum_of_fingers(fingers, theta.young_modulus_mpa / REFERENCE_MODULUS_MPA)
+    for effect in active:
+        trace = effect.modify_trace(trace)
+    contact = np.mean([-f.force_n[f.n_closing - 1, 0] for f in fingers])
+    return GraspSimulation(
+        trace=trace,
+        peak_force_n=peak_force_n(trace),
+        contact_force_n=float(contact) * theta.young_modulus_mpa / REFERENCE_MODULUS_MPA,
+        work_j=work_j(trace),
+        n_steps=sum(f.n_steps for f in fingers),
+        n_newton=sum(f.n_newton for f in fingers),
+        n_dof=fingers[0].n_dof,
+        cpu_s=time.process_time() - started,
+    )
+
+
+def simulate_finger(problem: FingerProblem, obstacle: Obstacle, deadline: float = np.inf) -> FingerResult:
+    """Close and lift one finger against an obstacle; `deadline` is a time of `time.monotonic`."""
+    setup = problem.setup
+    nodes = to_object_frame(problem.mesh.nodes, problem.height_mm, setup.tip_below_mm)
+    material = Material(REFERENCE_MODULUS_MPA, problem.theta.poisson_ratio)
+    body = ElasticBody(problem.mesh, nodes, material)
+    surface = ContactSurface(body, nodes, problem.numerics.contact, problem.numerics.spacing)
+    finger = FingerStep(body, surface, nodes, obstacle, has_mirror=True)
+    blocks = np.zeros((len(body.pattern.indices), 3, 3))
+    newton = NewtonSolver(BlockCholesky(body.pattern), blocks, problem.numerics.newton, deadline)
+    stepper = Stepper(finger, newton, problem.numerics.limits, _friction(problem, len(surface.areas)))
+    record, n_closing = _close_and_lift(finger, stepper, problem)
+    share = 2.0 if problem.mesh.is_half else 1.0
+    return FingerResult(
+        time_s=np.array(record.time_s),
+        lift_mm=np.array(record.lift_mm),
+        force_n=share * np.array(record.force_n),
+        n_closing=n_closing,
+        n_steps=stepper.n_steps,
+        n_newton=newton.n_iterations,
+        n_dof=body.n_dof,
+    )
+
+
+def to_object_frame(nodes: np.ndarray, height_mm: float, tip_below_mm: float) -> np.ndarray:
+    """Finger frame to object frame: turned by 180 deg about x, tip plane at z = -tip_below, front wall at x = 0."""
+    x, y, z = nodes.T
+    return np.ascontiguousarray(np.column_stack([x, -y, height_mm - tip_below_mm - z]))
+
+
+def _friction(problem: FingerProblem, n: int) -> Callable[[FingerState], np.ndarray]:
+    """Friction coefficient per contact point, frozen over a step, from the effects' factors."""
+    scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
+
+    def coefficient(state: FingerState) -> np.ndarray:
+        values = np.full(n, problem.theta.friction)
+        for effect in problem.effects:
+            values *= effect.friction_factor(state.contact.slip, scale * state.contact.pressure)
+        return values
+
+    return coefficient
+
+
+def _close_and_lift(finger: FingerStep, stepper: Stepper, problem: FingerProblem) -> tuple[FingerRecord, int]:
+    setup, limits = problem.setup, problem.numerics.limits
+    record = FingerRecord()
+    record.add(0.0, 0.0, np.zeros(3))
+    start, stroke = 0.5 * setup.open_gap_mm * -INWARD, 0.5 * (setup.open_gap_mm - setup.closed_gap_mm)
+    free = travel_to_touch(finger.distance_to_anything, start, INWARD, stroke)
+    state = finger.rest(start + free * INWARD)
+    time_s = free / setup.close_speed_mm_per_s
+    if free > 0.0:
+        record.add(time_s, 0.0, np.zeros(3))
+    closing = Path(state.base, INWARD, stroke - free, setup.close_speed_mm_per_s, lambda _: limits.closing_mm)
+    for travel, state, force in stepper.walk(state, closing):
+        record.add(time_s + travel / setup.close_speed_mm_per_s, 0.0, force)
+    n_closing, time_s = len(record.time_s), stroke / setup.close_speed_mm_per_s
+    state.v[:] = 0.0
+    lift = Path(state.base, UPWARD, setup.max_lift_mm, setup.lift_speed_mm_per_s, lift_step_mm(limits))
+    n_free = 0
+    for travel, state, force in stepper.walk(state, lift):
+        record.add(time_s + travel / setup.lift_speed_mm_per_s, travel, force)
+        n_free = 0 if finger.is_touching(state) else n_free + 1
+        is_slack = abs(force[2]) < RESIDUAL_FORCE_N
+        if n_free >= FREE_STEPS and is_slack and _is_clear(finger, lift, travel):
+            break
+    return record, n_closing
+
+
+def _is_clear(finger: FingerStep, lift: Path, travel: float) -> bool:
+    """True if the undeformed finger meets nothing during the rest of the lift."""
+    rest = lift.length_mm - travel
+    free = travel_to_touch(finger.distance_to_object, lift.at(travel), UPWARD, rest)
+    return free >= rest
+
+
+def _sum_of_fingers(fingers: Sequence[FingerResult], scale: float) -> Trace:
+    """Load-cell trace of both fingers; where the steps differ, on the union of their times."""
+    if len(fingers) == 1:
+        only = fingers[0]
+        return Trace(only.time_s, only.lift_mm, 2.0 * scale * only.force_n[:, 2])
+    times = np.unique(np.round(np.concatenate([f.time_s for f in fingers]), 9))
+    force = sum(np.interp(times, f.time_s, f.force_n[:, 2], right=0.0) for f in fingers)
+    longest = max(fingers, key=lambda f: f.time_s[-1])
+    lift = np.interp(times, longest.time_s, longest.lift_mm)
+    return Trace(times, lift, scale * np.asarray(force))

@@ -1,0 +1,100 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hardware.click.codec import BANKS, address_at, pack_value, parse_address, unpack_value
+from models.errors import UsageError
+
+
+@pytest.mark.parametrize(
+    ("name", "wire"),
+    [
+        ("X001", 0),
+        ("X16", 15),
+        ("X021", 16),
+        ("X36", 31),
+        ("X101", 32),
+        ("X816", 271),
+        ("Y1", 8192),
+        ("y101", 8224),
+        ("C1", 16384),
+        ("C2000", 18383),
+        ("T1", 45056),
+        ("CT1", 49152),
+        ("SC1", 61440),
+        ("DS1", 0),
+        ("DS4500", 4499),
+        ("DD1", 16384),
+        ("DD2", 16386),
+        ("DH1", 24576),
+        ("DF1", 28672),
+        ("DF500", 29670),
+        ("TXT1", 36864),
+        ("TD1", 45056),
+        ("CTD2", 49154),
+        ("XD0", 57344),
+        ("YD8", 57864),
+        ("SD1", 61440),
+    ],
+)
+def test_wire_addresses_are_the_documented_ones_minus_one(name, wire):
+    assert parse_address(name).wire == wire
+
+
+def test_every_address_maps_to_the_wire_and_back_without_collision():
+    seen: set[tuple[str, int]] = set()
+    for bank in BANKS.values():
+        for first, last in bank.ranges:
+            for number in range(first, last + 1):
+                wire = bank.wire_of(number)
+                assert (bank.space, wire) not in seen, f"{bank.name}{number} shares its wire address"
+                seen.update((bank.space, wire + word) for word in range(bank.width))
+                found = address_at(bank.space, wire)
+                assert found is not None
+                assert str(found) == f"{bank.name}{number}"
+
+
+def test_gaps_and_second_words_have_no_address():
+    assert address_at("discrete", 8000) is None
+    assert address_at("holding", 28673) is None, "second word of DF1"
+
+
+@pytest.mark.parametrize("name", ["X17", "X20", "X37", "X117", "C0", "C2001", "DF501", "DF0"])
+def test_numbers_that_do_not_exist_are_named(name):
+    with pytest.raises(UsageError, match=f"{name} does not exist"):
+        parse_address(name)
+
+
+def test_unknown_bank_gets_a_suggestion():
+    with pytest.raises(UsageError, match="`DSS`; did you mean `DS`"):
+        parse_address("DSS1")
+    with pytest.raises(UsageError, match="not a CLICK address"):
+        parse_address("first valve")
+
+
+def test_floats_and_long_integers_travel_low_word_first():
+    assert pack_value("float32", 30.0) == [0x0000, 0x41F0]
+    assert pack_value("float32", 30.5) == [0, 16884]
+    assert pack_value("int32", 65537) == [1, 1]
+    assert pack_value("int32", -2) == [0xFFFE, 0xFFFF]
+    assert pack_value("int16", -1) == [0xFFFF]
+
+
+@given(st.integers(-(2**31), 2**31 - 1))
+def test_integers_round_trip(value):
+    assert unpack_value("int32", pack_value("int32", value)) == value
+
+
+@given(st.floats(width=32, allow_nan=False, allow_infinity=False))
+def test_floats_round_trip(value):
+    assert unpack_value("float32", pack_value("float32", value)) == value
+
+
+@given(st.text(alphabet="AZaz09", max_size=2))
+def test_text_round_trips(text):
+    assert unpack_value("text", pack_value("text", text)) == text
+
+
+def test_a_value_that_does_not_fit_is_refused():
+    with pytest.raises(UsageError, match="40000 does not fit the CLICK type int16"):
+        pack_value("int16", 40000)

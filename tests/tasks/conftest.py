@@ -1,0 +1,28 @@
+from pathlib import Path
+
+import pytest
+
+from lake.store import Lake
+from tasks.campaign import Campaign
+from tasks.config import CampaignConfig
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Campaign:
+    """A small campaign on an empty lake: two initial tools, one guided batch of two, two objects."""
+    config = CampaignConfig.model_validate(
+        {
+            "name": "small",
+            "seed": 3,
+            "schedule": {
+                "initial_tools": 2,
+                "tools_per_batch": 2,
+                "guided_batches": 1,
+                "initial_simulations": 2,
+                "simulations_per_batch": 2,
+            },
+            "objects": {"ids": [4, 7], "repeats": 2},
+            "bench": {"world": "world.toml"},
+        }
+    )
+    return Campaign(Lake.open(tmp_path / "lake", create=True), config)

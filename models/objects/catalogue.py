@@ -1,0 +1,124 @@
+"""The 36 test objects, fixed once: a table of data, from which shapes follow.
+
+The paper (Materials and Methods, Test objects) gives the classes, the 50 mm box and a few numbers: 14 is a tube, 24 and
+25 are cones, 30 to 35 have flat sides. The rest is this project's choice, drawn in docs/objects.png. Sizes are those
+of the sharp shape; `rounding_mm` then takes away edges and tips.
+"""
+
+from typing import Literal
+
+import numpy as np
+
+from models.errors import UsageError
+from models.objects.primitives import bounds, moved, rotated
+from models.objects.shapes import SHAPES
+from models.records import Record
+
+Orientation = Literal["axis z", "axis x", "axis y", "turned 45 deg", "upside down"]
+
+_HALF = np.sqrt(0.5)
+_ROTATIONS: dict[str, np.ndarray] = {
+    "axis z": np.eye(3),
+    "axis x": np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),
+    "axis y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
+    "turned 45 deg": np.array([[_HALF, -_HALF, 0.0], [_HALF, _HALF, 0.0], [0.0, 0.0, 1.0]]),
+    "upside down": np.diag([1.0, -1.0, -1.0]),
+}
+
+
+class RigidObject(Record):
+    """A rigid object on its mount, in the object frame: footprint centred in x and y, resting on z = 0.
+
+    `mirror_x` / `mirror_y`: the shape is its own mirror image in the plane x = 0 / y = 0. `orientation`: where the
+    shape's own axis points, or how it is turned about z.
+    """
+
+    object_id: int
+    name: str
+    object_class: str
+    parameters: dict[str, float]
+    orientation: Orientation
+    mirror_x: bool
+    mirror_y: bool
+
+    @property
+    def primitives(self) -> np.ndarray:
+        """The shape as rows (n_rows, N_COLUMNS) for `models.objects.distance`, in the object frame, mm."""
+        rows = rotated(SHAPES[self.object_class](self.parameters), _ROTATIONS[self.orientation])
+        low, high = bounds(rows)
+        return moved(rows, -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]]))
+
+
+def get_object(object_id: int) -> RigidObject:
+    """The object with this number.
+
+    Raises:
+        UsageError: there is no such object.
+    """
+    if not 0 <= object_id < len(OBJECTS):
+        raise UsageError(f"object {object_id} does not exist; the numbers go from 0 to {len(OBJECTS) - 1}.")
+    return OBJECTS[object_id]
+
+
+_Entry = tuple[str, str, Orientation, dict[str, float]]
+
+# Position in the list is the object's number. Recorded data refer to it: never reorder, never change a shape.
+_ENTRIES: tuple[_Entry, ...] = (
+    ("small sphere", "sphere", "axis z", {"diameter_mm": 30}),
+    ("sphere", "sphere", "axis z", {"diameter_mm": 40}),
+    ("large sphere", "sphere", "axis z", {"diameter_mm": 48}),
+    ("ellipsoid", "ellipsoid", "axis z", {"size_x_mm": 36, "size_y_mm": 28, "size_z_mm": 48}),
+    ("slim cylinder", "cylinder", "axis z", {"diameter_mm": 30, "length_mm": 48, "rounding_mm": 1}),
+    ("wide cylinder", "cylinder", "axis z", {"diameter_mm": 44, "length_mm": 40, "rounding_mm": 1}),
+    ("cylinder along y", "cylinder", "axis y", {"diameter_mm": 36, "length_mm": 48, "rounding_mm": 1}),
+    ("cylinder along x", "cylinder", "axis x", {"diameter_mm": 32, "length_mm": 44, "rounding_mm": 1}),
+    ("flat disc", "disc", "axis z", {"diameter_mm": 48, "length_mm": 14, "rounding_mm": 1}),
+    ("upright disc", "disc", "axis y", {"diameter_mm": 46, "length_mm": 16, "rounding_mm": 1}),
+    ("flat torus", "torus", "axis z", {"ring_diameter_mm": 34, "tube_diameter_mm": 14}),
+    ("small flat torus", "torus", "axis z", {"ring_diameter_mm": 22, "tube_diameter_mm": 12}),
+    ("upright torus", "torus", "axis y", {"ring_diameter_mm": 34, "tube_diameter_mm": 14}),
+    ("spiral", "spiral", "axis z", {"coil_diameter_mm": 36, "wire_diameter_mm": 8, "pitch_mm": 14, "turns": 2.75}),
+    ("tube", "tube", "axis z", {"diameter_mm": 42, "bore_mm": 28, "length_mm": 46, "rounding_mm": 1}),
+    ("tube along y", "tube", "axis y", {"diameter_mm": 40, "bore_mm": 26, "length_mm": 46, "rounding_mm": 1}),
+    ("diamond", "diamond", "axis z", {"width_mm": 40, "height_mm": 50, "rounding_mm": 1}),
+    ("wide diamond", "diamond", "axis z", {"width_mm": 48, "height_mm": 36, "rounding_mm": 1}),
+    ("turned diamond", "diamond", "turned 45 deg", {"width_mm": 35, "height_mm": 48, "rounding_mm": 1}),
+    ("pyramid", "pyramid", "axis z", {"base_mm": 46, "top_mm": 0, "height_mm": 46, "rounding_mm": 1}),
+    ("turned pyramid", "pyramid", "turned 45 deg", {"base_mm": 35, "top_mm": 0, "height_mm": 44, "rounding_mm": 1}),
+    ("triangle", "triangle", "axis z", {"sides": 3, "apothem_mm": 13.5, "height_mm": 36, "rounding_mm": 1}),
+    ("inverted pyramid", "pyramid", "upside down", {"base_mm": 46, "top_mm": 16, "height_mm": 44, "rounding_mm": 1}),
+    ("jack", "jack", "axis z", {"length_mm": 48, "rod_diameter_mm": 9, "ball_diameter_mm": 14}),
+    ("cone", "cone", "axis z", {"base_mm": 46, "top_mm": 0, "height_mm": 48, "rounding_mm": 1}),
+    ("truncated cone", "cone", "axis z", {"base_mm": 44, "top_mm": 20, "height_mm": 44, "rounding_mm": 1}),
+    ("diabolo", "diabolo", "axis z", {"end_mm": 46, "waist_mm": 18, "height_mm": 46, "rounding_mm": 1}),
+    ("diabolo along y", "diabolo", "axis y", {"end_mm": 44, "waist_mm": 22, "height_mm": 48, "rounding_mm": 1}),
+    (
+        "hourglass", "hourglass", "axis z",
+        {"end_mm": 42, "waist_mm": 26, "neck_mm": 10, "rim_mm": 5, "height_mm": 50, "rounding_mm": 1},
+    ),
+    (
+        "wide hourglass", "hourglass", "axis z",
+        {"end_mm": 48, "waist_mm": 36, "neck_mm": 14, "rim_mm": 6, "height_mm": 46, "rounding_mm": 1},
+    ),
+    ("cube", "cube", "axis z", {"size_x_mm": 40, "size_y_mm": 40, "size_z_mm": 40, "rounding_mm": 1}),
+    ("small cube", "cube", "axis z", {"size_x_mm": 28, "size_y_mm": 28, "size_z_mm": 28, "rounding_mm": 1}),
+    ("turned cube", "cube", "turned 45 deg", {"size_x_mm": 34, "size_y_mm": 34, "size_z_mm": 34, "rounding_mm": 1}),
+    ("block", "prism", "axis z", {"sides": 4, "apothem_mm": 15, "height_mm": 50, "rounding_mm": 1}),
+    ("hexagonal prism", "prism", "axis z", {"sides": 6, "apothem_mm": 20, "height_mm": 45, "rounding_mm": 1}),
+    ("octagonal prism along y", "prism", "axis y", {"sides": 8, "apothem_mm": 19, "height_mm": 48, "rounding_mm": 1}),
+)
+_NOT_MIRROR_X = {"spiral", "triangle"}
+_NOT_MIRROR_Y = {"spiral"}
+
+OBJECTS: tuple[RigidObject, ...] = tuple(
+    RigidObject(
+        object_id=number,
+        name=name,
+        object_class=object_class,
+        parameters=parameters,
+        orientation=orientation,
+        mirror_x=object_class not in _NOT_MIRROR_X,
+        mirror_y=object_class not in _NOT_MIRROR_Y,
+    )
+    for number, (name, object_class, orientation, parameters) in enumerate(_ENTRIES)
+)

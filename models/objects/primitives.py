@@ -1,0 +1,169 @@
+"""Solid primitives as rows of numbers, so that one compiled kernel measures any object.
+
+A primitive is a *core* inflated by a radius: a sphere is a point, a capsule a segment, a torus a circle, and a body
+with rounded edges is a smaller sharp one. Inflation rounds every outer edge with that radius and keeps the distance
+exact. A solid is the union of its rows, an array (n_rows, N_COLUMNS):
+
+| column | content |
+|---|---|
+| KIND | which core, one of the `POINT` ... `PRISM` codes |
+| RADIUS | inflation, mm |
+| CENTRE, 3 | origin of the row's own frame, mm |
+| ROTATION, 9 | row-major matrix, columns are the row's own axes in the object frame |
+| N_VERTICES | vertices of the profile (LATHE, SQUARE_LATHE, PRISM) |
+| LENGTH | half length (SEGMENT, PRISM) or radius (CIRCLE), mm |
+| VALUES, 16 | semi-axes (BOX, ELLIPSOID) or profile vertices, two numbers each, mm |
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+POINT, SEGMENT, CIRCLE, BOX, ELLIPSOID, LATHE, SQUARE_LATHE, PRISM = range(8)
+
+KIND, RADIUS, CENTRE, ROTATION, N_VERTICES, LENGTH, VALUES = 0, 1, 2, 5, 14, 15, 16
+MAX_VERTICES = 8
+N_COLUMNS = VALUES + 2 * MAX_VERTICES
+
+Vertices = Sequence[tuple[float, float]]
+
+
+def sphere(radius_mm: float) -> np.ndarray:
+    """Row of a sphere about the origin."""
+    return _row(POINT, radius_mm)
+
+
+def capsule(start: np.ndarray, end: np.ndarray, radius_mm: float) -> np.ndarray:
+    """Row of a round rod with ball ends; `start`, `end` (3): the centres of its ends, mm."""
+    half = (np.asarray(end, float) - start) / 2
+    length = float(np.linalg.norm(half))
+    row = _row(SEGMENT, radius_mm, length=length)
+    row[CENTRE : CENTRE + 3] = start + half
+    row[ROTATION : ROTATION + 9] = _frame_with_z(half / length).ravel()
+    return row
+
+
+def torus(ring_radius_mm: float, tube_radius_mm: float) -> np.ndarray:
+    """Row of a ring about the z axis; `ring_radius_mm` is that of the tube's centre line."""
+    return _row(CIRCLE, tube_radius_mm, length=ring_radius_mm)
+
+
+def box(size_x_mm: float, size_y_mm: float, size_z_mm: float, rounding_mm: float) -> np.ndarray:
+    """Row of a box about the origin with rounded edges."""
+    return _row(BOX, rounding_mm, values=np.array([size_x_mm, size_y_mm, size_z_mm]) / 2 - rounding_mm)
+
+
+def ellipsoid(size_x_mm: float, size_y_mm: float, size_z_mm: float) -> np.ndarray:
+    """Row of an ellipsoid about the origin, from its three diameters."""
+    return _row(ELLIPSOID, 0.0, values=np.array([size_x_mm, size_y_mm, size_z_mm]) / 2)
+
+
+def lathe(profile: Vertices, rounding_mm: float) -> np.ndarray:
+    """Row of a body turned about z.
+
+    `profile`: at most 8 vertices (radius, z) in mm, anticlockwise in the plane with the radius to the right.
+    """
+    return _profile_row(LATHE, profile, rounding_mm)
+
+
+def square_lathe(profile: Vertices, rounding_mm: float) -> np.ndarray:
+    """Row of a body with square cross-sections, sides along x and y.
+
+    `profile`: at most 8 vertices (half side, z) in mm, anticlockwise with the half side to the right.
+    """
+    return _profile_row(SQUARE_LATHE, profile, rounding_mm)
+
+
+def prism(outline: Vertices, height_mm: float, rounding_mm: float) -> np.ndarray:
+    """Row of a prism along z, centred in z; `outline`: at most 8 vertices (x, y) in mm, anticlockwise."""
+    row = _profile_row(PRISM, outline, rounding_mm)
+    row[LENGTH] = height_mm / 2 - rounding_mm
+    return row
+
+
+def rotated(rows: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """Rows (n, N_COLUMNS) turned about the origin by a rotation matrix (3, 3)."""
+    turned = rows.copy()
+    turned[:, CENTRE : CENTRE + 3] = rows[:, CENTRE : CENTRE + 3] @ rotation.T
+    axes = rotation @ rows[:, ROTATION : ROTATION + 9].reshape(-1, 3, 3)
+    turned[:, ROTATION : ROTATION + 9] = axes.reshape(-1, 9)
+    return turned
+
+
+def moved(rows: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Rows (n, N_COLUMNS) shifted by (3) mm."""
+    shifted = rows.copy()
+    shifted[:, CENTRE : CENTRE + 3] += shift
+    return shifted
+
+
+def bounds(rows: np.ndarray) -> np.ndarray:
+    """Bounding box (2, 3) of a solid, mm: lowest and highest corner, exact."""
+    high = np.max([_reach(row) for row in rows], axis=0)
+    low = -np.max([_reach(row, sign=-1.0) for row in rows], axis=0)
+    return np.stack([low, high])
+
+
+def _row(kind: int, radius: float, *, length: float = 0.0, values: np.ndarray | None = None) -> np.ndarray:
+    row = np.zeros(N_COLUMNS)
+    row[KIND], row[RADIUS], row[LENGTH] = kind, radius, length
+    row[ROTATION : ROTATION + 9] = np.eye(3).ravel()
+    if values is not None:
+        row[VALUES : VALUES + values.size] = values.ravel()
+    return row
+
+
+def _profile_row(kind: int, profile: Vertices, rounding: float) -> np.ndarray:
+    vertices = _shrunk(np.array(profile, float), rounding, has_axis=kind != PRISM)
+    if len(vertices) > MAX_VERTICES:
+        raise ValueError(f"a profile has {len(vertices)} vertices, at most {MAX_VERTICES} fit in a row; use fewer.")
+    row = _row(kind, rounding, values=vertices)
+    row[N_VERTICES] = len(vertices)
+    return row
+
+
+def _shrunk(vertices: np.ndarray, rounding: float, *, has_axis: bool) -> np.ndarray:
+    """Polygon (n, 2) with every edge moved inwards by `rounding`, except the one on the axis of a turned body."""
+    edges = np.roll(vertices, -1, axis=0) - vertices
+    inward = np.stack([-edges[:, 1], edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1, keepdims=True)
+    is_axis = (np.abs(vertices[:, 0]) + np.abs(np.roll(vertices[:, 0], -1)) == 0) & has_axis
+    offsets = np.einsum("ij,ij->i", inward, vertices) + np.where(is_axis, 0.0, rounding)
+    corners = [
+        np.linalg.solve(np.stack([inward[i - 1], inward[i]]), np.array([offsets[i - 1], offsets[i]]))
+        for i in range(len(vertices))
+    ]
+    return np.array(corners)
+
+
+def _frame_with_z(axis: np.ndarray) -> np.ndarray:
+    """A rotation matrix whose third column is the unit vector `axis` (3)."""
+    helper = np.eye(3)[np.argmin(np.abs(axis))]
+    x = np.cross(helper, axis)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(axis, x), axis], axis=1)
+
+
+def _reach(row: np.ndarray, sign: float = 1.0) -> np.ndarray:
+    """How far (3) a row reaches along sign * (x, y, z)."""
+    local = sign * row[ROTATION : ROTATION + 9].reshape(3, 3)
+    core = np.array([_core_reach(row, direction) for direction in local])
+    return sign * row[CENTRE : CENTRE + 3] + core + row[RADIUS]
+
+
+def _core_reach(row: np.ndarray, direction: np.ndarray) -> float:
+    """Support function of a core: the largest projection of its points on `direction` (3), in its own frame."""
+    kind, length = int(row[KIND]), row[LENGTH]
+    across = float(np.hypot(direction[0], direction[1]))
+    if kind in (POINT, SEGMENT):
+        return float(length * abs(direction[2]))
+    if kind == CIRCLE:
+        return float(length * across)
+    if kind == BOX:
+        return float(row[VALUES : VALUES + 3] @ np.abs(direction))
+    if kind == ELLIPSOID:
+        return float(np.linalg.norm(row[VALUES : VALUES + 3] * direction))
+    vertices = row[VALUES : VALUES + 2 * int(row[N_VERTICES])].reshape(-1, 2)
+    if kind == PRISM:
+        return float(np.max(vertices @ direction[:2]) + length * abs(direction[2]))
+    spread = across if kind == LATHE else float(np.abs(direction[:2]).sum())
+    return float(np.max(vertices @ np.array([spread, direction[2]])))

@@ -149,6 +149,7 @@ def provenance_section(content: Content, folder: Folder) -> Markup:
         ("grasp setup", "values (mm, mm/s)", "grasps"),
         [(r["setup_id"], Markup(f"<code>{text(_pairs(r['setup_json']))}</code>"), r["n_grasps"]) for r in setups.rows],
         numeric=(2,),
+        empty="No grasp has been measured yet.",
     ).replace("<td><code>", '<td class="wrap"><code>')
     campaign = content.campaign
     config = f"<details><summary>Config of the campaign</summary><pre>{text(campaign.config_toml)}</pre></details>"

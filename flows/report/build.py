@@ -5,17 +5,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from flows.report.account import cost_section, provenance_section, tools_section
+from flows.report.comparison import agreement_section, traces_section, work_section
 from flows.report.content import Content
 from flows.report.folder import Folder
 from flows.report.page import moment, page, text
-from flows.report.results import (
-    agreement_section,
-    best_section,
-    headline,
-    progress_section,
-    traces_section,
-    work_section,
-)
+from flows.report.results import best_section, headline, progress_section
 from flows.report.style import figure_style
 from lake.store import Lake
 

@@ -1,7 +1,8 @@
 """The SQL behind every figure and table of the report, one named query each.
 
 What the page shows is the text that was executed, so a reader can repeat it with `fast sql "..."`.
-`{campaign}` is replaced by the quoted campaign id, other braces by the values named in each comment.
+Sums are ordered, so that the same rows give the same digits. `{campaign}` is replaced by the quoted campaign
+id, other braces by the values named in each comment.
 """
 
 from collections.abc import Mapping
@@ -23,13 +24,15 @@ _COUNTED = """
 TOOL_QUALITY = f"""
 WITH counted AS ({_COUNTED}),
 per_object AS (
-  SELECT tool_id, object_id, avg(peak_force_n) AS peak_force_n, avg(work_j) AS work_j, count(*) AS n_repeats,
-         coalesce(var_samp(peak_force_n), 0) * (count(*) - 1) AS squares_n2
+  SELECT tool_id, object_id, avg(peak_force_n ORDER BY repeat) AS peak_force_n,
+         avg(work_j ORDER BY repeat) AS work_j, count(*) AS n_repeats,
+         coalesce(var_samp(peak_force_n ORDER BY repeat), 0) * (count(*) - 1) AS squares_n2
   FROM counted GROUP BY ALL),
 per_tool AS (
-  SELECT tool_id, count(*) AS n_objects, sum(n_repeats)::BIGINT AS n_grasps, avg(peak_force_n) AS quality_n,
-         avg(work_j) AS work_j, sum(n_repeats - 1)::BIGINT AS n_freedom, sum(squares_n2) AS squares_n2,
-         sum(1.0 / n_repeats) AS inverse_repeats
+  SELECT tool_id, count(*) AS n_objects, sum(n_repeats)::BIGINT AS n_grasps, avg(peak_force_n ORDER BY object_id) AS quality_n,
+         avg(work_j ORDER BY object_id) AS work_j, sum(n_repeats - 1)::BIGINT AS n_freedom,
+         sum(squares_n2 ORDER BY object_id) AS squares_n2,
+         sum(1.0::DOUBLE / n_repeats ORDER BY object_id) AS inverse_repeats
   FROM per_object GROUP BY ALL),
 failed AS (
   SELECT tool_id, count(*) AS n_failed FROM grasps
@@ -54,8 +57,8 @@ ORDER BY d.design_id"""
 
 OBJECT_WORK = f"""
 WITH counted AS ({_COUNTED})
-SELECT c.batch, c.slot, c.object_id, any_value(o.name) AS object_name, avg(c.work_j) AS work_j,
-       avg(c.peak_force_n) AS peak_force_n, count(*) AS n_repeats
+SELECT c.batch, c.slot, c.object_id, any_value(o.name) AS object_name, avg(c.work_j ORDER BY c.repeat) AS work_j,
+       avg(c.peak_force_n ORDER BY c.repeat) AS peak_force_n, count(*) AS n_repeats
 FROM counted c LEFT JOIN objects o USING (object_id)
 GROUP BY c.batch, c.slot, c.object_id
 ORDER BY c.batch, c.slot, c.object_id"""
@@ -64,9 +67,9 @@ ORDER BY c.batch, c.slot, c.object_id"""
 TRACES = f"""
 WITH counted AS ({_COUNTED} AND tool_id IN ({{best}}, {{other}})),
 points AS (
-  SELECT c.tool_id, c.object_id, unnest(t.lift_mm) AS lift_mm, unnest(t.force_n) AS force_n
+  SELECT c.tool_id, c.object_id, c.repeat, unnest(t.lift_mm) AS lift_mm, unnest(t.force_n) AS force_n
   FROM counted c JOIN traces t USING (grasp_id))
-SELECT tool_id, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm, avg(force_n) AS force_n
+SELECT tool_id, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm, avg(force_n ORDER BY repeat, lift_mm, force_n) AS force_n
 FROM points WHERE lift_mm > 0
 GROUP BY ALL
 ORDER BY tool_id, object_id, lift_mm"""
@@ -87,7 +90,7 @@ ORDER BY object_id, lift_mm"""
 SIM_REAL_PAIRS = f"""
 WITH counted AS ({_COUNTED}),
 measured AS (
-  SELECT batch, slot, design_id, object_id, setup_id, avg(peak_force_n) AS measured_n
+  SELECT batch, slot, design_id, object_id, setup_id, avg(peak_force_n ORDER BY repeat) AS measured_n
   FROM counted GROUP BY ALL)
 SELECT s.version_id, v.tier, m.batch, m.slot, m.object_id, m.setup_id, s.peak_force_n AS simulated_n, m.measured_n
 FROM measured m
@@ -120,7 +123,7 @@ ORDER BY b.batch"""
 SIMULATION_COST = """
 SELECT s.version_id, count(*) AS n_simulations, count(*) FILTER (s.status = 'ok') AS n_ok,
        count(*) FILTER (s.status = 'failed') AS n_failed, count(DISTINCT s.design_id) AS n_designs,
-       median(s.cpu_s) AS median_cpu_s, sum(s.cpu_s) / 3600 AS total_cpu_h
+       median(s.cpu_s) AS median_cpu_s, sum(s.cpu_s ORDER BY s.simulation_id) / 3600 AS total_cpu_h
 FROM simulations s
 WHERE s.design_id IN (SELECT design_id FROM proposals WHERE campaign_id = {campaign}
                       UNION SELECT design_id FROM tools WHERE campaign_id = {campaign})

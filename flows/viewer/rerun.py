@@ -20,7 +20,7 @@ from flows.report.content import Content
 from flows.report.facts import Tool
 from flows.report.queries import literal
 from flows.report.style import BEST, SIMULATED
-from flows.viewer.scene import finger_meshes, finger_translations, mounted_object_mesh, rgb
+from flows.viewer.scene import finger_meshes, finger_translations, line_colour, mounted_object_mesh, rgb
 from lake.store import Lake
 from lake.tables import DesignRow, GraspRow, SimTraceRow, SimulationRow
 from models.errors import UsageError
@@ -31,6 +31,7 @@ _LOG = logging.getLogger(__name__)
 
 APPLICATION = "fast"
 OBJECTS_PER_ROW = 6
+SHOWN_LIFT_MM = 60.0  # most objects have left the grip by then
 PITCH_MM = 150.0  # Materials and Methods: 6 x 6 array
 _TRACES = """
 SELECT g.object_id, g.repeat, g.started_at, t.time_s, t.lift_mm, t.force_n
@@ -134,10 +135,21 @@ def _recording(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[rr.R
 def _campaign_blueprint(tools: Sequence[Tool]) -> rrb.Blueprint:
     scene = rrb.Spatial3DView(origin="cell", name="Objects and best finger (mm)")
     about = rrb.TextDocumentView(origin="about", name="About")
+    whole_lift = rrb.TimeAxis(view_range=rr.TimeRange(start=_lift_um(0.0), end=_lift_um(SHOWN_LIFT_MM)))
     tabs = [
         rrb.Vertical(
-            rrb.TimeSeriesView(origin=f"tools/{tool.label}/force", name=f"{tool.label} force (N)"),
-            rrb.TimeSeriesView(origin=f"tools/{tool.label}/lift", name=f"{tool.label} lift (mm)"),
+            rrb.TimeSeriesView(
+                origin=f"tools/{tool.label}/force",
+                name=f"{tool.label} force (N)",
+                axis_x=whole_lift,
+                plot_legend=rrb.PlotLegend("RightTop"),
+            ),
+            rrb.TimeSeriesView(
+                origin=f"tools/{tool.label}/lift",
+                name=f"{tool.label} lift (mm)",
+                axis_x=whole_lift,
+                plot_legend=rrb.PlotLegend(visible=False),
+            ),
             row_shares=[3, 1],
             name=tool.label,
         )
@@ -146,9 +158,13 @@ def _campaign_blueprint(tools: Sequence[Tool]) -> rrb.Blueprint:
     right = [rrb.Tabs(*tabs)] if tabs else []
     return rrb.Blueprint(
         rrb.Horizontal(rrb.Vertical(scene, about, row_shares=[3, 1]), *right),
-        rrb.TimePanel(timeline="lift_um", state="collapsed"),
+        rrb.TimePanel(timeline="lift_um", state="collapsed", play_state="paused"),
         rrb.SelectionPanel(state="collapsed"),
     )
+
+
+def _lift_um(lift_mm: float) -> rr.TimeRangeBoundary:
+    return rr.TimeRangeBoundary.absolute(seq=round(1e3 * lift_mm))
 
 
 def _grasp_blueprint(label: str) -> rrb.Blueprint:
@@ -165,7 +181,7 @@ def _grasp_blueprint(label: str) -> rrb.Blueprint:
                 row_shares=[2, 1],
             ),
         ),
-        rrb.TimePanel(timeline="time"),
+        rrb.TimePanel(timeline="time", state="collapsed", play_state="playing", loop_mode="all"),
         rrb.SelectionPanel(state="collapsed"),
     )
 
@@ -190,9 +206,8 @@ def _send_tool(recording: rr.RecordingStream, lake: Lake, tool: Tool, everything
         name = f"object_{row['object_id']:02d}"
         leaf = f"{name}/repeat_{row['repeat']}" if everything else name
         base = f"tools/{tool.label}"
-        _send_trace(
-            recording, f"{base}/force/{leaf}", f"{base}/lift/{leaf}", _trace(row), row["started_at"], name, None
-        )
+        entities = f"{base}/force/{leaf}", f"{base}/lift/{leaf}"
+        _send_trace(recording, *entities, _trace(row), row["started_at"], name, line_colour(row["object_id"]))
     return len(rows)
 
 
@@ -207,10 +222,10 @@ def _send_trace(
     trace: Trace,
     started_at: datetime | None,
     name: str,
-    colour: str | None,
+    colour: str,
 ) -> None:
-    """Both channels of a trace as columns, with the name (and colour) of the line."""
-    lines = rr.SeriesLines(names=name) if colour is None else rr.SeriesLines(names=name, colors=rgb(colour))
+    """Both channels of a trace as columns, with the name and colour of the line."""
+    lines = rr.SeriesLines(names=name, colors=rgb(colour))
     recording.log(force_entity, lines, static=True)
     recording.send_columns(force_entity, _times(trace, started_at), rr.Scalars.columns(scalars=trace.force_n))
     if lift_entity is not None:

@@ -3,7 +3,8 @@
 import numpy as np
 import rerun as rr
 import trimesh
-from matplotlib.colors import to_rgb
+from matplotlib import colormaps
+from matplotlib.colors import to_hex, to_rgb
 
 from flows.report.style import COMPLIANT, OBJECT, RIGID
 from models.geometry.finger import finger_bodies
@@ -12,6 +13,7 @@ from models.objects.surface import object_mesh
 from models.records import Design, GraspSetup, Trace
 
 OBJECT_SPACING_MM = 2.0
+N_OBJECTS = 36
 SIDES = {"right": 1.0, "left": -1.0}
 
 
@@ -66,6 +68,11 @@ def _flat_mesh(mesh: trimesh.Trimesh, colour: str) -> rr.Mesh3D:
         triangle_indices=np.arange(len(corners)).reshape(-1, 3),
         albedo_factor=rgb(colour),
     )
+
+
+def line_colour(object_id: int) -> str:
+    """Colour of an object's lines, the same in every view; neighbours in the catalogue look alike."""
+    return to_hex(colormaps["viridis"](0.25 + 0.75 * (object_id % N_OBJECTS) / (N_OBJECTS - 1)))
 
 
 def rgb(colour: str) -> list[int]:

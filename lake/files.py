@@ -99,15 +99,21 @@ def fault_of(path: Path, row_type: type[Row], *, whole: bool) -> tuple[str, str]
         return None  # merged into another file since it was listed
     except (OSError, pa.ArrowException) as error:
         return "torn", f"is not a whole Parquet file ({str(error).splitlines()[0]})"
+    sentence = schema_fault(schema, row_type)
+    return ("wrong_schema", sentence) if sentence else None
+
+
+def schema_fault(schema: pa.Schema, row_type: type[Row]) -> str | None:
+    """How the schema of a file differs from its table's, or None; a nullable column may be missing."""
     wanted = schema_of(row_type)
     for field in wanted:
         if field.name not in schema.names and not field.nullable:
-            return "wrong_schema", f"lacks the column `{field.name}`"
+            return f"lacks the column `{field.name}`"
         if field.name in schema.names and schema.field(field.name).type != field.type:
-            return "wrong_schema", f"has `{field.name}` as {schema.field(field.name).type}, it must be {field.type}"
+            return f"has `{field.name}` as {schema.field(field.name).type}, it must be {field.type}"
     unknown = [name for name in schema.names if name not in wanted.names]
     if unknown:
-        return "wrong_schema", f"has the unknown column `{unknown[0]}`"
+        return f"has the unknown column `{unknown[0]}`"
     return None
 
 

@@ -23,6 +23,7 @@ from lake.files import (
     locked,
     make_folder,
     publish,
+    schema_fault,
     stage,
     sync_folder,
     writing_failed,
@@ -164,10 +165,16 @@ def _read_merged(folder: Path, row_type: type[Row], names: list[str]) -> pa.Tabl
     schema, key = schema_of(row_type), row_type.id_column()
     tables = []
     for name in names:
-        fault = fault_of(folder / name, row_type, whole=False)
+        try:
+            with pq.ParquetFile(folder / name, page_checksum_verification=True) as file:
+                fault = schema_fault(file.schema_arrow, row_type)
+                tables.append(file.read(use_threads=False))
+        except FileNotFoundError:
+            raise
+        except (OSError, pa.ArrowException) as error:
+            fault = f"is not a whole Parquet file ({str(error).splitlines()[0]})"
         if fault:
-            raise LakeError(f"{folder / name} {fault[1]}; run `fast lake check --quarantine`, then compact again.")
-        tables.append(pq.ParquetFile(folder / name).read())
+            raise LakeError(f"{folder / name} {fault}; run `fast lake check --quarantine`, then compact again.")
     rows = pa.concat_tables([schema.empty_table(), *tables], promote_options="default")
     with duckdb.connect(":memory:") as connection:
         connection.register("merged_rows", rows.select([key, "created_at"]).append_column("place", _places(rows)))

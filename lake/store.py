@@ -37,7 +37,8 @@ class Lake:
         self.root = Path(root)
         self._lock = threading.RLock()
         self._engine: Engine | None = None
-        self._engine_pid = 0
+        self._pid = os.getpid()
+        self._of_parent: list[object] = []
 
     def __reduce__(self) -> tuple[type["Lake"], tuple[Path]]:
         """Pickle as the path; the connection is opened again in the other process."""
@@ -168,10 +169,17 @@ class Lake:
 
     def close(self) -> None:
         """Give the memory back; the lake opens again when next asked."""
+        self._leave_parent()
         with self._lock:
-            if self._engine is not None and self._engine_pid == os.getpid():
+            if self._engine is not None:
                 self._engine.connection.close()
             self._engine = None
+
+    def _leave_parent(self) -> None:
+        """In a forked process, set the parent's connection and lock aside: using or closing them would hang."""
+        if self._pid != os.getpid():
+            self._of_parent += [self._engine, self._lock]
+            self._lock, self._engine, self._pid = threading.RLock(), None, os.getpid()
 
     def _query(self, sql: str, params: Sequence[Any] | dict[str, Any] | None, tables: set[str]) -> pa.Table:
         for attempt in range(_QUERY_ATTEMPTS):
@@ -187,9 +195,10 @@ class Lake:
 
     @contextmanager
     def _synced(self, tables: set[str]) -> Iterator[Engine]:
+        self._leave_parent()
         with self._lock:
-            if self._engine is None or self._engine_pid != os.getpid():
-                self._engine, self._engine_pid = Engine(self.root), os.getpid()
+            if self._engine is None:
+                self._engine = Engine(self.root)
             self._engine.sync(tables)
             yield self._engine
 

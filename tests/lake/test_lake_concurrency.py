@@ -120,3 +120,19 @@ def test_a_trace_survives_its_file_being_merged_away(tmp_path):
     with pytest.raises(LakeError):
         lake.trace("K9")
     assert lake.rows(GraspRow) == []
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+def test_a_forked_process_opens_its_own_connection(tmp_path):
+    lake = Lake.open(tmp_path / "lake", create=True)
+    lake.append(rows_of(0, 0), PROVENANCE)
+    assert lake.query("SELECT sum(len(force_n)) AS n FROM sim_traces").to_pylist() == [{"n": 15}]
+    process = multiprocessing.get_context("fork").Process(target=write, args=(lake.root, 1, 1))
+    reader = multiprocessing.get_context("fork").Process(target=lake.ids, args=(EventRow,))
+    for child in (process, reader):
+        child.start()
+    for child in (process, reader):
+        child.join(30)
+        child.kill()
+        assert child.exitcode == 0
+    assert len(lake.ids(EventRow)) == 2 * ROWS_PER_APPEND

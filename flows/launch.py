@@ -5,6 +5,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from flows.prefect_server import configure_client, server
 from hardware.bench import BenchSettings
@@ -27,10 +28,11 @@ ConfirmReal = Callable[[str, str], bool]  # campaign name, bench file -> did a p
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a campaign left behind when its process ended; paths only when the schedule is complete."""
+    """What a campaign left behind when its process ended; measured tools best first."""
 
-    campaign: Campaign
+    campaign_id: str
     is_complete: bool
+    tools: list[dict[str, Any]]
     report: Path | None = None
     recording: Path | None = None
 
@@ -59,6 +61,7 @@ def run_campaign(
     campaign = Campaign(Lake.open(lake_root, create=True), config)
     name = campaign.campaign_id
     with ExitStack() as stack:
+        stack.callback(campaign.lake.close)
         busy = f"campaign {name} is already being run"
         stack.enter_context(exclusive(campaign.lake, f"campaign-{name}", busy))
         register(campaign, config_path.read_text(encoding="utf-8"))

@@ -7,6 +7,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
+from prefect.logging.handlers import APILogWorker
+
 from flows.campaign import run_flow
 from flows.lanes import Session
 from flows.launch import Outcome, Voice
@@ -49,7 +51,7 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
 
     def finish() -> str:
         outcome.append(_write_results(campaign, voice))
-        return markdown_table(ranked_tools(campaign)) + f"\n\nReport: `{outcome[0].report}`"
+        return markdown_table(outcome[0].tools) + f"\n\nReport: `{outcome[0].report}`"
 
     try:
         with _interrupts(session, voice):
@@ -57,9 +59,11 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
     finally:
         simulations.close()
         physics.close()
+        # What Prefect still has to say must go out before an embedded server stops.
+        APILogWorker.drain_all(timeout=10)
     event = "completed" if is_complete else "interrupted"
     append_event(campaign.lake, campaign.campaign_id, event, f"campaign {event}")
-    return outcome[0] if outcome else Outcome(campaign, is_complete=False)
+    return outcome[0] if outcome else Outcome(campaign.campaign_id, False, ranked_tools(campaign))
 
 
 def _open_bench(
@@ -124,4 +128,4 @@ def _write_results(campaign: Campaign, voice: Voice) -> Outcome:
     report = write_report(campaign.lake, campaign.campaign_id, campaign.output / "report")
     recording = campaign.output / f"{campaign.campaign_id}.rrd"
     write_recording(campaign.lake, campaign.campaign_id, recording)
-    return Outcome(campaign, is_complete=True, report=report, recording=recording)
+    return Outcome(campaign.campaign_id, True, ranked_tools(campaign), report, recording)

@@ -137,14 +137,11 @@ def typed_confirmation(word: str, bench: str) -> bool:
 
 
 def _tell_outcome(outcome: "Outcome", as_json: bool) -> None:
-    from tasks.summary import ranked_tools
-
-    tools = ranked_tools(outcome.campaign)
     data: dict[str, Any] = {
-        "campaign": outcome.campaign.campaign_id,
+        "campaign": outcome.campaign_id,
         "complete": outcome.is_complete,
-        "best_tool": tools[0] if tools else None,
-        "tools": tools,
+        "best_tool": outcome.tools[0] if outcome.tools else None,
+        "tools": outcome.tools,
         "report": str(outcome.report) if outcome.report else None,
         "recording": str(outcome.recording) if outcome.recording else None,
     }

@@ -57,11 +57,11 @@ STARTUP_LINES = 2
 Wait = Generator[Callable[[], bool], None, None]
 
 
-class _Restart(Exception):  # noqa: N818  # control flow inside the firmware, not an error
+class _Restart(Exception):  # control flow inside the firmware, not an error
     """The firmware re-initialises itself, as after a soft reset."""
 
 
-class _Critical(Exception):  # noqa: N818  # control flow inside the firmware, not an error
+class _Critical(Exception):  # control flow inside the firmware, not an error
     """A critical alarm: deaf until a soft reset."""
 
     def __init__(self, code: int) -> None:

@@ -93,7 +93,7 @@ class GraspCell:
             DeviceError: the bench cannot go on; it is in the safe state and the tool may still be on the head.
         """
         tool = self._check_plan(slot, plan, setup)
-        if not plan:
+        if not plan or should_stop():
             return
         with self._safely():
             self._check_at_rest()

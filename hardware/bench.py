@@ -71,7 +71,14 @@ class Bench:
     def endpoints(self) -> Endpoints:
         """Addresses the drivers use."""
         s = self.settings
-        return Endpoints(s.serial_port, s.plc_host, s.plc_port, s.transmitter_host, s.transmitter_port)
+        return Endpoints(
+            s.serial_port,
+            s.plc_host,
+            s.plc_port,
+            s.transmitter_host,
+            s.transmitter_port,
+            s.transmitter_serial_port,
+        )
 
 
 @contextmanager

@@ -171,7 +171,12 @@ def _open(
     gantry = Gantry(SerialTransport(settings.serial_port), clock)
     pneumatics = Pneumatics(plc, clock, settings.supply_pressure_psi, settings.pressure_time_out_s)
     changer = ToolChanger(gantry, plc, force, clock, tools, settings.layout)
-    cell = GraspCell(gantry, plc, pneumatics, changer, force, clock, settings.layout)
+    recorded = {
+        "transmitter_filter": float(settings.transmitter_filter),
+        "supply_pressure_psi": settings.supply_pressure_psi,
+        "force_rate_hz": settings.force_rate_hz,
+    }
+    cell = GraspCell(gantry, plc, pneumatics, changer, force, clock, settings.layout, recorded)
     with ExitStack() as stack:
         stack.callback(_close, force, plc, gantry)
         _connect({"PLC": plc.connect, "load cell": force.connect, "gantry": gantry.connect})

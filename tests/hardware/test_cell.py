@@ -75,6 +75,7 @@ def test_a_quiet_world_is_measured_as_its_physics_says():
         trace = grasp.trace
         assert grasp.status == "ok", grasp.reason
         assert grasp.details["end"] == "separated"
+        assert grasp.details["force_rate_hz"] == 80.0
         lifting = (trace.lift_mm > 0.5) & (np.abs(trace.lift_mm - 48.0) > 0.5)
         expected_n = lift_force_n(trace.lift_mm[lifting], grasp.object_id)
         assert trace.force_n[lifting] == pytest.approx(expected_n, abs=0.05)

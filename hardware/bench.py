@@ -25,7 +25,7 @@ from hardware.transport import SerialTransport
 from hardware.virtual.bench import Endpoints, VirtualBench
 from hardware.world.physics import Physics, simulate_request
 from hardware.world.spec import World
-from models.errors import DeviceError, FastError
+from models.errors import DeviceError, FastError, InterlockError
 from models.records import Record
 
 logger = logging.getLogger(__name__)
@@ -71,7 +71,14 @@ class Bench:
     def endpoints(self) -> Endpoints:
         """Addresses the drivers use."""
         s = self.settings
-        return Endpoints(s.serial_port, s.plc_host, s.plc_port, s.transmitter_host, s.transmitter_port)
+        return Endpoints(
+            s.serial_port,
+            s.plc_host,
+            s.plc_port,
+            s.transmitter_host,
+            s.transmitter_port,
+            s.transmitter_serial_port,
+        )
 
 
 @contextmanager
@@ -129,26 +136,32 @@ def open_virtual_servers(
 
 @contextmanager
 def open_real_bench(
-    settings: BenchSettings, tools: Mapping[int, MountedTool], clock: Clock | None = None
+    settings: BenchSettings, tools: Mapping[int, MountedTool], clock: Clock | None = None, may_vent: bool = False
 ) -> Iterator[Bench]:
     """The bench at these addresses with its drivers connected and homed. The caller has asked for leave to move.
 
     `clock` is the machine's; a virtual bench that runs faster in another process needs a `ScaledClock` as fast.
+    `may_vent`: a person has looked at a gripper that an earlier host left closed, and lets it open before homing.
 
     Raises:
+        InterlockError: emergency stop pressed, or the gripper is closed; nothing has moved.
         DeviceError: names every device that did not connect.
     """
     weighed = {
         slot: MountedTool(tool.tool_id, tool.design, settings.tool_mass_kg.get(slot, tool.mass_kg))
         for slot, tool in tools.items()
     }
-    with _open(settings, weighed, clock or RealClock(), None) as bench:
+    with _open(settings, weighed, clock or RealClock(), None, may_vent) as bench:
         yield bench
 
 
 @contextmanager
 def _open(
-    settings: BenchSettings, tools: Mapping[int, MountedTool], inner: Clock, virtual: VirtualBench | None
+    settings: BenchSettings,
+    tools: Mapping[int, MountedTool],
+    inner: Clock,
+    virtual: VirtualBench | None,
+    may_vent: bool = False,
 ) -> Iterator[Bench]:
     clock = BeatingClock(inner)
     plc_link = tcp_link("CLICK PLC", settings.plc_host, settings.plc_port, time_out_s=settings.modbus_time_out_s)
@@ -158,11 +171,17 @@ def _open(
     gantry = Gantry(SerialTransport(settings.serial_port), clock)
     pneumatics = Pneumatics(plc, clock, settings.supply_pressure_psi, settings.pressure_time_out_s)
     changer = ToolChanger(gantry, plc, force, clock, tools, settings.layout)
-    cell = GraspCell(gantry, plc, pneumatics, changer, force, clock, settings.layout)
+    recorded = {
+        "transmitter_filter": float(settings.transmitter_filter),
+        "supply_pressure_psi": settings.supply_pressure_psi,
+        "force_rate_hz": settings.force_rate_hz,
+    }
+    cell = GraspCell(gantry, plc, pneumatics, changer, force, clock, settings.layout, recorded)
     with ExitStack() as stack:
         stack.callback(_close, force, plc, gantry)
         _connect({"PLC": plc.connect, "load cell": force.connect, "gantry": gantry.connect})
         _start_heartbeat(stack, clock, inner, plc)
+        _make_ready_to_home(pneumatics, may_vent)
         gantry.home()
         yield Bench(gantry, plc, pneumatics, changer, force, cell, clock, settings, virtual)
 
@@ -196,6 +215,19 @@ def _connect(connects: Mapping[str, Callable[[], object]]) -> None:
             first = first or error
     if failures:
         raise DeviceError(" ".join(failures)) from first
+
+
+def _make_ready_to_home(pneumatics: Pneumatics, may_vent: bool) -> None:
+    """Homing lifts the head: a gripper that an earlier host left closed would pull its object along."""
+    pneumatics.check_air()
+    if not pneumatics.is_gripping():
+        return
+    if not may_vent:
+        raise InterlockError(
+            "The gripper is closed from an earlier session, an object may hang in it; nothing was moved. Look, then "
+            "open the bench with leave to vent (`fast gantry home`)."
+        )
+    pneumatics.vent()
 
 
 def _close(force: ForceSensor, plc: ClickPlc, gantry: Gantry) -> None:

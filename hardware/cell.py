@@ -1,7 +1,7 @@
 """The grasp cell: measures a tool on a plan of objects, and leaves the bench safe whatever happens."""
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -54,7 +54,10 @@ class MeasuredGrasp:
 
 
 class GraspCell:
-    """Runs grasps on the devices of one bench. Between grasps the gripper is open and the head at travel height."""
+    """Runs grasps on the devices of one bench. Between grasps the gripper is open and the head at travel height.
+
+    `recorded`: settings of the bench that are kept with every grasp's details.
+    """
 
     def __init__(
         self,
@@ -65,6 +68,7 @@ class GraspCell:
         force: ForceSensor,
         clock: Clock,
         layout: BenchLayout,
+        recorded: Mapping[str, float | str] | None = None,
     ) -> None:
         self._gantry = gantry
         self._plc = plc
@@ -73,6 +77,7 @@ class GraspCell:
         self._force = force
         self._clock = clock
         self._layout = layout
+        self._recorded = dict(recorded or {})
 
     def measure_tool(
         self,
@@ -93,7 +98,7 @@ class GraspCell:
             DeviceError: the bench cannot go on; it is in the safe state and the tool may still be on the head.
         """
         tool = self._check_plan(slot, plan, setup)
-        if not plan:
+        if not plan or should_stop():
             return
         with self._safely():
             self._check_at_rest()
@@ -191,7 +196,7 @@ class GraspCell:
     ) -> None:
         """One grasp, reported whatever its end; re-raises what the bench cannot go on with."""
         started_at = datetime.now(UTC)
-        grasp = _GraspInProgress(object_id, repeat, started_at)
+        grasp = _GraspInProgress(object_id, repeat, started_at, details=dict(self._recorded))
         try:
             self._approach(tool, grasp)
             try:

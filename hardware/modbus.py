@@ -113,6 +113,9 @@ class ModbusLink:
                     f"{self.name} did not answer in time; the outcome of the last request is unknown. "
                     "Check power and cable; the batch is paused and no data is lost."
                 ) from error
+            except BaseException:
+                self.close()  # interrupted between request and answer: the old answer must not meet the next request
+                raise
         if answer.isError():
             code = int(answer.exception_code)
             words = _EXCEPTION_WORDS.get(code, "unknown")

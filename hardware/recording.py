@@ -8,6 +8,7 @@ from hardware.force_sensor import Baseline, ForceReading
 from models.records import Trace
 
 WINDOW_MM = 2.0  # lift over which the force must be back at zero
+AT_REST_MM = 0.005  # below the place tolerance of the Z axis: the lift has not begun
 CONTACT_READINGS = 20  # a quarter of a second: averages the noise, keeps the narrowest contact
 
 
@@ -72,4 +73,5 @@ class GraspRecorder:
             lift_mm = np.interp(force_s, self._position_s, self._lift_mm)
         else:
             lift_mm = np.zeros(len(force_s))
-        return Trace(force_s - self.start_s, np.maximum(lift_mm, 0.0), np.array(self._force_n))
+        lift_mm[lift_mm < AT_REST_MM] = 0.0
+        return Trace(force_s - self.start_s, lift_mm, np.array(self._force_n))

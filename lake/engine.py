@@ -21,13 +21,13 @@ from typing import Any
 import duckdb
 import pyarrow as pa
 
-from lake.files import FILE_GLOB, FILE_PREFIX, FILE_SUFFIX, fault_of
+from lake.files import FILE_PREFIX, FILE_SUFFIX, fault_of
 from lake.schema import has_samples, schema_of
 from lake.tables import TABLE_BY_NAME, TABLES, Row
 from models.errors import LakeError
 
 _LOG = logging.getLogger(__name__)
-_READ_ATTEMPTS = 5  # a file may be merged into another between listing and reading
+_READ_ATTEMPTS = 50  # a file may be merged into another between listing and reading
 Signature = tuple[int, int, int]  # time, size, inode
 
 
@@ -63,15 +63,7 @@ class Engine:
             LakeError: a file cannot be read; the message names it.
         """
         for table in tables:
-            for attempt in range(_READ_ATTEMPTS):
-                try:
-                    self._sync_table(TABLE_BY_NAME[table])
-                    break
-                except duckdb.Error as error:
-                    self._forget(table)
-                    if attempt + 1 == _READ_ATTEMPTS:
-                        raise _unreadable(self._root / table, error) from error
-                    _LOG.debug("reading %s again: %s", table, error)
+            self._sync_table(TABLE_BY_NAME[table])
 
     def read(self, sql: str, params: Sequence[Any] | dict[str, Any] | None = None) -> pa.Table:
         """Result of a query over what was last synced, in a read-only transaction."""
@@ -124,66 +116,65 @@ class Engine:
         if not self._files[table].signatures:
             self.connection.execute(f"CREATE OR REPLACE VIEW {table} AS SELECT * FROM empty_{table}")
             return
-        pattern = _quote(self._root.resolve() / table / FILE_GLOB)
+        paths = _quoted_list(self._root.resolve() / table, sorted(self._files[table].signatures))
         self.connection.execute(
             f"CREATE OR REPLACE VIEW {table} AS SELECT * FROM empty_{table} UNION ALL BY NAME "
             "SELECT * EXCLUDE (_name, file_row_number) FROM (SELECT * REPLACE (parse_filename(_name) AS _name) FROM "
-            f"read_parquet({pattern}, union_by_name = true, filename = '_name', file_row_number = true)) AS samples "
+            f"read_parquet({paths}, union_by_name = true, filename = '_name', file_row_number = true)) AS samples "
             f"ANTI JOIN superseded_{table} AS old ON samples._name = old._name AND samples.file_row_number = old._row"
         )
 
     def _sync_table(self, row_type: type[Row]) -> None:
+        """Bring one table up to date; the same listing failing twice is a fault, another one is tried."""
         table = row_type.table
-        known = self._files[table]
-        found = list_files(self._root / table)
-        if found == known.signatures:
-            return
-        changed = sorted(name for name, signature in found.items() if known.signatures.get(name) != signature)
-        stale = [name for name, signature in known.signatures.items() if found.get(name) != signature]
-        was_empty = not known.signatures
-        self._drop_rows(table, stale)
-        known.signatures = {name: found[name] for name in found if name not in changed}
-        if changed:
-            self._read_rows(row_type, changed)
-            known.signatures = found
-        self._find_superseded(row_type)
-        if has_samples(row_type) and was_empty != (not found):
-            self._point_view_at_files(row_type)
+        failed: dict[str, Signature] | None = None
+        for attempt in range(_READ_ATTEMPTS):
+            known = self._files[table]
+            found = _settled_listing(self._root / table, known.signatures)
+            if found == known.signatures:
+                return
+            self.connection.execute("BEGIN TRANSACTION")
+            try:
+                self._files[table] = self._take_in(row_type, known, found)
+                self._find_superseded(row_type)
+                if has_samples(row_type):
+                    self._point_view_at_files(row_type)
+                self.connection.execute("COMMIT")
+                return
+            except duckdb.Error as error:
+                self.connection.execute("ROLLBACK")
+                self._files[table] = known
+                if found == failed or attempt + 1 == _READ_ATTEMPTS:
+                    raise _unreadable(self._root / table, error) from error
+                failed = found
+                _LOG.debug("reading %s again: %s", table, error)
 
-    def _read_rows(self, row_type: type[Row], names: list[str]) -> None:
+    def _take_in(self, row_type: type[Row], known: _TableFiles, found: dict[str, Signature]) -> _TableFiles:
+        """Read the new files, forget the rows of those that are gone or were written again."""
+        changed = sorted(name for name, signature in found.items() if known.signatures.get(name) != signature)
+        stale = [known.numbers[name] for name, signature in known.signatures.items() if found.get(name) != signature]
+        numbers = {name: known.next_number + place for place, name in enumerate(changed)}
+        if stale:
+            self.connection.execute(f"DELETE FROM raw_{row_type.table} WHERE _file IN (SELECT unnest(?))", [stale])
+        if changed:
+            self._read_rows(row_type, numbers)
+        kept = {name: number for name, number in known.numbers.items() if name in found}
+        return _TableFiles(found, kept | numbers, known.next_number + len(changed))
+
+    def _read_rows(self, row_type: type[Row], numbers: dict[str, int]) -> None:
+        """Add the rows (of traces: the index) of the files with these numbers."""
         table = row_type.table
-        known = self._files[table]
-        for name in names:
-            known.numbers[name] = known.next_number
-            known.next_number += 1
-        self.connection.register("new_files", _numbers(names, known))
-        folder = self._root.resolve() / table
-        paths = ", ".join(_quote(folder / name) for name in names)
-        held = (
-            f"{row_type.id_column()}, created_at"
-            if has_samples(row_type)
-            else "rows.* EXCLUDE (filename, file_row_number)"
-        )
+        self.connection.register("new_files", _number_table(numbers))
+        paths = _quoted_list(self._root.resolve() / table, list(numbers))
+        held = "rows.* EXCLUDE (filename, file_row_number)"
+        if has_samples(row_type):
+            held = f"{row_type.id_column()}, created_at"
         self.connection.execute(
             f"INSERT INTO raw_{table} BY NAME SELECT {held}, _file, file_row_number AS _row "
-            f"FROM read_parquet([{paths}], union_by_name = true, filename = true, file_row_number = true) AS rows "
+            f"FROM read_parquet({paths}, union_by_name = true, filename = true, file_row_number = true) AS rows "
             "JOIN new_files ON new_files._name = parse_filename(rows.filename)"
         )
         self.connection.unregister("new_files")
-
-    def _drop_rows(self, table: str, names: list[str]) -> None:
-        known = self._files[table]
-        numbers = [known.numbers.pop(name) for name in names]
-        for name in names:
-            del known.signatures[name]
-        if known.signatures:
-            self.connection.execute(f"DELETE FROM raw_{table} WHERE _file IN (SELECT unnest(?))", [numbers])
-        else:
-            self.connection.execute(f"TRUNCATE raw_{table}")
-
-    def _forget(self, table: str) -> None:
-        self._files[table] = _TableFiles()
-        self.connection.execute(f"TRUNCATE raw_{table}")
 
     def _find_superseded(self, row_type: type[Row]) -> None:
         table, key = row_type.table, row_type.id_column()
@@ -191,8 +182,7 @@ class Engine:
         counted = self.connection.execute(f"SELECT count(*) = count(DISTINCT {key}) FROM raw_{table}").fetchall()
         if counted[0][0]:
             return
-        known = self._files[table]
-        self.connection.register("new_files", _numbers(list(known.numbers), known))
+        self.connection.register("new_files", _number_table(self._files[table].numbers))
         self.connection.execute(
             f"INSERT INTO superseded_{table} SELECT _file, _row, _name FROM (SELECT _file, _row FROM raw_{table} "
             f"QUALIFY row_number() OVER (PARTITION BY {key} ORDER BY created_at DESC, _file DESC, _row DESC) > 1) "
@@ -250,9 +240,26 @@ def _words(sql: str) -> set[str]:
     return {word.removeprefix("raw_").removeprefix("superseded_") for word in re.findall(r"\w+", sql.lower())}
 
 
-def _numbers(names: list[str], known: _TableFiles) -> pa.Table:
-    numbers = pa.array([known.numbers[name] for name in names], type=pa.int32())
-    return pa.table({"_name": pa.array(names, type=pa.string()), "_file": numbers})
+def _settled_listing(folder: Path, known: dict[str, Signature]) -> dict[str, Signature]:
+    """A listing that misses no row.
+
+    One scan may miss a merged file that appears while it passes, and the small ones that then go; two
+    equal scans in a row cannot have. One that equals what is known is at worst a moment old.
+    """
+    found = list_files(folder)
+    before = known
+    while found != before:
+        found, before = list_files(folder), found
+    return found
+
+
+def _number_table(numbers: dict[str, int]) -> pa.Table:
+    columns = {"_name": pa.array(numbers, type=pa.string()), "_file": pa.array(numbers.values(), type=pa.int32())}
+    return pa.table(columns)
+
+
+def _quoted_list(folder: Path, names: list[str]) -> str:
+    return "[" + ", ".join(_quote(folder / name) for name in names) + "]"
 
 
 def _quote(path: Path) -> str:

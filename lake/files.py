@@ -16,9 +16,8 @@ from lake.schema import has_samples, schema_of
 from lake.tables import TABLE_BY_NAME, Row
 from models.errors import FastError, LakeError, UsageError
 
-FILE_PREFIX = "rows-"
+FILE_PREFIX = "rows-"  # what readers look at; temporary and foreign files are named otherwise
 FILE_SUFFIX = ".parquet"
-FILE_GLOB = f"{FILE_PREFIX}*{FILE_SUFFIX}"  # what readers look at; temporary and foreign files never match
 TEMPORARY_PREFIX = ".writing-"
 LOCK_NAME = ".lock"
 _ROW_GROUP_OF_TRACES = 256  # small enough for min/max of the id to skip most of a file

@@ -25,7 +25,7 @@ from models.records import Trace
 _LOG = logging.getLogger(__name__)
 MARKER = "lake.json"
 _NOT_CONTENT = frozenset({"created_at", "code_version", "code_dirty"})
-_QUERY_ATTEMPTS = 5  # a file of samples may be merged into another while a query runs
+_QUERY_ATTEMPTS = 50  # a file of samples may be merged into another while a query runs
 
 R = TypeVar("R", bound=Row)
 

@@ -29,8 +29,9 @@ per_object AS (
          coalesce(var_samp(peak_force_n ORDER BY repeat), 0) * (count(*) - 1) AS squares_n2
   FROM counted GROUP BY ALL),
 per_tool AS (
-  SELECT tool_id, count(*) AS n_objects, sum(n_repeats)::BIGINT AS n_grasps, avg(peak_force_n ORDER BY object_id) AS quality_n,
-         avg(work_j ORDER BY object_id) AS work_j, sum(n_repeats - 1)::BIGINT AS n_freedom,
+  SELECT tool_id, count(*) AS n_objects, sum(n_repeats)::BIGINT AS n_grasps,
+         avg(peak_force_n ORDER BY object_id) AS quality_n, avg(work_j ORDER BY object_id) AS work_j,
+         sum(n_repeats - 1)::BIGINT AS n_freedom,
          sum(squares_n2 ORDER BY object_id) AS squares_n2,
          sum(1.0::DOUBLE / n_repeats ORDER BY object_id) AS inverse_repeats
   FROM per_object GROUP BY ALL),
@@ -69,7 +70,8 @@ WITH counted AS ({_COUNTED} AND tool_id IN ({{best}}, {{other}})),
 points AS (
   SELECT c.tool_id, c.object_id, c.repeat, unnest(t.lift_mm) AS lift_mm, unnest(t.force_n) AS force_n
   FROM counted c JOIN traces t USING (grasp_id))
-SELECT tool_id, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm, avg(force_n ORDER BY repeat, lift_mm, force_n) AS force_n
+SELECT tool_id, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm,
+       avg(force_n ORDER BY repeat, lift_mm, force_n) AS force_n
 FROM points WHERE lift_mm > 0
 GROUP BY ALL
 ORDER BY tool_id, object_id, lift_mm"""

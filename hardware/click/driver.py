@@ -147,10 +147,11 @@ class ClickPlc:
         """Wait until every address of `confirm` reads its value, polling every 20 ms of the bench's clock."""
         deadline_s = self._clock.now_s() + time_out_s
         while True:
+            is_last = self._clock.now_s() >= deadline_s
             wrong = [name for name, value in confirm.items() if self.read_bit(name) != value]
             if not wrong:
                 return
-            if self._clock.now_s() >= deadline_s:
+            if is_last:
                 state = ", ".join(f"{name} is {int(not confirm[name])}" for name in wrong)
                 raise InterlockError(
                     f"{meaning} was not confirmed in {time_out_s:g} s ({state}). "

@@ -1,4 +1,4 @@
-"""The whole virtual bench: GRBL on a pty, CLICK and Laumas on Modbus TCP, coupled to one world."""
+"""The whole virtual bench: GRBL on a pty, CLICK and Laumas on Modbus TCP (and RTU), coupled to one world."""
 
 import logging
 import math
@@ -26,13 +26,14 @@ _TICK_S = 0.01  # real time between looks at a world whose clock runs by itself
 
 @dataclass(frozen=True)
 class Endpoints:
-    """Where drivers connect."""
+    """Where drivers connect. The transmitter answers on Modbus TCP, and on RTU at its serial port."""
 
     serial_port: str
     plc_host: str
     plc_port: int
     transmitter_host: str
     transmitter_port: int
+    transmitter_serial_port: str | None = None
 
 
 class VirtualBench:
@@ -56,6 +57,8 @@ class VirtualBench:
         now_s = clock.now_s()
         self.state = WorldState(world, tools, solve, layout, self._head_mm, now_s)
         self.plc = VirtualClick(self.state, clock.lock, now_s, self._refresh)
+        if not self.is_lockstep:  # a faster clock does not make the host's threads faster
+            self.plc.host_time_out_s *= max(1.0, 1.0 / clock.wall_s(1.0))
         self.transmitter = VirtualLaumas(self.state, clock.lock, refresh=self._refresh)
 
     def start(self, plc_port: int = 0, transmitter_port: int = 0) -> Endpoints:
@@ -67,6 +70,7 @@ class VirtualBench:
         try:
             self.plc.server.start(plc_port)
             self.transmitter.server.start(transmitter_port)
+            self.transmitter.rtu_server.start()
         except BaseException:
             self.stop()
             raise
@@ -79,7 +83,8 @@ class VirtualBench:
     def endpoints(self) -> Endpoints:
         """Where drivers connect."""
         plc, transmitter = self.plc.server, self.transmitter.server
-        return Endpoints(self.grbl.port, plc.host, plc.port, transmitter.host, transmitter.port)
+        rtu_port = self.transmitter.rtu_server.port
+        return Endpoints(self.grbl.port, plc.host, plc.port, transmitter.host, transmitter.port, rtu_port)
 
     def stop(self) -> None:
         """Stop everything; safe to call twice."""
@@ -88,6 +93,7 @@ class VirtualBench:
         if self._ticker.is_alive():
             self._ticker.join(timeout=10.0)
         self.transmitter.server.stop()
+        self.transmitter.rtu_server.stop()
         self.plc.server.stop()
         self.grbl.close()
         if self._worker is not None:

@@ -54,6 +54,7 @@ class VirtualClick:
         self._world = world
         self._lock = lock
         self._refresh = refresh
+        self.host_time_out_s = tags.HOST_TIME_OUT_S
         self._memory: _Memory = {}
         self._n_scans = 0
         self._last_scan_s = now_s
@@ -107,7 +108,7 @@ class VirtualClick:
         if beat != self._last_heartbeat:
             self._last_heartbeat, self._heartbeat_at_s = beat, first_due_s
             self._set(tags.HEARTBEAT_ECHO_REGISTER, beat)
-        return self._heartbeat_at_s is not None and now_s - self._heartbeat_at_s <= tags.HOST_TIME_OUT_S
+        return self._heartbeat_at_s is not None and now_s - self._heartbeat_at_s <= self.host_time_out_s
 
     def _show_inputs(self) -> None:
         world = self._world

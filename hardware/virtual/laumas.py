@@ -1,4 +1,4 @@
-"""Virtual Laumas transmitter on Modbus TCP: the load cell of the virtual world, in kg with 0.001 division."""
+"""Virtual Laumas transmitter on Modbus TCP and RTU: the load cell of the virtual world, in kg with 0.001 division."""
 
 import threading
 from collections.abc import Callable
@@ -13,6 +13,7 @@ from hardware.laumas.codec import (
     encode_measured,
 )
 from hardware.virtual.modbus import ModbusServerThread
+from hardware.virtual.rtu import RtuServerThread
 from hardware.world.state import WorldState
 from models.units import mass_kg_from_n
 
@@ -36,6 +37,7 @@ class VirtualLaumas:
         refresh: Callable[[], None] = lambda: None,
     ) -> None:
         self.server = ModbusServerThread("weight transmitter", self)
+        self.rtu_server = RtuServerThread("weight transmitter", self)
         self.scale = scale or Scale(0.001, "kg")
         self._world = world
         self._lock = lock

@@ -8,6 +8,7 @@ import numpy as np
 
 from models.effects.base import Effect
 from models.effects.catalogue import build_effects
+from models.errors import UsageError
 from models.features import peak_force_n, work_j
 from models.fem.assembly import ElasticBody, Material
 from models.fem.contact import ContactLaw, ContactSurface, Obstacle, PointSpacing
@@ -100,7 +101,10 @@ def simulate_grasp(
         SimulationFailed: reason `time_out`, `no_convergence`, `inverted_element`, `indefinite`, `deep_penetration`
             or `max_steps`.
         MeshingFailed: the mesh could not be made.
+        UsageError: the version asks for the screening tier, which is not built.
     """
+    if version.tier == "screening":
+        raise UsageError("The screening tier is not built; use the tier `production` or `reference`.")
     started = time.process_time()
     deadline = deadline_after(deadline_s)
     active = tuple(build_effects(version.effects) if effects is None else effects)

@@ -124,6 +124,35 @@ def _rows(indptr: np.ndarray, indices: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return pointers.astype(np.int32), entries[order].astype(np.int32)
 
 
+@nb.njit(inline="always")
+def _scale_column(work: np.ndarray, l_rows: np.ndarray, factor: np.ndarray, top: int, end: int) -> bool:
+    """Factorise the pivot block and divide the column by it; False if the pivot is not positive definite."""
+    pivot = work[l_rows[top]]
+    d0 = pivot[0, 0]
+    l00 = np.sqrt(max(d0, 0.0))
+    l10, l20 = pivot[1, 0] / l00, pivot[2, 0] / l00
+    d1 = pivot[1, 1] - l10 * l10
+    l11 = np.sqrt(max(d1, 0.0))
+    l21 = (pivot[2, 1] - l20 * l10) / l11
+    d2 = pivot[2, 2] - l20 * l20 - l21 * l21
+    l22 = np.sqrt(max(d2, 0.0))
+    if not (d0 > 0.0 and d1 > 0.0 and d2 > 0.0):
+        return False
+    factor[top] = 0.0
+    factor[top, 0, 0], factor[top, 1, 0], factor[top, 2, 0] = l00, l10, l20
+    factor[top, 1, 1], factor[top, 2, 1], factor[top, 2, 2] = l11, l21, l22
+    i00, i11, i22 = 1.0 / l00, 1.0 / l11, 1.0 / l22
+    for p in range(top + 1, end):
+        i = l_rows[p]
+        for s in range(3):
+            x0 = work[i, s, 0] * i00
+            x1 = (work[i, s, 1] - x0 * l10) * i11
+            factor[p, s, 0] = x0
+            factor[p, s, 1] = x1
+            factor[p, s, 2] = (work[i, s, 2] - x0 * l20 - x1 * l21) * i22
+    return True
+
+
 @nb.njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
 def _numeric(
     a_ptr: np.ndarray,
@@ -158,34 +187,8 @@ def _numeric(
                     work[i, s, 0] -= c0 * b00 + c1 * b01 + c2 * b02
                     work[i, s, 1] -= c0 * b10 + c1 * b11 + c2 * b12
                     work[i, s, 2] -= c0 * b20 + c1 * b21 + c2 * b22
-        pivot = work[j]
-        d0 = pivot[0, 0]
-        if not d0 > 0.0:
+        if not _scale_column(work, l_rows, factor, l_ptr[j], l_ptr[j + 1]):
             return False
-        l00 = np.sqrt(d0)
-        l10, l20 = pivot[1, 0] / l00, pivot[2, 0] / l00
-        d1 = pivot[1, 1] - l10 * l10
-        if not d1 > 0.0:
-            return False
-        l11 = np.sqrt(d1)
-        l21 = (pivot[2, 1] - l20 * l10) / l11
-        d2 = pivot[2, 2] - l20 * l20 - l21 * l21
-        if not d2 > 0.0:
-            return False
-        l22 = np.sqrt(d2)
-        top = l_ptr[j]
-        factor[top] = 0.0
-        factor[top, 0, 0], factor[top, 1, 0], factor[top, 2, 0] = l00, l10, l20
-        factor[top, 1, 1], factor[top, 2, 1], factor[top, 2, 2] = l11, l21, l22
-        i00, i11, i22 = 1.0 / l00, 1.0 / l11, 1.0 / l22
-        for p in range(top + 1, l_ptr[j + 1]):
-            i = l_rows[p]
-            for s in range(3):
-                x0 = work[i, s, 0] * i00
-                x1 = (work[i, s, 1] - x0 * l10) * i11
-                factor[p, s, 0] = x0
-                factor[p, s, 1] = x1
-                factor[p, s, 2] = (work[i, s, 2] - x0 * l20 - x1 * l21) * i22
     return True
 
 

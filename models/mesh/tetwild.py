@@ -5,7 +5,9 @@ own with a time limit, and a mesh that matters should be kept (`SolidMesh.to_arr
 accurate than wedges (notes/fem.md section 4): use it as a reference or for bodies that are not extrusions.
 """
 
+import contextlib
 import multiprocessing
+import tempfile
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 
@@ -58,16 +60,18 @@ def tetrahedralise(
     """
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
-    worker = context.Process(target=_work, args=(sender, vertices, faces, edge_mm), daemon=True)
-    worker.start()
-    sender.close()
-    try:
-        return _collect(worker, receiver, time_limit_s)
-    finally:
-        receiver.close()
-        if worker.is_alive():
-            worker.kill()
-        worker.join()
+    # fTetWild leaves files in its working directory.
+    with tempfile.TemporaryDirectory(prefix="tetwild-") as folder:
+        worker = context.Process(target=_work, args=(sender, folder, vertices, faces, edge_mm), daemon=True)
+        worker.start()
+        sender.close()
+        try:
+            return _collect(worker, receiver, time_limit_s)
+        finally:
+            receiver.close()
+            if worker.is_alive():
+                worker.kill()
+            worker.join()
 
 
 def _collect(worker: SpawnProcess, receiver: Connection, time_limit_s: float) -> tuple[np.ndarray, np.ndarray]:
@@ -90,14 +94,14 @@ def _collect(worker: SpawnProcess, receiver: Connection, time_limit_s: float) ->
     return np.array(vertices), np.array(tetrahedra)
 
 
-def _work(sender: Connection, vertices: np.ndarray, faces: np.ndarray, edge_mm: float) -> None:
+def _work(sender: Connection, folder: str, vertices: np.ndarray, faces: np.ndarray, edge_mm: float) -> None:
     """Body of the worker process."""
     try:
         from pytetwild import tetrahedralize
 
         diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-        sender.send(
-            tetrahedralize(
+        with contextlib.chdir(folder):
+            mesh = tetrahedralize(
                 np.ascontiguousarray(vertices, dtype=np.float64),
                 np.ascontiguousarray(faces, dtype=np.int32),
                 optimize=True,
@@ -106,7 +110,7 @@ def _work(sender: Connection, vertices: np.ndarray, faces: np.ndarray, edge_mm: 
                 num_threads=1,
                 quiet=True,
             )
-        )
+        sender.send(mesh)
     except (RuntimeError, ValueError, ImportError, OSError) as error:
         sender.send(f"{type(error).__name__}: {error}")
 

@@ -8,7 +8,10 @@ import pytest
 
 from flows.report.build import write_report
 from flows.report.content import Content
+from flows.report.facts import agreement, object_pairs
+from flows.report.figures import agreement_figure, quality_figure
 from lake.provenance import Provenance
+from lake.sql import run_sql
 from lake.store import Lake
 from lake.tables import CampaignRow, GraspRow
 from models.errors import UsageError
@@ -59,7 +62,7 @@ def test_csv_files_are_the_answers_of_their_queries(report, lake, tmp_path):
     queries = sorted((report.parent / "data").glob("*.sql"))
     assert len(queries) >= 12
     for query in queries:
-        answer = lake.query(query.read_text(encoding="utf-8"))
+        answer = run_sql(lake, query.read_text(encoding="utf-8"))
         pyarrow.csv.write_csv(answer, tmp_path / "again.csv")
         assert (tmp_path / "again.csv").read_bytes() == query.with_suffix(".csv").read_bytes(), query.name
 
@@ -95,6 +98,33 @@ def test_interval_is_the_pooled_t_interval_of_the_repeats(lake):
     # Quantile 0.975 of Student's t with 8 degrees of freedom (4 objects x 2): 2.306.
     expected = 2.3060 * np.sqrt(pooled / 12)
     assert tool.half_width_n == pytest.approx(expected, rel=1e-4)
+
+
+def test_tool_quality_is_that_of_the_lake(lake):
+    rows = lake.query("SELECT tool_id, tool_quality_n, work_j FROM tool_quality").to_pylist()
+    expected = {row["tool_id"]: (row["tool_quality_n"], row["work_j"]) for row in rows}
+    found = {t.tool_id: (t.quality_n, t.work_j) for t in Content.load(lake, "demo").tools}
+    assert found.keys() == expected.keys()
+    for tool_id, values in found.items():
+        assert values == pytest.approx(expected[tool_id], rel=1e-12)
+
+
+def test_quality_figure_draws_the_table(lake):
+    content = Content.load(lake, "demo")
+    axes = quality_figure(content.tools, content.best).axes[0]
+    drawn = sorted(float(container.lines[0].get_ydata()[0]) for container in axes.containers if container.lines)
+    assert drawn == pytest.approx(sorted(t.quality_n for t in content.tools))
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["B01", "B02"]
+
+
+def test_agreement_figure_draws_the_pairs(lake):
+    content = Content.load(lake, "demo")
+    pairs = object_pairs(content.pairs.rows, content.compared[0])
+    axes = agreement_figure(pairs, agreement(pairs), "per object").axes[0]
+    drawn = [(x, y) for line in axes.lines[:2] for x, y in zip(*line.get_data(), strict=True)]
+    expected = sorted((p.simulated_n, p.measured_n) for p in pairs)
+    np.testing.assert_allclose(sorted(drawn), expected)
+    assert axes.get_xlim() == axes.get_ylim()
 
 
 def test_virtual_bench_and_repeat_interval_are_said(report):

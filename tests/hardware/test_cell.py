@@ -6,6 +6,7 @@ import pytest
 from hardware.bench import BenchSettings, MountedTool, open_real_bench, open_virtual_bench, open_virtual_servers
 from hardware.clock import ScaledClock
 from hardware.layout import BenchLayout
+from hardware.world.physics import PhysicsCache, build_request
 from hardware.world.spec import Scatter, Sensor, World
 from models.errors import DeviceError, InterlockError, LakeError, SimulationFailed, UsageError
 from models.features import peak_force_n
@@ -74,6 +75,7 @@ def test_a_quiet_world_is_measured_as_its_physics_says():
         trace = grasp.trace
         assert grasp.status == "ok", grasp.reason
         assert grasp.details["end"] == "separated"
+        assert grasp.details["force_rate_hz"] == 80.0
         lifting = (trace.lift_mm > 0.5) & (np.abs(trace.lift_mm - 48.0) > 0.5)
         expected_n = lift_force_n(trace.lift_mm[lifting], grasp.object_id)
         assert trace.force_n[lifting] == pytest.approx(expected_n, abs=0.05)
@@ -121,6 +123,25 @@ def test_the_setup_reaches_the_world_over_the_wire():
     assert len(seen) == 1, "one solution for all repeats"
     assert seen[0].setup == setup
     assert seen[0].design == DESIGN
+
+
+def test_requests_made_ahead_are_those_the_bench_asks_for():
+    """A caller may solve a tool's grasps in a pool first: odd heights must not change the request."""
+    design = DESIGN.model_copy(update={"height_mm": 97.123456})
+    world = World(seed=3, scatter=Scatter(placement_sd_mm=0.2))
+    setup = GraspSetup(tip_below_mm=7.5)
+
+    def refuse(request):
+        raise AssertionError(f"asked for {request}")
+
+    ahead = PhysicsCache(refuse)
+    for object_id in (2, 11):
+        request = build_request(world, "a/B02T1", design, object_id, setup)
+        ahead.put(request, physics(request))
+    grasps = []
+    with open_virtual_bench(world, {1: MountedTool("a/B02T1", design)}, ahead) as bench:
+        bench.cell.measure_tool(1, [(2, 0), (11, 0)], setup, grasps.append, lambda: False)
+    assert [g.status for g in grasps] == ["ok", "ok"]
 
 
 def test_a_grasp_without_physics_fails_and_the_plan_goes_on():
@@ -281,13 +302,21 @@ def test_drivers_reach_a_virtual_bench_by_its_addresses():
         at = virtual.endpoints
         settings = BenchSettings(
             serial_port=at.serial_port, plc_host=at.plc_host, plc_port=at.plc_port,
-            transmitter_host=at.transmitter_host, transmitter_port=at.transmitter_port, modbus_time_out_s=5.0,
+            transmitter_serial_port=at.transmitter_serial_port, modbus_time_out_s=5.0,
         )  # fmt: skip
         with open_real_bench(settings, TOOLS, clock) as bench:
-            assert bench.endpoints == at
+            assert bench.endpoints.serial_port == at.serial_port
             bench.pneumatics.open_supply()
             assert bench.changer.pick(0).tool_id == "a/B01T0"
             bench.cell.park()
+            bench.plc.request("C3", {"Y2": True}, 5.0, "Gripping")
+        with (
+            pytest.raises(InterlockError, match="closed from an earlier session"),
+            open_real_bench(settings, TOOLS, clock),
+        ):
+            pass
+        with open_real_bench(settings, TOOLS, clock, may_vent=True) as bench:
+            assert not bench.pneumatics.is_gripping()
         settings = settings.model_copy(update={"tool_mass_kg": {0: 1.0}})
         with open_real_bench(settings, TOOLS, clock) as bench, pytest.raises(InterlockError, match="table says 1.000"):
             bench.changer.pick(0)

@@ -6,10 +6,11 @@ from hardware.clock import VirtualClock
 from hardware.laumas.codec import Scale
 from hardware.laumas.driver import LaumasTransmitter
 from hardware.layout import BenchLayout
-from hardware.modbus import tcp_link
+from hardware.modbus import rtu_link, tcp_link
 from hardware.tools import MountedTool
 from hardware.virtual.click import VirtualClick
 from hardware.virtual.laumas import VirtualLaumas
+from hardware.virtual.rtu import with_crc
 from hardware.world.spec import World
 from hardware.world.state import HEAD_MASS_KG, WorldState
 from models.errors import DeviceError, InterlockError, UsageError
@@ -154,6 +155,28 @@ def test_the_transmitter_refuses_the_short_write_and_long_reads(rig):
         assert rig.virtual_transmitter.write_registers(5, [7], function_code=6) is False
     finally:
         link.close()
+
+
+def test_the_transmitter_speaks_rtu_on_a_pty(rig):
+    server = rig.virtual_transmitter.rtu_server
+    server.start()
+    link = rtu_link("Transmitter", server.port, baud_rate=115200, time_out_s=5.0)
+    transmitter = LaumasTransmitter(link, rig.clock)
+    try:
+        transmitter.connect()
+        rig.clock.sleep(0.1)
+        assert transmitter.read().gross == pytest.approx(HEAD_MASS_KG, abs=0.0006)
+        transmitter.tare()
+        assert transmitter.read().net == 0
+        with pytest.raises(DeviceError, match="illegal address"):
+            link.read_registers(3, 70, 20)
+    finally:
+        transmitter.close()
+        server.stop()
+
+
+def test_the_crc_is_the_one_of_the_modbus_specification():
+    assert with_crc(bytes.fromhex("010300000002")) == bytes.fromhex("010300000002c40b")
 
 
 def test_a_scale_set_wrongly_on_the_keypad_is_refused(rig):

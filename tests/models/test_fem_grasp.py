@@ -6,7 +6,7 @@ import pytest
 from models.design_space import BEST_PUBLISHED, random_designs
 from models.effects.contact import StaticKineticFriction
 from models.effects.geometry import WallThicknessOffset
-from models.errors import SimulationFailed
+from models.errors import SimulationFailed, UsageError
 from models.fem.grasp import Numerics, simulate_grasp
 from models.fem.stepping import StepLimits
 from models.mesh.build import build_mesh
@@ -165,6 +165,11 @@ def test_time_and_step_limits_fail_with_a_reason() -> None:
     with pytest.raises(SimulationFailed, match="Stopped after 5 steps") as long:
         simulate_grasp(BEST_PUBLISHED, SPHERE, numerics=Numerics(limits=StepLimits(max_steps=5)))
     assert long.value.reason == "max_steps"
+
+
+def test_screening_tier_is_refused() -> None:
+    with pytest.raises(UsageError, match="screening tier is not built"):
+        simulate_grasp(BEST_PUBLISHED, SPHERE, SimulatorVersion(tier="screening"))
 
 
 @pytest.mark.slow

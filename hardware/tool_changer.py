@@ -17,7 +17,7 @@ logger = logging.getLogger(__name__)
 
 MASS_TOLERANCE = 0.05  # of the tool's mass
 _LOCK_TIME_OUT_S = 2.0
-_WEIGH_S = 0.5
+_WEIGH_S = 2.0  # averages the cell's noise well below the tolerance
 
 
 class ToolChanger:

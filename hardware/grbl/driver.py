@@ -26,7 +26,7 @@ from hardware.grbl.motion import DEADLINE_FACTOR, limit_along, move_deadline_s, 
 from hardware.grbl.profile import GrblProfile
 from hardware.grbl.session import FULL_OVERRIDES, HOLD_POLL_S, HOLD_TIMEOUT_S, GrblSession
 from hardware.transport import Transport
-from models.errors import InterlockError
+from models.errors import DeviceError, InterlockError
 
 logger = logging.getLogger(__name__)
 
@@ -72,8 +72,8 @@ class GrblDriver:
         try:
             if self._link.lost is None and self._link.alarm is None and self.is_moving():
                 self.abort()
-        except (SilentControllerError, InterlockError, GrblAlarmError) as error:
-            logger.warning("closing the gantry: %s", error)
+        except DeviceError as error:
+            logger.warning("the gantry may not be at rest when its port closes: %s", error)
         finally:
             self.session.close()
 
@@ -121,6 +121,8 @@ class GrblDriver:
         with self._alone("home"):
             self.session.clear_alarm()
             self.session.prepare_again_if_needed()
+            if self._link.is_answer_due:
+                self.abort()
             report = self.session.poll("homing")
             self._refuse_closed_switches(report, "home")
             if report.state not in ("Idle", "Alarm"):

@@ -186,19 +186,32 @@ class GrblLink:
         with self._changed:
             return self._report if self._n_reports > before and self._epoch == epoch else None
 
+    def forget_reset(self) -> None:
+        """A reset we sent was not heard: a banner from now on is an unasked one."""
+        with self._changed:
+            self._is_reset_asked = False
+
+    @property
+    def is_answer_due(self) -> bool:
+        """Whether a line is still unanswered; a new one would take its answer."""
+        return bool(self._pending)
+
     def _write(self, data: bytes) -> None:
         try:
             self.transport.write(data)
         except LinkLostError as error:
-            self._on_lost(str(error))
-            raise
+            self._on_lost(str(error).rstrip("."))
+            raise self._lost_error() from error
 
     def _raise_if_lost(self) -> None:
         if self._lost is not None:
-            raise LinkLostError(
-                f"The line to the gantry is lost: {self._lost}; the machine may still be moving and its position is "
-                "unknown. Drop the motor enable, reconnect and home."
-            )
+            raise self._lost_error()
+
+    def _lost_error(self) -> LinkLostError:
+        return LinkLostError(
+            f"The line to the gantry is lost: {self._lost}; the machine may still be moving and its position is "
+            "unknown. Drop the motor enable, reconnect and home."
+        )
 
     def _void_pending(self) -> None:
         for ticket in self._pending:

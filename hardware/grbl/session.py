@@ -24,7 +24,10 @@ from hardware.transport import Transport
 logger = logging.getLogger(__name__)
 
 REPLY_TIMEOUT_S = 1.0  # real; a line or `?` is answered within some 20 ms
-BANNER_TIMEOUT_S = 2.0  # real
+STATUS_ASKS = 4  # within the reply time-out: one swallowed `?` is no reason for a reset
+BANNER_REPLY_S = 0.3  # real; a live controller says its banner within some 20 ms
+BANNER_TIMEOUT_S = 2.0  # clock; longer than the bootloader
+BANNER_POLL_S = 0.1
 BOOT_WAIT_S = 3.0  # clock; bootloader of a Mega after a port open
 BOOT_POLL_S = 0.1
 CRITICAL_ALARM_S = 0.7  # clock; the firmware is deaf for 0.5 s after ALARM:1 and 2
@@ -186,9 +189,13 @@ class GrblSession:
         """
         epoch = self._known_epoch if epoch is None else epoch
         self.check(doing, epoch)
-        report = self.link.request_report(REPLY_TIMEOUT_S)
-        self.check(doing, epoch)
-        if report is None:
+        report = None
+        for _ in range(STATUS_ASKS):
+            report = self.link.request_report(REPLY_TIMEOUT_S / STATUS_ASKS)
+            self.check(doing, epoch)
+            if report is not None:
+                break
+        else:
             self._rouse(doing)
         if report is None or report.machine_mm is None or len(report.machine_mm) < N_AXES_MIN:
             raise SilentControllerError(f"The status report lacks a position while {doing}; set $10 of the controller.")
@@ -236,22 +243,37 @@ class GrblSession:
         """
         was_known = self.is_position_known
         epoch = self.link.epoch
-        for _ in range(2):
+        self.link.send_real_time(RealTime.RESET)
+        if not self._wait_for_banner(epoch):
             self.link.send_real_time(RealTime.RESET)
-            if self.link.wait(lambda: self.link.epoch != epoch, BANNER_TIMEOUT_S):
-                break
-        else:
-            self.distrust()
-            raise SilentControllerError(
-                f"Nothing on {self.link.transport.name} answers as a GRBL controller while {doing}; the position is "
-                "unknown. Check power, cable and port, drop the motor enable, then reconnect."
-            )
+            if not self._wait_for_banner(epoch):
+                self.link.forget_reset()
+                self.distrust()
+                raise SilentControllerError(
+                    f"Nothing on {self.link.transport.name} answers as a GRBL controller while {doing}; the position "
+                    "is unknown. Check power, cable and port, drop the motor enable, then reconnect."
+                )
         alarm = self.link.alarm_before
         self._known_epoch = self.link.epoch
-        if was_known and (alarm is None or alarm_meaning(alarm).keeps_position):
+        if was_known and (alarm_meaning(alarm).keeps_position if alarm is not None else self._is_unlocked()):
             self.trust()
         else:
             self.distrust()
+
+    def _wait_for_banner(self, epoch: int) -> bool:
+        until_s = self.clock.now_s() + BANNER_TIMEOUT_S
+        timeout_s = BANNER_REPLY_S
+        while not self.link.wait(lambda: self.link.epoch != epoch, timeout_s):
+            if self.clock.now_s() > until_s:
+                return False
+            self.clock.sleep(BANNER_POLL_S)
+            timeout_s = BANNER_REPLY_S / 10
+        return True
+
+    def _is_unlocked(self) -> bool:
+        """Whether the controller is not in Alarm; after a reset without alarm, Alarm means it was powered up."""
+        report = self.link.request_report(REPLY_TIMEOUT_S)
+        return report is not None and report.state != "Alarm"
 
     def clear_alarm(self) -> None:
         """Get a controller out of an alarm so that it listens again; it stays locked. Does nothing without alarm."""
@@ -264,6 +286,5 @@ class GrblSession:
 
     def wait_for_restart(self) -> None:
         """Deal with the banner that the controller sends by itself after a failed homing."""
-        epoch = self._known_epoch
-        self.link.wait(lambda: self.link.epoch != epoch, BANNER_TIMEOUT_S)
+        self._wait_for_banner(self._known_epoch)
         self._known_epoch = self.link.epoch

@@ -10,7 +10,6 @@ no time, no door, no probe, no spindle.
 import math
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
 
 from hardware.grbl.codec import encode_message, format_vector
 from hardware.grbl.messages import (
@@ -26,24 +25,20 @@ from hardware.grbl.messages import (
     StatusReport,
     Vector,
 )
-from hardware.grbl.motion import limit_along
 from hardware.grbl.profile import GrblProfile
 from hardware.virtual.grbl_carriage import Carriage
 from hardware.virtual.grbl_gcode import Dwell, GcodeError, Modal, Move, parse_jog, parse_line
-from hardware.virtual.grbl_motion import Leg, Phase, constant, stopping, trapezoid
+from hardware.virtual.grbl_homing import HomingCycle, HomingFailed, Wait
+from hardware.virtual.grbl_planner import PLANNER_BLOCKS, SECONDS_PER_MINUTE, Block, Planner
+from hardware.virtual.grbl_reports import ReportCadence
 
 VERSION = "1.1g"
 BUILD = "1.1g.20180813.Mega:"
 RX_BYTES = 255
 LINE_BYTES = 256
-PLANNER_BLOCKS = 35
 CRITICAL_DELAY_S = 0.5
 BOOT_S = 1.5  # stk500v2 bootloader
 LIMIT_OVERRUN_MM = 0.2  # steps lost when the motors are cut in motion
-ROUNDING_MM = 1e-9
-SEARCH_TRAVELS = 1.5
-LOCATE_PULL_OFFS = 5.0
-HOMING_PASSES = ((2,), (0, 1))
 REAL_TIME_CODES = frozenset(int(code) for code in RealTime)
 FEED_STEPS = {
     RealTime.FEED_PLUS_10: 10,
@@ -53,8 +48,6 @@ FEED_STEPS = {
 }
 RAPID_PERCENTS = {RealTime.RAPID_100: 100, RealTime.RAPID_50: 50, RealTime.RAPID_25: 25}
 STARTUP_LINES = 2
-
-Wait = Generator[Callable[[], bool], None, None]
 
 
 class _Restart(Exception):  # control flow inside the firmware, not an error
@@ -67,15 +60,6 @@ class _Critical(Exception):  # control flow inside the firmware, not an error
     def __init__(self, code: int) -> None:
         super().__init__(code)
         self.code = code
-
-
-@dataclass(frozen=True)
-class _Block:
-    """One planned straight move."""
-
-    target_mm: Vector
-    feed_mm_per_s: float | None  # None: rapid
-    is_jog: bool
 
 
 class GrblMachine:
@@ -93,8 +77,7 @@ class GrblMachine:
         self._now_s = now_s
         self._output = bytearray()
         self._rx: deque[int] = deque()
-        self._queue: deque[_Block] = deque()
-        self._block: _Block | None = None
+        self._planner = Planner(self.settings, self.carriage)
         self._state = "Idle"
         self._is_held = False
         self._is_jog_cancelled = False
@@ -103,12 +86,10 @@ class GrblMachine:
         self._critical_since_s: float | None = None
         self._wake_s = math.inf
         self._boot_s = math.inf
-        self._switch_s = math.inf
         self._modal = Modal()
         self._end_mm: Vector = (0.0, 0.0, 0.0)
         self._startup = [""] * STARTUP_LINES
-        self._feed_percent = self._rapid_percent = 100
-        self._reports_to_offset = self._reports_to_overrides = 0
+        self._cadence = ReportCadence()
         self._is_powered = False
         self._wait: Callable[[], bool] = _never
         self._program: Wait = self._sleeping()
@@ -144,8 +125,7 @@ class GrblMachine:
 
     def next_event_s(self) -> float:
         """When something happens by itself; infinite if nothing will."""
-        leg_end_s = math.inf if self.carriage.leg is None else self.carriage.leg.end_s
-        return min(leg_end_s, self._switch_s, self._wake_s, self._boot_s)
+        return min(self._planner.next_event_s(), self._wake_s, self._boot_s)
 
     def advance(self, now_s: float) -> None:
         """Let time pass up to `now_s`, with every event at its own moment."""
@@ -165,8 +145,8 @@ class GrblMachine:
         if self._boot_s <= self._now_s:
             self._boot_s = math.inf
             self._start_firmware()
-        elif self._switch_s <= self._now_s:
-            self._switch_s = math.inf
+        elif self._planner.switch_s <= self._now_s:
+            self._planner.switch_s = math.inf
             self._hard_limit()
         elif leg is not None and leg.end_s <= self._now_s:
             self._finish_leg()
@@ -218,8 +198,8 @@ class GrblMachine:
         self._critical_since_s = None
         self._wake_s = math.inf
         self._modal = Modal()
-        self._feed_percent = self._rapid_percent = 100
-        self._reports_to_offset = self._reports_to_overrides = 0
+        self._planner.reset_overrides()
+        self._cadence.restart()
         if self._state not in ("Alarm", "Sleep"):
             self._state = "Idle"
         elif self._state == "Sleep":
@@ -228,15 +208,13 @@ class GrblMachine:
         self._wait = _always
 
     def _clear_planner(self) -> None:
-        self._queue.clear()
-        self._block = None
-        self._switch_s = math.inf
+        self._planner.clear()
         self._end_mm = self.carriage.count_mm(self._now_s)
 
     def _stop_dead(self) -> None:
         """Cut the motors; in motion that loses steps."""
         if self.carriage.leg is not None:
-            self.carriage.finish(self._now_s, LIMIT_OVERRUN_MM)
+            self._planner.finish_leg(self._now_s, LIMIT_OVERRUN_MM)
         self._clear_planner()
 
     def _soft_reset(self) -> None:
@@ -283,9 +261,13 @@ class GrblMachine:
 
     def set_override(self, feed_percent: int) -> None:
         """Feed override turned by somebody else."""
-        self._feed_percent = min(max(feed_percent, 10), 200)
-        self._reports_to_overrides = 0
-        self._replan()
+        self._planner.set_feed_percent(feed_percent)
+        self._overrides_changed()
+
+    def _overrides_changed(self) -> None:
+        self._cadence.overrides_changed()
+        if self._state == "Run":
+            self._planner.replan(self._now_s)
 
     # Real-time bytes
 
@@ -307,11 +289,10 @@ class GrblMachine:
         elif code is RealTime.FEED_100:
             self.set_override(100)
         elif code in FEED_STEPS:
-            self.set_override(self._feed_percent + FEED_STEPS[code])
+            self.set_override(self._planner.feed_percent + FEED_STEPS[code])
         elif code in RAPID_PERCENTS:
-            self._rapid_percent = RAPID_PERCENTS[code]
-            self._reports_to_overrides = 0
-            self._replan()
+            self._planner.rapid_percent = RAPID_PERCENTS[code]
+            self._overrides_changed()
         self._go_on()
 
     def _feed_hold(self) -> None:
@@ -321,16 +302,7 @@ class GrblMachine:
             self._state, self._is_held = "Hold", True
         else:
             return
-        self._slow_down()
-
-    def _slow_down(self) -> None:
-        leg = self.carriage.leg
-        if leg is None:
-            return
-        speed = leg.speed_at(self._now_s)
-        acceleration = limit_along(leg.direction, self._settings_vector(120))
-        self.carriage.finish(self._now_s)
-        self._start_leg(leg.direction, stopping(speed, acceleration))
+        self._planner.slow_down(self._now_s)
 
     def _resume(self) -> None:
         if self._state != "Hold" or self.carriage.leg is not None:
@@ -341,73 +313,26 @@ class GrblMachine:
 
     # Motion
 
-    def _settings_vector(self, first: int) -> Vector:
-        return tuple(self.settings[first + axis] for axis in range(3))
-
-    def _on_steps(self, place_mm: Vector) -> Vector:
-        """Nearest place that is a whole number of steps."""
-        return tuple(
-            round(place * steps) / steps for place, steps in zip(place_mm, self._settings_vector(100), strict=True)
-        )
-
-    def _start_leg(self, direction: Vector, phases: tuple[Phase, ...]) -> None:
-        leg = Leg(self._now_s, self.carriage.count_mm(self._now_s), direction, phases)
-        self.carriage.start(leg)
-        is_watched = bool(self.settings[21]) and self._state != "Home"
-        self._switch_s = self.carriage.switch_time_s(leg) if is_watched else math.inf
-
-    def _start_block(self, speed: float = 0.0) -> None:
-        """Carry on with the present block, else with the next of the queue."""
-        if self._block is None:
-            if not self._queue:
-                return
-            self._block = self._queue.popleft()
-        block = self._block
-        start_mm = self.carriage.count_mm(self._now_s)
-        way = [target - start for target, start in zip(block.target_mm, start_mm, strict=True)]
-        length_mm = math.hypot(*way)
-        self._state = "Jog" if block.is_jog else "Run"
-        if length_mm < ROUNDING_MM:
-            self._start_leg((0.0, 0.0, 0.0), ())
-            return
-        direction = tuple(part / length_mm for part in way)
-        acceleration = limit_along(direction, self._settings_vector(120))
-        self._start_leg(direction, trapezoid(length_mm, speed, self._cruise(block, direction), acceleration))
-
-    def _cruise(self, block: _Block, direction: Vector) -> float:
-        """Speed of a block under the overrides, mm/s; jogs know none, rapids have their own."""
-        fastest = limit_along(direction, self._settings_vector(110)) / 60
-        if block.feed_mm_per_s is None:
-            return fastest * self._rapid_percent / 100
-        percent = 100 if block.is_jog else self._feed_percent
-        return min(block.feed_mm_per_s * percent / 100, fastest)
-
-    def _replan(self) -> None:
-        leg = self.carriage.leg
-        if self._state == "Run" and leg is not None:
-            speed = leg.speed_at(self._now_s)
-            self.carriage.finish(self._now_s)
-            self._start_block(speed)
+    def _start_block(self) -> None:
+        block = self._planner.start_block(self._now_s)
+        if block is not None:
+            self._state = "Jog" if block.is_jog else "Run"
 
     def _finish_leg(self) -> None:
-        leg = self.carriage.leg
-        self.carriage.finish(self._now_s)
-        self._switch_s = math.inf
-        if self._state in ("Home", "Hold") or leg is None:
+        if self._state in ("Home", "Hold"):
+            self._planner.finish_leg(self._now_s)
             return
+        self._planner.finish_block(self._now_s)
         if self._is_jog_cancelled:
             self._is_jog_cancelled = False
             self._clear_planner()
-            self._state = "Idle"
-            return
-        self._block = None
-        if self._queue:
+        if self._planner.n_blocks:
             self._start_block()
         else:
             self._state = "Idle"
 
     def _is_at_rest(self) -> bool:
-        return self.carriage.leg is None and not self._queue and not self._is_held
+        return self.carriage.leg is None and not self._planner.n_blocks and not self._is_held
 
     # Main loop
 
@@ -463,21 +388,21 @@ class GrblMachine:
             raise GcodeError(9)
         modal, action = parse_line(line, self._modal, self._end_mm)
         if isinstance(action, Move):
-            feed = None if action.feed_mm_per_min is None else action.feed_mm_per_min / 60
-            yield from self._queue_move(_Block(action.target_mm, feed, is_jog=False))
+            feed = None if action.feed_mm_per_min is None else action.feed_mm_per_min / SECONDS_PER_MINUTE
+            yield from self._queue_move(Block(action.target_mm, feed, is_jog=False))
         elif isinstance(action, Dwell):
             yield self._is_at_rest
             if self._state != "Check":
                 yield from self._delay(action.duration_s)
                 yield self._is_at_rest
         if modal.offset_mm != self._modal.offset_mm:
-            self._reports_to_offset = 0
+            self._cadence.offset_changed()
         self._modal = modal
 
     def _is_within_travel(self, target_mm: Vector) -> bool:
-        return all(-travel <= place <= 0 for place, travel in zip(target_mm, self._settings_vector(130), strict=True))
+        return all(-travel <= place <= 0 for place, travel in zip(target_mm, self._planner.vector(130), strict=True))
 
-    def _queue_move(self, block: _Block) -> Wait:
+    def _queue_move(self, block: Block) -> Wait:
         if self.settings[20] and not self._is_within_travel(block.target_mm):
             if self._state == "Run":
                 self._feed_hold()
@@ -486,15 +411,11 @@ class GrblMachine:
         if self._state == "Check":
             self._end_mm = block.target_mm
             return
-        yield lambda: self._n_blocks() < PLANNER_BLOCKS
-        target_mm = self._on_steps(block.target_mm)
+        yield lambda: not self._planner.is_full
         self._end_mm = block.target_mm
-        self._queue.append(_Block(target_mm, block.feed_mm_per_s, block.is_jog))
+        self._planner.add(block)
         if self.carriage.leg is None and not self._is_held:
             self._start_block()
-
-    def _n_blocks(self) -> int:
-        return len(self._queue) + (self._block is not None)
 
     # $ commands
 
@@ -565,8 +486,8 @@ class GrblMachine:
         move = parse_jog(text, self._modal, self._end_mm)
         if self.settings[20] and not self._is_within_travel(move.target_mm):
             raise GcodeError(15)
-        feed = (move.feed_mm_per_min or 0.0) / 60
-        yield from self._queue_move(_Block(move.target_mm, feed, is_jog=True))
+        feed = (move.feed_mm_per_min or 0.0) / SECONDS_PER_MINUTE
+        yield from self._queue_move(Block(move.target_mm, feed, is_jog=True))
 
     def _modal_text(self) -> str:
         modal = self._modal
@@ -604,66 +525,15 @@ class GrblMachine:
         if self._state not in ("Idle", "Alarm"):
             raise GcodeError(8)
         self._state = "Home"
-        for axes in HOMING_PASSES:
-            yield from self._home_axes(axes)
+        cycle = HomingCycle(self.settings, self.carriage, self._planner, lambda: self._now_s, self._delay)
+        try:
+            yield from cycle.run()
+        except HomingFailed as failure:
+            self._raise_alarm(failure.alarm)
+            raise _Restart from None
         self._end_mm = self.carriage.count_mm(self._now_s)
         self._answer_status(is_homed=True)
         self._state = "Idle"
-
-    def _home_axes(self, axes: tuple[int, ...]) -> Wait:
-        seek, locate = self.settings[25] / 60, self.settings[24] / 60
-        pull_off_mm = self.settings[27]
-        search_mm = SEARCH_TRAVELS * max(self.settings[130 + axis] for axis in axes)
-        yield from self._approach(axes, search_mm, seek)
-        yield from self._pull_off(axes, pull_off_mm, seek)
-        yield from self._approach(axes, LOCATE_PULL_OFFS * pull_off_mm, locate)
-        yield from self._pull_off(axes, pull_off_mm, seek)
-        count = list(self.carriage.count_mm(self._now_s))
-        for axis in axes:
-            is_plus = self._homing_sign(axis) > 0
-            count[axis] = -pull_off_mm if is_plus else -self.settings[130 + axis] + pull_off_mm
-        self.carriage.recount(tuple(count), self._now_s)
-
-    def _homing_sign(self, axis: int) -> int:
-        return -1 if int(self.settings[23]) >> axis & 1 else 1
-
-    def _approach(self, axes: tuple[int, ...], search_mm: float, speed: float) -> Wait:
-        """Drive all axes to their switches, each stopping at its own; ALARM:9 when one is not found."""
-        left_mm = search_mm
-        while True:
-            moving = [axis for axis in axes if not self.carriage.is_switch_closed(axis, self._now_s)]
-            if not moving:
-                break
-            if left_mm <= 0:
-                yield from self._fail_homing(9)
-            true_mm = self.carriage.true_mm(self._now_s)
-            ways = [self._way_to_switch(axis, true_mm[axis]) for axis in moving]
-            way_mm = min([left_mm, *ways])
-            yield from self._home_leg(moving, 1, way_mm, speed)
-            left_mm -= way_mm
-        yield from self._delay(self.settings[26] / 1000)
-
-    def _way_to_switch(self, axis: int, true_mm: float) -> float:
-        """How far an axis must go to close its home switch; infinite if it never will."""
-        if axis in self.carriage.dead_switches:
-            return math.inf
-        return (self.carriage.home_switch_mm(axis) - true_mm) * self._homing_sign(axis)
-
-    def _pull_off(self, axes: tuple[int, ...], pull_off_mm: float, speed: float) -> Wait:
-        yield from self._home_leg(axes, -1, pull_off_mm, speed)
-        yield from self._delay(self.settings[26] / 1000)
-        if any(self.carriage.is_switch_closed(axis, self._now_s) for axis in axes):
-            yield from self._fail_homing(8)
-
-    def _home_leg(self, axes: Sequence[int], sense: int, way_mm: float, speed: float) -> Wait:
-        direction = tuple(float(sense * self._homing_sign(axis)) if axis in axes else 0.0 for axis in range(3))
-        self._start_leg(direction, constant(way_mm, speed))
-        yield lambda: self.carriage.leg is None
-
-    def _fail_homing(self, code: int) -> Wait:
-        self._raise_alarm(code)
-        raise _Restart
-        yield _never  # makes this a generator like its siblings
 
     # Reports
 
@@ -679,36 +549,22 @@ class GrblMachine:
             self._say(self._report())
 
     def _report(self) -> StatusReport:
-        count_mm = self._on_steps(self.carriage.count_mm(self._now_s))
-        leg = self.carriage.leg
+        planner, leg = self._planner, self.carriage.leg
+        count_mm = planner.on_steps(self.carriage.count_mm(self._now_s))
+        offset_mm = self._modal.offset_mm
         mask = int(self.settings[10])
-        is_busy = self._state in ("Run", "Jog", "Home", "Hold")
-        offset_mm = overrides = None
-        if self._reports_to_offset > 0:
-            self._reports_to_offset -= 1
-        else:
-            self._reports_to_offset = 29 if is_busy else 9
-            self._reports_to_overrides = self._reports_to_overrides or 1
-            offset_mm = self._modal.offset_mm
-        if self._reports_to_overrides > 0:
-            self._reports_to_overrides -= 1
-        else:
-            self._reports_to_overrides = 19 if is_busy else 9
-            overrides = (self._feed_percent, self._rapid_percent, 100)
-        work_mm = tuple(c - o for c, o in zip(count_mm, self._modal.offset_mm, strict=True))
-        return StatusReport(
+        report = StatusReport(
             state=self._state,
             sub_state=None if self._state != "Hold" else int(leg is not None),
             machine_mm=count_mm if mask & 1 else None,
-            work_mm=None if mask & 1 else work_mm,
-            blocks_free=PLANNER_BLOCKS - self._n_blocks() if mask & 2 else None,
+            work_mm=None if mask & 1 else tuple(c - o for c, o in zip(count_mm, offset_mm, strict=True)),
+            blocks_free=PLANNER_BLOCKS - planner.n_blocks if mask & 2 else None,
             rx_free=RX_BYTES - len(self._rx) if mask & 2 else None,
-            feed_mm_per_min=0.0 if leg is None else 60 * leg.speed_at(self._now_s),
+            feed_mm_per_min=0.0 if leg is None else SECONDS_PER_MINUTE * leg.speed_at(self._now_s),
             spindle=0.0,
             pins=self._pins() or None,
-            offset_mm=offset_mm,
-            overrides=overrides,
         )
+        return self._cadence.complete(report, offset_mm, (planner.feed_percent, planner.rapid_percent, 100))
 
 
 def _never() -> bool:

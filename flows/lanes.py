@@ -9,13 +9,14 @@ from queue import Queue
 from prefect.futures import PrefectFuture
 
 from hardware.cell import MeasuredGrasp
+from models.records import Design
 from models.surrogate.fit import fit_surrogate
 from models.surrogate.posterior import Surrogate
 from tasks import proposing, steps
 from tasks.campaign import Campaign
 from tasks.observing import observe
 from tasks.pool import WorkerPool
-from tasks.state import CampaignState, ProposedSimulation, ProposedTool
+from tasks.state import CampaignState, ProposedTool
 from tasks.steps import opaque
 
 
@@ -29,7 +30,7 @@ class Session:
     world_hash: str | None
     auto_print: bool
     on_grasp: Callable[[ProposedTool, MeasuredGrasp], None]
-    on_simulated: Callable[[ProposedSimulation, int], None]
+    on_simulated: Callable[[str, int], None]
     announce_print: Callable[[int, Path], None]
     events: "Queue[PrefectFuture]" = field(default_factory=Queue)
     stopping: threading.Event = field(default_factory=threading.Event)
@@ -99,58 +100,82 @@ class BenchLane:
         return None
 
 
+@dataclass(frozen=True)
+class SimulationJob:
+    """A design to simulate, and what it is called in front of people."""
+
+    design: Design
+    label: str
+
+
 class SimulationLane:
-    """Keeps every worker busy: a new proposal the moment any simulation ends."""
+    """Keeps every worker busy: a new proposal the moment any simulation ends.
+
+    Designs of the stage's own tools come after the proposals that are there already and before new ones.
+    """
 
     def __init__(self, session: Session, stage: int) -> None:
         schedule = session.campaign.config.schedule
         self._session = session
-        self._batch = schedule.batches_of(stage)[-1]
+        self._batches = schedule.batches_of(stage)
+        self._batch = self._batches[-1]
         self._budget = schedule.simulations_of(stage)
-        self._running: dict[PrefectFuture, ProposedSimulation] = {}
+        self._running: dict[PrefectFuture, SimulationJob] = {}
         self._surrogate: Surrogate | None = None
 
     def advance(self, state: CampaignState) -> bool:
         """Fill idle workers; True while simulations are running."""
         while not self._session.should_stop() and len(self._running) < self._n_workers:
-            proposal = self._next(state)
-            if proposal is None:
+            job = self._next(state)
+            if job is None:
                 break
-            self._submit(proposal)
+            self._submit(job)
             state = self._session.campaign.state()
         return bool(self._running)
 
     def finish(self, future: PrefectFuture) -> bool:
         """Take back a finished future if it is this lane's."""
-        proposal = self._running.pop(future, None)
-        if proposal is None:
+        job = self._running.pop(future, None)
+        if job is None:
             return False
-        self._session.on_simulated(proposal, future.result())
+        self._session.on_simulated(job.label, future.result())
         return True
 
     @property
     def _n_workers(self) -> int:
         return self._session.campaign.config.execution.simulation_workers
 
-    def _submit(self, proposal: ProposedSimulation) -> None:
-        campaign = self._session.campaign
-        label = f"{campaign.campaign_id} B{proposal.batch:02d} design {proposal.index + 1} of {self._budget}"
-        future = steps.simulate_design.submit(label, opaque(campaign), opaque(proposal), opaque(self._session.pool))
-        self._running[self._session.watch(future)] = proposal
+    def _submit(self, job: SimulationJob) -> None:
+        session = self._session
+        label = f"{session.campaign.campaign_id} {job.label}"
+        future = steps.simulate_design.submit(label, opaque(session.campaign), opaque(job.design), opaque(session.pool))
+        self._running[session.watch(future)] = job
 
-    def _next(self, state: CampaignState) -> ProposedSimulation | None:
-        """A proposal that is not finished (after a restart) or, within the budget, a new one."""
+    def _next(self, state: CampaignState) -> SimulationJob | None:
+        """What is not finished (after a restart, or not started) or, within the budget, a new proposal."""
         campaign = self._session.campaign
-        proposals = state.simulations_of(self._batch)
-        running = {p.proposal_id for p in self._running.values()}
-        for proposal in proposals:
-            missing = state.missing_objects(proposal.design.design_id, campaign.object_ids)
-            if missing and proposal.proposal_id not in running:
-                return proposal
-        if len(proposals) >= self._budget:
+        running = {job.design.design_id for job in self._running.values()}
+        for job in self._known(state):
+            design_id = job.design.design_id
+            if design_id not in running and state.missing_objects(design_id, campaign.object_ids):
+                return job
+        index = len(state.simulations_of(self._batch))
+        if index >= self._budget:
             return None
-        self._propose(state, index=len(proposals))
-        return campaign.state().simulations_of(self._batch)[-1]
+        self._propose(state, index)
+        return self._proposed(campaign.state())[-1]
+
+    def _known(self, state: CampaignState) -> list[SimulationJob]:
+        jobs = self._proposed(state)
+        if self._session.campaign.config.simulator.simulate_tools:
+            tools = [tool for batch in self._batches for tool in state.tools_of(batch)]
+            jobs += [SimulationJob(tool.design, f"tool {tool.label}") for tool in tools]
+        return jobs
+
+    def _proposed(self, state: CampaignState) -> list[SimulationJob]:
+        name = f"B{self._batch:02d} design"
+        proposals = state.simulations_of(self._batch)
+        return [SimulationJob(p.design, f"{name} {p.index + 1} of {self._budget}") for p in proposals]
 
     def _propose(self, state: CampaignState, index: int) -> None:
         campaign = self._session.campaign

@@ -36,8 +36,12 @@ def workload(campaign: Campaign, state: CampaignState) -> Workload:
     n_tools = schedule.initial_tools + schedule.guided_batches * schedule.tools_per_batch - rejected
     given_up = sum(n >= config.execution.max_grasp_attempts for n in state.failures.values())
     n_designs = sum(schedule.simulations_of(stage) for stage in range(schedule.n_stages))
+    designs = {s.design.design_id for s in state.simulations}
+    if config.simulator.simulate_tools:
+        n_designs += n_tools + rejected
+        designs |= {tool.design.design_id for tool in state.tools}
     wanted = set(campaign.object_ids)
-    simulated = (len(wanted & state.simulated.get(s.design.design_id, set())) for s in state.simulations)
+    simulated = (len(wanted & state.simulated.get(design_id, set())) for design_id in designs)
     return Workload(
         grasps_done=sum(len(cells) for cells in state.measured.values()),
         grasps_total=n_tools * per_tool - given_up,

@@ -25,7 +25,7 @@ from models.records import GraspSimulation
 from tasks.campaign import Campaign
 from tasks.control import append_event
 from tasks.pool import WorkerPool
-from tasks.state import ProposedSimulation, ProposedTool
+from tasks.state import ProposedTool
 from tasks.summary import markdown_table, ranked_tools
 
 
@@ -84,9 +84,9 @@ def _tell_grasp(progress: ProgressReporter, tool: ProposedTool, grasp: MeasuredG
     progress.line(f"{tool.label} object {grasp.object_id} repeat {grasp.repeat}: {result}")
 
 
-def _tell_simulated(progress: ProgressReporter, proposal: ProposedSimulation, n_failed: int) -> None:
+def _tell_simulated(progress: ProgressReporter, label: str, n_failed: int) -> None:
     failed = f", {n_failed} failed" if n_failed else ""
-    progress.line(f"simulated design {proposal.index + 1} of B{proposal.batch:02d}{failed}", force=True)
+    progress.line(f"simulated {label}{failed}", force=True)
 
 
 def _announce_print(campaign: Campaign, voice: Voice, batch: int, sheet: Path) -> None:

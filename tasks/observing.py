@@ -14,13 +14,13 @@ from tasks.state import CampaignState, ProposedTool
 
 
 def observe(campaign: Campaign, state: CampaignState, batches: Iterable[int]) -> ObservationSet:
-    """Observations of the closed `batches` and of all finished simulations of the campaign.
+    """Observations of the closed `batches` and of all designs of the campaign that are simulated on every object.
 
     Objects without a value (given up on the bench, failed in simulation) are imputed by the paper's rule.
     """
     closed = set(batches)
     tools = [t for t in state.tools if t.batch in closed and state.measured.get(t.tool_id)]
-    designs = {s.design.design_id: s.design for s in state.simulations}
+    designs = {p.design.design_id: p.design for p in (*state.simulations, *state.tools)}
     designs = {k: d for k, d in designs.items() if not state.missing_objects(k, campaign.object_ids)}
     real, simulated = _tool_forces(campaign, tools), _simulated_forces(campaign, list(designs))
     return _observation_set([t.design for t in tools], real, list(designs.values()), simulated)

@@ -56,6 +56,9 @@ class SimulatorSettings(Record):
     objective: Literal["peak_force_n", "contact_force_n"] = Field(
         default="peak_force_n", description="what of a simulated grasp the scientist learns from"
     )
+    simulate_tools: bool = Field(
+        default=True, description="also simulate every printed design: the pairs that show where simulation is wrong"
+    )
     grasp_deadline_s: float = Field(default=120, gt=0, description="wall time after which one grasp has failed")
 
     @property

@@ -13,12 +13,13 @@ from prefect.utilities.annotations import quote
 
 from hardware.bench import Bench
 from hardware.cell import MeasuredGrasp
+from models.records import Design
 from tasks import measuring, printing, proposing, simulating
 from tasks.campaign import Campaign
 from tasks.control import append_event, exclusive
 from tasks.observing import observe
 from tasks.pool import WorkerPool
-from tasks.state import ProposedSimulation, ProposedTool
+from tasks.state import ProposedTool
 
 T = TypeVar("T")
 OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
@@ -44,12 +45,12 @@ def propose_batch(label: str, campaign: Campaign, stage: int) -> None:
 
 
 @task(task_run_name="simulate {label}", cache_policy=NO_CACHE)
-def simulate_design(label: str, campaign: Campaign, proposal: ProposedSimulation, pool: WorkerPool) -> int:
+def simulate_design(label: str, campaign: Campaign, design: Design, pool: WorkerPool) -> int:
     """Simulate one design on all objects that are missing; returns the number of failed grasps."""
-    objects = campaign.state().missing_objects(proposal.design.design_id, campaign.object_ids)
+    objects = campaign.state().missing_objects(design.design_id, campaign.object_ids)
     return simulating.simulate_design(
         campaign.lake,
-        proposal.design,
+        design,
         objects,
         campaign.version,
         campaign.config.grasp,

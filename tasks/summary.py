@@ -6,12 +6,16 @@ from tasks.campaign import Campaign
 
 _TOOLS = """
 SELECT tool_id, batch, slot, tool_quality_n, n_objects, n_grasps
-FROM tool_quality WHERE campaign_id = ? ORDER BY tool_quality_n DESC
+FROM tool_quality WHERE campaign_id = ?
+ORDER BY n_objects = max(n_objects) OVER () DESC, tool_quality_n DESC
 """
 
 
 def ranked_tools(campaign: Campaign) -> list[dict[str, Any]]:
-    """Measured tools, best first, with tool quality (mean peak pull-off force over the objects) in N."""
+    """Measured tools, best first, with tool quality (mean peak pull-off force over the objects) in N.
+
+    Tools that miss objects come after all others: their means are over easier or harder objects.
+    """
     return campaign.lake.query(_TOOLS, [campaign.campaign_id]).to_pylist()
 
 

@@ -1,5 +1,6 @@
 """Entry point of `fast`: the table of commands, and one sentence for every expected error."""
 
+import atexit
 import os
 import sys
 
@@ -33,22 +34,41 @@ def main() -> None:
     # Several processes work side by side: one thread each, set before numpy is imported.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
+    status = _run()
+    if "prefect" in sys.modules:
+        _leave(status)
+    sys.exit(status)
+
+
+def _run() -> int:
     try:
-        app(exit_on_error=False)
+        app(exit_on_error=False, result_action="return_value")
     except CycloptsError:
-        sys.exit(2)
+        return 2
     except ModuleNotFoundError as error:
-        _fail(f"the package `{error.name}` is not installed; install it with `make setup`.", 2)
+        return _fail(f"the package `{error.name}` is not installed; install it with `make setup`.", 2)
     except KeyboardInterrupt:
-        _fail("interrupted; what was finished is in the lake.", 130)
+        return _fail("interrupted; what was finished is in the lake.", 130)
     except Exception as error:
         from models.errors import FastError
 
         if not isinstance(error, FastError):
             raise
-        _fail(str(error), error.exit_status)
+        return _fail(str(error), error.exit_status)
+    return 0
 
 
-def _fail(sentence: str, status: int) -> None:
+def _fail(sentence: str, status: int) -> int:
     print(f"fast: {sentence}", file=sys.stderr)
-    sys.exit(status)
+    return status
+
+
+def _leave(status: int) -> None:
+    """End the process without tearing the interpreter down.
+
+    Prefect's service threads live until the end, and DuckDB's binding prints what they hold as leaks.
+    """
+    atexit._run_exitfuncs()  # noqa: SLF001 - there is no public way to run them before os._exit
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)

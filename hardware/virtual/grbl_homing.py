@@ -16,7 +16,7 @@ Wait = Generator[Callable[[], bool], None, None]
 """Part of the firmware: yields the condition it waits for."""
 
 
-class HomingFailed(Exception):  # noqa: N818  # control flow inside the firmware, not an error
+class HomingFailed(Exception):  # control flow inside the firmware, not an error
     """The cycle ends with this alarm."""
 
     def __init__(self, alarm: int) -> None:

@@ -20,7 +20,8 @@ def observe(campaign: Campaign, state: CampaignState, batches: Iterable[int]) ->
     """
     closed = set(batches)
     tools = [t for t in state.tools if t.batch in closed and state.measured.get(t.tool_id)]
-    designs = {p.design.design_id: p.design for p in (*state.simulations, *state.tools)}
+    proposed = [s.design for s in state.simulations] + [t.design for t in state.tools]
+    designs = {design.design_id: design for design in proposed}
     designs = {k: d for k, d in designs.items() if not state.missing_objects(k, campaign.object_ids)}
     real, simulated = _tool_forces(campaign, tools), _simulated_forces(campaign, list(designs))
     return _observation_set([t.design for t in tools], real, list(designs.values()), simulated)

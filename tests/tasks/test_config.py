@@ -43,8 +43,8 @@ def test_last_initial_tray_may_be_partly_filled():
     ("old", "new", "message"),
     [
         ("repeats = 2", "repeat = 2", r"unknown key `objects\.repeat`; did you mean `repeats`\?"),
-        ("ids = [14,", "ids = [36,", "object 36 does not exist, ids are 0 to 35"),
-        ("tools_per_batch = 3", "tools_per_batch = 11", r"`schedule\.tools_per_batch` is 11, it must be at most 10"),
+        ("ids = [2,", "ids = [36,", "object 36 does not exist, ids are 0 to 35"),
+        ("tools_per_batch = 4", "tools_per_batch = 11", r"`schedule\.tools_per_batch` is 11, it must be at most 10"),
         ("friction = 0.56", "friction = 2.5", r"`simulator\.theta\.friction` is 2\.5, it must be at most 2"),
         ('name = "quick"', 'name = "Quick!"', "`name` is 'Quick!'"),
         ("seed = 1", "seed = one", "is not TOML"),

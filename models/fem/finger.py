@@ -86,6 +86,10 @@ class FingerStep:
         """True if any contact point carries pressure from the obstacle."""
         return bool((state.contact.pressure > 0.0).any())
 
+    def depth_mm(self, state: FingerState) -> np.ndarray:
+        """Penetration of every contact point (n), from its pressure."""
+        return state.contact.pressure / self._surface.law.normal_n_per_mm3
+
     def finish(
         self, state: FingerState, u: np.ndarray, base: np.ndarray, dt_s: float
     ) -> tuple[FingerState, np.ndarray]:
@@ -95,7 +99,7 @@ class FingerStep:
         elastic = self._body.force(x)
         clamp = np.zeros(3) if elastic is None else (elastic - response.force)[~self._free].sum(axis=0)
         contact = ContactState(
-            response.position, response.traction, response.pressure, state.contact.slip + response.slip_step
+            self._surface.positions(x), response.traction, response.pressure, state.contact.slip + response.slip_step
         )
         return FingerState(x, (x - state.x) / dt_s, contact, base.copy()), clamp
 

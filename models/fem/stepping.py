@@ -15,7 +15,7 @@ TOUCH_MM = 0.02
 FINE_LIFT_MM = 3.0
 CUT, GROW, EASY_ITERATIONS = 0.4, 1.5, 7
 # A point that sinks a millimetre in one step, or five in all, may have passed through something thin.
-MAX_PRESSURE_RISE_MPA, MAX_PRESSURE_MPA = 2.0, 10.0
+MAX_SINKING_MM, MAX_DEPTH_MM = 1.0, 5.0
 
 
 @dataclass(frozen=True)
@@ -118,8 +118,8 @@ class Stepper:
         if outcome != "converged":
             return outcome, None
         new, clamp = self.finger.finish(state, u, base, dt_s)
-        rise = new.contact.pressure - state.contact.pressure
-        if rise.max() > MAX_PRESSURE_RISE_MPA or new.contact.pressure.max() > MAX_PRESSURE_MPA:
+        depth = self.finger.depth_mm(new)
+        if depth.max() > MAX_DEPTH_MM or (depth - self.finger.depth_mm(state)).max() > MAX_SINKING_MM:
             return "deep_penetration", None
         return outcome, (new, clamp)
 

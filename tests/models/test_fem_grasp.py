@@ -7,6 +7,7 @@ from models.design_space import BEST_PUBLISHED, random_designs
 from models.effects.contact import StaticKineticFriction
 from models.effects.geometry import WallThicknessOffset
 from models.errors import SimulationFailed, UsageError
+from models.fem.contact import ContactLaw
 from models.fem.grasp import Numerics, simulate_grasp
 from models.fem.stepping import StepLimits
 from models.mesh.build import build_mesh
@@ -165,6 +166,15 @@ def test_time_and_step_limits_fail_with_a_reason() -> None:
     with pytest.raises(SimulationFailed, match="Stopped after 5 steps") as long:
         simulate_grasp(BEST_PUBLISHED, SPHERE, numerics=Numerics(limits=StepLimits(max_steps=5)))
     assert long.value.reason == "max_steps"
+
+
+def test_point_contact_of_a_rim_is_converged_in_the_penalty() -> None:
+    diabolo = get_object(26)
+    stiffer = Numerics(contact=ContactLaw(normal_n_per_mm3=8.0, tangential_n_per_mm3=8.0))
+    usual = simulate_grasp(BEST_PUBLISHED, diabolo)
+    stiff = simulate_grasp(BEST_PUBLISHED, diabolo, numerics=stiffer)
+    assert usual.peak_force_n == pytest.approx(stiff.peak_force_n, rel=0.04)
+    assert usual.work_j == pytest.approx(stiff.work_j, rel=0.02)
 
 
 def test_screening_tier_is_refused() -> None:

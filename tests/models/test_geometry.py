@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from models.design_space import BEST_PUBLISHED, LOWER, PARAMETERS, UPPER, from_unit
 from models.errors import UsageError
-from models.geometry.finger import MARK_DEPTH_MM, finger_bodies
+from models.geometry.finger import MARK_DEPTH_MM, MARK_MARGIN_MM, finger_bodies
 from models.geometry.glyphs import text_outline
 from models.geometry.profile import BASE_HEIGHT_MM, MIN_CAVITY_AREA_MM2, MIN_EDGE_MM, planar_profile
 
@@ -91,6 +91,14 @@ def test_mark_is_engraved_to_its_depth():
 @pytest.mark.parametrize("label", ["B01T0", "B23T4", "B56T7", "B89T9"])
 def test_every_label_can_be_engraved(label):
     assert finger_bodies(BEST_PUBLISHED, label).rigid.is_volume
+
+
+def test_a_long_mark_keeps_clear_of_the_sides_of_the_narrowest_base():
+    design = BEST_PUBLISHED.model_copy(update={"width_mm": 28.0})
+    rigid = finger_bodies(design, "B100T9").rigid
+    assert rigid.is_volume
+    engraved = rigid.vertices[(rigid.vertices[:, 2] > 0.1) & (rigid.vertices[:, 2] < 1)]
+    assert np.abs(engraved[:, 1]).max() <= 14 - MARK_MARGIN_MM + 1e-6
 
 
 def test_unknown_glyph_is_refused_with_the_ones_there_are():

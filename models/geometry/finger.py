@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 import trimesh
+from shapely import affinity
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
@@ -14,6 +15,7 @@ from models.records import Design
 
 MARK_DEPTH_MM = 0.6
 MARK_HEIGHT_MM = 5.0
+MARK_MARGIN_MM = 2.0  # free on either side; longer marks are made smaller
 DENSITY_G_PER_MM3 = 1.15e-3  # Agilus30 and Vero are 1.14 to 1.18 g/cm3 by their data sheets
 
 
@@ -60,6 +62,8 @@ def _extrude(profile: Polygon, width_mm: float) -> trimesh.Trimesh:
 def _engraving(design: Design, mark: str) -> trimesh.Trimesh:
     """The mark as a body that reaches `MARK_DEPTH_MM` into the base, readable from below, along the width."""
     outline: BaseGeometry = text_outline(mark, MARK_HEIGHT_MM)
+    fit = min(1.0, (design.width_mm - 2 * MARK_MARGIN_MM) / (outline.bounds[2] - outline.bounds[0]))
+    outline = affinity.scale(outline, fit, fit, origin=(0, 0))
     parts = [
         trimesh.creation.extrude_polygon(part, height=2 * MARK_DEPTH_MM, engine="manifold")
         for part in shapely.get_parts(outline)

@@ -14,6 +14,7 @@ BASE_HEIGHT_MM = 3.0  # rigid mounting base, printed in another material below t
 APEX_EXTRA_MM = 1.0  # the apex is this much longer in x than the front wall is thick
 MIN_CAVITY_AREA_MM2 = 2.25  # smaller cavities, and
 MIN_CAVITY_WIDTH_MM = 1.0  # parts of cavities thinner than this, are filled: a printer cannot resolve them
+MIN_EDGE_MM = 0.08  # half the shortest edge of a usual fillet; shorter ones would only make sliver elements
 _ARC_SEGMENTS = 4  # per quarter circle of a fillet
 
 
@@ -30,7 +31,15 @@ def planar_profile(design: Design, fillet_mm: float = 0.5) -> Polygon:
     printable = [void for part in _polygons(voids) for void in _printable(part, fillet_mm)]
     # The lowest void is open towards the base, so it is a notch of the outline and no hole.
     parts = _polygons(_outline(design).difference(shapely.union_all(printable)))
-    return shapely.geometry.polygon.orient(max(parts, key=lambda part: part.area))
+    body = max(parts, key=lambda part: part.area)
+    return shapely.geometry.polygon.orient(Polygon(_above_base(body), body.interiors))
+
+
+def _above_base(body: Polygon) -> np.ndarray:
+    """The outline without points just above the base, where a rib that ends in its corner leaves them."""
+    points = np.array(body.exterior.coords)
+    height = points[:, 1] - BASE_HEIGHT_MM
+    return points[(height < math.ulp(BASE_HEIGHT_MM)) | (height >= MIN_EDGE_MM)]
 
 
 def _outline(design: Design) -> BaseGeometry:
@@ -90,8 +99,8 @@ def _printable(cavity: Polygon, fillet_mm: float) -> list[Polygon]:
 
 
 def _clean(polygon: Polygon) -> Polygon:
-    """Drop points closer than 1 um, and any holes (there are none in a cavity)."""
-    return Polygon(shapely.simplify(polygon, 1e-3).exterior)
+    """Drop points that make very short edges, and any holes (there are none in a cavity)."""
+    return Polygon(shapely.remove_repeated_points(shapely.simplify(polygon, 1e-3), MIN_EDGE_MM).exterior)
 
 
 def _polygons(geometry: BaseGeometry) -> list[Polygon]:

@@ -1,11 +1,11 @@
-"""The batch sheet: one printable A4 page that a person uses at the printer and at the tool rack."""
+"""The batch sheet: one A4 leaf, front for the printer and the command line, back for the tool rack."""
 
 from collections.abc import Sequence
 from html import escape
 
 import numpy as np
 
-from models.geometry.finger import finger_bodies
+from models.geometry.finger import FingerBodies, finger_bodies
 from models.geometry.profile import BASE_HEIGHT_MM, planar_profile
 from models.geometry.tray import BED_MM, FINGERS_PER_TOOL, PlacedFinger, PrintItem, tray_layout
 from models.records import Design
@@ -17,19 +17,24 @@ body { font: 13px/1.4 system-ui, "Helvetica Neue", Arial, sans-serif; color: #11
 h1 { font-size: 24px; margin: 0 0 2px } h2 { font-size: 15px; margin: 18px 0 6px }
 p { margin: 4px 0 }
 code { font: 12px/1.5 ui-monospace, Menlo, Consolas, monospace; background: #f2f2f2; padding: 2px 5px }
-.tools { display: grid; grid-template-columns: 1fr 1fr; gap: 8px }
+.tools { display: grid; grid-template-columns: 1fr 1fr; gap: 8px; padding: 0 1px }
 .tool { border: 1px solid #999; border-radius: 4px; padding: 8px 10px; display: flex; gap: 10px; break-inside: avoid }
-.tool h3 { font-size: 20px; margin: 0 } .tool svg { flex: none; height: 132px }
+.tool h3 { font-size: 20px; margin: 0 } .tool svg { flex: none; height: 132px; width: 40px }
 .tool .text { flex: 1; min-width: 0 } .muted { color: #555 }
-dl { display: grid; grid-template-columns: auto auto; gap: 0 8px; margin: 4px 0; font-size: 11.5px }
+dl { display: grid; grid-template-columns: auto auto auto auto; gap: 0 6px; margin: 4px 0; font-size: 11px }
+dl { white-space: nowrap } dd:nth-of-type(odd) { padding-right: 6px }
 dt { color: #555 } dd { margin: 0; text-align: right; font-variant-numeric: tabular-nums }
-.fill { display: flex; gap: 9px; flex-wrap: wrap; margin: 5px 0 0; font-size: 11.5px }
+.fill { display: flex; gap: 4px 7px; flex-wrap: wrap; margin: 9px 0 0; font-size: 11px }
+.fill .blank { min-width: 8mm } .fill .rest { flex: 1; min-width: 0 }
 .blank { display: inline-block; border-bottom: 1px solid #555; min-width: 10mm; height: 1.2em; vertical-align: bottom }
 .wide { min-width: 55mm }
 .box { display: inline-block; width: 11px; height: 11px; border: 1.2px solid #111; vertical-align: -1px }
 .plan { width: 100%; height: auto; border: 1px solid #999; border-radius: 4px }
 @media (max-width: 600px) { body { margin: 12px } .tools { grid-template-columns: 1fr } }
-@media print { body { margin: 0; max-width: none } }
+@media print {
+  body { margin: 0; max-width: none; print-color-adjust: exact }
+  .back { break-before: page; margin-top: 0 }
+}
 """
 
 _LABELS = {
@@ -40,7 +45,7 @@ _LABELS = {
     "front_thickness_mm": "front wall",
     "back_thickness_mm": "back wall",
     "rib_thickness_mm": "ribs",
-    "rib_count": "number of ribs",
+    "rib_count": "rib count",
     "rib_angle_deg": "rib angle",
 }
 
@@ -48,9 +53,9 @@ _LABELS = {
 def batch_sheet_html(
     title: str, items: Sequence[PrintItem], notes: Sequence[str], bed_mm: tuple[float, float] = BED_MM
 ) -> str:
-    """One self-contained HTML page: what to print, how it lies on the plate, what to measure, what to type.
+    """One self-contained HTML page: what to print, how it lies on the plate, what to type, what to measure.
 
-    `notes` are printed at the end, as commands.
+    Ten tools print on two sides of A4. `notes` are printed as commands.
 
     Raises:
         UsageError: the batch does not fit on the plate.
@@ -58,7 +63,7 @@ def batch_sheet_html(
     layout = tray_layout(items, bed_mm)
     bodies = {item.label: finger_bodies(item.design) for item in items}
     mass_g = FINGERS_PER_TOOL * sum(body.mass_g for body in bodies.values())
-    cards = "".join(_card(item, bodies[item.label].mass_g) for item in items)
+    cards = "".join(_card(item, bodies[item.label]) for item in items)
     commands = "".join(f"<p><code>{escape(note)}</code></p>" for note in notes)
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}: print sheet</title>'
@@ -69,11 +74,12 @@ def batch_sheet_html(
         '<p>Operator <span class="blank wide"></span> Date <span class="blank"></span><span class="blank"></span> '
         'Material lot <span class="blank wide"></span></p>'
         f"<h2>1. Print tray.3mf</h2>{_plan(layout, bed_mm)}"
-        "<h2>2. Clean, dry, measure in the middle of a wall, mount in the slot of the same number</h2>"
-        f'<div class="tools">{cards}</div>'
+        "<h2>2. Clean, dry, measure, mount in the slot of the same number</h2>"
+        "<p>Measure in the middle of a wall and write the values down on the back (on a screen: below).</p>"
         f"<h2>3. Tell FAST</h2>{commands}"
         "<p class=\"muted\">A pair that cannot be used: add <code>--reject 3='tip torn'</code>. "
         "Measured values: add <code>--measured 0:front=2.61,back=2.90,rib=2.80,hardness=85</code>.</p>"
+        f'<h2 class="back">Tools of batch {escape(title)}</h2><div class="tools">{cards}</div>'
         "</body></html>"
     )
 
@@ -90,25 +96,26 @@ def _ring(points: np.ndarray, height_mm: float) -> str:
 
 
 def _silhouette(design: Design) -> str:
-    """Drawing of one finger, standing on its base."""
+    """Drawing of one finger, standing on its base, at the same scale for every design."""
     base_y = design.height_mm - BASE_HEIGHT_MM
     return (
-        f'<svg viewBox="-1 -1 {design.length_mm + 2:.1f} {design.height_mm + 2:.1f}" role="img" aria-label="profile">'
+        f'<svg viewBox="-1 {design.height_mm - 121:.2f} 37 122" role="img" aria-label="profile">'
         f'<path d="{profile_path(design)}" fill="#0072B2" fill-rule="evenodd"/>'
         f'<rect x="0" y="{base_y:.2f}" width="{design.length_mm:.2f}" height="{BASE_HEIGHT_MM}" fill="#222"/></svg>'
     )
 
 
-def _card(item: PrintItem, mass_g: float) -> str:
+def _card(item: PrintItem, bodies: FingerBodies) -> str:
     values = item.design.model_dump()
+    slot, kind = escape(item.label.rpartition("T")[2]), f"{FINGERS_PER_TOOL} fingers of {bodies.mass_g:.0f} g"
     rows = "".join(f"<dt>{_LABELS[name]}</dt><dd>{_value(name, values[name])}</dd>" for name in _LABELS)
     blanks = "".join(f'<span>{name} <span class="blank"></span></span>' for name in ("front", "back", "rib", "Shore A"))
     return (
         f'<div class="tool">{_silhouette(item.design)}<div class="text"><h3>{escape(item.label)}</h3>'
-        f'<span class="muted">slot {escape(item.label.rpartition("T")[2])}, 2 fingers of {mass_g:.0f} g</span>'
+        f'<span class="muted">slot {slot}, {kind}, {bodies.volume_mm3 / 1e3:.1f} cm&sup3;</span>'
         f'<dl>{rows}</dl><div class="fill">{blanks}</div>'
         '<div class="fill"><span><span class="box"></span> printed and mounted</span>'
-        '<span><span class="box"></span> rejected:</span></div></div></div>'
+        '<span><span class="box"></span> rejected:</span><span class="blank rest"></span></div></div></div>'
     )
 
 

@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 
 from models.design_space import BEST_PUBLISHED, LOWER, PARAMETERS, UPPER, from_unit
 from models.errors import UsageError
-from models.geometry.finger import MARK_DEPTH_MM, finger_bodies
+from models.geometry.finger import MARK_DEPTH_MM, MARK_MARGIN_MM, finger_bodies
 from models.geometry.glyphs import text_outline
-from models.geometry.profile import BASE_HEIGHT_MM, MIN_CAVITY_AREA_MM2, planar_profile
+from models.geometry.profile import BASE_HEIGHT_MM, MIN_CAVITY_AREA_MM2, MIN_EDGE_MM, planar_profile
 
 UNIT_POINTS = st.lists(st.floats(0, 1), min_size=9, max_size=9)
 
@@ -24,6 +24,24 @@ def test_profile_of_any_design_is_one_valid_body_inside_its_envelope(point):
     assert z1 == pytest.approx(design.height_mm)
     assert x1 <= design.length_mm
     assert all(shapely.Polygon(hole).area >= MIN_CAVITY_AREA_MM2 for hole in profile.interiors)
+
+
+@given(
+    st.tuples(st.sampled_from([0.0, 0.5, 1.0, 1.5]), st.integers(1, 10), st.floats(-40, 40)),
+    st.lists(st.sampled_from([0.0, 0.5, 1.0]), min_size=9, max_size=9),
+)
+@settings(max_examples=120, deadline=None)
+def test_corners_of_the_design_space_give_one_body_without_slivers(rib, point):
+    fillet_mm, rib_count, rib_angle_deg = rib
+    design = from_unit(np.array([point]))[0].model_copy(update={"rib_count": rib_count, "rib_angle_deg": rib_angle_deg})
+    profile = planar_profile(design, fillet_mm)
+    assert profile.is_valid
+    assert profile.geom_type == "Polygon"
+    edges = [np.diff(np.array(ring.coords), axis=0) for ring in (profile.exterior, *profile.interiors)]
+    assert min(np.hypot(*edge.T).min() for edge in edges) > 0.99 * MIN_EDGE_MM
+    height = design.height_mm - BASE_HEIGHT_MM
+    walls = (design.front_thickness_mm + design.back_thickness_mm) * (height - design.tip_length_mm)
+    assert 0.98 * walls < profile.area < 0.5 * (design.length_mm + design.front_thickness_mm + 1) * height
 
 
 @pytest.mark.parametrize("corner", [LOWER, UPPER])
@@ -73,6 +91,14 @@ def test_mark_is_engraved_to_its_depth():
 @pytest.mark.parametrize("label", ["B01T0", "B23T4", "B56T7", "B89T9"])
 def test_every_label_can_be_engraved(label):
     assert finger_bodies(BEST_PUBLISHED, label).rigid.is_volume
+
+
+def test_a_long_mark_keeps_clear_of_the_sides_of_the_narrowest_base():
+    design = BEST_PUBLISHED.model_copy(update={"width_mm": 28.0})
+    rigid = finger_bodies(design, "B100T9").rigid
+    assert rigid.is_volume
+    engraved = rigid.vertices[(rigid.vertices[:, 2] > 0.1) & (rigid.vertices[:, 2] < 1)]
+    assert np.abs(engraved[:, 1]).max() <= 14 - MARK_MARGIN_MM + 1e-6
 
 
 def test_unknown_glyph_is_refused_with_the_ones_there_are():

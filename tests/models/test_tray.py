@@ -6,6 +6,7 @@ import trimesh
 
 from models.design_space import BEST_PUBLISHED, random_designs
 from models.errors import UsageError
+from models.geometry.finger import finger_bodies
 from models.geometry.sheet import batch_sheet_html
 from models.geometry.tray import BED_MM, GAP_MM, PrintItem, tray_files, tray_layout
 
@@ -55,3 +56,10 @@ def test_sheet_names_every_tool_and_needs_no_network(batch):
 
 def test_sheet_escapes_what_people_type(batch):
     assert "<b>lab</b>" not in batch_sheet_html("<b>lab</b>", batch, [])
+
+
+def test_sheet_gives_mass_and_volume_and_draws_fingers_at_one_scale(batch):
+    html = batch_sheet_html("quick/B03", batch, [])
+    bodies = finger_bodies(batch[0].design)
+    assert f"{bodies.volume_mm3 / 1e3:.1f} cm&sup3;" in html
+    assert html.count(' 37 122" role="img" aria-label="profile"') == len(batch)

@@ -69,6 +69,25 @@ class DirectionalDilation(Effect):
         return affinity.scale(eroded, size, along_z, origin=(0.0, 0.0))
 
 
+class LeakyCylinder(Effect):
+    """Jaws whose force fades as they stall: seal friction takes `seal_share` of `max_force_n`, more or less by tool.
+
+    Infinite force changes nothing.
+    """
+
+    seal_share = 0.08
+    tool_sd = 0.03
+
+    def __init__(self, max_force_n: float, tool_seed: int) -> None:
+        spread = np.random.default_rng([tool_seed, 0x5EA1]).standard_normal()
+        loss = self.seal_share + self.tool_sd * float(np.clip(spread, -2.0, 2.0))
+        self.jaw_force_n = max_force_n * (1.0 - loss)
+
+    def closing_force_limit_n(self) -> float:
+        """Force that is left of the cylinder's, N per jaw."""
+        return self.jaw_force_n
+
+
 class SpanError(Effect):
     """Load cell whose span is wrong at low load and right at capacity: F (1 + (g - 1) (1 - |F| / capacity)).
 
@@ -132,6 +151,9 @@ HIDDEN_LAWS: dict[str, HiddenLaw] = {
     ),
     "wall_thickness_offset": HiddenLaw(
         {"offset_mm": (-1.0, 1.0)}, lambda parameters, seed: DirectionalDilation(parameters["offset_mm"], seed)
+    ),
+    "force_limited_closing": HiddenLaw(
+        {"max_force_n": (1.0, 1e6)}, lambda parameters, seed: LeakyCylinder(parameters["max_force_n"], seed)
     ),
     "load_cell_gain": HiddenLaw({"gain": (0.5, 2.0)}, lambda parameters, _seed: SpanError(**parameters)),
     "load_cell_lag": HiddenLaw(

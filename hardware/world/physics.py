@@ -66,7 +66,7 @@ def build_request(world: World, tool_id: str, design: Design, object_id: int, se
         object_id=object_id,
         setup=setup,
         placement=Placement(offset_x_mm=offset_x_mm, offset_z_mm=offset_z_mm),
-        theta=world.theta,
+        theta=_tool_theta(world, tool_id),
         mesh_edge_mm=world.mesh.edge_mm,
         hidden=world.hidden,
         tool_seed=seed_from(world.seed, "tool", tool_id),
@@ -84,7 +84,7 @@ def simulate_request(request: PhysicsRequest) -> GraspSimulation:
     from models.objects.catalogue import get_object
 
     version = SimulatorVersion(theta=request.theta, mesh=MeshSettings(edge_mm=request.mesh_edge_mm))
-    # The truth must not share the simulator's regularisation of contact (2, 2 and 0.05 there)
+    # The truth must not share the simulator's regularisation of contact.
     contact = ContactLaw(normal_n_per_mm3=3.0, tangential_n_per_mm3=1.5, smoothing_mm=0.04)
     try:
         return simulate_grasp(
@@ -170,10 +170,9 @@ class GraspCurve:
 
 
 def grasp_curve(simulation: GraspSimulation, world: World, request: PhysicsRequest, repeat: int) -> GraspCurve:
-    """Curve of one grasp: the solver's trace times the scatter of tool and grasp (force is proportional to E)."""
+    """Curve of one grasp: the solver's trace times the scatter from grasp to grasp."""
     trace = simulation.trace
-    scale = tool_modulus_factor(world, request.tool_id) * _repeat_factor(world, request, repeat)
-    force_n = trace.force_n * scale
+    force_n = trace.force_n * _repeat_factor(world, request, repeat)
     lift = trace.is_lift
     closing_s, closing_n = trace.time_s[~lift], force_n[~lift]
     lift_mm, lift_n = trace.lift_mm[lift], force_n[lift]
@@ -198,6 +197,12 @@ def _release_lift_mm(lift_mm: np.ndarray, force_n: np.ndarray, max_lift_mm: floa
     if touching.size == 0:
         return float(lift_mm[0])
     return float(lift_mm[touching[-1] + 1]) if touching[-1] + 1 < len(lift_mm) else float("inf")
+
+
+def _tool_theta(world: World, tool_id: str) -> Theta:
+    """Theta of one printed tool. Solved with its own modulus: some hidden laws break the scaling of force with E."""
+    modulus_mpa = world.theta.young_modulus_mpa * tool_modulus_factor(world, tool_id)
+    return world.theta.model_copy(update={"young_modulus_mpa": modulus_mpa})
 
 
 def tool_modulus_factor(world: World, tool_id: str) -> float:

@@ -25,6 +25,10 @@ class Effect:
         """Actuation: the stroke, heights and speeds that really happen."""
         return setup
 
+    def closing_force_limit_n(self) -> float:
+        """Actuation: closing-direction force at which one jaw stalls, N; it then holds its place in the lift."""
+        return np.inf
+
     def friction_factor(self, slip_mm: np.ndarray, pressure_mpa: np.ndarray) -> np.ndarray | float:
         """Contact: factor on the friction coefficient per contact point (n), frozen over a time step.
 

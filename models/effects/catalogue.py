@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Literal
 
+from models.effects.actuation import ForceLimitedClosing
 from models.effects.base import Effect
 from models.effects.contact import StaticKineticFriction
 from models.effects.geometry import WallThicknessOffset
@@ -80,6 +81,15 @@ _SPECS = (
         confusable_with=("load_cell_gain",),
     ),
     EffectSpec(
+        effect="force_limited_closing",
+        title="Pneumatic jaws stall at their largest force",
+        code="A1",
+        layer="actuation",
+        version=1,
+        parameters=(_parameter("max_force_n", 1.0, 1e6, 1e6, 60.0, 40.0),),
+        confusable_with=("wall_thickness_offset",),
+    ),
+    EffectSpec(
         effect="load_cell_lag",
         title="First-order lag of the load-cell transmitter",
         code="S4",
@@ -104,6 +114,7 @@ CATALOGUE: Mapping[str, EffectSpec] = {spec.effect: spec for spec in _SPECS}
 _BUILDERS: Mapping[str, Callable[[Mapping[str, float]], Effect]] = {
     "static_kinetic_friction": lambda p: StaticKineticFriction(p["kinetic_ratio"], p["slip_scale_mm"]),
     "wall_thickness_offset": lambda p: WallThicknessOffset(p["offset_mm"]),
+    "force_limited_closing": lambda p: ForceLimitedClosing(p["max_force_n"]),
     "load_cell_lag": lambda p: LoadCellLag(p["time_constant_s"]),
     "load_cell_gain": lambda p: LoadCellGain(p["gain"]),
 }

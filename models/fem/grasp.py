@@ -10,6 +10,7 @@ from models.effects.base import Effect
 from models.effects.catalogue import build_effects
 from models.errors import UsageError
 from models.features import peak_force_n, work_j
+from models.fem.actuation import ClosingStall
 from models.fem.assembly import ElasticBody, Material
 from models.fem.contact import ContactLaw, ContactSurface, Obstacle, PointSpacing
 from models.fem.elasticity import REFERENCE_MODULUS_MPA
@@ -56,6 +57,13 @@ class FingerProblem:
     setup: GraspSetup
     effects: tuple[Effect, ...] = ()
     numerics: Numerics = Numerics()
+
+    @property
+    def stall_force_n(self) -> float:
+        """Closing force at which the modelled part of the finger stops its jaw, at the reference modulus."""
+        limit_n = min((effect.closing_force_limit_n() for effect in self.effects), default=np.inf)
+        share = 2.0 if self.mesh.is_half else 1.0
+        return limit_n / share * REFERENCE_MODULUS_MPA / self.theta.young_modulus_mpa
 
 
 @dataclass(frozen=True)
@@ -187,11 +195,17 @@ def _close_and_lift(finger: FingerStep, stepper: Stepper, problem: FingerProblem
     time_s = free / setup.close_speed_mm_per_s
     if free > 0.0:
         record.add(time_s, 0.0, np.zeros(3))
-    closing = Path(state.base, INWARD, stroke - free, setup.close_speed_mm_per_s, lambda _: limits.closing_mm)
+    stall = ClosingStall(problem.stall_force_n, limits.closing_mm)
+    closing = Path(state.base, INWARD, stroke - free, setup.close_speed_mm_per_s, stall.longest_step_mm)
     for step in stepper.walk(state, closing):
         state = step.state
         record.add(time_s + step.travel_mm / setup.close_speed_mm_per_s, 0.0, step.clamp_n)
-    n_closing, time_s = len(record.time_s), stroke / setup.close_speed_mm_per_s
+        if stall.has_stalled(step):
+            break
+    time_s = stroke / setup.close_speed_mm_per_s
+    if record.time_s[-1] < time_s - 1e-9:
+        record.add(time_s, 0.0, record.force_n[-1])
+    n_closing = len(record.time_s)
     state.v[:] = 0.0
     lift = Path(state.base, UPWARD, setup.max_lift_mm, setup.lift_speed_mm_per_s, lift_step_mm(limits))
     n_free = 0

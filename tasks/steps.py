@@ -71,7 +71,7 @@ def print_batch(
 ) -> None:
     """Write tray and sheet, then wait until a person has confirmed the batch."""
     folder = printing.print_folder(campaign.lake, campaign.campaign_id, batch)
-    sheet = folder / "sheet.html"
+    sheet = folder / printing.SHEET
     if not sheet.exists():
         sheet = printing.write_tray(campaign.lake, campaign.campaign_id, batch, folder)
     if auto_print:

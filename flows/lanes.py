@@ -148,7 +148,13 @@ class SimulationLane:
     def _submit(self, job: SimulationJob) -> None:
         session = self._session
         label = f"{session.campaign.campaign_id} {job.label}"
-        future = steps.simulate_design.submit(label, opaque(session.campaign), opaque(job.design), opaque(session.pool))
+        future = steps.simulate_design.submit(
+            label,
+            opaque(session.campaign),
+            opaque(job.design),
+            opaque(session.pool),
+            opaque(session.should_stop),
+        )
         self._running[session.watch(future)] = job
 
     def _next(self, state: CampaignState) -> SimulationJob | None:

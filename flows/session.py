@@ -118,7 +118,7 @@ def _interrupts(session: Session, voice: Voice) -> Iterator[None]:
 
     def stop(signal_number: int, frame: object) -> None:
         session.stopping.set()
-        voice.announce("Finishing the current grasp and simulations; the same command continues later.")
+        voice.announce("Finishing the current grasp and the simulations that run; the same command continues later.")
         restore()
 
     before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}

@@ -69,6 +69,13 @@ def write_tray(lake: Lake, campaign_id: str, batch: int, folder: Path) -> Path:
     return folder / SHEET
 
 
+def ensure_tray(lake: Lake, campaign_id: str, batch: int) -> Path:
+    """The sheet of a batch, with its files; written unless they are there."""
+    folder = print_folder(lake, campaign_id, batch)
+    sheet = folder / SHEET
+    return sheet if sheet.exists() else write_tray(lake, campaign_id, batch, folder)
+
+
 def write_file(path: Path, content: bytes) -> None:
     """Write a file so that readers see it whole or not at all."""
     temporary = path.with_name(path.name + ".tmp")

@@ -106,4 +106,5 @@ def _check_effects(config: CampaignConfig, source: str) -> None:
     try:
         build_effects(config.simulator.effects)
     except ConfigError as error:
-        raise ConfigError(f"{source}: {error}") from error
+        sentence = str(error)
+        raise ConfigError(f"{source}: {sentence[:1].lower()}{sentence[1:]}") from error

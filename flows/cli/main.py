@@ -5,7 +5,7 @@ import os
 import sys
 
 from cyclopts import App
-from cyclopts.exceptions import CycloptsError
+from cyclopts.exceptions import CycloptsError, MissingArgumentError
 
 app = App(
     name="fast",
@@ -77,8 +77,12 @@ def run(words: list[str] | None) -> int:
 def _usage_sentence(error: CycloptsError) -> str:
     """What cyclopts found wrong, on one line, and where the right use is explained."""
     error.verbose = False
-    sentence = " ".join(str(error).split()).rstrip(".")
-    return f"{sentence}; see `{' '.join(['fast', *(error.command_chain or [])])} --help`."
+    command = " ".join(["fast", *(error.command_chain or [])])
+    sentence = " ".join(str(error).split())
+    if isinstance(error, MissingArgumentError) and error.argument is not None and not error.argument.tokens:
+        sentence = f"`{command}` needs {error.argument.name}: {error.argument.parameter.help}"
+    sentence = sentence.replace("into int", "into a whole number").replace("into float", "into a number")
+    return f"{sentence} See `{command} --help`."
 
 
 def _missing(error: ModuleNotFoundError) -> int:

@@ -138,7 +138,9 @@ class SimulationLane:
         job = self._running.pop(future, None)
         if job is None:
             return False
-        self._session.on_simulated(job.label, future.result())
+        n_failed = future.result()
+        if not self._session.should_stop():
+            self._session.on_simulated(job.label, n_failed)
         return True
 
     @property

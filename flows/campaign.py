@@ -18,6 +18,7 @@ from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 from flows.lanes import BenchLane, Session, SimulationLane, closed_batches
 from flows.progress import workload
 from lake.maintenance import compact
+from lake.tables import TABLES
 from models.errors import FastError
 from tasks import steps
 from tasks.campaign import Campaign
@@ -117,8 +118,8 @@ def _ensure_proposed(campaign: Campaign, stage: int) -> None:
 
 def _close_stage(campaign: Campaign, stage: int) -> None:
     """Merge the small files of the stage: one per grasp while it ran, few afterwards."""
-    for table in ("grasps", "traces", "simulations", "sim_traces"):
-        compact(campaign.lake, table)
+    for row_type in TABLES:
+        compact(campaign.lake, row_type)
     closed = closed_batches(campaign, campaign.state())
     append_event(
         campaign.lake, campaign.campaign_id, "stage_closed", f"stage {stage} closed", stage=stage, batches=closed

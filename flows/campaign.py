@@ -6,6 +6,8 @@ command at the missing grasp.
 
 import contextlib
 from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import partial
 from queue import Empty
 from typing import Any, cast
 from uuid import UUID
@@ -28,9 +30,12 @@ from tasks.steps import opaque
 POLL_S = 2.0  # how often requests of people are looked up while nothing else happens
 
 
-def run_flow(session: Session, finish: Callable[[], str]) -> bool:
+def run_flow(
+    session: Session, finish: Callable[[], str], interrupts: Callable[[], AbstractContextManager[None]]
+) -> bool:
     """Run the campaign as a Prefect flow; `finish` writes report and recording and returns a Markdown summary.
 
+    `interrupts` is entered when the flow has started; it turns signals into requests to stop.
     Returns True when the schedule is complete, False when someone asked to pause or stop.
     """
     campaign = session.campaign
@@ -42,18 +47,26 @@ def run_flow(session: Session, finish: Callable[[], str]) -> bool:
         task_runner=task_runner,
     )
     def campaign_flow(campaign_id: str, config_hash: str, lake: str) -> bool:
-        description = "grasps done, measured and simulated"
-        # Called from a synchronous flow it returns the id, not a coroutine.
-        artifact = cast(UUID, create_progress_artifact(0.0, key=f"{campaign_id}-progress", description=description))
-        on_event = lambda: _show_progress(artifact, campaign)  # noqa: E731 - two callers, one line
-        for stage in range(campaign.config.schedule.n_stages):
-            if not run_stage(session, stage, on_event):
-                return False
-        on_event()
-        create_markdown_artifact(finish(), key=f"{campaign_id}-summary", description="result of the campaign")
-        return True
+        # Inside the flow, since Prefect sets its own SIGTERM handler when a flow starts.
+        with interrupts():
+            return _run_stages(session, finish)
 
     return campaign_flow(campaign.campaign_id, campaign.config.config_hash, str(campaign.lake.root))
+
+
+def _run_stages(session: Session, finish: Callable[[], str]) -> bool:
+    campaign = session.campaign
+    name = campaign.campaign_id
+    description = "grasps done, measured and simulated"
+    # Called from a synchronous flow it returns the id, not a coroutine.
+    artifact = cast(UUID, create_progress_artifact(0.0, key=f"{name}-progress", description=description))
+    on_event = partial(_show_progress, artifact, campaign)
+    for stage in range(campaign.config.schedule.n_stages):
+        if not run_stage(session, stage, on_event):
+            return False
+    on_event()
+    create_markdown_artifact(finish(), key=f"{name}-summary", description="result of the campaign")
+    return True
 
 
 def run_stage(session: Session, stage: int, on_event: Callable[[], None]) -> bool:

@@ -57,8 +57,7 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
         return markdown_table(outcome[0].tools) + f"\n\nReport: `{outcome[0].report}`"
 
     try:
-        with _interrupts(session, voice):
-            is_complete = run_flow(session, finish)
+        is_complete = run_flow(session, finish, functools.partial(_interrupts, session, voice))
     finally:
         simulations.close()
         physics.close()

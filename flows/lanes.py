@@ -138,7 +138,9 @@ class SimulationLane:
         job = self._running.pop(future, None)
         if job is None:
             return False
-        self._session.on_simulated(job.label, future.result())
+        n_failed = future.result()
+        if not self._session.should_stop():
+            self._session.on_simulated(job.label, n_failed)
         return True
 
     @property
@@ -148,7 +150,13 @@ class SimulationLane:
     def _submit(self, job: SimulationJob) -> None:
         session = self._session
         label = f"{session.campaign.campaign_id} {job.label}"
-        future = steps.simulate_design.submit(label, opaque(session.campaign), opaque(job.design), opaque(session.pool))
+        future = steps.simulate_design.submit(
+            label,
+            opaque(session.campaign),
+            opaque(job.design),
+            opaque(session.pool),
+            opaque(session.should_stop),
+        )
         self._running[session.watch(future)] = job
 
     def _next(self, state: CampaignState) -> SimulationJob | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from flows.dependencies import CAMPAIGN, require
 from flows.prefect_server import configure_client, server
 from hardware.bench import BenchSettings
 from hardware.world.spec import World, load_world
@@ -53,9 +54,10 @@ def run_campaign(
     `confirm_real` drives the real bench of the config, after a person has confirmed; None is a virtual bench.
 
     Raises:
-        UsageError: config, world or lake cannot be used; nothing was written.
+        UsageError: config, world or lake cannot be used, or a package is missing; nothing was written.
         FastError: another process runs this campaign, or the bench stopped.
     """
+    require(CAMPAIGN)
     config = load_config(config_path)
     bench = _real_bench(config, config_path, confirm_real) if confirm_real else _virtual_bench(config, config_path)
     campaign = Campaign(Lake.open(lake_root, create=True), config)
@@ -109,6 +111,8 @@ def read_world(path: Path) -> World:
         return load_world(path.read_text(encoding="utf-8"), str(path))
     except OSError as error:
         raise ConfigError(f"world file `{path}` cannot be read: {error.strerror}; give an existing file.") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"world file `{path}` is not a text file; give a TOML file.") from error
 
 
 def register(campaign: Campaign, config_toml: str) -> None:

@@ -1,5 +1,6 @@
 """One process's share of a campaign: workers, bench, signals, and the report at the end."""
 
+import contextlib
 import functools
 import signal
 import threading
@@ -7,6 +8,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
+from prefect import get_run_logger
+from prefect.exceptions import MissingContextError
 from prefect.logging.handlers import APILogWorker
 
 from flows.campaign import run_flow
@@ -34,7 +37,7 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
     config = campaign.config
     simulations = WorkerPool(config.execution.simulation_workers)
     physics = WorkerPool(config.execution.physics_workers)
-    progress = ProgressReporter(campaign, voice.progress)
+    progress = ProgressReporter(campaign, functools.partial(_emit, voice))
     session = Session(
         campaign=campaign,
         pool=simulations,
@@ -64,6 +67,13 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
     event = "completed" if is_complete else "interrupted"
     append_event(campaign.lake, campaign.campaign_id, event, f"campaign {event}")
     return outcome[0] if outcome else Outcome(campaign.campaign_id, False, ranked_tools(campaign))
+
+
+def _emit(voice: Voice, line: str) -> None:
+    """A line of progress for the terminal and, where one is running, for the flow's page."""
+    voice.progress(line)
+    with contextlib.suppress(MissingContextError):
+        get_run_logger().info(line)
 
 
 def _open_bench(
@@ -108,7 +118,7 @@ def _interrupts(session: Session, voice: Voice) -> Iterator[None]:
 
     def stop(signal_number: int, frame: object) -> None:
         session.stopping.set()
-        voice.announce("Finishing the current grasp and simulations; the same command continues later.")
+        voice.announce("Finishing the current grasp and the simulations that run; the same command continues later.")
         restore()
 
     before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}

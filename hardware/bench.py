@@ -225,7 +225,7 @@ def _make_ready_to_home(pneumatics: Pneumatics, may_vent: bool) -> None:
     if not may_vent:
         raise InterlockError(
             "The gripper is closed from an earlier session, an object may hang in it; nothing was moved. Look, then "
-            "open the bench with leave to vent (`fast gantry home`)."
+            "let it open with `fast gantry home --vent`."
         )
     pneumatics.vent()
 

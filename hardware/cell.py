@@ -150,7 +150,7 @@ class GraspCell:
         if self._pneumatics.is_gripping():
             raise InterlockError(
                 "The gripper is closed from an earlier grasp; an object may hang in it. Look, then run "
-                "`fast gantry park` to lower, vent and park."
+                "`fast gantry park --vent` to vent, raise and park."
             )
 
     @contextmanager

@@ -35,6 +35,7 @@ from models.errors import LakeError
 
 _LOG = logging.getLogger(__name__)
 QUARANTINE = "quarantine"
+_OF_FAST = frozenset({"outputs", ".state"})  # what people read, and what can be made again; no rows
 TARGET_BYTES = 16 * 2**20  # of a merged file, some thousand traces; files over half of it are left alone
 _LEFTOVER_AGE_S = 3600.0  # a temporary file this old belongs to a process that died
 
@@ -189,7 +190,7 @@ def _places(rows: pa.Table) -> pa.Array:
 
 
 def _foreign_entries(root: Path) -> Iterator[Finding]:
-    known = {MARKER, LOCK_NAME, QUARANTINE, *TABLE_BY_NAME}
+    known = {MARKER, LOCK_NAME, QUARANTINE, *_OF_FAST, *TABLE_BY_NAME}
     for entry in sorted(root.iterdir()):
         if entry.name not in known and not entry.name.startswith(f".{MARKER}."):
             yield Finding("foreign", entry, f"{entry} is not part of the lake; move it elsewhere.")

@@ -6,6 +6,7 @@ transaction (a WITH clause can hide an INSERT), and the connection has no access
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ import duckdb
 import pyarrow as pa
 
 from models.errors import UsageError
+from models.validation import closest
 
 if TYPE_CHECKING:
     from lake.store import Lake
@@ -36,7 +38,7 @@ def run_sql(lake: Lake, sql: str) -> pa.Table:
             return connection.sql(sql).to_arrow_table()
         except duckdb.Error as error:
             if not _is_vanished_file(error) or attempt + 1 == _ATTEMPTS:
-                raise UsageError(f"The query failed: {error}") from error
+                raise UsageError(_unknown_table(connection, error) or f"The query failed: {error}") from error
         finally:
             connection.close()
     raise UsageError("The query was not answered; run it again.")
@@ -58,6 +60,17 @@ def check_reads_only(sql: str) -> None:
     kind = statements[0].type
     if kind not in _READING:
         raise UsageError(f"{kind.name} is not allowed here, the lake is read-only to SQL: use a SELECT statement.")
+
+
+def _unknown_table(connection: duckdb.DuckDBPyConnection, error: duckdb.Error) -> str | None:
+    """The sentence for a table that is not there, with the lake's own names instead of DuckDB's."""
+    match = re.search(r"Table with name (\S+) does not exist", str(error))
+    if match is None:
+        return None
+    connection.execute("ROLLBACK")
+    tables = connection.sql("SELECT table_name FROM information_schema.tables").fetchall()
+    known = [name for (name,) in tables if not name.endswith("_files")]
+    return f"There is no table or view `{match[1]}`; {closest(match[1], known)}"
 
 
 def _is_vanished_file(error: duckdb.Error) -> bool:

@@ -52,8 +52,7 @@ def load_config(path: Path) -> CampaignConfig:
     """
     data = read_toml(path, "campaign config")
     config = load_record(CampaignConfig, data, str(path))
-    for effect in config.simulator.effects:
-        _check_effect(effect.effect, str(path))
+    _check_effects(config, str(path))
     world = relative_to(path, config.bench.world)
     if not world.is_file():
         raise ConfigError(f"{path}: world file `{world}` does not exist; set bench.world to an existing file.")
@@ -72,9 +71,15 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
     except FileNotFoundError as error:
         raise ConfigError(f"{what} `{path}` does not exist; give the path of a TOML file.") from error
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{what} `{path}` cannot be read: {error}; check the path and its permissions.") from error
+        raise ConfigError(
+            f"{what} `{path}` cannot be read ({_cause(error)}); check the path and its permissions."
+        ) from error
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{what} `{path}` is not TOML: {error}; correct that line.") from error
+
+
+def _cause(error: OSError | UnicodeDecodeError) -> str:
+    return error.strerror or str(error) if isinstance(error, OSError) else str(error)
 
 
 def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
@@ -95,9 +100,11 @@ def _flatten(data: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
     return pairs
 
 
-def _check_effect(effect: str, source: str) -> None:
-    from models.effects.catalogue import CATALOGUE
-    from models.validation import closest
+def _check_effects(config: CampaignConfig, source: str) -> None:
+    from models.effects.catalogue import build_effects
 
-    if effect not in CATALOGUE:
-        raise ConfigError(f"{source}: unknown effect `{effect}`; {closest(effect, list(CATALOGUE))}")
+    try:
+        build_effects(config.simulator.effects)
+    except ConfigError as error:
+        sentence = str(error)
+        raise ConfigError(f"{source}: {sentence[:1].lower()}{sentence[1:]}") from error

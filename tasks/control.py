@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TextIO
 
+from lake.files import writing_failed
 from lake.provenance import current_provenance
 from lake.store import Lake
 from lake.tables import EventRow
@@ -46,10 +47,10 @@ def exclusive(lake: Lake, name: str, busy: str) -> Iterator[None]:
 
     Raises:
         FastError: `busy`, with the holder's process id, when another process holds it.
+        UsageError: the lake cannot be written.
     """
     path = lock_path(lake, name)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("a+") as file:
+    with _open_lock(path) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
@@ -62,17 +63,25 @@ def exclusive(lake: Lake, name: str, busy: str) -> Iterator[None]:
         yield
 
 
+def _open_lock(path: Path) -> TextIO:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open("a+")
+    except OSError as error:
+        raise writing_failed(path.parent, error) from error
+
+
 def is_held(lake: Lake, name: str) -> bool:
     """True while another process holds the lock."""
-    path = lock_path(lake, name)
-    if not path.exists():
-        return False
-    with path.open("a+") as file:
-        try:
+    try:
+        # Reading is enough, so that the status of a lake that cannot be written is still told.
+        with lock_path(lake, name).open("r") as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
+    except BlockingIOError:
+        return True
+    except OSError:
         return False
+    return False
 
 
 def lock_path(lake: Lake, name: str) -> Path:

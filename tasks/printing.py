@@ -17,6 +17,8 @@ from models.ids import tool_label
 from models.records import Record
 from tasks.state import load_designs
 
+SHEET = "sheet.html"
+
 
 class MeasuredTool(Record):
     """What calipers and durometer said of one printed tool; the ranges catch slips of the pen."""
@@ -46,20 +48,32 @@ def write_tray(lake: Lake, campaign_id: str, batch: int, folder: Path) -> Path:
     """Write STL and 3MF files and the batch sheet of a proposed batch; returns the path of the sheet.
 
     Raises:
-        UsageError: unknown batch.
+        UsageError: unknown batch, or a folder that cannot be written.
     """
     rows = _proposals(lake, campaign_id, batch)
     designs = load_designs(lake)
     items = [PrintItem(label=tool_label(batch, r["slot"]), design=designs[r["design_id"]]) for r in rows]
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, content in tray_files(items).items():
-        write_file(folder / name, content)
+    files = tray_files(items)
     name = BatchRow.make_id(campaign_id, batch)
     notes = [f"When all fingers are mounted: fast print confirm {name} --operator NAME"]
-    sheet = folder / "sheet.html"
     # The sheet comes last: where there is a sheet, the files are complete.
-    write_file(sheet, batch_sheet_html(name, items, notes).encode())
-    return sheet
+    files = {**files, SHEET: batch_sheet_html(name, items, notes).encode()}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for file_name, content in files.items():
+            write_file(folder / file_name, content)
+    except OSError as error:
+        raise UsageError(
+            f"the print folder `{folder}` cannot be written ({error.strerror}); give another one or free space."
+        ) from error
+    return folder / SHEET
+
+
+def ensure_tray(lake: Lake, campaign_id: str, batch: int) -> Path:
+    """The sheet of a batch, with its files; written unless they are there."""
+    folder = print_folder(lake, campaign_id, batch)
+    sheet = folder / SHEET
+    return sheet if sheet.exists() else write_tray(lake, campaign_id, batch, folder)
 
 
 def write_file(path: Path, content: bytes) -> None:

@@ -1,7 +1,7 @@
 """The sections of a campaign config: schedule, objects, simulator, scientist, execution."""
 
 import random
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, field_validator
 
@@ -16,6 +16,13 @@ class ObjectPlan(Record):
     ids: Literal["all"] | tuple[int, ...] = "all"
     repeats: int = Field(default=3, ge=1, le=20)
     order: Literal["fixed", "random"] = "fixed"
+
+    @field_validator("ids", mode="before")
+    @classmethod
+    def _check_kind(cls, ids: Any) -> Any:
+        if ids != "all" and not isinstance(ids, list | tuple):
+            raise ValueError('it must be "all" or a list of object ids; change it')
+        return ids
 
     @field_validator("ids")
     @classmethod

@@ -1,58 +1,48 @@
 """Simulate a design on its objects: one FEM grasp per object in a worker process, one row per grasp."""
 
 import logging
-from collections.abc import Sequence
-from concurrent.futures import CancelledError, Future
+from collections.abc import Callable
+from concurrent.futures import CancelledError
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
-from lake.provenance import current_provenance
-from lake.store import Lake
 from lake.tables import SimTraceRow, SimulationRow, SimulatorVersionRow
 from models.errors import MeshingFailed, SimulationFailed
 from models.ids import canonical_json
 from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion
+from tasks.campaign import Campaign
 from tasks.mesh_cache import cached_mesh
 from tasks.pool import WorkerPool
 
 logger = logging.getLogger(__name__)
 
+ATTEMPTS = 2
 HANG_MARGIN_S = 60.0  # wall time past a grasp's own deadline after which its worker is taken to hang
 
 
 def simulate_design(
-    lake: Lake,
-    design: Design,
-    object_ids: Sequence[int],
-    version: SimulatorVersion,
-    setup: GraspSetup,
-    *,
-    pool: WorkerPool,
-    deadline_s: float,
-    config_hash: str = "",
+    campaign: Campaign, design: Design, *, pool: WorkerPool, should_stop: Callable[[], bool] = lambda: False
 ) -> int:
-    """Simulate `design` on every object, appending each result as it arrives; failures are rows too.
+    """Simulate a design on the objects it misses, one after the other; each result, or failure, is a row at once.
 
-    Returns the number of failed grasps.
+    `should_stop` is asked before each object. Returns the number of failed grasps.
     """
-    append_version(lake, version, config_hash)
-    futures = {
-        object_id: pool.submit(_simulate_in_worker, design, object_id, version, setup, deadline_s, str(lake.root))
-        for object_id in object_ids
-    }
-    wait_s = (deadline_s + HANG_MARGIN_S) * max(len(futures), 1)
-    return sum(
-        _collect(lake, future, design, object_id, version, setup, pool=pool, wait_s=wait_s, config_hash=config_hash)
-        for object_id, future in futures.items()
-    )
+    append_version(campaign)
+    n_failed = 0
+    for object_id in campaign.state().missing_objects(design.design_id, campaign.object_ids):
+        if should_stop():
+            break
+        n_failed += _simulate_grasp(campaign, design, object_id, pool)
+    return n_failed
 
 
-def append_version(lake: Lake, version: SimulatorVersion, config_hash: str = "") -> None:
-    """Make sure that the lake describes this simulator version."""
-    if not lake.has(SimulatorVersionRow, version.version_id):
-        lake.append([SimulatorVersionRow.of(version)], current_provenance(config_hash))
+def append_version(campaign: Campaign) -> None:
+    """Make sure that the lake describes the campaign's simulator."""
+    version = campaign.version
+    if not campaign.lake.has(SimulatorVersionRow, version.version_id):
+        campaign.lake.append([SimulatorVersionRow.of(version)], campaign.provenance())
 
 
 def _simulate_in_worker(
@@ -69,46 +59,48 @@ def _simulate_in_worker(
     return simulate_grasp(design, obj, version, setup, effects=effects, mesh=mesh, deadline_s=deadline_s)
 
 
-def _collect(
-    lake: Lake,
-    future: "Future[GraspSimulation]",
-    design: Design,
-    object_id: int,
-    version: SimulatorVersion,
-    setup: GraspSetup,
-    *,
-    pool: WorkerPool,
-    wait_s: float,
-    config_hash: str,
-) -> int:
+def _simulate_grasp(campaign: Campaign, design: Design, object_id: int, pool: WorkerPool) -> bool:
+    """One grasp in a worker process, and its row; True when it failed."""
+    version_id, setup = campaign.version.version_id, campaign.config.grasp
     key: dict[str, Any] = {
-        "simulation_id": SimulationRow.make_id(design.design_id, object_id, version.version_id, setup.setup_id),
+        "simulation_id": SimulationRow.make_id(design.design_id, object_id, version_id, setup.setup_id),
         "design_id": design.design_id,
         "object_id": object_id,
-        "version_id": version.version_id,
+        "version_id": version_id,
         "setup_id": setup.setup_id,
         "setup_json": canonical_json(setup.model_dump()),
     }
-    provenance = current_provenance(config_hash, parents=[design.design_id, version.version_id])
+    provenance = campaign.provenance(parents=[design.design_id, version_id])
     try:
-        result = future.result(timeout=wait_s)
+        result = _solve(campaign, design, object_id, pool)
     except (SimulationFailed, MeshingFailed) as error:
-        reason = error.reason
         logger.warning("simulation of %s on object %d failed: %s", design.design_id, object_id, error)
-    except FutureTimeoutError:
-        pool.restart()
-        reason = "hang"
-        logger.warning(
-            "simulation of %s on object %d hung for %.0f s; worker killed", design.design_id, object_id, wait_s
-        )
-    except (BrokenProcessPool, CancelledError):
-        reason = "worker_died"
-        logger.warning("the worker simulating %s on object %d died", design.design_id, object_id)
-    else:
-        lake.append([SimTraceRow.of(key["simulation_id"], result.trace), _result_row(key, result)], provenance)
-        return 0
-    lake.append([SimulationRow(**key, status="failed", reason=reason, cpu_s=0.0)], provenance)
-    return 1
+        row = SimulationRow(**key, status="failed", reason=error.reason, cpu_s=0.0)
+        campaign.lake.append([row], provenance)
+        return True
+    trace = SimTraceRow.of(key["simulation_id"], result.trace)
+    campaign.lake.append([trace, _result_row(key, result)], provenance)
+    return False
+
+
+def _solve(campaign: Campaign, design: Design, object_id: int, pool: WorkerPool) -> GraspSimulation:
+    """Result of a worker; a worker that hangs or dies is a failed simulation.
+
+    A dying worker takes its neighbours' work along, so the first death is not held against this grasp.
+    """
+    deadline_s = campaign.config.simulator.grasp_deadline_s
+    arguments = (design, object_id, campaign.version, campaign.config.grasp, deadline_s, str(campaign.lake.root))
+    for _ in range(ATTEMPTS):
+        try:
+            return pool.submit(_simulate_in_worker, *arguments).result(timeout=deadline_s + HANG_MARGIN_S)
+        except FutureTimeoutError as error:
+            pool.restart()
+            raise SimulationFailed(
+                f"no answer for {deadline_s + HANG_MARGIN_S:.0f} s; worker killed", "hang"
+            ) from error
+        except (BrokenProcessPool, CancelledError):
+            logger.warning("a worker died while %s was simulated on object %d", design.design_id, object_id)
+    raise SimulationFailed(f"its worker died {ATTEMPTS} times", "worker_died")
 
 
 def _result_row(key: dict[str, Any], result: GraspSimulation) -> SimulationRow:

@@ -32,12 +32,17 @@ def opaque(value: T) -> T:
 
 @task(task_run_name="propose {label}", cache_policy=NO_CACHE)
 def propose_batch(label: str, campaign: Campaign, stage: int) -> None:
-    """Choose the tools of a stage: at random at first, then with the surrogate fitted to all data."""
-    schedule = campaign.config.schedule
+    """Choose the tools of a stage and write their trays: at random at first, then with the surrogate."""
+    batches = campaign.config.schedule.batches_of(stage)
     if stage == 0:
         proposing.propose_initial(campaign)
-        return
-    batch = schedule.batches_of(stage)[0]
+    else:
+        _propose_guided(campaign, batches[0])
+    for batch in batches:
+        printing.ensure_tray(campaign.lake, campaign.campaign_id, batch)
+
+
+def _propose_guided(campaign: Campaign, batch: int) -> None:
     state = campaign.state()
     data = observe(campaign, state, range(1, batch))
     surrogate = proposing.fit(campaign, batch, data)
@@ -45,19 +50,11 @@ def propose_batch(label: str, campaign: Campaign, stage: int) -> None:
 
 
 @task(task_run_name="simulate {label}", cache_policy=NO_CACHE)
-def simulate_design(label: str, campaign: Campaign, design: Design, pool: WorkerPool) -> int:
+def simulate_design(
+    label: str, campaign: Campaign, design: Design, pool: WorkerPool, should_stop: Callable[[], bool]
+) -> int:
     """Simulate one design on all objects that are missing; returns the number of failed grasps."""
-    objects = campaign.state().missing_objects(design.design_id, campaign.object_ids)
-    return simulating.simulate_design(
-        campaign.lake,
-        design,
-        objects,
-        campaign.version,
-        campaign.config.grasp,
-        pool=pool,
-        deadline_s=campaign.config.simulator.grasp_deadline_s,
-        config_hash=campaign.config.config_hash,
-    )
+    return simulating.simulate_design(campaign, design, pool=pool, should_stop=should_stop)
 
 
 @task(task_run_name="print {label}", cache_policy=NO_CACHE)
@@ -70,10 +67,7 @@ def print_batch(
     announce: Callable[[Path], None],
 ) -> None:
     """Write tray and sheet, then wait until a person has confirmed the batch."""
-    folder = printing.print_folder(campaign.lake, campaign.campaign_id, batch)
-    sheet = folder / "sheet.html"
-    if not sheet.exists():
-        sheet = printing.write_tray(campaign.lake, campaign.campaign_id, batch, folder)
+    sheet = printing.ensure_tray(campaign.lake, campaign.campaign_id, batch)
     if auto_print:
         word = printing.PrintConfirmation(operator="nobody (--auto-print)", confirmed_by="auto")
         printing.confirm_print(campaign.lake, campaign.campaign_id, batch, word)

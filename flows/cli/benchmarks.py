@@ -1,6 +1,8 @@
 """`fast bench`: run benchmarks and print what one unit of work costs here."""
 
-from cyclopts import App
+from typing import Annotated
+
+from cyclopts import App, Parameter
 
 from flows.cli.common import AsJson, show, table_text
 
@@ -8,7 +10,7 @@ app = App(name="bench", help="Performance and study benchmarks.")
 
 
 @app.command
-def run(name: str, *, json: AsJson = False) -> None:
+def run(name: Annotated[str, Parameter(help="One of `fast bench list`.")], *, json: AsJson = False) -> None:
     """Run one benchmark; figures are CPU seconds unless their name says otherwise."""
     from flows.benchmarks import BENCHMARKS
     from models.errors import UsageError
@@ -27,4 +29,4 @@ def list_benchmarks(*, json: AsJson = False) -> None:
     from flows.benchmarks import BENCHMARKS
 
     rows = [{"name": name, "measures": (work.__doc__ or "").strip()} for name, work in BENCHMARKS.items()]
-    show(rows, table_text(rows), json)
+    show(rows, "\n".join(f"{row['name']:<10} {row['measures']}" for row in rows), json)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text, tell
+from flows.cli.common import DEFAULT_LAKE, AsJson, CampaignId, LakePath, show, table_text, tell
 
 if TYPE_CHECKING:
     from flows.launch import Outcome
@@ -17,27 +17,20 @@ app = App(name="campaign", help="Start, continue, watch and stop campaigns.")
 
 @app.command
 def run(
-    config: Path,
+    config: Annotated[Path, Parameter(help="TOML file of the campaign, e.g. campaigns/quick.toml.")],
     *,
     lake: LakePath = DEFAULT_LAKE,
-    auto_print: Annotated[bool, Parameter(negative="")] = False,
-    real: Annotated[bool, Parameter(negative="")] = False,
+    auto_print: Annotated[
+        bool, Parameter(negative="", help="Count trays as printed without asking a person (demos and tests).")
+    ] = False,
+    real: Annotated[
+        bool, Parameter(negative="", help="Drive the real bench of the config's `bench.real` file, once confirmed.")
+    ] = False,
     json: AsJson = False,
 ) -> None:
-    """Start the campaign of a config file, or continue it where it stands.
+    """Start the campaign of a config file, or continue it where it stands; makes the lake if there is none.
 
-    Parameters
-    ----------
-    config
-        TOML file of the campaign, e.g. campaigns/quick.toml.
-    lake
-        Folder of the lake; made if it does not exist.
-    auto_print
-        Confirm printed batches without asking a person (demos and tests).
-    real
-        Drive the real bench of the config's `bench.real` file; asks for a typed confirmation.
-    json
-        Print the summary as JSON.
+    Ctrl-C finishes the current grasp, parks the tool and ends; the same command continues later.
     """
     from flows.launch import Voice, run_campaign
 
@@ -47,7 +40,7 @@ def run(
 
 
 @app.command
-def status(campaign: str | None = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
+def status(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Where a campaign stands: done and left, best tool so far, what it waits for."""
     from flows.status import campaign_status, status_text
 
@@ -62,30 +55,30 @@ def list_campaigns(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> No
     from flows.status import campaign_status
 
     found = open_lake(lake)
-    rows = [campaign_status(found, name) for name in _campaign_ids(found)]
+    rows = [campaign_status(found, name) for name in campaign_ids(found)]
     columns = ["campaign", "state", "grasps", "simulated", "best_tool", "best_n"]
     show(rows, table_text(rows, columns), json)
 
 
 @app.command
-def pause(campaign: str | None = None, *, lake: LakePath = DEFAULT_LAKE) -> None:
+def pause(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Finish the current grasp, park the tool, end; `fast campaign run` continues."""
-    _request("pause", campaign, lake)
+    _request("pause", campaign, lake, json)
 
 
 @app.command
-def stop(campaign: str | None = None, *, lake: LakePath = DEFAULT_LAKE) -> None:
+def stop(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Bring the bench to its safe state after this grasp, keep all data, end."""
-    _request("stop", campaign, lake)
+    _request("stop", campaign, lake, json)
 
 
 @app.command
-def abort(campaign: str | None = None, *, lake: LakePath = DEFAULT_LAKE) -> None:
+def abort(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """As stop, and the campaign counts as failed; `fast campaign run` can still continue it."""
-    _request("abort", campaign, lake)
+    _request("abort", campaign, lake, json)
 
 
-def _request(verb: "Verb", campaign: str | None, lake: Path) -> None:
+def _request(verb: "Verb", campaign: str | None, lake: Path, as_json: bool) -> None:
     from models.errors import FastError
     from tasks.control import append_event, is_held
 
@@ -94,7 +87,8 @@ def _request(verb: "Verb", campaign: str | None, lake: Path) -> None:
     if not is_held(found, f"campaign-{name}"):
         raise FastError(f"campaign {name} is not running, so there is nothing to {verb}; nothing was changed.")
     append_event(found, name, verb, f"{verb} asked for on the command line")
-    say(f"asked campaign {name} to {verb}; it ends after the current grasp.")
+    text = f"asked campaign {name} to {verb}; it ends after the current grasp."
+    show({"campaign": name, "asked": verb}, text, as_json)
 
 
 def open_lake(lake: Path) -> "Lake":
@@ -104,7 +98,8 @@ def open_lake(lake: Path) -> "Lake":
     return Lake.open(lake)
 
 
-def _campaign_ids(lake: "Lake") -> list[str]:
+def campaign_ids(lake: "Lake") -> list[str]:
+    """All campaigns of the lake, oldest first."""
     from lake.tables import CampaignRow
 
     return [row["campaign_id"] for row in lake.rows(CampaignRow)]
@@ -115,14 +110,15 @@ def resolve_campaign(lake: "Lake", campaign: str | None) -> str:
     from models.errors import UsageError
     from models.validation import closest
 
-    known = _campaign_ids(lake)
+    known = campaign_ids(lake)
+    if not known:
+        raise UsageError(f"the lake {lake.root} has no campaign; start one with `fast campaign run CONFIG.toml`.")
     if campaign in known:
         return str(campaign)
     if campaign is not None:
         raise UsageError(f"campaign `{campaign}` is not in this lake; {closest(campaign, known)}")
-    if len(known) != 1:
-        listed = ", ".join(known) or "none"
-        raise UsageError(f"this lake has {len(known)} campaigns ({listed}); name one.")
+    if len(known) > 1:
+        raise UsageError(f"this lake has {len(known)} campaigns ({', '.join(known)}); name one.")
     return known[0]
 
 

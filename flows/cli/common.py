@@ -7,10 +7,12 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-LakePath = Annotated[Path, Parameter(name="--lake", env_var="FAST_LAKE", help="folder of the lake")]
-AsJson = Annotated[bool, Parameter(name="--json", negative="", help="print JSON for machines")]
+LakePath = Annotated[Path, Parameter(name="--lake", env_var="FAST_LAKE", help="Folder of the lake.")]
+AsJson = Annotated[bool, Parameter(name="--json", negative="", help="Print the result as JSON, for machines.")]
+CampaignId = Annotated[str | None, Parameter(help="Campaign; not needed when the lake has only one.")]
 
 DEFAULT_LAKE = Path("lake-data")
+_WIDEST_CELL = 60
 
 
 def say(text: str) -> None:
@@ -29,7 +31,7 @@ def show(data: Any, text: str, as_json: bool) -> None:
 
 
 def table_text(rows: list[dict[str, Any]], columns: list[str] | None = None) -> str:
-    """Rows as an aligned plain-text table; numbers to the right."""
+    """Rows as an aligned plain-text table; numbers to the right, long values cut."""
     names = columns or list(rows[0] if rows else {})
     if not rows:
         return "  ".join(names) + "\n(no rows)" if names else "(no rows)"
@@ -47,4 +49,6 @@ def table_text(rows: list[dict[str, Any]], columns: list[str] | None = None) -> 
 def _cell(value: Any) -> str:
     if value is None:
         return ""
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    text = f"{value:.4g}" if isinstance(value, float) else str(value)
+    text = " ".join(text.split("\n"))
+    return text if len(text) <= _WIDEST_CELL else text[: _WIDEST_CELL - 3] + "..."

@@ -1,41 +1,65 @@
 """`fast doctor`: what this machine has and lacks; each failing check ends with its fix."""
 
-import importlib.util
 import os
 import shutil
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Annotated, NamedTuple
+
+from cyclopts import Parameter
 
 from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show
 
-PACKAGES = ("prefect", "duckdb", "pyarrow", "torch", "botorch", "gpytorch", "pymc", "trimesh", "pytetwild",
-            "serial", "pymodbus", "rerun", "numba", "shapely", "qdldl", "matplotlib")  # fmt: skip
 MIN_FREE_GB = 2.0
+MESH_LIMIT_S = 60.0
 
-Check = tuple[str, bool, str]  # name, passed, what was seen or the fix
+
+class Check(NamedTuple):
+    """One check: what was seen, or what is wrong and how to fix it."""
+
+    name: str
+    ok: bool
+    note: str
 
 
-def doctor(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
-    """Check dependencies, solver, mesher, server and disk."""
-    checks: list[Check] = [_python(), *map(_package, PACKAGES), _fastapi(), _disk(lake), _lake(lake), _serial_ports()]
-    checks += [_try("FEM solves a small grasp", _small_grasp, "run `make setup` again; the solver package is broken")]
-    data = [{"check": name, "ok": ok, "note": note} for name, ok, note in checks]
-    lines = [f"{'ok  ' if ok else 'FAIL'}  {name:<32}  {note}" for name, ok, note in checks]
-    show(data, "\n".join(lines), json)
-    if not all(ok for _, ok, _ in checks):
+def doctor(
+    *,
+    lake: LakePath = DEFAULT_LAKE,
+    server: Annotated[
+        bool, Parameter(negative="", help="Also start a Prefect server and stop it again (up to a minute).")
+    ] = False,
+    json: AsJson = False,
+) -> None:
+    """Check Python, packages, solver, mesher, disk, lake and ports; exit status 1 when a check fails."""
+    checks = [_python(), _packages(), _fastapi(), _disk(lake), _lake(lake)]
+    checks += [
+        _try("devices", _serial_ports, "pyserial is broken; run `make setup`"),
+        _try("loopback ports", _loopback, "allow programs to listen on 127.0.0.1"),
+        _try("serial pty", _pty, "mount devpts at /dev/pts; virtual benches need it"),
+        _try("grasp simulation", _small_grasp, "the solver is broken; run `make clean setup`"),
+        _try("mesher fTetWild", _small_mesh, 'run `make clean setup`, or keep mesher = "wedge" in your configs'),
+    ]
+    if server:
+        checks.append(_try("Prefect server", _server, "run `make clean setup`"))
+    lines = [f"{'ok  ' if check.ok else 'FAIL'}  {check.name:<18} {check.note}" for check in checks]
+    show([check._asdict() for check in checks], "\n".join(lines), json)
+    if not all(check.ok for check in checks):
         sys.exit(1)
 
 
 def _python() -> Check:
     version = ".".join(map(str, sys.version_info[:3]))
     ok = (3, 11) <= sys.version_info[:2] < (3, 13)
-    return "python", ok, version if ok else f"{version}; install Python 3.11 and run `make setup`"
+    return Check("python", ok, version if ok else f"{version}; install Python 3.11 or 3.12, then `make clean setup`")
 
 
-def _package(name: str) -> Check:
-    found = importlib.util.find_spec(name) is not None
-    return f"package {name}", found, "" if found else "missing; run `make setup`"
+def _packages() -> Check:
+    from flows.dependencies import ALL, is_installed, missing_sentence
+
+    missing = [name for name in ALL if not is_installed(name)]
+    return Check("packages", not missing, missing_sentence(missing) if missing else f"all {len(ALL)} are installed")
 
 
 def _fastapi() -> Check:
@@ -44,9 +68,10 @@ def _fastapi() -> Check:
     try:
         found = version("fastapi")
     except PackageNotFoundError:
-        return "fastapi version", False, "missing; run `make setup`"
+        return Check("fastapi version", False, "missing; run `make setup`")
     ok = (0, 139) <= tuple(int(part) for part in found.split(".")[:2]) < (0, 151)
-    return "fastapi version", ok, found if ok else f"{found} breaks the Prefect server; run `make setup`"
+    note = found if ok else f"{found}, the Prefect server needs 0.139 to 0.150; run `make clean setup`"
+    return Check("fastapi version", ok, note)
 
 
 def _disk(lake: Path) -> Check:
@@ -54,28 +79,46 @@ def _disk(lake: Path) -> Check:
     free_gb = shutil.disk_usage(folder).free / 1e9
     ok = free_gb > MIN_FREE_GB
     note = f"{free_gb:.0f} GB free"
-    return "disk", ok, note if ok else f"{note} at {folder}, at least {MIN_FREE_GB:.0f} GB needed; free some"
+    return Check("disk", ok, note if ok else f"{note} at {folder}, at least {MIN_FREE_GB:.0f} GB needed; free some")
 
 
 def _lake(lake: Path) -> Check:
-    from lake.store import Lake
+    from lake.store import MARKER, Lake
     from models.errors import FastError
 
-    if not lake.exists():
-        return "lake", True, f"none yet at {lake}; `fast campaign run` makes one"
     try:
+        if not (lake / MARKER).is_file() and not (lake.exists() and any(lake.iterdir())):
+            return Check("lake", True, f"none yet at {lake}; `fast campaign run` makes one")
         Lake.open(lake)
+        # Permissions alone do not tell: the file system may be mounted read-only.
+        with tempfile.NamedTemporaryFile(dir=lake, prefix=f".{MARKER}."):
+            pass
     except FastError as error:
-        return "lake", False, str(error)
-    ok = os.access(lake, os.W_OK)
-    return "lake", ok, str(lake) if ok else f"{lake} is read-only; correct its permissions"
+        return Check("lake", False, str(error))
+    except OSError as error:
+        return Check("lake", False, f"{lake} cannot be written ({error.strerror}); correct its permissions")
+    return Check("lake", True, f"{lake} can be read and written")
 
 
-def _serial_ports() -> Check:
+def _serial_ports() -> str:
     from serial.tools import list_ports
 
     ports = [port.device for port in list_ports.comports()]
-    return "serial ports", True, ", ".join(ports) or "none (a virtual bench needs none)"
+    return ", ".join(ports) or "no serial port (a virtual bench needs none)"
+
+
+def _loopback() -> str:
+    import socket
+
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    return f"listening works (tried port {port})"
+
+
+def _pty() -> str:
+    for handle in os.openpty():
+        os.close(handle)
+    return "opens"
 
 
 def _small_grasp() -> str:
@@ -85,11 +128,28 @@ def _small_grasp() -> str:
     from models.records import GraspSetup
 
     result = simulate_grasp(BEST_PUBLISHED, get_object(0), setup=GraspSetup(max_lift_mm=2))
-    return f"{result.n_dof} degrees of freedom in {result.cpu_s:.1f} s of CPU"
+    return f"2 mm of lift, {result.n_dof} degrees of freedom in {result.cpu_s:.1f} s of CPU"
+
+
+def _small_mesh() -> str:
+    import trimesh
+
+    from models.mesh.tetwild import tetrahedralise
+
+    box = trimesh.creation.box(extents=(10, 10, 10))
+    _, tetrahedra = tetrahedralise(box.vertices, box.faces, 5.0, MESH_LIMIT_S)
+    return f"a box gave {len(tetrahedra)} tetrahedra"
+
+
+def _server() -> str:
+    from flows.prefect_server import server
+
+    with tempfile.TemporaryDirectory(prefix="fast-doctor-") as folder, server(Path(folder)) as api_url:
+        return f"answered at {api_url}"
 
 
 def _try(name: str, check: Callable[[], str], fix: str) -> Check:
     try:
-        return name, True, check()
+        return Check(name, True, check())
     except Exception as error:
-        return name, False, f"{error}; {fix}"
+        return Check(name, False, f"{str(error).rstrip('.')}; {fix}")

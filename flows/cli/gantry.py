@@ -1,84 +1,127 @@
 """`fast gantry`: move the bench by hand. A virtual bench unless a real one is asked for and confirmed."""
 
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
+from cyclopts.validators import Number
 
-from flows.cli.common import AsJson, say, show
+from flows.cli.common import AsJson, show
 from flows.cli.virtual import Designs, rack
 
 if TYPE_CHECKING:
     from hardware.bench import Bench
     from hardware.cell import MeasuredGrasp
+    from hardware.tools import MountedTool
 
-app = App(name="gantry", help="Move the bench by hand: home, park, tare, grasp, faults.")
+app = App(name="gantry", help="Move the bench by hand: home, park, tare, grasp, faults. All of them home first.")
 
-WorldFile = Annotated[Path, Parameter(help="world of the virtual bench")]
-RealFile = Annotated[Path | None, Parameter(help="bench file: drive real hardware, after a typed confirmation")]
+WorldFile = Annotated[Path, Parameter(help="World of the virtual bench.")]
+RealFile = Annotated[Path | None, Parameter(help="Bench file: drive real hardware, after a typed confirmation.")]
+Vent = Annotated[
+    bool, Parameter(negative="", help="A closed gripper may open before homing: a person looked, nothing hangs in it.")
+]
 DEFAULT_WORLD = Path("worlds/quick.toml")
 
 
 @app.command
-def home(*, world: WorldFile = DEFAULT_WORLD, real: RealFile = None) -> None:
+def home(*, world: WorldFile = DEFAULT_WORLD, real: RealFile = None, vent: Vent = False, json: AsJson = False) -> None:
     """Connect to all devices and home the gantry."""
-    with _bench(world, real, None) as bench:
+    with _bench(world, real, vent) as bench:
         x, y, z = bench.gantry.position_mm()
-        say(f"homed; head at x {x:.1f}, y {y:.1f}, z {z:.1f} mm")
+    text = f"homed; head at x {x:.1f}, y {y:.1f}, z {z:.1f} mm"
+    show({"x_mm": x, "y_mm": y, "z_mm": z}, text, json)
 
 
 @app.command
-def park(*, world: WorldFile = DEFAULT_WORLD, real: RealFile = None) -> None:
-    """Dock the tool on the head, if any, and close the air supply."""
-    with _bench(world, real, None) as bench:
+def park(*, world: WorldFile = DEFAULT_WORLD, real: RealFile = None, vent: Vent = False, json: AsJson = False) -> None:
+    """End the safe state after a person looked: open the gripper, dock the tool on the head, close the air supply."""
+    with _bench(world, real, vent) as bench:
+        bench.cell.recover()
         bench.cell.park()
-        say("parked; the head carries no tool and the air supply is closed")
+    show({"parked": True}, "parked; the head carries no tool and the air supply is closed", json)
 
 
 @app.command
-def tare(*, world: WorldFile = DEFAULT_WORLD, real: RealFile = None) -> None:
-    """Zero the load cell with the head hanging free, and print the force that was taken as zero."""
-    with _bench(world, real, None) as bench:
+def tare(*, world: WorldFile = DEFAULT_WORLD, real: RealFile = None, json: AsJson = False) -> None:
+    """Zero the load cell with the head hanging free, and say what was taken as zero."""
+    with _bench(world, real) as bench:
         bench.force.tare()
         base = bench.force.baseline(1.0)
-        say(f"tared: {base.gross_n:.3f} N gross hang free; net {base.net_n:.3f} N, noise {base.sd_n:.3f} N")
+    text = f"tared: {base.gross_n:.3f} N gross hang free; net {base.net_n:.3f} N, noise {base.sd_n:.3f} N"
+    show({"gross_n": base.gross_n, "net_n": base.net_n, "noise_sd_n": base.sd_n}, text, json)
 
 
 @app.command
 def grasp(
     *,
-    object: Annotated[int, Parameter(help="object id, 0 to 35")],
-    slot: Annotated[int, Parameter(help="slot of the tool in the rack, 0 to 9")] = 0,
-    repeats: int = 1,
+    object: Annotated[int, Parameter(help="Object id, 0 to 35.")],
+    slot: Annotated[int, Parameter(help="Slot of the tool in the rack, 0 to 9.")] = 0,
+    repeats: Annotated[int, Parameter(help="How many grasps.", validator=Number(gte=1))] = 1,
     design: Designs = None,
     world: WorldFile = DEFAULT_WORLD,
     real: RealFile = None,
     json: AsJson = False,
 ) -> None:
-    """Pick a tool, grasp one object, lift to separation, park the tool. Nothing is written to a lake."""
-    from models.features import peak_force_n, work_j
+    """Pick a tool, grasp one object, lift to separation, park the tool; exit status 1 when a grasp failed.
+
+    Nothing is written to a lake.
+    """
     from models.records import GraspSetup
 
+    tools = rack(design)
+    _check_target(object, slot, tools)
     made: list[MeasuredGrasp] = []
     plan = [(object, repeat) for repeat in range(repeats)]
-    with _bench(world, real, design) as bench:
+    with _bench(world, real, tools=tools) as bench:
         bench.cell.measure_tool(slot, plan, GraspSetup(), made.append, lambda: False)
-    rows: list[dict[str, Any]] = [
-        {
-            "object_id": g.object_id,
-            "repeat": g.repeat,
-            "status": g.status,
-            "reason": g.reason,
-            "peak_force_n": peak_force_n(g.trace),
-            "work_j": work_j(g.trace),
-            "n_samples": len(g.trace.force_n),
-        }
-        for g in made
+    rows = [_grasp_row(g) for g in made]
+    show(rows, "\n".join(_grasp_line(row) for row in rows), json)
+    if any(row["status"] != "ok" for row in rows):
+        sys.exit(1)
+
+
+@app.command
+def faults(*, world: WorldFile = DEFAULT_WORLD, real: RealFile = None, json: AsJson = False) -> None:
+    """Connect to every device, home, and say what is wrong, if anything (then exit status 1)."""
+    with _bench(world, real) as bench:
+        reading = bench.force.read()
+        x, y, z = bench.gantry.position_mm()
+        is_pressed = bench.pneumatics.is_estop_pressed()
+    data = {"position_mm": [x, y, z], "is_estop_pressed": is_pressed, "gross_n": reading.gross_n}
+    lines = [
+        f"gantry       ready at {x:.1f}, {y:.1f}, {z:.1f} mm",
+        f"PLC          e-stop {'PRESSED' if is_pressed else 'released'}",
+        f"load cell    {reading.gross_n:.2f} N gross, no fault",
     ]
-    text = "\n".join(_grasp_line(row) for row in rows)
-    show(rows, text, json)
+    show(data, "\n".join(lines), json)
+
+
+def _check_target(object_id: int, slot: int, tools: "Mapping[int, MountedTool]") -> None:
+    """Raises UsageError for an unknown object or an empty slot, before a bench is opened."""
+    from hardware.layout import BenchLayout
+    from models.errors import UsageError
+
+    BenchLayout().object_xy_mm(object_id)
+    if slot not in tools:
+        raise UsageError(f"slot {slot} has no tool; mounted are slots {min(tools)} to {max(tools)}.")
+
+
+def _grasp_row(made: "MeasuredGrasp") -> dict[str, Any]:
+    from models.features import peak_force_n, work_j
+
+    return {
+        "object_id": made.object_id,
+        "repeat": made.repeat,
+        "status": made.status,
+        "reason": made.reason,
+        "peak_force_n": peak_force_n(made.trace),
+        "work_j": work_j(made.trace),
+        "n_samples": len(made.trace.force_n),
+    }
 
 
 def _grasp_line(row: dict[str, Any]) -> str:
@@ -89,35 +132,27 @@ def _grasp_line(row: dict[str, Any]) -> str:
     return line if row["status"] == "ok" else f"{line}; failed: {row['reason']}"
 
 
-@app.command
-def faults(*, world: WorldFile = DEFAULT_WORLD, real: RealFile = None) -> None:
-    """Connect to every device and say what is wrong with it, if anything."""
-    with _bench(world, real, None) as bench:
-        reading = bench.force.read()
-        say(f"gantry       ready at {', '.join(f'{v:.1f}' for v in bench.gantry.position_mm())} mm")
-        say(f"PLC          e-stop {'PRESSED' if bench.pneumatics.is_estop_pressed() else 'released'}")
-        say(f"load cell    {reading.gross_n:.2f} N gross, no fault")
-
-
 @contextmanager
-def _bench(world: Path, real: Path | None, designs: list[Path] | None) -> "Iterator[Bench]":
+def _bench(
+    world: Path, real: Path | None, may_vent: bool = False, tools: "Mapping[int, MountedTool] | None" = None
+) -> "Iterator[Bench]":
     """The bench asked for, connected and homed.
 
     Raises:
-        UsageError: the real bench was not confirmed.
+        UsageError: a wrong file, or the real bench was not confirmed.
     """
     from flows.cli.campaign import typed_confirmation
     from flows.launch import read_bench, read_world
     from hardware.bench import open_real_bench, open_virtual_bench
     from models.errors import UsageError
 
-    tools = rack(designs)
+    mounted = rack(None) if tools is None else tools
     if real is None:
-        with open_virtual_bench(read_world(world), tools) as bench:
+        with open_virtual_bench(read_world(world), mounted) as bench:
             yield bench
         return
     settings = read_bench(real)
     if not typed_confirmation("move", str(real)):
         raise UsageError("--real was not confirmed; nothing was moved.")
-    with open_real_bench(settings, tools) as bench:
+    with open_real_bench(settings, mounted, may_vent=may_vent) as bench:
         yield bench

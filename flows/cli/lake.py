@@ -1,37 +1,57 @@
 """`fast lake`: import, export, check, compact and measure the lake."""
 
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
+
+if TYPE_CHECKING:
+    from lake.store import Lake
 
 app = App(name="lake", help="Import, export, check, compact and measure the lake.")
 
 
 @app.command(name="import")
 def import_(
-    directory: Path, *, lake: LakePath = DEFAULT_LAKE, campaign: str | None = None, json: AsJson = False
+    directory: Annotated[Path, Parameter(help="Folder with designs.csv, grasps.csv and traces.parquet (or .csv).")],
+    *,
+    lake: LakePath = DEFAULT_LAKE,
+    campaign: Annotated[
+        str | None, Parameter(help="Campaign the measured grasps become part of; default: import-FOLDER.")
+    ] = None,
+    json: AsJson = False,
 ) -> None:
     """Import designs, grasps and traces in the hand-off format; all of it or, with every fault named, nothing."""
     from lake.handoff import import_handoff
+    from lake.handoff_files import read_handoff
     from lake.provenance import current_provenance
-    from lake.store import Lake
+    from lake.store import MARKER, Lake
 
+    if not (lake / MARKER).is_file():
+        read_handoff(directory, set())  # a folder that cannot be imported makes no lake
     counts = import_handoff(Lake.open(lake, create=True), directory, current_provenance(), campaign_id=campaign)
     show(counts._asdict(), _counts_text("imported", counts._asdict()), json)
 
 
 @app.command
 def export(
-    directory: Path, *, lake: LakePath = DEFAULT_LAKE, campaign: str | None = None, json: AsJson = False
+    directory: Annotated[Path, Parameter(help="Folder to write to; must hold no hand-off files yet.")],
+    *,
+    lake: LakePath = DEFAULT_LAKE,
+    campaign: Annotated[str | None, Parameter(help="Export this campaign alone; default: everything.")] = None,
+    json: AsJson = False,
 ) -> None:
     """Export designs, grasps and traces in the hand-off format."""
     from lake.handoff import export_handoff
     from lake.store import Lake
 
-    counts = export_handoff(Lake.open(lake), directory, campaign_id=campaign)
+    found = Lake.open(lake)
+    if campaign is not None:
+        _check_campaign(found, campaign)
+    counts = export_handoff(found, directory, campaign_id=campaign)
     show(counts._asdict(), _counts_text("exported", counts._asdict()), json)
 
 
@@ -39,12 +59,10 @@ def export(
 def check(
     *,
     lake: LakePath = DEFAULT_LAKE,
-    quarantine: Annotated[bool, Parameter(negative="", help="set bad files aside; nothing is deleted")] = False,
+    quarantine: Annotated[bool, Parameter(negative="", help="Set bad files aside; nothing is deleted.")] = False,
     json: AsJson = False,
 ) -> None:
     """Find torn, foreign and incomplete files; exit status 1 when there are any."""
-    import sys
-
     from lake.maintenance import check as check_lake
     from lake.store import Lake
 
@@ -56,22 +74,22 @@ def check(
 
 
 @app.command
-def compact(*, lake: LakePath = DEFAULT_LAKE) -> None:
-    """Merge small files; readers and writers need not stop."""
+def compact(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
+    """Merge small files into few; no row is lost, and readers and writers need not stop."""
     from lake.maintenance import compact as compact_table
     from lake.store import Lake
     from lake.tables import TABLES
 
     found = Lake.open(lake)
-    for row_type in TABLES:
-        done = compact_table(found, row_type)
-        if done.n_files_before != done.n_files_after:
-            say(f"{row_type.table}: {done.n_files_before} files merged into {done.n_files_after}")
+    rows = [compact_table(found, row_type)._asdict() for row_type in TABLES]
+    merged = [row for row in rows if row["n_files_before"] != row["n_files_after"]]
+    lines = [f"{row['table']}: {row['n_files_before']} files merged into {row['n_files_after']}" for row in merged]
+    show(rows, "\n".join(lines) or "nothing to merge.", json)
 
 
 @app.command
 def stats(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
-    """Rows, files and size of every table."""
+    """Rows, files and size of every table; superseded rows are kept, but no query sees them."""
     from lake.maintenance import stats as table_stats
     from lake.store import Lake
 
@@ -79,5 +97,17 @@ def stats(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     show(rows, table_text(rows, ["table", "n_rows", "n_files", "n_superseded", "size_mb"]), json)
 
 
+def _check_campaign(lake: "Lake", campaign: str) -> None:
+    """Raises UsageError when neither a campaign nor an import of this name is in the lake."""
+    from models.errors import UsageError
+    from models.validation import closest
+
+    sql = "SELECT campaign_id FROM campaigns UNION SELECT campaign_id FROM grasps"
+    known = lake.query(sql).column(0).to_pylist()
+    if campaign not in known:
+        raise UsageError(f"campaign `{campaign}` is not in this lake; {closest(campaign, known)}")
+
+
 def _counts_text(verb: str, counts: dict[str, int]) -> str:
-    return f"{verb} " + ", ".join(f"{n} {name.removeprefix('n_').replace('_', ' ')}" for name, n in counts.items())
+    words = {"n_designs": "designs", "n_real": "measured grasps", "n_sim": "simulated grasps", "n_samples": "samples"}
+    return f"{verb} " + ", ".join(f"{n} {words[name]}" for name, n in counts.items())

@@ -5,12 +5,15 @@ import os
 import sys
 
 from cyclopts import App
-from cyclopts.exceptions import CycloptsError
+from cyclopts.exceptions import CycloptsError, MissingArgumentError
 
 app = App(
     name="fast",
     help="FAST: design soft grippers with simulations, a printer and a gantry.",
+    help_epilogue="Exit status: 0 done, 1 failed, 2 wrong use (then nothing was written). "
+    "`fast COMMAND --help` explains a command.",
     version_flags=["--version"],
+    suppress_keyboard_interrupt=False,
 )
 for _name, _target, _help in (
     ("campaign", "flows.cli.campaign:app", "Start, continue, watch and stop campaigns."),
@@ -24,31 +27,44 @@ for _name, _target, _help in (
     ("view", "flows.cli.results:view", "Look at a grasp, design or campaign in Rerun."),
     ("serve", "flows.cli.serve:serve", "Prefect server with its pages; prints the address."),
     ("bench", "flows.cli.benchmarks:app", "Performance and study benchmarks."),
-    ("doctor", "flows.cli.doctor:doctor", "Check dependencies, ports and disk; each failure comes with its fix."),
+    (
+        "doctor",
+        "flows.cli.doctor:doctor",
+        "Check dependencies, solver, disk and ports; each failure comes with its fix.",
+    ),
 ):
     app.command(_target, name=_name, help=_help)
 
 
 def main() -> None:
-    """Run `fast`; exit status 0 done, 1 failed, 2 wrong use."""
+    """Run `fast`; exit status 0 done, 1 failed, 2 wrong use, 130 interrupted."""
     # Several processes work side by side: one thread each, set before numpy is imported.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
-    status = _run()
+    status = run(None)
     if "prefect" in sys.modules:
         _leave(status)
     sys.exit(status)
 
 
-def _run() -> int:
+def run(words: list[str] | None) -> int:
+    """Run the command in `words` (default: the process's arguments); returns the exit status.
+
+    An error that nobody expected (a bug) goes through, with its traceback.
+    """
     try:
-        app(exit_on_error=False, result_action="return_value")
-    except CycloptsError:
-        return 2
+        app(words, exit_on_error=False, print_error=False, result_action="return_value")
+    except CycloptsError as error:
+        return _fail(_usage_sentence(error), 2)
     except ModuleNotFoundError as error:
-        return _fail(f"the package `{error.name}` is not installed; install it with `make setup`.", 2)
+        return _missing(error)
     except KeyboardInterrupt:
         return _fail("interrupted; what was finished is in the lake.", 130)
+    except BrokenPipeError:
+        _drop_output()
+        return 1
+    except SystemExit as asked:
+        return asked.code if isinstance(asked.code, int) else 1
     except Exception as error:
         from models.errors import FastError
 
@@ -58,9 +74,34 @@ def _run() -> int:
     return 0
 
 
+def _usage_sentence(error: CycloptsError) -> str:
+    """What cyclopts found wrong, on one line, and where the right use is explained."""
+    error.verbose = False
+    command = " ".join(["fast", *(error.command_chain or [])])
+    sentence = " ".join(str(error).split())
+    if isinstance(error, MissingArgumentError) and error.argument is not None and not error.argument.tokens:
+        sentence = f"`{command}` needs {error.argument.name}: {error.argument.parameter.help}"
+    sentence = sentence.replace("into int", "into a whole number").replace("into float", "into a number")
+    return f"{sentence} See `{command} --help`."
+
+
+def _missing(error: ModuleNotFoundError) -> int:
+    from flows.dependencies import OWN, missing_sentence
+
+    name = (error.name or "").partition(".")[0]
+    if not name or name in OWN:
+        raise error  # a bug of ours, not something to install
+    return _fail(missing_sentence([name]), 2)
+
+
 def _fail(sentence: str, status: int) -> int:
     print(f"fast: {sentence}", file=sys.stderr)
     return status
+
+
+def _drop_output() -> None:
+    """The reader of our output has gone (`| head`): what is left goes nowhere, without a traceback at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _leave(status: int) -> None:

@@ -2,16 +2,18 @@
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from cyclopts import App, Parameter
 
-from flows.cli.common import DEFAULT_LAKE, LakePath, say
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show
 
 if TYPE_CHECKING:
     from tasks.printing import MeasuredTool
 
 app = App(name="print", help="Print sheets, and the word of the person who printed.")
+
+V = TypeVar("V")
 
 MEASURES = {
     "front": "measured_front_thickness_mm",
@@ -21,55 +23,49 @@ MEASURES = {
 }
 
 
-@app.command
-def sheet(batch: str, *, lake: LakePath = DEFAULT_LAKE, out: Path | None = None) -> None:
-    """Write the tray files and the sheet of a batch again.
+Batch = Annotated[str, Parameter(help="Batch, e.g. quick/B01 (or B01 when the lake has one campaign).")]
 
-    Parameters
-    ----------
-    batch
-        Batch, e.g. quick/B01 (or B01 when the lake has one campaign).
-    lake
-        Folder of the lake.
-    out
-        Folder to write to; by default the campaign's output folder.
-    """
+
+@app.command
+def sheet(
+    batch: Batch,
+    *,
+    lake: LakePath = DEFAULT_LAKE,
+    out: Annotated[Path | None, Parameter(help="Folder to write to; default: the campaign's output folder.")] = None,
+    json: AsJson = False,
+) -> None:
+    """Write the tray files and the sheet of a batch again."""
     from lake.store import Lake
     from tasks.printing import print_folder, write_tray
 
     found = Lake.open(lake)
     campaign_id, number = parse_batch(found, batch)
     folder = out or print_folder(found, campaign_id, number)
-    say(str(write_tray(found, campaign_id, number, folder)))
+    page = write_tray(found, campaign_id, number, folder)
+    show({"batch": f"{campaign_id}/B{number:02d}", "sheet": str(page)}, str(page), json)
 
 
 @app.command
 def confirm(
-    batch: str,
+    batch: Batch,
     *,
-    operator: str,
+    operator: Annotated[str, Parameter(help="Who printed and mounted it.")],
     lake: LakePath = DEFAULT_LAKE,
-    material_lot: str = "",
-    reject: Annotated[list[str] | None, Parameter(negative="")] = None,
-    measured: Annotated[list[str] | None, Parameter(negative="")] = None,
+    material_lot: Annotated[str, Parameter(help="Lot of the printing material.")] = "",
+    reject: Annotated[
+        list[str] | None,
+        Parameter(negative="", help="SLOT=reason of a tool that cannot be used; may be given several times."),
+    ] = None,
+    measured: Annotated[
+        list[str] | None,
+        Parameter(
+            negative="",
+            help="SLOT:front=MM,back=MM,rib=MM,hardness=SHORE_A as measured; may be given several times.",
+        ),
+    ] = None,
+    json: AsJson = False,
 ) -> None:
-    """Say that a batch is printed and mounted; the campaign goes on.
-
-    Parameters
-    ----------
-    batch
-        Batch, e.g. quick/B01 (or B01 when the lake has one campaign).
-    operator
-        Who printed and mounted it.
-    lake
-        Folder of the lake.
-    material_lot
-        Lot of the printing material.
-    reject
-        SLOT=reason of a finger pair that cannot be used; may be given several times.
-    measured
-        SLOT:front=MM,back=MM,rib=MM,hardness=SHORE_A as measured; may be given several times.
-    """
+    """Say that a batch is printed and mounted; the campaign goes on."""
     from lake.store import Lake
     from models.validation import load_record
     from tasks.printing import PrintConfirmation, confirm_print
@@ -81,13 +77,15 @@ def confirm(
         {
             "operator": operator,
             "material_lot": material_lot,
-            "rejected": dict(_rejection(entry) for entry in reject or []),
-            "measured": dict(_measurement(entry) for entry in measured or []),
+            "rejected": _by_slot("--reject", [_rejection(entry) for entry in reject or []]),
+            "measured": _by_slot("--measured", [_measurement(entry) for entry in measured or []]),
         },
         "print confirmation",
     )
     n_mounted = confirm_print(found, campaign_id, number, word)
-    say(f"batch {campaign_id}/B{number:02d}: {n_mounted} tools mounted, {len(word.rejected)} rejected.")
+    name, n_rejected = f"{campaign_id}/B{number:02d}", len(word.rejected)
+    data = {"batch": name, "n_mounted": n_mounted, "n_rejected": n_rejected, "operator": operator}
+    show(data, f"batch {name}: {n_mounted} tools mounted, {n_rejected} rejected.", json)
 
 
 def parse_batch(lake: Any, text: str) -> tuple[str, int]:
@@ -103,6 +101,17 @@ def parse_batch(lake: Any, text: str) -> tuple[str, int]:
     if match is None:
         raise UsageError(f"`{text}` is not a batch; write it like quick/B01 or B01.")
     return resolve_campaign(lake, match["campaign"]), int(match["batch"])
+
+
+def _by_slot(option: str, entries: list[tuple[int, V]]) -> dict[int, V]:
+    """Raises UsageError when a slot is named twice: one word would silently win over the other."""
+    from models.errors import UsageError
+
+    slots = [slot for slot, _ in entries]
+    twice = sorted({slot for slot in slots if slots.count(slot) > 1})
+    if twice:
+        raise UsageError(f"{option} names slot {twice[0]} twice; give everything about a slot once.")
+    return dict(entries)
 
 
 def _rejection(entry: str) -> tuple[int, str]:

@@ -1,16 +1,26 @@
 """`fast report` and `fast view`: what a campaign found, as pages and recordings."""
 
+import shutil
 import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show
+from flows.cli.common import DEFAULT_LAKE, AsJson, CampaignId, LakePath, show
+
+if TYPE_CHECKING:
+    from lake.store import Lake
 
 
 def report(
-    campaign: str | None = None, *, lake: LakePath = DEFAULT_LAKE, out: Path | None = None, json: AsJson = False
+    campaign: CampaignId = None,
+    *,
+    lake: LakePath = DEFAULT_LAKE,
+    out: Annotated[Path | None, Parameter(help="Folder to write to; default: the campaign's output folder.")] = None,
+    json: AsJson = False,
 ) -> None:
     """Write a campaign's report as one folder of HTML, figures and data; works on an unfinished campaign too."""
     from flows.cli.campaign import open_lake, resolve_campaign
@@ -23,23 +33,60 @@ def report(
 
 
 def view(
-    what: Annotated[str, Parameter(help="grasp id (K...) or campaign name")],
+    what: Annotated[str, Parameter(help="Grasp id (K...), design id (D...) or campaign.")],
     *,
     lake: LakePath = DEFAULT_LAKE,
-    save: Annotated[Path | None, Parameter(help="write the recording here and open no viewer")] = None,
+    save: Annotated[Path | None, Parameter(help="Write the recording (.rrd) to this file and open no viewer.")] = None,
+    json: AsJson = False,
 ) -> None:
-    """Show force traces with finger and object in the Rerun viewer."""
-    from flows.cli.campaign import open_lake, resolve_campaign
-    from flows.viewer.rerun import write_grasp_recording, write_recording
-    from lake.tables import GraspRow
+    """Show a grasp, the fingers of a design, or a whole campaign in the Rerun viewer."""
+    from flows.cli.campaign import open_lake
 
     found = open_lake(lake)
-    path = save or found.root / "outputs" / f"{what.replace('/', '-')}.rrd"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if found.has(GraspRow, what):
-        write_grasp_recording(found, what, path)
-    else:
-        write_recording(found, resolve_campaign(found, what), path)
-    show({"recording": str(path)}, str(path), False)
-    if save is None:
-        subprocess.run(["rerun", str(path)], check=False)
+    write = _recorder(found, what)
+    viewer = None if save else _viewer()
+    path = write(save or found.root / "outputs" / f"{what.replace('/', '-')}.rrd")
+    show({"shown": what, "recording": str(path)}, str(path), json)
+    if viewer:
+        subprocess.run([viewer, str(path)], check=False)
+
+
+def _recorder(lake: "Lake", what: str) -> Callable[[Path], Path]:
+    """What writes the recording of a grasp, design or campaign.
+
+    Raises:
+        UsageError: the lake has nothing of this name.
+    """
+    from flows.cli.campaign import campaign_ids
+    from flows.viewer.rerun import write_design_recording, write_grasp_recording, write_recording
+    from lake.tables import DesignRow, GraspRow
+    from models.errors import UsageError
+
+    if lake.has(GraspRow, what):
+        return lambda path: write_grasp_recording(lake, what, path)
+    if lake.has(DesignRow, what):
+        return lambda path: write_design_recording(lake, what, path)
+    if what in campaign_ids(lake):
+        return lambda path: write_recording(lake, what, path)
+    raise UsageError(
+        f"`{what}` is no grasp, design or campaign of this lake; list them with "
+        '`fast sql "SELECT grasp_id, tool_id, object_id FROM grasps"`, `fast sql "FROM designs"` or '
+        "`fast campaign list`."
+    )
+
+
+def _viewer() -> str:
+    """The Rerun viewer beside this Python, or on the path.
+
+    Raises:
+        MissingDependencyError: there is none.
+    """
+    from models.errors import MissingDependencyError
+
+    beside = str(Path(sys.executable).parent)
+    viewer = shutil.which("rerun", path=beside) or shutil.which("rerun")
+    if viewer is None:
+        raise MissingDependencyError(
+            "the viewer `rerun` is not installed; run `make setup`, or write the recording to a file with --save."
+        )
+    return viewer

@@ -6,35 +6,45 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from flows.cli.common import AsJson, say, show
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show
 
 if TYPE_CHECKING:
+    from models.errors import UsageError
     from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion
 
 
 def simulate(
     *,
     design: Annotated[
-        Path | None, Parameter(help="JSON file with the nine parameters; default: best published")
+        Path | None, Parameter(help="JSON file with the nine parameters; default: the best published design.")
     ] = None,
-    object: Annotated[int, Parameter(help="object id, 0 to 35")],
+    object: Annotated[int, Parameter(help="Object id, 0 to 35.")],
+    version: Annotated[
+        str | None, Parameter(help="Simulator version (V...) of the lake; default: the program's own values.")
+    ] = None,
     set: Annotated[
-        list[str] | None, Parameter(negative="", help="theta, grasp or mesh value, e.g. friction=0.5")
+        list[str] | None,
+        Parameter(
+            negative="", help="One value of theta, grasp or mesh, e.g. friction=0.5; may be given several times."
+        ),
     ] = None,
-    out: Annotated[Path | None, Parameter(help="folder for trace.csv, result.json and grasp.png")] = None,
+    out: Annotated[Path | None, Parameter(help="Folder for trace.csv, result.json and grasp.png.")] = None,
+    lake: LakePath = DEFAULT_LAKE,
     json: AsJson = False,
 ) -> None:
-    """Simulate one grasp: closing, lift and pull-off."""
+    """Simulate one grasp: closing, lift and pull-off. Without --out, nothing is written."""
     from models.fem.grasp import simulate_grasp
     from models.objects.catalogue import get_object
 
-    chosen = read_design(design)
-    version, setup = apply_settings(set or [])
-    result = simulate_grasp(chosen, get_object(object), version, setup)
+    chosen, met = read_design(design), get_object(object)
+    simulator, setup = apply_settings(set or [], read_version(lake, version))
+    if out is not None:
+        _make_folder(out)
+    result = simulate_grasp(chosen, met, simulator, setup)
     data = {
         "design_id": chosen.design_id,
         "object_id": object,
-        "version_id": version.version_id,
+        "version_id": simulator.version_id,
         "peak_force_n": result.peak_force_n,
         "contact_force_n": result.contact_force_n,
         "work_j": result.work_j,
@@ -66,31 +76,59 @@ def read_design(path: Path | None) -> "Design":
         data = json_module.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"design file `{path}` cannot be read: {error.strerror}; give an existing file.") from error
-    except ValueError as error:
+    except ValueError as error:  # broken JSON, or bytes that are no text
         raise ConfigError(f"design file `{path}` is not JSON: {error}; correct it.") from error
     return load_record(Design, data, str(path))
 
 
-def apply_settings(settings: list[str]) -> "tuple[SimulatorVersion, GraspSetup]":
-    """Simulator version and grasp setup with `name=value` settings applied to theta, grasp and mesh.
+def read_version(lake: Path, version_id: str | None) -> "SimulatorVersion":
+    """A simulator version of the lake, or the default one.
+
+    Raises:
+        UsageError: the lake has no such version, or it is another lab's simulator.
+    """
+    from models.errors import UsageError
+    from models.records import SimulatorVersion
+    from models.validation import closest, load_record
+
+    if version_id is None:
+        return SimulatorVersion()
+    from lake.store import Lake
+    from lake.tables import SimulatorVersionRow
+
+    rows = Lake.open(lake).rows(SimulatorVersionRow)
+    known = {row["version_id"]: row["version_json"] for row in rows if row["tier"] != "imported"}
+    if version_id not in known:
+        raise UsageError(f"simulator version `{version_id}` is not in {lake}; {closest(version_id, list(known))}")
+    return load_record(SimulatorVersion, json_module.loads(known[version_id]), f"simulator version {version_id}")
+
+
+def apply_settings(settings: list[str], base: "SimulatorVersion") -> "tuple[SimulatorVersion, GraspSetup]":
+    """The base version and the default grasp setup with `name=value` settings applied to theta, grasp and mesh.
 
     Raises:
         ConfigError: unknown name or value out of range.
     """
     from models.errors import ConfigError
-    from models.records import GraspSetup, MeshSettings, SimulatorVersion, Theta
+    from models.records import GraspSetup, MeshSettings, Theta
     from models.validation import closest, load_record
 
-    sections = {Theta: {}, GraspSetup: {}, MeshSettings: {}}  # type: dict[Any, dict[str, Any]]
+    sections: dict[Any, dict[str, Any]] = {
+        Theta: base.theta.model_dump(),
+        GraspSetup: {},
+        MeshSettings: base.mesh.model_dump(),
+    }
     for setting in settings:
-        name, _, value = setting.partition("=")
+        name, equals, value = setting.partition("=")
+        if not equals:
+            raise ConfigError(f"--set `{setting}` has no value; write it like --set friction=0.5.")
         owner = next((record for record in sections if name in record.model_fields), None)
         if owner is None:
             known = [field for record in sections for field in record.model_fields]
             raise ConfigError(f"--set {setting}: unknown name `{name}`; {closest(name, known)}")
         sections[owner][name] = value
     theta, setup, mesh = (load_record(record, values, "--set") for record, values in sections.items())
-    return SimulatorVersion(theta=theta, mesh=mesh), setup
+    return base.model_copy(update={"theta": theta, "mesh": mesh}), setup
 
 
 def write_result(out: Path, design: "Design", data: dict[str, Any], result: "GraspSimulation") -> None:
@@ -99,20 +137,29 @@ def write_result(out: Path, design: "Design", data: dict[str, Any], result: "Gra
     Raises:
         UsageError: the folder cannot be written.
     """
-    from models.errors import UsageError
-
     trace = result.trace
     lines = ["time_s,lift_mm,force_n"]
     lines += [f"{t:.6g},{x:.6g},{f:.6g}" for t, x, f in zip(trace.time_s, trace.lift_mm, trace.force_n, strict=True)]
     try:
-        out.mkdir(parents=True, exist_ok=True)
         (out / "trace.csv").write_text("\n".join(lines) + "\n")
         (out / "result.json").write_text(json_module.dumps({**data, "design": design.model_dump()}, indent=2) + "\n")
         _draw(out / "grasp.png", data, result)
     except OSError as error:
-        raise UsageError(
-            f"--out `{out}` cannot be written: {error.strerror}; give a folder you may write to."
-        ) from error
+        raise _unwritable(out, error) from error
+
+
+def _make_folder(out: Path) -> None:
+    """Make the folder before the long part."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _unwritable(out, error) from error
+
+
+def _unwritable(out: Path, error: OSError) -> "UsageError":
+    from models.errors import UsageError
+
+    return UsageError(f"--out `{out}` cannot be written: {error.strerror}; give a folder you may write to.")
 
 
 def _draw(path: Path, data: dict[str, Any], result: "GraspSimulation") -> None:

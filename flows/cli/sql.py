@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, table_text
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, table_text, tell
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -16,22 +16,25 @@ Format = Literal["table", "csv", "json", "parquet"]
 
 
 def sql(
-    query: Annotated[str, Parameter(help="one SELECT statement")],
+    query: Annotated[str, Parameter(help='One SELECT statement, e.g. "FROM tool_quality".')],
     *,
     lake: LakePath = DEFAULT_LAKE,
-    format: Format = "table",
-    out: Annotated[Path | None, Parameter(help="file to write; needed for parquet")] = None,
+    format: Annotated[Format | None, Parameter(help="How rows are written; default: table.")] = None,
+    out: Annotated[Path | None, Parameter(help="File to write instead of the screen; needed for parquet.")] = None,
     json: AsJson = False,
 ) -> None:
-    """Run one SELECT over the lake's tables, views and macros."""
+    """Run one SELECT over the lake's tables, views and macros; `SHOW TABLES` lists them."""
     from lake.sql import run_sql
     from lake.store import Lake
     from models.errors import UsageError
 
-    chosen: Format = "json" if json else format
+    if json and format not in (None, "json"):
+        raise UsageError(f"--json and --format {format} contradict each other; give one of them.")
+    chosen: Format = "json" if json else format or "table"
     if chosen == "parquet" and out is None:
         raise UsageError("--format parquet is binary and needs a file; add --out FILE.parquet.")
-    content = _formatted(run_sql(Lake.open(lake), query), chosen)
+    table = run_sql(Lake.open(lake), query)
+    content = _formatted(table, chosen)
     if out is None:
         say(content.decode().rstrip("\n"))
         return
@@ -39,6 +42,7 @@ def sql(
         out.write_bytes(content)
     except OSError as error:
         raise UsageError(f"--out `{out}` cannot be written: {error.strerror}; give another file.") from error
+    tell(f"{table.num_rows} rows written to {out}")
 
 
 def _formatted(table: "pa.Table", chosen: Format) -> bytes:

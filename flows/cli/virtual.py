@@ -1,5 +1,6 @@
 """`fast virtual`: a virtual bench that stays up, for drivers and programs outside FAST."""
 
+import json as json_module
 import signal
 import threading
 from dataclasses import asdict
@@ -7,30 +8,39 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
+from cyclopts.validators import Number
 
-from flows.cli.common import say
+from flows.cli.common import AsJson, say
 
 if TYPE_CHECKING:
     from hardware.tools import MountedTool
 
-Designs = Annotated[list[Path] | None, Parameter(negative="", help="JSON designs for slots 0, 1, ...")]
+Designs = Annotated[
+    list[Path] | None,
+    Parameter(
+        negative="",
+        help="JSON file of the design in slot 0, then of slot 1, ... Default: the best published in all ten.",
+    ),
+]
+
+PORT = Number(gte=0, lte=65535)
 
 app = App(name="virtual", help="A virtual bench that stays up.")
 
 
 @app.command
 def start(
-    world: Path,
+    world: Annotated[Path, Parameter(help="World file, e.g. worlds/quick.toml.")],
     *,
     design: Designs = None,
-    speed_up: Annotated[float, Parameter(help="how much faster than real time")] = 1.0,
-    plc_port: Annotated[int, Parameter(help="port of the PLC; 0 takes a free one")] = 0,
-    transmitter_port: Annotated[int, Parameter(help="port of the load-cell transmitter; 0 takes a free one")] = 0,
+    speed_up: Annotated[float, Parameter(help="How much faster than real time.", validator=Number(gt=0))] = 1.0,
+    plc_port: Annotated[int, Parameter(help="Port of the PLC; 0 takes a free one.", validator=PORT)] = 0,
+    transmitter_port: Annotated[
+        int, Parameter(help="Port of the load-cell transmitter; 0 takes a free one.", validator=PORT)
+    ] = 0,
+    json: AsJson = False,
 ) -> None:
-    """Serve a world's gantry, PLC and load cell on a pty and two loopback ports until Ctrl-C.
-
-    Without --design, every slot of the rack holds the best published design.
-    """
+    """Serve a world's gantry, PLC and load cell on a pty and two loopback ports until Ctrl-C."""
     from flows.launch import read_world
     from hardware.bench import open_virtual_servers
     from hardware.clock import ScaledClock
@@ -40,19 +50,30 @@ def start(
     with open_virtual_servers(
         spec, tools, simulate_request, clock, plc_port=plc_port, transmitter_port=transmitter_port
     ) as bench:
-        for name, address in asdict(bench.endpoints).items():
-            say(f"{name:<18} {address}")
-        say("Ctrl-C stops the bench")
+        addresses = asdict(bench.endpoints)
+        if json:
+            say(json_module.dumps(addresses))
+        else:
+            lines = [f"{name:<24} {address}" for name, address in addresses.items()]
+            say("\n".join([*lines, "Ctrl-C stops the bench"]))
         wait_for_signal()
 
 
 def rack(designs: list[Path] | None) -> "dict[int, MountedTool]":
-    """Tools of a rack from design files, or ten of the best published design."""
+    """Tools of a rack from design files, or ten of the best published design.
+
+    Raises:
+        UsageError: a file that is no design, or more designs than slots.
+    """
     from flows.cli.simulate import read_design
+    from hardware.layout import N_SLOTS
     from hardware.tools import MountedTool
+    from models.errors import UsageError
     from models.ids import tool_label
 
-    chosen = [read_design(path) for path in designs] if designs else [read_design(None)] * 10
+    chosen = [read_design(path) for path in designs] if designs else [read_design(None)] * N_SLOTS
+    if len(chosen) > N_SLOTS:
+        raise UsageError(f"{len(chosen)} designs were given, the rack has {N_SLOTS} slots; give fewer --design.")
     return {slot: MountedTool(tool_id=tool_label(0, slot), design=design) for slot, design in enumerate(chosen)}
 
 

@@ -38,7 +38,7 @@ def test_catalogue_entries_are_complete(effect: str) -> None:
         assert parameter.lower <= parameter.neutral <= parameter.upper
         assert parameter.lower <= parameter.prior_median <= parameter.upper
         assert parameter.prior_sd > 0
-        assert unit_of(parameter.name) in {"mm", "s", None}
+        assert unit_of(parameter.name) in {"mm", "s", "N", None}
 
 
 def test_unknown_names_and_values_are_sentences() -> None:

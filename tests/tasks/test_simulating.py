@@ -1,0 +1,79 @@
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+
+import numpy as np
+import pytest
+
+from lake.tables import SimTraceRow, SimulationRow, SimulatorVersionRow
+from models.design_space import BEST_PUBLISHED
+from models.errors import SimulationFailed
+from models.records import GraspSimulation, Trace
+from tasks.simulating import simulate_design
+
+
+def result() -> GraspSimulation:
+    lift = np.linspace(0, 10, 11)
+    trace = Trace(time_s=lift / 5, lift_mm=lift, force_n=np.sin(lift))
+    return GraspSimulation(
+        trace=trace, peak_force_n=1.0, contact_force_n=2.0, work_j=0.1, n_steps=3, n_newton=9, n_dof=30, cpu_s=0.5
+    )
+
+
+class ScriptedPool:
+    """Answers each submission with the next outcome of its script: a result, or an error."""
+
+    def __init__(self, *script) -> None:
+        self.script = list(script)
+        self.n_restarts = 0
+
+    def submit(self, function, *arguments):
+        outcome = self.script.pop(0)
+        future: Future = Future()
+        if isinstance(outcome, BaseException):
+            future.set_exception(outcome)
+        else:
+            future.set_result(outcome)
+        return future
+
+    def restart(self) -> None:
+        self.n_restarts += 1
+
+
+def rows(campaign):
+    return {r["object_id"]: r for r in campaign.lake.rows(SimulationRow)}
+
+
+def test_results_and_failures_are_rows_with_their_reason(campaign):
+    pool = ScriptedPool(result(), SimulationFailed("No equilibrium.", "no_convergence"))
+    assert simulate_design(campaign, BEST_PUBLISHED, pool=pool) == 1
+    found = rows(campaign)
+    assert (found[4]["status"], found[4]["peak_force_n"]) == ("ok", 1.0)
+    assert (found[7]["status"], found[7]["reason"], found[7]["peak_force_n"]) == ("failed", "no_convergence", None)
+    assert campaign.lake.trace(found[4]["simulation_id"], SimTraceRow).force_n[1] == pytest.approx(np.sin(1))
+    assert found[4]["parents"] == [BEST_PUBLISHED.design_id, campaign.version.version_id]
+    assert campaign.lake.has(SimulatorVersionRow, campaign.version.version_id)
+
+
+def test_what_is_there_is_not_simulated_again(campaign):
+    simulate_design(campaign, BEST_PUBLISHED, pool=ScriptedPool(result(), result()))
+    assert simulate_design(campaign, BEST_PUBLISHED, pool=ScriptedPool()) == 0
+
+
+def test_one_death_of_a_worker_is_not_held_against_the_grasp(campaign):
+    pool = ScriptedPool(BrokenProcessPool(), result(), BrokenProcessPool(), BrokenProcessPool())
+    assert simulate_design(campaign, BEST_PUBLISHED, pool=pool) == 1
+    found = rows(campaign)
+    assert found[4]["status"] == "ok"
+    assert (found[7]["status"], found[7]["reason"]) == ("failed", "worker_died")
+
+
+def test_a_worker_that_hangs_is_killed(campaign):
+    pool = ScriptedPool(TimeoutError(), result())
+    simulate_design(campaign, BEST_PUBLISHED, pool=pool)
+    assert (rows(campaign)[4]["reason"], pool.n_restarts) == ("hang", 1)
+
+
+def test_a_stop_is_heard_between_objects(campaign):
+    asked = iter([False, True])
+    simulate_design(campaign, BEST_PUBLISHED, pool=ScriptedPool(result()), should_stop=lambda: next(asked))
+    assert list(rows(campaign)) == [4]

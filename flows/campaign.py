@@ -4,6 +4,7 @@ All state is derived from the lake before each decision, so a killed campaign co
 command at the missing grasp.
 """
 
+import contextlib
 from collections.abc import Callable
 from queue import Empty
 from typing import Any, cast
@@ -11,6 +12,7 @@ from uuid import UUID
 
 from prefect import flow
 from prefect.artifacts import create_markdown_artifact, create_progress_artifact, update_progress_artifact
+from prefect.futures import PrefectFuture
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows.lanes import BenchLane, Session, SimulationLane, closed_batches
@@ -75,16 +77,11 @@ def _drive(
     """Turn the wheel until both lanes are idle; the first failure stops new work and is returned."""
     error: FastError | None = None
     while True:
-        if requested_verb(session.campaign.lake, session.campaign.campaign_id):
-            session.stopping.set()
         state = session.campaign.state()
         is_bench_busy, are_simulations_busy = bench.advance(state), simulations.advance(state)
         if not (is_bench_busy or are_simulations_busy):
             return error
-        try:
-            future = session.events.get(timeout=POLL_S)
-        except Empty:
-            continue
+        future = _next_event(session)
         try:
             if not bench.finish(future):
                 simulations.finish(future)
@@ -92,6 +89,15 @@ def _drive(
             error = error or fault
             session.stopping.set()
         on_event()
+
+
+def _next_event(session: Session) -> PrefectFuture[Any]:
+    """The next future that is finished; requests of people are heard meanwhile."""
+    while True:
+        if requested_verb(session.campaign.lake, session.campaign.campaign_id):
+            session.stopping.set()
+        with contextlib.suppress(Empty):
+            return session.events.get(timeout=POLL_S)
 
 
 def _ensure_proposed(campaign: Campaign, stage: int) -> None:

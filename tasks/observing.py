@@ -4,13 +4,12 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from lake.tables import GraspRow, SimulationRow
 from models.design_space import to_unit
 from models.records import Design
 from models.surrogate.imputation import mean_over_objects
 from models.surrogate.observations import ObservationSet
 from tasks.campaign import Campaign
-from tasks.state import CampaignState, ProposedTool
+from tasks.state import CampaignState, ProposedTool, tuples
 
 
 def observe(campaign: Campaign, state: CampaignState, batches: Iterable[int]) -> ObservationSet:
@@ -32,10 +31,11 @@ def _tool_forces(campaign: Campaign, tools: Sequence[ProposedTool]) -> np.ndarra
     row_of = {t.tool_id: i for i, t in enumerate(tools)}
     column_of = {o: i for i, o in enumerate(campaign.object_ids)}
     total, count = np.zeros((2, len(row_of), len(column_of)))
-    for row in campaign.lake.rows(GraspRow, campaign_id=campaign.campaign_id, status="ok"):
-        if row["tool_id"] in row_of and row["object_id"] in column_of:
-            cell = row_of[row["tool_id"]], column_of[row["object_id"]]
-            total[cell] += row["peak_force_n"]
+    sql = "SELECT tool_id, object_id, peak_force_n FROM grasps WHERE campaign_id = ? AND status = 'ok'"
+    for tool_id, object_id, force_n in tuples(campaign.lake, sql, campaign.campaign_id):
+        if tool_id in row_of and object_id in column_of:
+            cell = row_of[tool_id], column_of[object_id]
+            total[cell] += force_n
             count[cell] += 1
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
@@ -45,11 +45,12 @@ def _simulated_forces(campaign: Campaign, design_ids: Sequence[str]) -> np.ndarr
     row_of = {design_id: i for i, design_id in enumerate(design_ids)}
     column_of = {o: i for i, o in enumerate(campaign.object_ids)}
     forces = np.full((len(row_of), len(column_of)), np.nan)
-    keys = {"version_id": campaign.version.version_id, "setup_id": campaign.config.grasp.setup_id, "status": "ok"}
-    for row in campaign.lake.rows(SimulationRow, **keys):
-        if row["design_id"] in row_of and row["object_id"] in column_of:
-            cell = row_of[row["design_id"]], column_of[row["object_id"]]
-            forces[cell] = row[campaign.config.simulator.objective]
+    sql = f"""SELECT design_id, object_id, {campaign.config.simulator.objective} FROM simulations
+        WHERE version_id = ? AND setup_id = ? AND status = 'ok'"""
+    keys = campaign.version.version_id, campaign.config.grasp.setup_id
+    for design_id, object_id, force_n in tuples(campaign.lake, sql, *keys):
+        if design_id in row_of and object_id in column_of:
+            forces[row_of[design_id], column_of[object_id]] = force_n
     return forces
 
 

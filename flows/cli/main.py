@@ -43,7 +43,7 @@ def main() -> None:
         os.environ.setdefault(variable, "1")
     status = run(None)
     if "prefect" in sys.modules:
-        _leave(status)
+        leave(status)
     sys.exit(status)
 
 
@@ -104,7 +104,7 @@ def _drop_output() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _leave(status: int) -> None:
+def leave(status: int) -> None:
     """End the process without tearing the interpreter down.
 
     Prefect's service threads live until the end, and DuckDB's binding prints what they hold as leaks.

@@ -18,7 +18,7 @@ def serve(
     json: AsJson = False,
 ) -> None:
     """Run the Prefect server of this lake until Ctrl-C; campaigns on the same lake show there."""
-    from flows.cli.virtual import wait_for_signal
+    from flows.cli.virtual import wait_for, watch_signals
     from flows.dependencies import require
     from flows.prefect_server import running_server, server
     from lake.store import Lake
@@ -31,13 +31,14 @@ def serve(
     if known:
         raise FastError(f"a server of this lake runs already: {known.removesuffix('/api')}; use that one.")
     with server(found.root, port) as api_url:
+        asked = watch_signals()  # a server that is still starting is ended by the default
         page = api_url.removesuffix("/api")
         if json:
             say(json_module.dumps({"url": page, "api_url": api_url, "lake": str(found.root)}))
         else:
             say(f"Prefect server of {found.root}: {page}")
             say("Ctrl-C stops it; campaigns that use it go on with their work.")
-        wait_for_signal()
+        wait_for(asked)
 
 
 def _check_server_wanted(port: int) -> None:

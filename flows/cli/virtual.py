@@ -47,6 +47,7 @@ def start(
     from hardware.world.physics import simulate_request
 
     spec, tools, clock = read_world(world), rack(design), ScaledClock(speed_up)
+    asked = watch_signals()
     with open_virtual_servers(
         spec, tools, simulate_request, clock, plc_port=plc_port, transmitter_port=transmitter_port
     ) as bench:
@@ -56,7 +57,7 @@ def start(
         else:
             lines = [f"{name:<24} {address}" for name, address in addresses.items()]
             say("\n".join([*lines, "Ctrl-C stops the bench"]))
-        wait_for_signal()
+        wait_for(asked)
 
 
 def rack(designs: list[Path] | None) -> "dict[int, MountedTool]":
@@ -77,10 +78,15 @@ def rack(designs: list[Path] | None) -> "dict[int, MountedTool]":
     return {slot: MountedTool(tool_id=tool_label(0, slot), design=design) for slot, design in enumerate(chosen)}
 
 
-def wait_for_signal() -> None:
-    """Block until SIGINT or SIGTERM, so that the caller's clean-up runs on either."""
+def watch_signals() -> threading.Event:
+    """An event that SIGINT and SIGTERM set from now on, so that the caller's clean-up runs on either."""
     asked = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: asked.set())
+    return asked
+
+
+def wait_for(asked: threading.Event) -> None:
+    """Block until the event is set."""
     while not asked.wait(1.0):
         pass

@@ -87,6 +87,7 @@ def _own_server(lake_root: Path, port: int) -> Iterator[str]:
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=log,
+            start_new_session=True,  # Ctrl-C in the terminal is for us; we stop the server when we are done
         )
     try:
         _wait_until_healthy(url, child, log_path)

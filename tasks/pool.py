@@ -2,6 +2,7 @@
 
 import logging
 import os
+import signal
 import threading
 import time
 from collections.abc import Callable
@@ -62,8 +63,14 @@ class WorkerPool:
 def _new_executor(n_workers: int) -> ProcessPoolExecutor:
     os.environ.update(_ONE_THREAD)
     return ProcessPoolExecutor(
-        n_workers, mp_context=get_context("spawn"), initializer=follow_parent, initargs=(os.getpid(),)
+        n_workers, mp_context=get_context("spawn"), initializer=_start_worker, initargs=(os.getpid(),)
     )
+
+
+def _start_worker(parent_pid: int) -> None:
+    # Ctrl-C reaches every process of a terminal; the parent decides what still has to be finished.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    follow_parent(parent_pid)
 
 
 def follow_parent(parent_pid: int, poll_s: float = 1.0) -> None:

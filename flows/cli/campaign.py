@@ -145,7 +145,7 @@ def _tell_outcome(outcome: "Outcome", as_json: bool) -> None:
 
 
 def _outcome_text(data: dict[str, Any]) -> str:
-    lines = ["", table_text(data["tools"]), ""]
+    lines = ["", table_text(data["tools"]), ""] if data["tools"] else []
     if not data["complete"]:
         return "\n".join([*lines, f"campaign {data['campaign']} is interrupted; the same command continues it."])
     best = data["best_tool"]

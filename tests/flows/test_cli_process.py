@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from flows.cli.main import app, run
+from tasks.pool import WorkerPool
 from tests.flows.cli_lakes import ROOT, WORLD, proposed_lake, write_config
 
 FAST = [sys.executable, "-m", "flows.cli.main"]
@@ -158,3 +159,11 @@ def test_a_reader_that_goes_away_is_no_bug(tmp_path):
     done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert done.stdout == '"range"\n'
     assert "Traceback" not in done.stderr
+
+
+def test_workers_leave_ctrl_c_to_their_parent():
+    pool = WorkerPool(1)
+    try:
+        assert pool.call(signal.getsignal, signal.SIGINT) == signal.SIG_IGN
+    finally:
+        pool.close()

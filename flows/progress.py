@@ -52,14 +52,19 @@ def workload(campaign: Campaign, state: CampaignState) -> Workload:
 
 @dataclass
 class RateEstimate:
-    """Units per second over the recent past, for estimates of the time left."""
+    """Units per second over the recent past, for estimates of the time left; breaks in the work do not count."""
 
     window: int = 40
+    longest_gap_s: float = 90.0  # a longer one is a break: a print, a pause
     marks: deque[tuple[float, int]] = field(default_factory=deque)
 
-    def update(self, done: int) -> None:
-        """Note that `done` units are finished now."""
-        self.marks.append((time.monotonic(), done))
+    def update(self, done: int, now_s: float) -> None:
+        """Note that `done` units are finished at `now_s`."""
+        if self.marks and done == self.marks[-1][1]:
+            return
+        if self.marks and now_s - self.marks[-1][0] > self.longest_gap_s:
+            self.marks.clear()
+        self.marks.append((now_s, done))
         while len(self.marks) > self.window:
             self.marks.popleft()
 
@@ -88,8 +93,8 @@ class ProgressReporter:
             return
         self._last = now
         load = workload(self._campaign, self._campaign.state())
-        self._grasps.update(load.grasps_done)
-        self._simulations.update(load.simulated_done)
+        self._grasps.update(load.grasps_done, now)
+        self._simulations.update(load.simulated_done, now)
         self._emit(
             f"{time.strftime('%H:%M:%S')}  {what}  |  grasps {load.grasps_done}/{load.grasps_total}, "
             f"simulated {load.simulated_done}/{load.simulated_total}  |  {self._time_left(load)}"

@@ -9,8 +9,10 @@ from lake.tables import CampaignRow, EventRow
 from models.validation import load_record
 from tasks.campaign import Campaign
 from tasks.config import CampaignConfig
-from tasks.control import is_held
+from tasks.control import Verb, is_held, requested_verb
 from tasks.summary import ranked_tools
+
+_ENDED_BY: dict[Verb, str] = {"pause": "paused", "stop": "stopped", "abort": "failed (aborted)"}
 
 
 def stored_campaign(lake: Lake, campaign_id: str) -> Campaign:
@@ -58,4 +60,7 @@ def status_text(status: dict[str, Any]) -> str:
 def _state_word(lake: Lake, campaign_id: str, is_complete: bool) -> str:
     if is_held(lake, f"campaign-{campaign_id}"):
         return "running"
-    return "complete" if is_complete else "interrupted"
+    if is_complete:
+        return "complete"
+    verb = requested_verb(lake, campaign_id)
+    return _ENDED_BY[verb] if verb else "interrupted"

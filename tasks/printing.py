@@ -55,7 +55,7 @@ def write_tray(lake: Lake, campaign_id: str, batch: int, folder: Path) -> Path:
     items = [PrintItem(label=tool_label(batch, r["slot"]), design=designs[r["design_id"]]) for r in rows]
     files = tray_files(items)
     name = BatchRow.make_id(campaign_id, batch)
-    notes = [f"When all fingers are mounted: fast print confirm {name} --operator NAME"]
+    notes = [f"fast print confirm {name} --operator NAME"]
     # The sheet comes last: where there is a sheet, the files are complete.
     files = {**files, SHEET: batch_sheet_html(name, items, notes).encode()}
     try:

@@ -55,6 +55,7 @@ def start(folder: Path, *options: str) -> "subprocess.Popen[str]":
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
+        start_new_session=True,
     )
 
 
@@ -133,6 +134,24 @@ def test_waits_for_a_person_simulates_meanwhile_and_pauses_on_request(folder):
     assert {r["tool_id"] for r in lake.rows(GraspRow)} == {"tiny/B01T0"}
     assert {r["confirmed_by"] for r in lake.rows(ToolRow)} == {"person"}
     assert lake.rows(EventRow)[-1]["kind"] == "interrupted"
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_ctrl_c_at_the_terminal_ends_cleanly_while_a_person_is_awaited(folder):
+    campaign = start(folder)
+    try:
+        wait_for(folder, lambda lake: any(r["kind"] == "print_waiting" for r in lake.rows(EventRow)))
+        wait_for(folder, lambda lake: len(lake.ids(SimulationRow)) >= 1)
+        os.killpg(campaign.pid, signal.SIGINT)  # a terminal interrupts server and workers as well
+        output, _ = campaign.communicate(timeout=60)
+    finally:
+        campaign.kill()
+        campaign.communicate()
+    assert campaign.returncode == 0, output
+    assert "the same command continues it" in output
+    assert "Traceback" not in output
+    assert {r["status"] for r in Lake.open(folder / "lake").rows(SimulationRow)} == {"ok"}
 
 
 def fast(folder: Path, *arguments: str) -> None:

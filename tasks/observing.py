@@ -7,7 +7,7 @@ import numpy as np
 from models.design_space import to_unit
 from models.records import Design
 from models.surrogate.imputation import mean_over_objects
-from models.surrogate.observations import ObservationSet
+from models.surrogate.observations import REAL, SIM, ObservationSet
 from tasks.campaign import Campaign
 from tasks.state import CampaignState, ProposedTool, tuples
 
@@ -57,11 +57,14 @@ def _simulated_forces(campaign: Campaign, design_ids: Sequence[str]) -> np.ndarr
 def _observation_set(
     real_designs: list[Design], real: np.ndarray, sim_designs: list[Design], simulated: np.ndarray
 ) -> ObservationSet:
-    y_real, variance_real = mean_over_objects(real)
-    y_sim, variance_sim = mean_over_objects(simulated)
-    x = np.vstack([to_unit(real_designs), to_unit(sim_designs)])
-    s = np.concatenate([np.ones(len(real_designs)), np.zeros(len(sim_designs))])
-    y = np.concatenate([y_real, y_sim])
-    variance = np.concatenate([variance_real, variance_sim])
-    usable = np.isfinite(y)
-    return ObservationSet(x=x[usable], s=s[usable], y=y[usable], noise_variance=variance[usable])
+    """Means over the objects; a design without a single value tells nothing and is left out."""
+    parts = []
+    for fidelity, designs, forces in ((REAL, real_designs, real), (SIM, sim_designs, simulated)):
+        has_value = np.isfinite(forces).any(axis=1)
+        if has_value.any():
+            y, variance = mean_over_objects(forces[has_value])
+            parts.append((to_unit(designs)[has_value], np.full(len(y), fidelity), y, variance))
+    if not parts:
+        return ObservationSet(x=to_unit([]), s=np.zeros(0), y=np.zeros(0), noise_variance=np.zeros(0))
+    x, s, y, variance = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return ObservationSet(x=x, s=s, y=y, noise_variance=variance)

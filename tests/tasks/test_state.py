@@ -108,6 +108,20 @@ def test_a_failed_simulation_is_imputed_with_variance(measured):
     assert data.y[imputed] == pytest.approx([(9.0 + 12.5) / 2])
 
 
+def test_a_design_that_failed_on_every_object_is_left_out(measured):
+    data = observe(measured, measured.state(), [1])
+    propose_simulation(measured, 1, 2, data, fit(measured, 2, data), measured.state())
+    design = measured.state().simulations_of(1)[-1].design
+    for object_id in measured.object_ids:
+        append_simulation(measured, design, object_id, None)
+    again = observe(measured, measured.state(), [1])
+    assert (again.n_real, again.n_sim) == (2, 2)
+
+
+def test_nothing_observed_is_an_empty_set(campaign):
+    assert len(observe(campaign, campaign.state(), [])) == 0
+
+
 def test_guided_batch_is_proposed_from_the_model_and_repeatable(measured):
     state = measured.state()
     data = observe(measured, state, [1])

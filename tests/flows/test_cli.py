@@ -63,7 +63,7 @@ def test_requests_reach_a_running_campaign(fast, tmp_path, verb):
 
 
 def test_sql_in_every_format(fast, measured, tmp_path):
-    query = "SELECT tool_id, tool_quality_n AS q FROM tool_quality ORDER BY tool_id LIMIT 2"
+    query = "SELECT tool_id, round(tool_quality_n, 6) AS q FROM tool_quality ORDER BY tool_id LIMIT 2"
     rows = fast("sql", query, "--json", "--lake", measured).json
     assert [row["tool_id"] for row in rows] == ["demo/B01T0", "demo/B01T1"]
     assert json.loads(fast("sql", query, "--format", "json", "--lake", measured).out) == rows

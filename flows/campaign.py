@@ -77,7 +77,12 @@ def run_stage(session: Session, stage: int, on_event: Callable[[], None]) -> boo
     _ensure_proposed(campaign, stage)
     bench = BenchLane(session, campaign.config.schedule.batches_of(stage))
     simulations = SimulationLane(session, stage)
-    error = _drive(session, bench, simulations, on_event)
+    try:
+        error = _drive(session, bench, simulations, on_event)
+    except BaseException:
+        # Prefect waits for the tasks that run, so they must hear that this is the end.
+        session.stopping.set()
+        raise
     if error is not None:
         raise error
     if not session.should_stop():
@@ -91,8 +96,15 @@ def _drive(
     """Turn the wheel until both lanes are idle; the first failure stops new work and is returned."""
     error: FastError | None = None
     while True:
-        state = session.campaign.state()
-        is_bench_busy, are_simulations_busy = bench.advance(state), simulations.advance(state)
+        try:
+            state = session.campaign.state()
+            is_bench_busy, are_simulations_busy = bench.advance(state), simulations.advance(state)
+        except FastError as fault:
+            if error is not None:
+                raise
+            error = fault
+            session.stopping.set()
+            continue
         if not (is_bench_busy or are_simulations_busy):
             return error
         future = _next_event(session)

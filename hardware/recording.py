@@ -47,11 +47,6 @@ class GraspRecorder:
         """Lift at the last position."""
         return self._lift_mm[-1] if self._lift_mm else 0.0
 
-    @property
-    def n_positions(self) -> int:
-        """How many positions were polled."""
-        return len(self._position_s)
-
     def is_force_back(self, threshold_n: float, speed_mm_per_s: float) -> bool:
         """Whether the mean force over the last `WINDOW_MM` of lift is within `threshold_n` of zero."""
         if not self._force_s:

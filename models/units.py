@@ -4,7 +4,6 @@ The suffix of a name is its unit; `UNIT_OF_SUFFIX` is what the lake writes into 
 """
 
 STANDARD_GRAVITY_M_PER_S2 = 9.80665  # CGPM 1901, exact
-MPA_PER_PSI = 0.006894757293168  # 1 lbf/in2, NIST SP 811
 
 UNIT_OF_SUFFIX = {
     "_mm_per_s": "mm/s",
@@ -41,11 +40,6 @@ def force_n_from_kg(mass_kg: float) -> float:
 def mass_kg_from_n(force_n: float) -> float:
     """Inverse of `force_n_from_kg`."""
     return force_n / STANDARD_GRAVITY_M_PER_S2
-
-
-def pressure_mpa_from_psi(pressure_psi: float) -> float:
-    """Gripper supply pressure: the paper's 30 psi is 0.207 MPa."""
-    return pressure_psi * MPA_PER_PSI
 
 
 def work_j_from_n_mm(work_n_mm: float) -> float:

@@ -97,11 +97,6 @@ class GrblProfile(Record):
         return tuple(self.settings[first + axis] for axis in range(3))
 
     @property
-    def steps_per_mm(self) -> Vector:
-        """`$100..102`."""
-        return self._vector(100)
-
-    @property
     def max_speed_mm_per_s(self) -> Vector:
         """`$110..112` in mm/s."""
         return tuple(rate / SECONDS_PER_MINUTE for rate in self._vector(110))

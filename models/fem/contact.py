@@ -297,7 +297,7 @@ def _remember_faces(
 
 
 @nb.njit(inline="always")
-def _pressure(depth: float, kn: float, d0: float) -> tuple[float, float]:
+def pressure_law(depth: float, kn: float, d0: float) -> tuple[float, float]:
     """Pressure in MPa and its slope in N/mm3 at a penetration in mm."""
     if depth < d0:
         slope = kn * depth / d0
@@ -356,7 +356,7 @@ def _add_contact(
     for c in range(len(areas)):
         f, w = face_of_point[c], areas[c]
         if has_mirror and positions[c, 0] < 0.0:
-            p, slope = _pressure(-positions[c, 0], kn, d0)
+            p, slope = pressure_law(-positions[c, 0], kn, d0)
             point_force[:] = 0.0
             point_force[0] = w * p
             _scatter_force(faces[f], shape[c], point_force, force)
@@ -366,7 +366,7 @@ def _add_contact(
                 _scatter_tangent(places[f], shape[c], tangent, blocks)
         if not distance[c] < 0.0:
             continue
-        p, slope = _pressure(-distance[c], kn, d0)
+        p, slope = pressure_law(-distance[c], kn, d0)
         normal = normals[c]
         slip_step[c] = return_mapping(
             old_traction[c],

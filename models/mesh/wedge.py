@@ -100,7 +100,7 @@ def extrude(planar: PlanarMesh, levels: np.ndarray, *, symmetric: bool) -> Solid
     bottom, sides = np.column_stack([a, c, b]), np.column_stack([ca, bc, ab])
     wedge = np.hstack([bottom, bottom + stride, sides, sides + stride, bottom + n_points])
     elements = np.vstack([wedge + stride * layer for layer in range(n_layers)])
-    faces = _extruded_edges(_contact_edges(planar), n_points, stride, n_layers)
+    faces = _extruded_edges(contact_edges(planar), n_points, stride, n_layers)
     base_z = planar.points[:, 1].min()
     return SolidMesh(
         nodes=nodes,
@@ -111,7 +111,7 @@ def extrude(planar: PlanarMesh, levels: np.ndarray, *, symmetric: bool) -> Solid
     )
 
 
-def _contact_edges(planar: PlanarMesh) -> np.ndarray:
+def contact_edges(planar: PlanarMesh) -> np.ndarray:
     """Edges (e, 3) on the front wall x = 0 and on the tip plane z = max."""
     x, z = planar.points[planar.edges].transpose(2, 0, 1)
     apex = planar.points[:, 1].max()

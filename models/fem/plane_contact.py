@@ -1,0 +1,249 @@
+"""Penalty contact of a section that is as wide as the finger: points over the width share one in-plane motion.
+
+The law is that of `models.fem.contact`. Each station of the front wall or tip carries a row of points over the
+width, at y = const since u_y = 0. Their forces and tangents are summed at the station before they go to the three
+nodes of its edge. The y component of pressure and friction does no work, but counts in the friction limit.
+"""
+
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+
+from models.fem.contact import ContactLaw, ContactState, Obstacle, PointSpacing, pressure_law
+from models.fem.friction import return_mapping
+from models.fem.plane_body import PlaneBody
+from models.fem.assembly import block_map
+
+# Where an obstacle is compared across the width: around the objects' box, at the depth to which contacts sink.
+_PROBE_X_MM, _PROBE_Z_MM, _PROBE_STEP_MM, _PROBE_DEPTH_MM = (-30.0, 31.0), (-20.0, 71.0), 1.0, 1.0
+_SAME_MM = 1e-9
+
+
+@dataclass(frozen=True)
+class PlaneResponse:
+    """Outcome of one evaluation: nodal force (n, 2) in N and, per point, what the next state would hold."""
+
+    force: np.ndarray
+    traction: np.ndarray
+    pressure: np.ndarray
+    slip_step: np.ndarray
+
+
+def width_rows(obstacle: Obstacle, width_mm: float, spacing_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Places y (r) over the width and the width (r) in mm that each stands for.
+
+    One row where the obstacle is the same over the whole width, rows over one half where the halves are alike.
+    """
+    n = 2 * max(int(np.ceil(0.5 * width_mm / spacing_mm)), 1)
+    y, width = width_mm * ((np.arange(n) + 0.5) / n - 0.5), np.full(n, width_mm / n)
+    if _is_same(obstacle, y[[0, n - 1, *range(1, n - 1)]]):
+        return np.zeros(1), np.array([width_mm])
+    if all(_is_same(obstacle, np.array([-at, at])) for at in y[n // 2 :]):
+        return y[n // 2 :], 2.0 * width[n // 2 :]
+    return y, width
+
+
+def _is_same(obstacle: Obstacle, y: np.ndarray) -> bool:
+    """True if the obstacle's surface is the same curve in the sections at all y (r)."""
+    x, z = np.meshgrid(np.arange(*_PROBE_X_MM, _PROBE_STEP_MM), np.arange(*_PROBE_Z_MM, _PROBE_STEP_MM))
+    points = np.column_stack([x.ravel(), np.full(x.size, y[0]), z.ravel()])
+    first = np.maximum(obstacle.distance(points), -_PROBE_DEPTH_MM)
+    for other in y[1:]:
+        points[:, 1] = other
+        if np.abs(np.maximum(obstacle.distance(points), -_PROBE_DEPTH_MM) - first).max() > _SAME_MM:
+            return False
+    return True
+
+
+class PlaneSurface:
+    """Contact points of a section: point i is in row i % r of station i // r."""
+
+    def __init__(
+        self, body: PlaneBody, nodes: np.ndarray, law: ContactLaw, spacing: PointSpacing, obstacle: Obstacle
+    ) -> None:
+        """`nodes` (n, 2): undeformed mesh, in the frame of the calculation."""
+        self.law, self._obstacle = law, obstacle
+        self._edges = body.mesh.contact_edges
+        self._places = block_map(self._edges, body.row_of_node, body.pattern)
+        self._y, self._widths = width_rows(obstacle, body.mesh.width_mm, spacing.across_mm)
+        self._edge_of_station, self._shape, self._lengths = _stations(nodes[self._edges], spacing.along_mm)
+        n_points = len(self._lengths) * len(self._y)
+        self._known_distance = np.full(n_points, -np.inf)
+        self._known_position = np.zeros((len(self._lengths), 2))
+
+    @property
+    def n_points(self) -> int:
+        """Number of contact points."""
+        return len(self._known_distance)
+
+    def start(self, x: np.ndarray) -> ContactState:
+        """State before any contact, at deformed nodes x (n, 2); positions are those of the stations (s, 2)."""
+        n = self.n_points
+        return ContactState(self.positions(x), np.zeros((n, 3)), np.zeros(n), np.zeros(n))
+
+    def positions(self, x: np.ndarray) -> np.ndarray:
+        """Stations (s, 2) at deformed nodes x (n, 2)."""
+        return _interpolate(x, self._edges, self._edge_of_station, self._shape)
+
+    def distance(self, x: np.ndarray) -> float:
+        """Least distance in mm of a point from the obstacle at deformed nodes x (n, 2)."""
+        stations = self.positions(x)
+        points = np.zeros((self.n_points, 3))
+        points[:, [0, 2]] = np.repeat(stations, len(self._y), axis=0)
+        points[:, 1] = np.tile(self._y, len(stations))
+        return float(self._obstacle.distance(points).min())
+
+    def respond(
+        self, x: np.ndarray, state: ContactState, friction: np.ndarray, has_mirror: bool, blocks: np.ndarray | None
+    ) -> PlaneResponse:
+        """As `models.fem.contact.ContactSurface.respond`, in the plane: x (n, 2), `blocks` (z, 2, 2)."""
+        stations = self.positions(x)
+        inside, distance, normal = self._gaps(stations)
+        n = self.n_points
+        response = PlaneResponse(np.zeros_like(x), np.zeros((n, 3)), np.zeros(n), np.zeros(n))
+        stiffness = np.zeros((len(stations), 2, 2))
+        force = _point_forces(
+            stations, inside, distance, normal, self._lengths, self._widths, friction, state.position, state.traction,
+            (self.law.normal_n_per_mm3, self.law.tangential_n_per_mm3, self.law.smoothing_mm), has_mirror,
+            response.traction, response.pressure, response.slip_step, stiffness,
+        )  # fmt: skip
+        _scatter_force(force, self._edges, self._edge_of_station, self._shape, response.force)
+        if blocks is not None:
+            _scatter_stiffness(stiffness, self._places, self._edge_of_station, self._shape, blocks)
+        return response
+
+    def _gaps(self, stations: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Numbers (m), distances (m) and normals (m, 3) of the points inside the obstacle.
+
+        A distance changes at most as far as its point moves, so points that cannot have arrived are not asked.
+        """
+        near, points = _arrived(stations, self._y, self._known_position, self._known_distance)
+        if not len(near):
+            return near, np.zeros(0), np.zeros((0, 3))
+        distance = self._obstacle.distance(points)
+        self._known_distance[near] = distance
+        is_inside = distance < 0.0
+        normal = self._obstacle.normal(points[is_inside]) if is_inside.any() else np.zeros((0, 3))
+        return near[is_inside], distance[is_inside], normal
+
+
+def _stations(edges: np.ndarray, spacing_mm: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Edge of each station (s), shape values (s, 3) and length in mm (s), for straight edges (e, 3, 2)."""
+    length = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1)
+    counts = np.maximum(np.ceil(length / spacing_mm).astype(int), 1)
+    t = np.concatenate([2.0 * (np.arange(n) + 0.5) / n - 1.0 for n in counts])
+    shape = np.column_stack([0.5 * t * (t - 1.0), 0.5 * t * (t + 1.0), 1.0 - t**2])
+    return np.repeat(np.arange(len(edges), dtype=np.int32), counts), shape, np.repeat(length / counts, counts)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _interpolate(x: np.ndarray, edges: np.ndarray, edge_of_station: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    stations = np.zeros((len(edge_of_station), 2))
+    for s in range(len(edge_of_station)):
+        for a in range(3):
+            node = edges[edge_of_station[s], a]
+            stations[s, 0] += shape[s, a] * x[node, 0]
+            stations[s, 1] += shape[s, a] * x[node, 1]
+    return stations
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _arrived(
+    stations: np.ndarray, y: np.ndarray, known_position: np.ndarray, known_distance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points that may be inside (m), and their positions (m, 3); the known distances shrink by the motion."""
+    n_rows = len(y)
+    near, n = np.zeros(len(known_distance), dtype=np.int64), 0
+    for s in range(len(stations)):
+        moved = np.hypot(stations[s, 0] - known_position[s, 0], stations[s, 1] - known_position[s, 1])
+        known_position[s] = stations[s]
+        for r in range(n_rows):
+            c = s * n_rows + r
+            known_distance[c] -= moved
+            if known_distance[c] <= 0.0:
+                near[n] = c
+                n += 1
+    points = np.zeros((n, 3))
+    for i in range(n):
+        s, r = divmod(near[i], n_rows)
+        points[i, 0], points[i, 1], points[i, 2] = stations[s, 0], y[r], stations[s, 1]
+    return near[:n], points
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _point_forces(
+    stations: np.ndarray,
+    inside: np.ndarray,
+    distance: np.ndarray,
+    normals: np.ndarray,
+    lengths: np.ndarray,
+    widths: np.ndarray,
+    friction: np.ndarray,
+    old_stations: np.ndarray,
+    old_traction: np.ndarray,
+    law: tuple[float, float, float],
+    has_mirror: bool,
+    traction: np.ndarray,
+    pressure: np.ndarray,
+    slip_step: np.ndarray,
+    stiffness: np.ndarray,
+) -> np.ndarray:
+    """Force (s, 2) in N at the stations; adds to `stiffness` (s, 2, 2) and fills the state of the points."""
+    kn, kt, d0 = law
+    force = np.zeros_like(stations)
+    motion, tangent = np.zeros(3), np.zeros((3, 3))
+    if has_mirror:
+        for s in range(len(stations)):
+            if stations[s, 0] < 0.0:
+                p, slope = pressure_law(-stations[s, 0], kn, d0)
+                force[s, 0] += lengths[s] * widths.sum() * p
+                stiffness[s, 0, 0] += lengths[s] * widths.sum() * slope
+    for i in range(len(inside)):
+        c, normal = inside[i], normals[i]
+        s = c // len(widths)
+        w = lengths[s] * widths[c % len(widths)]
+        p, slope = pressure_law(-distance[i], kn, d0)
+        motion[0], motion[2] = stations[s, 0] - old_stations[s, 0], stations[s, 1] - old_stations[s, 1]
+        slip_step[c] = return_mapping(old_traction[c], motion, normal, friction[c] * p, kt, traction[c], tangent)
+        pressure[c] = p
+        for k in range(2):
+            force[s, k] += w * (p * normal[2 * k] + traction[c, 2 * k])
+            for m in range(2):
+                stiffness[s, k, m] += w * (tangent[2 * k, 2 * m] + slope * normal[2 * k] * normal[2 * m])
+    return force
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _scatter_force(
+    station_force: np.ndarray, edges: np.ndarray, edge_of_station: np.ndarray, shape: np.ndarray, force: np.ndarray
+) -> None:
+    for s in range(len(station_force)):
+        f0, f1 = station_force[s, 0], station_force[s, 1]
+        if f0 == 0.0 and f1 == 0.0:
+            continue
+        for a in range(3):
+            node = edges[edge_of_station[s], a]
+            force[node, 0] += shape[s, a] * f0
+            force[node, 1] += shape[s, a] * f1
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _scatter_stiffness(
+    stiffness: np.ndarray, places: np.ndarray, edge_of_station: np.ndarray, shape: np.ndarray, blocks: np.ndarray
+) -> None:
+    """Add the symmetric stiffness (s, 2, 2) of the stations to the blocks between the nodes of their edges."""
+    for s in range(len(stiffness)):
+        if stiffness[s, 0, 0] == 0.0 and stiffness[s, 1, 1] == 0.0:
+            continue
+        for a in range(3):
+            for b in range(a + 1):
+                place = places[edge_of_station[s], a, b]
+                if place == -1:
+                    continue
+                if place < 0:
+                    place = -2 - place
+                factor = shape[s, a] * shape[s, b]
+                for i in range(2):
+                    for j in range(2):
+                        blocks[place, i, j] += factor * stiffness[s, i, j]

@@ -1,0 +1,110 @@
+"""The section of one finger in one grasp: its mechanics at a time step, as `models.fem.finger` for the solid."""
+
+import numpy as np
+
+from models.fem.contact import ContactState
+from models.fem.finger import DENSITY_T_PER_MM3, FingerState
+from models.fem.plane_body import PlaneBody
+from models.fem.plane_contact import PlaneSurface
+
+IN_PLANE = [0, 2]  # x and z of a base position
+
+
+class PlaneFinger:
+    """The equations of one time step in the (x, z) plane; a `models.fem.newton.Problem` of 2 x 2 blocks.
+
+    States hold positions x (n, 2); base positions and clamp forces stay (3), with y = 0.
+    """
+
+    def __init__(self, body: PlaneBody, surface: PlaneSurface, nodes: np.ndarray, *, has_mirror: bool) -> None:
+        """`nodes` (n, 2): undeformed, in the object frame with the front wall at x = 0 and no lift."""
+        self._body, self._surface, self._nodes, self._has_mirror = body, surface, nodes, has_mirror
+        self._free = np.flatnonzero(body.row_of_node >= 0)
+        self._rows = body.row_of_node[self._free]
+        self._mass = np.zeros((body.pattern.n, 1))
+        self._mass[self._rows, 0] = DENSITY_T_PER_MM3 * body.lumped_volume()[self._free]
+        self._clamped = self._nodes
+        self._rate = 0.0
+        self._target = np.zeros((body.pattern.n, 2))
+        self._friction = np.zeros(surface.n_points)
+        self._state = surface.start(nodes)
+
+    def rest(self, base: np.ndarray) -> FingerState:
+        """The undeformed finger at rest with its base moved by `base` (3)."""
+        x = self._nodes + base[IN_PLANE]
+        return FingerState(x, np.zeros_like(x), self._surface.start(x), base.copy())
+
+    def begin(self, state: FingerState, base: np.ndarray, dt_s: float, friction: np.ndarray) -> np.ndarray:
+        """Set up the step from `state` to the base position `base`; returns the first guess of the unknowns."""
+        self._clamped = self._nodes + base[IN_PLANE]
+        self._rate = 1.0 / dt_s**2
+        self._target[self._rows] = (state.x + dt_s * state.v)[self._free]
+        self._friction, self._state = friction, state.contact
+        return self._target.copy()
+
+    def start_from(self, state: FingerState) -> np.ndarray:
+        """Another first guess of the unknowns: the positions of `state`, moved along with the base."""
+        u = np.zeros_like(self._target)
+        u[self._rows] = (state.x + (self._clamped - self._nodes - state.base[IN_PLANE]))[self._free]
+        return u
+
+    def distance_to_object(self, base: np.ndarray) -> float:
+        """Least distance in mm of the undeformed finger, base at `base` (3), from the obstacle."""
+        return self._surface.distance(self._nodes + base[IN_PLANE])
+
+    def distance_to_anything(self, base: np.ndarray) -> float:
+        """As `distance_to_object`, but the other finger (the mirror plane) counts too."""
+        gap = self.distance_to_object(base)
+        return min(gap, float(self._nodes[:, 0].min() + base[0])) if self._has_mirror else gap
+
+    def is_touching(self, state: FingerState) -> bool:
+        """True if any contact point carries pressure from the obstacle."""
+        return bool((state.contact.pressure > 0.0).any())
+
+    def depth_mm(self, state: FingerState) -> np.ndarray:
+        """Penetration of every contact point (n), from its pressure."""
+        return state.contact.pressure / self._surface.law.normal_n_per_mm3
+
+    def finish(
+        self, state: FingerState, u: np.ndarray, base: np.ndarray, dt_s: float
+    ) -> tuple[FingerState, np.ndarray]:
+        """The state after the step, and the force (3) in N that the clamp exerts on the meshed body."""
+        x = self.positions(u)
+        response = self._surface.respond(x, self._state, self._friction, self._has_mirror, None)
+        elastic, clamp = self._body.force(x), np.zeros(3)
+        if elastic is not None:
+            clamp[IN_PLANE] = (elastic - response.force)[self._body.mesh.base_nodes].sum(axis=0)
+        slip = state.contact.slip + response.slip_step
+        contact = ContactState(self._surface.positions(x), response.traction, response.pressure, slip)
+        return FingerState(x, (x - state.x) / dt_s, contact, base.copy()), clamp
+
+    def positions(self, u: np.ndarray) -> np.ndarray:
+        """All nodes (n, 2) from the unknown rows."""
+        x = self._clamped.copy()
+        x[self._free] = u[self._rows]
+        return x
+
+    def residual(self, u: np.ndarray) -> np.ndarray | None:
+        """See `Problem`."""
+        x = self.positions(u)
+        elastic = self._body.force(x)
+        if elastic is None:
+            return None
+        balance = self._surface.respond(x, self._state, self._friction, self._has_mirror, None).force - elastic
+        rows = self._rate * self._mass * (self._target - u)
+        rows[self._rows] += balance[self._free]
+        return rows
+
+    def tangent(self, u: np.ndarray, blocks: np.ndarray) -> bool:
+        """See `Problem`."""
+        x = self.positions(u)
+        if not self._body.stiffness(x, blocks):
+            return False
+        self._surface.respond(x, self._state, self._friction, self._has_mirror, blocks)
+        self.shift(blocks, 1.0)
+        return True
+
+    def shift(self, blocks: np.ndarray, amount: float) -> None:
+        """See `Problem`; in units of the inertia M/dt^2."""
+        diagonal = self._body.pattern.indptr[:-1]
+        blocks[diagonal] += (amount * self._rate) * self._mass[:, :, None] * np.eye(2)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.fem.assembly import CLAMPED, block_map
-from models.fem.elasticity import lame_constants
 from models.fem.linear import BlockPattern, block_pattern
 from models.fem.plane_elasticity import add_force, add_stiffness, reference_gradients
+from models.fem.plane_width import section_lame_constants
 from models.mesh.plane import PlaneMesh
 
 
@@ -28,7 +28,8 @@ class PlaneBody:
     def __init__(self, mesh: PlaneMesh, nodes: np.ndarray, young_modulus_mpa: float, poisson_ratio: float) -> None:
         """`nodes` (n, 2): the undeformed mesh in the frame of the calculation."""
         self.mesh = mesh
-        self._lam, self._mu = lame_constants(young_modulus_mpa, poisson_ratio)
+        strip = 2.0 * mesh.width_mm if mesh.is_half else mesh.width_mm, mesh.half_wave_mm
+        self._lam, self._mu = section_lame_constants(young_modulus_mpa, poisson_ratio, *strip)
         self.row_of_node, self.pattern = _number_rows(mesh)
         self._parts = tuple(self._elements(part, nodes) for part in mesh.connectivities)
 

@@ -10,48 +10,52 @@ from dataclasses import dataclass
 import numba as nb
 import numpy as np
 
+from models.fem.assembly import block_map
 from models.fem.contact import ContactLaw, ContactState, Obstacle, PointSpacing, pressure_law
 from models.fem.friction import return_mapping
 from models.fem.plane_body import PlaneBody
-from models.fem.assembly import block_map
+from models.mesh.plane import PlaneMesh
 
 # Where an obstacle is compared across the width: around the objects' box, at the depth to which contacts sink.
-_PROBE_X_MM, _PROBE_Z_MM, _PROBE_STEP_MM, _PROBE_DEPTH_MM = (-30.0, 31.0), (-20.0, 71.0), 1.0, 1.0
+_PROBE_X_MM, _PROBE_Z_MM, _PROBE_STEP_MM, _PROBE_DEPTH_MM = (-26.0, 26.0), (-2.0, 52.0), 1.3, 1.0
+_N_PROBES = 8
 _SAME_MM = 1e-9
 
 
 @dataclass(frozen=True)
 class PlaneResponse:
-    """Outcome of one evaluation: nodal force (n, 2) in N and, per point, what the next state would hold."""
+    """Outcome of one evaluation.
+
+    Nodal force (n, 2) in N, stiffness (s, 2, 2) of the stations in N/mm and, per point, what the next state holds.
+    """
 
     force: np.ndarray
+    stiffness: np.ndarray
     traction: np.ndarray
     pressure: np.ndarray
     slip_step: np.ndarray
 
 
-def width_rows(obstacle: Obstacle, width_mm: float, spacing_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Places y (r) over the width and the width (r) in mm that each stands for.
+def width_rows(obstacle: Obstacle, mesh: PlaneMesh, spacing_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Places y (r) over the width of the mesh and the width (r) in mm that each stands for.
 
-    One row where the obstacle is the same over the whole width, rows over one half where the halves are alike.
+    One row is enough where the obstacle is the same over the whole width.
     """
-    n = 2 * max(int(np.ceil(0.5 * width_mm / spacing_mm)), 1)
-    y, width = width_mm * ((np.arange(n) + 0.5) / n - 0.5), np.full(n, width_mm / n)
-    if _is_same(obstacle, y[[0, n - 1, *range(1, n - 1)]]):
-        return np.zeros(1), np.array([width_mm])
-    if all(_is_same(obstacle, np.array([-at, at])) for at in y[n // 2 :]):
-        return y[n // 2 :], 2.0 * width[n // 2 :]
-    return y, width
+    n = max(int(np.ceil(mesh.width_mm / spacing_mm)), 1)
+    y = mesh.width_mm * ((np.arange(n) + 0.5) / n - (0.0 if mesh.is_half else 0.5))
+    if _is_same(obstacle, np.concatenate([y[:: max(n // _N_PROBES, 1)], y[-1:]])):
+        return y[:1], np.array([mesh.width_mm])
+    return y, np.full(n, mesh.width_mm / n)
 
 
 def _is_same(obstacle: Obstacle, y: np.ndarray) -> bool:
     """True if the obstacle's surface is the same curve in the sections at all y (r)."""
     x, z = np.meshgrid(np.arange(*_PROBE_X_MM, _PROBE_STEP_MM), np.arange(*_PROBE_Z_MM, _PROBE_STEP_MM))
-    points = np.column_stack([x.ravel(), np.full(x.size, y[0]), z.ravel()])
-    first = np.maximum(obstacle.distance(points), -_PROBE_DEPTH_MM)
-    for other in y[1:]:
+    points = np.column_stack([x.ravel(), np.full(x.size, y[-1]), z.ravel()])
+    last = np.maximum(obstacle.distance(points), -_PROBE_DEPTH_MM)
+    for other in y[:-1]:
         points[:, 1] = other
-        if np.abs(np.maximum(obstacle.distance(points), -_PROBE_DEPTH_MM) - first).max() > _SAME_MM:
+        if np.abs(np.maximum(obstacle.distance(points), -_PROBE_DEPTH_MM) - last).max() > _SAME_MM:
             return False
     return True
 
@@ -66,7 +70,7 @@ class PlaneSurface:
         self.law, self._obstacle = law, obstacle
         self._edges = body.mesh.contact_edges
         self._places = block_map(self._edges, body.row_of_node, body.pattern)
-        self._y, self._widths = width_rows(obstacle, body.mesh.width_mm, spacing.across_mm)
+        self._y, self._widths = width_rows(obstacle, body.mesh, spacing.across_mm)
         self._edge_of_station, self._shape, self._lengths = _stations(nodes[self._edges], spacing.along_mm)
         n_points = len(self._lengths) * len(self._y)
         self._known_distance = np.full(n_points, -np.inf)
@@ -94,24 +98,23 @@ class PlaneSurface:
         points[:, 1] = np.tile(self._y, len(stations))
         return float(self._obstacle.distance(points).min())
 
-    def respond(
-        self, x: np.ndarray, state: ContactState, friction: np.ndarray, has_mirror: bool, blocks: np.ndarray | None
-    ) -> PlaneResponse:
-        """As `models.fem.contact.ContactSurface.respond`, in the plane: x (n, 2), `blocks` (z, 2, 2)."""
+    def respond(self, x: np.ndarray, state: ContactState, friction: np.ndarray, has_mirror: bool) -> PlaneResponse:
+        """Contact at deformed nodes x (n, 2); `friction` and `has_mirror` as in `ContactSurface.respond`."""
         stations = self.positions(x)
         inside, distance, normal = self._gaps(stations)
         n = self.n_points
-        response = PlaneResponse(np.zeros_like(x), np.zeros((n, 3)), np.zeros(n), np.zeros(n))
         stiffness = np.zeros((len(stations), 2, 2))
-        force = _point_forces(
-            stations, inside, distance, normal, self._lengths, self._widths, friction, state.position, state.traction,
-            (self.law.normal_n_per_mm3, self.law.tangential_n_per_mm3, self.law.smoothing_mm), has_mirror,
-            response.traction, response.pressure, response.slip_step, stiffness,
-        )  # fmt: skip
+        response = PlaneResponse(np.zeros_like(x), stiffness, np.zeros((n, 3)), np.zeros(n), np.zeros(n))
+        law = self.law.normal_n_per_mm3, self.law.tangential_n_per_mm3, self.law.smoothing_mm
+        points = inside, distance, normal, self._lengths, self._widths
+        new = response.traction, response.pressure, response.slip_step, stiffness
+        force = _point_forces(stations, *points, friction, state.position, state.traction, law, has_mirror, *new)
         _scatter_force(force, self._edges, self._edge_of_station, self._shape, response.force)
-        if blocks is not None:
-            _scatter_stiffness(stiffness, self._places, self._edge_of_station, self._shape, blocks)
         return response
+
+    def add_stiffness(self, response: PlaneResponse, blocks: np.ndarray) -> None:
+        """Add the tangent of a response to `blocks` (z, 2, 2)."""
+        _scatter_stiffness(response.stiffness, self._places, self._edge_of_station, self._shape, blocks)
 
     def _gaps(self, stations: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Numbers (m), distances (m) and normals (m, 3) of the points inside the obstacle.

@@ -5,7 +5,7 @@ import numpy as np
 from models.fem.contact import ContactState
 from models.fem.finger import DENSITY_T_PER_MM3, FingerState
 from models.fem.plane_body import PlaneBody
-from models.fem.plane_contact import PlaneSurface
+from models.fem.plane_contact import PlaneResponse, PlaneSurface
 
 IN_PLANE = [0, 2]  # x and z of a base position
 
@@ -28,6 +28,8 @@ class PlaneFinger:
         self._target = np.zeros((body.pattern.n, 2))
         self._friction = np.zeros(surface.n_points)
         self._state = surface.start(nodes)
+        self._response: PlaneResponse | None = None
+        self._response_x = nodes
 
     def rest(self, base: np.ndarray) -> FingerState:
         """The undeformed finger at rest with its base moved by `base` (3)."""
@@ -39,7 +41,7 @@ class PlaneFinger:
         self._clamped = self._nodes + base[IN_PLANE]
         self._rate = 1.0 / dt_s**2
         self._target[self._rows] = (state.x + dt_s * state.v)[self._free]
-        self._friction, self._state = friction, state.contact
+        self._friction, self._state, self._response = friction, state.contact, None
         return self._target.copy()
 
     def start_from(self, state: FingerState) -> np.ndarray:
@@ -70,7 +72,7 @@ class PlaneFinger:
     ) -> tuple[FingerState, np.ndarray]:
         """The state after the step, and the force (3) in N that the clamp exerts on the meshed body."""
         x = self.positions(u)
-        response = self._surface.respond(x, self._state, self._friction, self._has_mirror, None)
+        response = self._contact(x)
         elastic, clamp = self._body.force(x), np.zeros(3)
         if elastic is not None:
             clamp[IN_PLANE] = (elastic - response.force)[self._body.mesh.base_nodes].sum(axis=0)
@@ -90,7 +92,7 @@ class PlaneFinger:
         elastic = self._body.force(x)
         if elastic is None:
             return None
-        balance = self._surface.respond(x, self._state, self._friction, self._has_mirror, None).force - elastic
+        balance = self._contact(x).force - elastic
         rows = self._rate * self._mass * (self._target - u)
         rows[self._rows] += balance[self._free]
         return rows
@@ -100,7 +102,7 @@ class PlaneFinger:
         x = self.positions(u)
         if not self._body.stiffness(x, blocks):
             return False
-        self._surface.respond(x, self._state, self._friction, self._has_mirror, blocks)
+        self._surface.add_stiffness(self._contact(x), blocks)
         self.shift(blocks, 1.0)
         return True
 
@@ -108,3 +110,10 @@ class PlaneFinger:
         """See `Problem`; in units of the inertia M/dt^2."""
         diagonal = self._body.pattern.indptr[:-1]
         blocks[diagonal] += (amount * self._rate) * self._mass[:, :, None] * np.eye(2)
+
+    def _contact(self, x: np.ndarray) -> PlaneResponse:
+        """Newton asks for the tangent where it has just found the residual: contact is worked out once."""
+        if self._response is None or not np.array_equal(x, self._response_x):
+            self._response = self._surface.respond(x, self._state, self._friction, self._has_mirror)
+            self._response_x = x
+        return self._response

@@ -1,19 +1,23 @@
 """The section of a finger as a mesh of its own: what the extruded mesher sweeps over the width, not swept."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from models.mesh.wedge import PlanarMesh, add_middles, contact_edges, split, triangulate
-
-from shapely.geometry import Polygon
-
-BASE_TOLERANCE_MM = 1e-6
+from models.effects.base import Effect
+from models.geometry.profile import BASE_HEIGHT_MM
+from models.mesh.build import printed_profile
+from models.mesh.wedge import PLANE_TOLERANCE_MM, PlanarMesh, add_middles, contact_edges, split, triangulate
+from models.records import Design, MeshSettings
 
 
 @dataclass(frozen=True)
 class PlaneMesh:
-    """Quadratic mesh of the section in the finger frame's (x, z) plane, mm; `width_mm` thick in y.
+    """Quadratic mesh of the section in the finger frame's (x, z) plane, mm.
+
+    It stands for `width_mm` in y: from 0 on if `is_half`, else half to each side. `half_wave_mm` is the length over
+    which the walls bend (see `models.fem.plane_width`).
 
     Attributes:
         nodes: n x 2.
@@ -29,6 +33,8 @@ class PlaneMesh:
     base_nodes: np.ndarray
     contact_edges: np.ndarray
     width_mm: float
+    is_half: bool
+    half_wave_mm: float
 
     @property
     def connectivities(self) -> tuple[np.ndarray, ...]:
@@ -36,26 +42,33 @@ class PlaneMesh:
         return tuple(part for part in (self.triangles, self.quadrilaterals) if len(part))
 
 
-def plane_mesh(profile: Polygon, width_mm: float, edge_mm: float, *, refine: int = 0) -> PlaneMesh:
-    """Mesh a planar profile (x, z in mm); arguments as `models.mesh.wedge.wedge_mesh`.
+def plane_mesh(
+    design: Design, settings: MeshSettings, *, full_width: bool = False, effects: Sequence[Effect] = ()
+) -> PlaneMesh:
+    """The section of a finger; arguments as `models.mesh.build.build_mesh`.
 
     Raises:
         MeshingFailed: `empty` when the profile has no usable triangulation.
     """
-    vertices, triangles = triangulate(profile, edge_mm)
-    for _ in range(refine):
+    vertices, triangles = triangulate(printed_profile(design, settings, effects), settings.edge_mm)
+    for _ in range(settings.refine):
         vertices, triangles = split(vertices, triangles)
-    return section(add_middles(vertices, triangles), width_mm)
+    free_length_mm = design.height_mm - design.tip_length_mm - BASE_HEIGHT_MM
+    return section(
+        add_middles(vertices, triangles), design.width_mm, half_wave_mm=free_length_mm, full_width=full_width
+    )
 
 
-def section(planar: PlanarMesh, width_mm: float) -> PlaneMesh:
-    """A planar mesh with its base and contact edges."""
+def section(planar: PlanarMesh, width_mm: float, *, half_wave_mm: float, full_width: bool = False) -> PlaneMesh:
+    """A planar mesh with its base and contact edges; `width_mm` is that of the whole finger."""
     z = planar.points[:, 1]
     return PlaneMesh(
         nodes=planar.points,
         triangles=planar.triangles.astype(np.int32),
         quadrilaterals=np.zeros((0, 8), np.int32),
-        base_nodes=np.flatnonzero(z < z.min() + BASE_TOLERANCE_MM).astype(np.int32),
+        base_nodes=np.flatnonzero(z < z.min() + PLANE_TOLERANCE_MM).astype(np.int32),
         contact_edges=contact_edges(planar).astype(np.int32),
-        width_mm=width_mm,
+        width_mm=width_mm if full_width else 0.5 * width_mm,
+        is_half=not full_width,
+        half_wave_mm=half_wave_mm,
     )

@@ -206,6 +206,7 @@ def _close_and_lift(finger: FingerStep, stepper: Stepper, problem: FingerProblem
         record.add(time_s, 0.0, np.zeros(3))
     stall = ClosingStall(problem.stall_force_n, limits.closing_mm)
     closing = Path(state.base, INWARD, stroke - free, setup.close_speed_mm_per_s, stall.longest_step_mm)
+    state.v[:] = setup.close_speed_mm_per_s * INWARD
     for step in stepper.walk(state, closing):
         state = step.state
         record.add(time_s + step.travel_mm / setup.close_speed_mm_per_s, 0.0, step.clamp_n)

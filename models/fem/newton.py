@@ -157,9 +157,7 @@ class NewtonSolver:
             self._has_factor = self._linear.factorise(self._blocks)
         return "converged" if self._has_factor else "indefinite"
 
-    def _search(
-        self, problem: Problem, u: np.ndarray, residual: np.ndarray, direction: np.ndarray
-    ) -> _Move | None:
+    def _search(self, problem: Problem, u: np.ndarray, residual: np.ndarray, direction: np.ndarray) -> _Move | None:
         """Step along the direction to where its work vanishes, near enough; None if every step inverts."""
         largest = float(np.abs(direction).max())
         step = min(1.0, self.settings.max_move_mm / max(largest, 1e-12))

@@ -65,10 +65,10 @@ class FingerStep:
         self._friction = np.zeros(len(surface.areas))
         self._state = ContactState(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
 
-    def rest(self, base: np.ndarray) -> FingerState:
-        """The undeformed finger at rest with its base moved by `base` (3)."""
+    def undeformed(self, base: np.ndarray, velocity: np.ndarray) -> FingerState:
+        """The undeformed finger with its base moved by `base` (3), all of it at `velocity` (3) in mm/s."""
         x = self._nodes + base
-        return FingerState(x, np.zeros_like(x), self._surface.start(x), base.copy())
+        return FingerState(x, np.tile(velocity, (len(x), 1)), self._surface.start(x), base.copy())
 
     def begin(self, state: FingerState, base: np.ndarray, dt_s: float, friction: np.ndarray) -> np.ndarray:
         """Set up the step from `state` to the base position `base`; returns the first guess of the unknowns."""

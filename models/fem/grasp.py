@@ -200,13 +200,12 @@ def _close_and_lift(finger: FingerStep, stepper: Stepper, problem: FingerProblem
     record.add(0.0, 0.0, np.zeros(3))
     start, stroke = 0.5 * setup.open_gap_mm * -INWARD, 0.5 * (setup.open_gap_mm - setup.closed_gap_mm)
     free = travel_to_touch(finger.distance_to_anything, start, INWARD, stroke)
-    state = finger.rest(start + free * INWARD)
+    state = finger.undeformed(start + free * INWARD, setup.close_speed_mm_per_s * INWARD)
     time_s = free / setup.close_speed_mm_per_s
     if free > 0.0:
         record.add(time_s, 0.0, np.zeros(3))
     stall = ClosingStall(problem.stall_force_n, limits.closing_mm)
     closing = Path(state.base, INWARD, stroke - free, setup.close_speed_mm_per_s, stall.longest_step_mm)
-    state.v[:] = setup.close_speed_mm_per_s * INWARD
     for step in stepper.walk(state, closing):
         state = step.state
         record.add(time_s + step.travel_mm / setup.close_speed_mm_per_s, 0.0, step.clamp_n)

@@ -31,10 +31,10 @@ class PlaneFinger:
         self._response: PlaneResponse | None = None
         self._response_x = nodes
 
-    def rest(self, base: np.ndarray) -> FingerState:
-        """The undeformed finger at rest with its base moved by `base` (3)."""
+    def undeformed(self, base: np.ndarray, velocity: np.ndarray) -> FingerState:
+        """The undeformed finger with its base moved by `base` (3), all of it at `velocity` (3) in mm/s."""
         x = self._nodes + base[IN_PLANE]
-        return FingerState(x, np.zeros_like(x), self._surface.start(x), base.copy())
+        return FingerState(x, np.tile(velocity[IN_PLANE], (len(x), 1)), self._surface.start(x), base.copy())
 
     def begin(self, state: FingerState, base: np.ndarray, dt_s: float, friction: np.ndarray) -> np.ndarray:
         """Set up the step from `state` to the base position `base`; returns the first guess of the unknowns."""

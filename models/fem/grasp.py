@@ -8,17 +8,21 @@ import numpy as np
 
 from models.effects.base import Effect
 from models.effects.catalogue import build_effects
-from models.errors import UsageError
 from models.features import peak_force_n, work_j
 from models.fem.actuation import ClosingStall
 from models.fem.assembly import ElasticBody, Material
 from models.fem.contact import ContactLaw, ContactSurface, Obstacle, PointSpacing
 from models.fem.elasticity import REFERENCE_MODULUS_MPA
 from models.fem.finger import FingerState, FingerStep
-from models.fem.linear import BlockCholesky
+from models.fem.linear import BlockCholesky, LinearSolver
 from models.fem.newton import NewtonSettings, NewtonSolver
 from models.fem.obstacle import ObjectObstacle
+from models.fem.plane_body import PlaneBody
+from models.fem.plane_contact import PlaneSurface
+from models.fem.plane_finger import IN_PLANE, PlaneFinger
+from models.fem.plane_linear import PlaneCholesky
 from models.fem.stepping import (
+    Finger,
     FingerRecord,
     Path,
     StepLimits,
@@ -28,6 +32,7 @@ from models.fem.stepping import (
     travel_to_touch,
 )
 from models.mesh.build import build_mesh
+from models.mesh.plane import PlaneMesh, plane_mesh
 from models.mesh.solid import SolidMesh
 from models.objects.catalogue import RigidObject
 from models.records import Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion, Theta, Trace
@@ -51,7 +56,7 @@ class Numerics:
 class FingerProblem:
     """Everything about one finger in one grasp. `mesh` is in the finger frame; forces at the reference modulus."""
 
-    mesh: SolidMesh
+    mesh: SolidMesh | PlaneMesh
     height_mm: float
     theta: Theta
     setup: GraspSetup
@@ -93,7 +98,7 @@ def simulate_grasp(
     *,
     placement: Placement = Placement(),  # noqa: B008 - frozen record
     effects: Sequence[Effect] | None = None,
-    mesh: SolidMesh | None = None,
+    mesh: SolidMesh | PlaneMesh | None = None,
     numerics: Numerics = Numerics(),
     deadline_s: float | None = None,
 ) -> GraspSimulation:
@@ -111,10 +116,7 @@ def simulate_grasp(
         SimulationFailed: reason `time_out`, `no_convergence`, `inverted_element`, `indefinite`, `deep_penetration`
             or `max_steps`.
         MeshingFailed: the mesh could not be made.
-        UsageError: the version asks for the screening tier, which is not built.
     """
-    if version.tier == "screening":
-        raise UsageError("The screening tier is not built; use the tier `production` or `reference`.")
     started = time.process_time()
     deadline = deadline_after(deadline_s)
     active = tuple(build_effects(version.effects) if effects is None else effects)
@@ -123,7 +125,8 @@ def simulate_grasp(
         theta = effect.modify_theta(theta, design)
         setup = effect.modify_setup(setup, design)
     if mesh is None:
-        mesh = build_mesh(design, version.mesh, full_width=not obj.mirror_y, effects=active)
+        build = plane_mesh if version.tier == "screening" else build_mesh
+        mesh = build(design, version.mesh, full_width=not obj.mirror_y, effects=active)
     meshed = time.process_time()
     problem = FingerProblem(mesh, design.height_mm, theta, setup, active, numerics)
     is_symmetric = obj.mirror_x and placement.offset_x_mm == 0.0
@@ -150,17 +153,11 @@ def simulate_grasp(
 def simulate_finger(problem: FingerProblem, obstacle: Obstacle, deadline: float = np.inf) -> FingerResult:
     """Close and lift one finger against an obstacle; `deadline` is a time of `time.monotonic`."""
     started = time.process_time()
-    setup = problem.setup
-    nodes = to_object_frame(problem.mesh.nodes, problem.height_mm, setup.tip_below_mm)
-    material = Material(REFERENCE_MODULUS_MPA, problem.theta.poisson_ratio)
-    body = ElasticBody(problem.mesh, nodes, material)
-    surface = ContactSurface(body, nodes, problem.numerics.contact, problem.numerics.spacing)
-    finger = FingerStep(body, surface, nodes, obstacle, has_mirror=True)
-    blocks = np.zeros((len(body.pattern.indices), 3, 3))
-    newton = NewtonSolver(BlockCholesky(body.pattern), blocks, problem.numerics.newton, deadline)
-    stepper = Stepper(finger, newton, problem.numerics.limits, _friction(problem, len(surface.areas)))
+    model = _model(problem, obstacle)
+    newton = NewtonSolver(model.linear, model.blocks, problem.numerics.newton, deadline)
+    stepper = Stepper(model.finger, newton, problem.numerics.limits, _friction(problem, model.n_points))
     setup_cpu_s = time.process_time() - started
-    record, n_closing = _close_and_lift(finger, stepper, problem)
+    record, n_closing = _close_and_lift(model.finger, stepper, problem)
     share = 2.0 if problem.mesh.is_half else 1.0
     return FingerResult(
         time_s=np.array(record.time_s),
@@ -170,9 +167,46 @@ def simulate_finger(problem: FingerProblem, obstacle: Obstacle, deadline: float 
         n_steps=stepper.n_steps,
         n_newton=newton.n_iterations,
         n_factorisations=newton.n_factorisations,
-        n_dof=body.n_dof,
+        n_dof=model.n_dof,
         setup_cpu_s=setup_cpu_s,
     )
+
+
+@dataclass(frozen=True)
+class _Model:
+    """A finger to step, and what its equations are solved with."""
+
+    finger: Finger
+    linear: LinearSolver
+    blocks: np.ndarray
+    n_points: int
+    n_dof: int
+
+
+def _model(problem: FingerProblem, obstacle: Obstacle) -> _Model:
+    if isinstance(problem.mesh, PlaneMesh):
+        return _section(problem.mesh, problem, obstacle)
+    return _solid(problem.mesh, problem, obstacle)
+
+
+def _solid(mesh: SolidMesh, problem: FingerProblem, obstacle: Obstacle) -> _Model:
+    nodes = to_object_frame(mesh.nodes, problem.height_mm, problem.setup.tip_below_mm)
+    body = ElasticBody(mesh, nodes, Material(REFERENCE_MODULUS_MPA, problem.theta.poisson_ratio))
+    surface = ContactSurface(body, nodes, problem.numerics.contact, problem.numerics.spacing)
+    finger = FingerStep(body, surface, nodes, obstacle, has_mirror=True)
+    blocks = np.zeros((len(body.pattern.indices), 3, 3))
+    return _Model(finger, BlockCholesky(body.pattern), blocks, len(surface.areas), body.n_dof)
+
+
+def _section(mesh: PlaneMesh, problem: FingerProblem, obstacle: Obstacle) -> _Model:
+    x, z = mesh.nodes.T
+    nodes = to_object_frame(np.column_stack([x, np.zeros(len(x)), z]), problem.height_mm, problem.setup.tip_below_mm)
+    nodes = np.ascontiguousarray(nodes[:, IN_PLANE])
+    body = PlaneBody(mesh, nodes, REFERENCE_MODULUS_MPA, problem.theta.poisson_ratio)
+    surface = PlaneSurface(body, nodes, problem.numerics.contact, problem.numerics.spacing, obstacle)
+    finger = PlaneFinger(body, surface, nodes, has_mirror=True)
+    blocks = np.zeros((len(body.pattern.indices), 2, 2))
+    return _Model(finger, PlaneCholesky(body.pattern), blocks, surface.n_points, body.n_dof)
 
 
 def to_object_frame(nodes: np.ndarray, height_mm: float, tip_below_mm: float) -> np.ndarray:
@@ -194,7 +228,7 @@ def _friction(problem: FingerProblem, n: int) -> Callable[[FingerState], np.ndar
     return coefficient
 
 
-def _close_and_lift(finger: FingerStep, stepper: Stepper, problem: FingerProblem) -> tuple[FingerRecord, int]:
+def _close_and_lift(finger: Finger, stepper: Stepper, problem: FingerProblem) -> tuple[FingerRecord, int]:
     setup, limits = problem.setup, problem.numerics.limits
     record = FingerRecord()
     record.add(0.0, 0.0, np.zeros(3))
@@ -227,7 +261,7 @@ def _close_and_lift(finger: FingerStep, stepper: Stepper, problem: FingerProblem
     return record, n_closing
 
 
-def _is_clear(finger: FingerStep, lift: Path, travel: float) -> bool:
+def _is_clear(finger: Finger, lift: Path, travel: float) -> bool:
     """True if the undeformed finger meets nothing during the rest of the lift."""
     rest = lift.length_mm - travel
     free = travel_to_touch(finger.distance_to_object, lift.at(travel), UPWARD, rest)

@@ -3,12 +3,13 @@
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
 from models.errors import SimulationFailed
-from models.fem.finger import FingerState, FingerStep
-from models.fem.newton import NewtonSolver
+from models.fem.finger import FingerState
+from models.fem.newton import NewtonSolver, Problem
 
 TOUCH_MM = 0.02
 # The peak sits in the first millimetres of lift: 1 mm steps lose 1.5 % of it (notes/fem.md section 7).
@@ -55,6 +56,30 @@ class Step:
     clamp_n: np.ndarray
 
 
+class Finger(Problem, Protocol):
+    """A model of one finger that can be stepped through a grasp: `FingerStep`, or `PlaneFinger` of a section."""
+
+    def undeformed(self, base: np.ndarray, velocity: np.ndarray) -> FingerState:
+        """See `FingerStep`, as for all others."""
+        ...
+
+    def begin(self, state: FingerState, base: np.ndarray, dt_s: float, friction: np.ndarray) -> np.ndarray: ...
+
+    def start_from(self, state: FingerState) -> np.ndarray: ...
+
+    def finish(
+        self, state: FingerState, u: np.ndarray, base: np.ndarray, dt_s: float
+    ) -> tuple[FingerState, np.ndarray]: ...
+
+    def distance_to_object(self, base: np.ndarray) -> float: ...
+
+    def distance_to_anything(self, base: np.ndarray) -> float: ...
+
+    def is_touching(self, state: FingerState) -> bool: ...
+
+    def depth_mm(self, state: FingerState) -> np.ndarray: ...
+
+
 @dataclass
 class FingerRecord:
     """Samples of one finger: time, travel of the phase, force (3) of the clamp on the finger in N."""
@@ -74,7 +99,7 @@ class FingerRecord:
 class Stepper:
     """Walks a finger along paths with step control; counts steps."""
 
-    finger: FingerStep
+    finger: Finger
     newton: NewtonSolver
     limits: StepLimits
     friction: Callable[[FingerState], np.ndarray]

@@ -8,7 +8,9 @@ import numpy as np
 from models.effects.base import Effect
 from models.geometry.profile import BASE_HEIGHT_MM
 from models.mesh.build import printed_profile
-from models.mesh.wedge import PLANE_TOLERANCE_MM, PlanarMesh, add_middles, contact_edges, split, triangulate
+from models.mesh.extrude import PLANE_TOLERANCE_MM, contact_edges
+from models.mesh.planar import PlanarMesh
+from models.mesh.section import planar_mesh
 from models.records import Design, MeshSettings
 
 
@@ -48,15 +50,11 @@ def plane_mesh(
     """The section of a finger; arguments as `models.mesh.build.build_mesh`.
 
     Raises:
-        MeshingFailed: `empty` when the profile has no usable triangulation.
+        MeshingFailed: `empty` when the elements do not cover the profile.
     """
-    vertices, triangles = triangulate(printed_profile(design, settings, effects), settings.edge_mm)
-    for _ in range(settings.refine):
-        vertices, triangles = split(vertices, triangles)
+    planar = planar_mesh(printed_profile(design, settings, effects), settings.edge_mm, settings.refine)
     free_length_mm = design.height_mm - design.tip_length_mm - BASE_HEIGHT_MM
-    return section(
-        add_middles(vertices, triangles), design.width_mm, half_wave_mm=free_length_mm, full_width=full_width
-    )
+    return section(planar, design.width_mm, half_wave_mm=free_length_mm, full_width=full_width)
 
 
 def section(planar: PlanarMesh, width_mm: float, *, half_wave_mm: float, full_width: bool = False) -> PlaneMesh:
@@ -65,7 +63,7 @@ def section(planar: PlanarMesh, width_mm: float, *, half_wave_mm: float, full_wi
     return PlaneMesh(
         nodes=planar.points,
         triangles=planar.triangles.astype(np.int32),
-        quadrilaterals=np.zeros((0, 8), np.int32),
+        quadrilaterals=planar.quadrilaterals.astype(np.int32),
         base_nodes=np.flatnonzero(z < z.min() + PLANE_TOLERANCE_MM).astype(np.int32),
         contact_edges=contact_edges(planar).astype(np.int32),
         width_mm=width_mm if full_width else 0.5 * width_mm,

@@ -16,7 +16,7 @@ from models.records import Design, SimulatorVersion
 
 logger = logging.getLogger(__name__)
 
-MESH_CACHE_FORMAT = 1
+MESH_CACHE_FORMAT = 2
 
 
 def cached_mesh(

@@ -9,7 +9,7 @@ from models.errors import MeshingFailed
 from models.fem.elasticity import LAW_CODE, MaterialLaw, element_force, element_stiffness, lame_constants
 from models.fem.linear import BlockPattern, block_pattern
 from models.fem.shape import quadrature_of, shape_of
-from models.mesh.solid import SolidMesh
+from models.mesh.solid import ElementBlock, SolidMesh
 
 CLAMPED = -1
 
@@ -23,6 +23,21 @@ class Material:
     law: MaterialLaw = "neo_hookean"
 
 
+@dataclass(frozen=True)
+class _Elements:
+    """One element block ready for assembly: what the kernels read.
+
+    `connectivity` (m, k); `slopes` (m, q, k, 3) dN/dX in 1/mm; `weights` (m, q) in mm3; `values` (q, k) of the shape
+    functions; `places` (m, k, k) of the blocks in the pattern.
+    """
+
+    connectivity: np.ndarray
+    slopes: np.ndarray
+    weights: np.ndarray
+    values: np.ndarray
+    places: np.ndarray
+
+
 class ElasticBody:
     """A meshed elastic body: its internal force, its tangent, and its lumped volumes.
 
@@ -33,13 +48,17 @@ class ElasticBody:
     def __init__(self, mesh: SolidMesh, nodes: np.ndarray, material: Material, n_axial_points: int = 2) -> None:
         """`nodes` (n, 3): the undeformed mesh in the frame of the calculation (a rotation of the finger frame)."""
         self.mesh = mesh
-        self.elements = np.ascontiguousarray(mesh.elements, dtype=np.int32)
         self._law = LAW_CODE[material.law]
         self._lam, self._mu = lame_constants(material.young_modulus_mpa, material.poisson_ratio)
-        self._slopes, self._weights, self._values = _reference_gradients(mesh, nodes, n_axial_points)
         self.row_of_node, self.pattern = _number_rows(mesh)
-        self._map = block_map(self.elements, self.row_of_node, self.pattern)
+        self._parts = [self._prepared(block, nodes, n_axial_points) for block in mesh.blocks]
         self._symmetry = _symmetry_blocks(mesh, self.row_of_node, self.pattern)
+
+    def _prepared(self, block: ElementBlock, nodes: np.ndarray, n_axial_points: int) -> _Elements:
+        slopes, weights, values = _reference_gradients(block, nodes, n_axial_points)
+        connectivity = np.ascontiguousarray(block.connectivity, dtype=np.int32)
+        places = block_map(connectivity, self.row_of_node, self.pattern)
+        return _Elements(connectivity, slopes, weights, values, places)
 
     @property
     def n_dof(self) -> int:
@@ -49,17 +68,21 @@ class ElasticBody:
     def force(self, x: np.ndarray) -> np.ndarray | None:
         """Internal nodal force (n, 3) at deformed nodes x (n, 3); None if an element is inverted."""
         force = np.zeros_like(x)
-        valid = _assemble_force(x, self.elements, self._slopes, self._weights, self._law, self._lam, self._mu, force)
-        return force if valid else None
+        material = self._law, self._lam, self._mu
+        for part in self._parts:
+            if not _assemble_force(x, part.connectivity, part.slopes, part.weights, *material, force):
+                return None
+        return force
 
     def stiffness(self, x: np.ndarray, blocks: np.ndarray) -> np.ndarray | None:
         """As `force`; also overwrites `blocks` (z, 3, 3) with the tangent (symmetry not yet applied)."""
         force = np.zeros_like(x)
         blocks[:] = 0.0
-        valid = _assemble(
-            x, self.elements, self._slopes, self._weights, self._law, self._lam, self._mu, self._map, force, blocks
-        )
-        return force if valid else None
+        material = self._law, self._lam, self._mu
+        for part in self._parts:
+            if not _assemble(x, part.connectivity, part.slopes, part.weights, *material, part.places, force, blocks):
+                return None
+        return force
 
     def apply_symmetry(self, blocks: np.ndarray) -> None:
         """Decouple the y displacement of the nodes on the symmetry plane."""
@@ -70,10 +93,11 @@ class ElasticBody:
 
     def lumped_volume(self) -> np.ndarray:
         """Volume of each node in mm3 (n): diagonal of the consistent mass, scaled per element (HRZ lumping)."""
-        diagonal = np.einsum("qa,mq->ma", self._values**2, self._weights)
-        diagonal *= (self._weights.sum(axis=1) / diagonal.sum(axis=1))[:, None]
         volume = np.zeros(len(self.mesh.nodes))
-        np.add.at(volume, self.elements.ravel(), diagonal.ravel())
+        for part in self._parts:
+            diagonal = np.einsum("qa,mq->ma", part.values**2, part.weights)
+            diagonal *= (part.weights.sum(axis=1) / diagonal.sum(axis=1))[:, None]
+            np.add.at(volume, part.connectivity.ravel(), diagonal.ravel())
         return volume
 
 
@@ -90,16 +114,16 @@ def block_map(connectivity: np.ndarray, row_of_node: np.ndarray, pattern: BlockP
 
 
 def _reference_gradients(
-    mesh: SolidMesh, nodes: np.ndarray, n_axial_points: int
+    block: ElementBlock, nodes: np.ndarray, n_axial_points: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Gradients dN/dX (m, q, k, 3), weights (m, q) in mm3 and shape values (q, k)."""
-    rule = quadrature_of(mesh.kind, n_axial_points)
-    values, gradients = shape_of(mesh.kind, rule.points)
-    jacobian = np.einsum("mai,qaj->mqij", nodes[mesh.elements], gradients)
+    rule = quadrature_of(block.kind, n_axial_points)
+    values, gradients = shape_of(block.kind, rule.points)
+    jacobian = np.einsum("mai,qaj->mqij", nodes[block.connectivity], gradients)
     determinant = np.linalg.det(jacobian)
     if not determinant.min() > 0.0:
         raise MeshingFailed(
-            f"{int((determinant.min(axis=1) <= 0).sum())} of {len(mesh.elements)} elements are inverted before any "
+            f"{int((determinant.min(axis=1) <= 0).sum())} of {len(determinant)} elements are inverted before any "
             "load; change the mesh settings.",
             reason="inverted_element",
         )
@@ -108,16 +132,18 @@ def _reference_gradients(
 
 
 def _number_rows(mesh: SolidMesh) -> tuple[np.ndarray, BlockPattern]:
-    n_nodes = len(mesh.nodes)
-    free = np.ones(n_nodes, dtype=bool)
+    free = np.ones(len(mesh.nodes), dtype=bool)
     free[mesh.base_nodes] = False
     compact = np.where(free, np.cumsum(free) - 1, CLAMPED)
-    local = compact[mesh.elements]
-    k = local.shape[1]
-    first, second = np.broadcast_arrays(local[:, :, None], local[:, None, :])
-    pairs = np.column_stack([first.reshape(-1, k * k).ravel(), second.reshape(-1, k * k).ravel()])
+    pairs = np.vstack([_node_pairs(compact[block.connectivity]) for block in mesh.blocks])
     pattern = block_pattern(int(free.sum()), pairs[(pairs >= 0).all(axis=1)])
     return np.where(free, pattern.position[compact], CLAMPED).astype(np.int32), pattern
+
+
+def _node_pairs(local: np.ndarray) -> np.ndarray:
+    """All pairs (m k^2, 2) of nodes that share an element (m, k)."""
+    first, second = np.broadcast_arrays(local[:, :, None], local[:, None, :])
+    return np.column_stack([first.ravel(), second.ravel()])
 
 
 def _symmetry_blocks(

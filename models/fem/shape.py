@@ -1,15 +1,26 @@
-"""Shape functions and quadrature of the quadratic elements, in the node order of Abaqus and CalculiX."""
+"""Shape functions and quadrature of the solid elements, in the node order of Abaqus and CalculiX."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-ElementKind = Literal["C3D10", "C3D15"]
+ElementKind = Literal["C3D4", "C3D10", "C3D15", "C3D20R"]
+
+N_NODES: dict[ElementKind, int] = {"C3D4": 4, "C3D10": 10, "C3D15": 15, "C3D20R": 20}
 
 # Corner pairs of the mid-side nodes, in node order.
 TETRAHEDRON_EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
 WEDGE_EDGES = ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5))
+HEXAHEDRON_EDGES = (
+    *((0, 1), (1, 2), (2, 3), (3, 0)),
+    *((4, 5), (5, 6), (6, 7), (7, 4)),
+    *((0, 4), (1, 5), (2, 6), (3, 7)),
+)
+_HEXAHEDRON_CORNERS = np.array(
+    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], dtype=float
+)
 
 _GAUSS = {
     1: (np.array([0.0]), np.array([2.0])),
@@ -42,14 +53,21 @@ def tetrahedron_quadrature() -> Quadrature:
     return Quadrature(points, np.full(4, 1.0 / 24.0))
 
 
+def hexahedron_quadrature() -> Quadrature:
+    """The 2 x 2 x 2 Gauss points of C3D20R: reduced integration, free of shear and volumetric locking."""
+    return Quadrature(_HEXAHEDRON_CORNERS / np.sqrt(3.0), np.ones(8))
+
+
 def quadrature_of(kind: ElementKind, n_axial: int = 2) -> Quadrature:
     """Quadrature of an element kind; `n_axial` only matters for wedges."""
-    return wedge_quadrature(n_axial) if kind == "C3D15" else tetrahedron_quadrature()
+    if kind == "C3D15":
+        return wedge_quadrature(n_axial)
+    return hexahedron_quadrature() if kind == "C3D20R" else tetrahedron_quadrature()
 
 
 def shape_of(kind: ElementKind, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Values (q, k) and reference gradients (q, k, 3) of the shape functions at points (q, 3)."""
-    return _wedge(points) if kind == "C3D15" else _tetrahedron(points)
+    return _SHAPES[kind](points)
 
 
 def face_shape(n_nodes: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -121,3 +139,31 @@ def _quadrilateral(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         values[:, i] = 0.5 * (1 - s**2) * (1 + a * r)
         gradients[:, i] = np.column_stack([0.5 * a * (1 - s**2), -s * (1 + a * r)])
     return values, gradients
+
+
+def _hexahedron(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Twenty-node serendipity hexahedron on [-1, 1]^3: corners of the lower and upper face, then mid-sides."""
+    corners = _HEXAHEDRON_CORNERS
+    middles = corners[np.array(HEXAHEDRON_EDGES)].mean(axis=1)
+    p = points[:, None, :]
+    factor = 1.0 + p * corners
+    reach = (p * corners).sum(axis=2) - 2.0
+    product = 0.125 * factor.prod(axis=2)
+    corner_slope = corners * _others_product(factor) * 0.125 * reach[:, :, None] + corners * product[:, :, None]
+    across = middles == 0.0
+    factor = np.where(across, 1.0 - p**2, 1.0 + p * middles)
+    slope = np.where(across, -2.0 * p, middles)
+    values = np.hstack([product * reach, 0.25 * factor.prod(axis=2)])
+    return values, np.concatenate([corner_slope, 0.25 * slope * _others_product(factor)], axis=1)
+
+
+def _others_product(factor: np.ndarray) -> np.ndarray:
+    """For factors (..., 3), the product of the two others at each place."""
+    return np.roll(factor, 1, axis=-1) * np.roll(factor, 2, axis=-1)
+
+
+_SHAPES: dict[ElementKind, Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
+    "C3D10": _tetrahedron,
+    "C3D15": _wedge,
+    "C3D20R": _hexahedron,
+}

@@ -2,39 +2,52 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
 
 import numpy as np
 
-from models.fem.shape import ElementKind
+from models.fem.shape import N_NODES, ElementKind
 
-_KIND_OF_NODES: dict[int, ElementKind] = {10: "C3D10", 15: "C3D15"}
+_NODE_SETS = ("base_nodes", "symmetry_nodes", "contact_faces")
+
+
+@dataclass(frozen=True)
+class ElementBlock:
+    """All elements of one kind: `connectivity` (m, k) int32 node numbers, in the order of Abaqus and CalculiX."""
+
+    kind: ElementKind
+    connectivity: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Check the number of nodes per element."""
+        if self.connectivity.ndim != 2 or self.connectivity.shape[1] != N_NODES[self.kind]:
+            raise ValueError(f"{self.kind} has {N_NODES[self.kind]} nodes, not a table {self.connectivity.shape}")
 
 
 @dataclass(frozen=True)
 class SolidMesh:
-    """Quadratic solid mesh in the finger frame, mm.
+    """Solid mesh of one body in the finger frame, mm, of one or several kinds of elements.
 
     Attributes:
         nodes: n x 3. x = 0 front wall plane, growing away from the object; y width; z from the base to the apex.
-        elements: m x 10 or m x 15, in Abaqus and CalculiX order (C3D10, C3D15).
+        blocks: the elements, one block per kind.
         base_nodes: nodes on the clamped plane on top of the rigid base.
         symmetry_nodes: nodes on y = 0 of a half-width mesh; empty for the full width.
-        contact_faces: f x 8 or f x 6, faces on the front wall and on the tip plane, corners then mid-sides.
+        contact_faces: f x 8, f x 6 or f x 3, faces on the front wall and on the tip plane, corners then mid-sides.
     """
 
     nodes: np.ndarray
-    elements: np.ndarray
+    blocks: tuple[ElementBlock, ...]
     base_nodes: np.ndarray
     symmetry_nodes: np.ndarray
     contact_faces: np.ndarray
 
     @property
-    def kind(self) -> ElementKind:
-        """Abaqus name of the element type."""
-        return _KIND_OF_NODES[self.elements.shape[1]]
+    def n_elements(self) -> int:
+        """Number of elements of all kinds."""
+        return sum(len(block.connectivity) for block in self.blocks)
 
     @property
     def is_half(self) -> bool:
@@ -51,10 +64,12 @@ class SolidMesh:
         return "M" + digest.hexdigest()[:12]
 
     def to_arrays(self) -> dict[str, np.ndarray]:
-        """Plain arrays by name, for caching."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        """Plain arrays by name, for caching; the elements go by the name of their kind."""
+        elements = {str(block.kind): block.connectivity for block in self.blocks}
+        return {"nodes": self.nodes, **elements, **{name: getattr(self, name) for name in _NODE_SETS}}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> Self:
         """Inverse of `to_arrays`."""
-        return cls(**{field.name: np.asarray(arrays[field.name]) for field in fields(cls)})
+        blocks = tuple(ElementBlock(kind, np.asarray(arrays[kind])) for kind in N_NODES if kind in arrays)
+        return cls(np.asarray(arrays["nodes"]), blocks, *(np.asarray(arrays[name]) for name in _NODE_SETS))

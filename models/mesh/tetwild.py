@@ -17,7 +17,7 @@ from shapely.geometry import Polygon
 
 from models.errors import MeshingFailed
 from models.fem.shape import TETRAHEDRON_EDGES
-from models.mesh.solid import SolidMesh
+from models.mesh.solid import ElementBlock, SolidMesh
 
 ENVELOPE_MM = 0.02  # fTetWild keeps the surface within this distance
 SNAP_MM = 0.1  # nodes this near to a plane of the body belong to it
@@ -133,7 +133,7 @@ def quadratic_mesh(
     elements = np.hstack([corners, len(points) + inverse.reshape(-1, 6)]).astype(np.int32)
     return SolidMesh(
         nodes=nodes,
-        elements=elements,
+        blocks=(ElementBlock("C3D10", elements),),
         base_nodes=np.flatnonzero(nodes[:, 2] == base_z).astype(np.int32),
         symmetry_nodes=np.flatnonzero(nodes[:, 1] == 0.0).astype(np.int32) if is_half else np.zeros(0, np.int32),
         contact_faces=_contact_faces(nodes, elements, apex_z),

@@ -12,7 +12,7 @@ from shapely.geometry import Polygon
 from shapely.geometry.polygon import orient
 
 from models.errors import MeshingFailed
-from models.mesh.solid import SolidMesh
+from models.mesh.solid import ElementBlock, SolidMesh
 
 PLANE_TOLERANCE_MM = 1e-6
 
@@ -104,7 +104,7 @@ def extrude(planar: PlanarMesh, levels: np.ndarray, *, symmetric: bool) -> Solid
     base_z = planar.points[:, 1].min()
     return SolidMesh(
         nodes=nodes,
-        elements=elements.astype(np.int32),
+        blocks=(ElementBlock("C3D15", elements.astype(np.int32)),),
         base_nodes=np.flatnonzero(nodes[:, 2] < base_z + PLANE_TOLERANCE_MM).astype(np.int32),
         symmetry_nodes=np.flatnonzero(nodes[:, 1] == 0.0).astype(np.int32) if symmetric else np.zeros(0, np.int32),
         contact_faces=faces,

@@ -9,18 +9,22 @@ from models.fem.assembly import ElasticBody, Material
 from models.fem.elasticity import LAW_CODE, element_force, element_stiffness, lame_constants
 from models.fem.linear import BlockCholesky, BlockPattern, block_pattern
 from models.fem.shape import ElementKind, face_shape, quadrature_of, shape_of
-from models.mesh.solid import SolidMesh
+from models.mesh.solid import ElementBlock, SolidMesh
 
 CORNERS = {
     "C3D10": np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
     "C3D15": np.array([[0.0, 0, -1], [1, 0, -1], [0, 1, -1], [0, 0, 1], [1, 0, 1], [0, 1, 1]]),
+    "C3D20R": np.array(
+        [[-1.0, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]]
+    ),
 }
 EDGES = {
     "C3D10": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
     "C3D15": [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
+    "C3D20R": [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)],
 }
-VOLUME = {"C3D10": 1 / 6, "C3D15": 1.0}
-KINDS: tuple[ElementKind, ...] = ("C3D10", "C3D15")
+VOLUME = {"C3D10": 1 / 6, "C3D15": 1.0, "C3D20R": 8.0}
+KINDS: tuple[ElementKind, ...] = ("C3D10", "C3D15", "C3D20R")
 
 
 def reference_nodes(kind: ElementKind) -> np.ndarray:
@@ -61,7 +65,7 @@ def test_face_functions_sum_to_one_and_differentiate(n_nodes: int) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_quadrature_integrates_quadratics(kind: ElementKind) -> None:
     rule = quadrature_of(kind)
-    exact = {"C3D10": 1 / 60, "C3D15": 1 / 6}[kind]  # integral of x^2
+    exact = {"C3D10": 1 / 60, "C3D15": 1 / 6, "C3D20R": 8 / 3}[kind]  # integral of x^2
     assert rule.weights.sum() == pytest.approx(VOLUME[kind])
     assert (rule.weights * rule.points[:, 0] ** 2).sum() == pytest.approx(exact)
 
@@ -162,7 +166,8 @@ def test_ordering_is_a_permutation_that_keeps_the_factor_sparse() -> None:
 def test_body_volume_and_inverted_mesh() -> None:
     nodes = reference_nodes("C3D15")
     empty = np.zeros(0, np.int32)
-    mesh = SolidMesh(nodes, np.arange(15)[None], np.array([0, 1, 2, 6, 7, 8]), empty, np.zeros((0, 8), np.int32))
+    blocks = (ElementBlock("C3D15", np.arange(15)[None]),)
+    mesh = SolidMesh(nodes, blocks, np.array([0, 1, 2, 6, 7, 8]), empty, np.zeros((0, 8), np.int32))
     body = ElasticBody(mesh, nodes, Material(11.5, 0.45))
     assert body.lumped_volume().sum() == pytest.approx(1.0)
     assert body.n_dof == 27

@@ -12,7 +12,7 @@ from models.fem.linear import BlockCholesky
 from models.fem.newton import NewtonSettings, NewtonSolver, solve_dead_load
 from models.fem.stepping import Path as BasePath
 from models.fem.stepping import StepLimits, Stepper
-from models.mesh.solid import SolidMesh
+from models.mesh.solid import ElementBlock, SolidMesh
 
 CALCULIX = np.load(Path(__file__).parents[1] / "data" / "fem" / "calculix.npz")
 PUSH = np.array([-1.0, 0.0, 0.0])
@@ -33,7 +33,7 @@ def reference_body(mesh: str) -> tuple[ElasticBody, np.ndarray]:
     nodes = CALCULIX[f"{mesh}_nodes"]
     solid = SolidMesh(
         nodes,
-        CALCULIX[f"{mesh}_elements"],
+        (ElementBlock("C3D10" if mesh.startswith("t10") else "C3D15", CALCULIX[f"{mesh}_elements"]),),
         CALCULIX[f"{mesh}_base"],
         CALCULIX[f"{mesh}_symmetry"],
         CALCULIX[f"{mesh}_faces"],

@@ -98,9 +98,7 @@ class FingerStep:
         response = self._contact(x, None)
         elastic = self._body.force(x)
         clamp = np.zeros(3) if elastic is None else (elastic - response.force)[~self._free].sum(axis=0)
-        contact = ContactState(
-            self._surface.positions(x), response.traction, response.pressure, state.contact.slip + response.slip_step
-        )
+        contact = self._surface.advance(state.contact, x, response)
         return FingerState(x, (x - state.x) / dt_s, contact, base.copy()), clamp
 
     def positions(self, u: np.ndarray) -> np.ndarray:

@@ -109,12 +109,9 @@ class FingerStep:
         end = self._evaluate(u)
         if end is None:
             raise SimulationFailed("An element is inverted in a state of equilibrium.", reason="inverted_element")
-        x, response = end.x, end.contact
-        clamp = (end.elastic - response.force)[~self._free].sum(axis=0)
-        contact = ContactState(
-            self._surface.positions(x), response.traction, response.pressure, state.contact.slip + response.slip_step
-        )
-        return FingerState(x, (x - state.x) / dt_s, contact, base.copy()), clamp
+        clamp = (end.elastic - end.contact.force)[~self._free].sum(axis=0)
+        contact = self._surface.advance(state.contact, end.x, end.contact)
+        return FingerState(end.x, (end.x - state.x) / dt_s, contact, base.copy()), clamp
 
     def positions(self, u: np.ndarray) -> np.ndarray:
         """All nodes (n, 3) from the unknown rows."""

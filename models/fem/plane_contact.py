@@ -11,10 +11,12 @@ import numba as nb
 import numpy as np
 
 from models.fem.assembly import block_map
-from models.fem.contact import ContactLaw, ContactState, Obstacle, PointSpacing, pressure_law
+from models.fem.contact import ContactLaw, ContactState, Obstacle, PointSpacing, Solid
+from models.fem.contact_kernel import Law, penalty
 from models.fem.friction import return_mapping
 from models.fem.plane_body import PlaneBody
 from models.mesh.plane import PlaneMesh
+from models.objects.distance import solid_distance
 
 # Where an obstacle is compared across the width: around the objects' box, at the depth to which contacts sink.
 _PROBE_X_MM, _PROBE_Z_MM, _PROBE_STEP_MM, _PROBE_DEPTH_MM = (-26.0, 26.0), (-2.0, 52.0), 1.3, 1.0
@@ -82,9 +84,13 @@ class PlaneSurface:
         return len(self._known_distance)
 
     def start(self, x: np.ndarray) -> ContactState:
-        """State before any contact, at deformed nodes x (n, 2); positions are those of the stations (s, 2)."""
+        """State before any contact, at deformed nodes x (n, 2)."""
         n = self.n_points
-        return ContactState(self.positions(x), np.zeros((n, 3)), np.zeros(n), np.zeros(n))
+        return ContactState(x, np.zeros((n, 3)), np.zeros(n), np.zeros(n))
+
+    def advance(self, state: ContactState, x: np.ndarray, response: PlaneResponse) -> ContactState:
+        """State after a converged step from `state` to nodes x (n, 2) with this response."""
+        return ContactState(x, response.traction, response.pressure, state.slip + response.slip_step)
 
     def positions(self, x: np.ndarray) -> np.ndarray:
         """Stations (s, 2) at deformed nodes x (n, 2)."""
@@ -105,10 +111,11 @@ class PlaneSurface:
         n = self.n_points
         stiffness = np.zeros((len(stations), 2, 2))
         response = PlaneResponse(np.zeros_like(x), stiffness, np.zeros((n, 3)), np.zeros(n), np.zeros(n))
-        law = self.law.normal_n_per_mm3, self.law.tangential_n_per_mm3, self.law.smoothing_mm
+        law = Law(self.law.normal_n_per_mm3, self.law.tangential_n_per_mm3, self.law.smoothing_mm)
+        motion = stations - self.positions(state.nodes)
         points = inside, distance, normal, self._lengths, self._widths
         new = response.traction, response.pressure, response.slip_step, stiffness
-        force = _point_forces(stations, *points, friction, state.position, state.traction, law, has_mirror, *new)
+        force = _point_forces(stations, motion, *points, friction, state.traction, law, has_mirror, *new)
         _scatter_force(force, self._edges, self._edge_of_station, self._shape, response.force)
         return response
 
@@ -121,6 +128,9 @@ class PlaneSurface:
 
         A distance changes at most as far as its point moves, so points that cannot have arrived are not asked.
         """
+        if isinstance(self._obstacle, Solid):
+            rows = self._obstacle.primitives
+            return _inside_solid(rows, stations, self._y, self._known_position, self._known_distance)
         near, points = _arrived(stations, self._y, self._known_position, self._known_distance)
         if not len(near):
             return near, np.zeros(0), np.zeros((0, 3))
@@ -175,17 +185,33 @@ def _arrived(
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
+def _inside_solid(
+    rows: np.ndarray, stations: np.ndarray, y: np.ndarray, known_position: np.ndarray, known_distance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Numbers (m), distances (m) and normals (m, 3) of the points inside a solid of primitives `rows`."""
+    near, points = _arrived(stations, y, known_position, known_distance)
+    distance, normal, m = np.zeros(len(near)), np.zeros((len(near), 3)), 0
+    for i in range(len(near)):
+        d, u, v, w = solid_distance(rows, points[i, 0], points[i, 1], points[i, 2])
+        known_distance[near[i]] = d
+        if d < 0.0:
+            near[m], distance[m], normal[m, 0], normal[m, 1], normal[m, 2] = near[i], d, u, v, w
+            m += 1
+    return near[:m], distance[:m], normal[:m]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def _point_forces(
     stations: np.ndarray,
+    motion: np.ndarray,
     inside: np.ndarray,
     distance: np.ndarray,
     normals: np.ndarray,
     lengths: np.ndarray,
     widths: np.ndarray,
     friction: np.ndarray,
-    old_stations: np.ndarray,
     old_traction: np.ndarray,
-    law: tuple[float, float, float],
+    law: Law,
     has_mirror: bool,
     traction: np.ndarray,
     pressure: np.ndarray,
@@ -193,22 +219,21 @@ def _point_forces(
     stiffness: np.ndarray,
 ) -> np.ndarray:
     """Force (s, 2) in N at the stations; adds to `stiffness` (s, 2, 2) and fills the state of the points."""
-    kn, kt, d0 = law
     force = np.zeros_like(stations)
-    motion, tangent = np.zeros(3), np.zeros((3, 3))
+    moved, tangent = np.zeros(3), np.zeros((3, 3))
     if has_mirror:
         for s in range(len(stations)):
             if stations[s, 0] < 0.0:
-                p, slope = pressure_law(-stations[s, 0], kn, d0)
+                p, slope = penalty(-stations[s, 0], law)
                 force[s, 0] += lengths[s] * widths.sum() * p
                 stiffness[s, 0, 0] += lengths[s] * widths.sum() * slope
     for i in range(len(inside)):
         c, normal = inside[i], normals[i]
         s = c // len(widths)
         w = lengths[s] * widths[c % len(widths)]
-        p, slope = pressure_law(-distance[i], kn, d0)
-        motion[0], motion[2] = stations[s, 0] - old_stations[s, 0], stations[s, 1] - old_stations[s, 1]
-        slip_step[c] = return_mapping(old_traction[c], motion, normal, friction[c] * p, kt, traction[c], tangent)
+        p, slope = penalty(-distance[i], law)
+        moved[0], moved[2] = motion[s, 0], motion[s, 1]
+        slip_step[c] = return_mapping(old_traction[c], moved, normal, friction[c] * p, law.kt, traction[c], tangent)
         pressure[c] = p
         for k in range(2):
             force[s, k] += w * (p * normal[2 * k] + traction[c, 2 * k])

@@ -1,13 +1,25 @@
 """The section of one finger in one grasp: its mechanics at a time step, as `models.fem.finger` for the solid."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from models.fem.contact import ContactState
+from models.errors import SimulationFailed
 from models.fem.finger import DENSITY_T_PER_MM3, FingerState
 from models.fem.plane_body import PlaneBody
 from models.fem.plane_contact import PlaneResponse, PlaneSurface
 
 IN_PLANE = [0, 2]  # x and z of a base position
+
+
+@dataclass(frozen=True)
+class _Evaluation:
+    """Mechanics at unknowns u (rows, 2): nodes x (n, 2), contact response, elastic nodal force (n, 2)."""
+
+    u: np.ndarray
+    x: np.ndarray
+    contact: PlaneResponse
+    elastic: np.ndarray
 
 
 class PlaneFinger:
@@ -28,8 +40,7 @@ class PlaneFinger:
         self._target = np.zeros((body.pattern.n, 2))
         self._friction = np.zeros(surface.n_points)
         self._state = surface.start(nodes)
-        self._response: PlaneResponse | None = None
-        self._response_x = nodes
+        self._last: _Evaluation | None = None
 
     def undeformed(self, base: np.ndarray, velocity: np.ndarray) -> FingerState:
         """The undeformed finger with its base moved by `base` (3), all of it at `velocity` (3) in mm/s."""
@@ -41,7 +52,7 @@ class PlaneFinger:
         self._clamped = self._nodes + base[IN_PLANE]
         self._rate = 1.0 / dt_s**2
         self._target[self._rows] = (state.x + dt_s * state.v)[self._free]
-        self._friction, self._state, self._response = friction, state.contact, None
+        self._friction, self._state, self._last = friction, state.contact, None
         return self._target.copy()
 
     def start_from(self, state: FingerState) -> np.ndarray:
@@ -71,14 +82,13 @@ class PlaneFinger:
         self, state: FingerState, u: np.ndarray, base: np.ndarray, dt_s: float
     ) -> tuple[FingerState, np.ndarray]:
         """The state after the step, and the force (3) in N that the clamp exerts on the meshed body."""
-        x = self.positions(u)
-        response = self._contact(x)
-        elastic, clamp = self._body.force(x), np.zeros(3)
-        if elastic is not None:
-            clamp[IN_PLANE] = (elastic - response.force)[self._body.mesh.base_nodes].sum(axis=0)
-        slip = state.contact.slip + response.slip_step
-        contact = ContactState(self._surface.positions(x), response.traction, response.pressure, slip)
-        return FingerState(x, (x - state.x) / dt_s, contact, base.copy()), clamp
+        end = self._evaluate(u)
+        if end is None:
+            raise SimulationFailed("An element is inverted in a state of equilibrium.", reason="inverted_element")
+        clamp = np.zeros(3)
+        clamp[IN_PLANE] = (end.elastic - end.contact.force)[self._body.mesh.base_nodes].sum(axis=0)
+        contact = self._surface.advance(state.contact, end.x, end.contact)
+        return FingerState(end.x, (end.x - state.x) / dt_s, contact, base.copy()), clamp
 
     def positions(self, u: np.ndarray) -> np.ndarray:
         """All nodes (n, 2) from the unknown rows."""
@@ -88,21 +98,20 @@ class PlaneFinger:
 
     def residual(self, u: np.ndarray) -> np.ndarray | None:
         """See `Problem`."""
-        x = self.positions(u)
-        elastic = self._body.force(x)
-        if elastic is None:
+        now = self._evaluate(u)
+        if now is None:
             return None
-        balance = self._contact(x).force - elastic
         rows = self._rate * self._mass * (self._target - u)
-        rows[self._rows] += balance[self._free]
+        rows[self._rows] += (now.contact.force - now.elastic)[self._free]
         return rows
 
     def tangent(self, u: np.ndarray, blocks: np.ndarray) -> bool:
         """See `Problem`."""
-        x = self.positions(u)
-        if not self._body.stiffness(x, blocks):
+        now = self._evaluate(u)
+        if now is None:
             return False
-        self._surface.add_stiffness(self._contact(x), blocks)
+        self._body.stiffness(now.x, blocks)
+        self._surface.add_stiffness(now.contact, blocks)
         self.shift(blocks, 1.0)
         return True
 
@@ -111,9 +120,13 @@ class PlaneFinger:
         diagonal = self._body.pattern.indptr[:-1]
         blocks[diagonal] += (amount * self._rate) * self._mass[:, :, None] * np.eye(2)
 
-    def _contact(self, x: np.ndarray) -> PlaneResponse:
-        """Newton asks for the tangent where it has just found the residual: contact is worked out once."""
-        if self._response is None or not np.array_equal(x, self._response_x):
-            self._response = self._surface.respond(x, self._state, self._friction, self._has_mirror)
-            self._response_x = x
-        return self._response
+    def _evaluate(self, u: np.ndarray) -> _Evaluation | None:
+        """Contact and elastic forces; None if an element is inverted. The last one is kept: Newton asks again."""
+        if self._last is None or not np.array_equal(self._last.u, u):
+            x = self.positions(u)
+            elastic = self._body.force(x)
+            if elastic is None:
+                return None
+            contact = self._surface.respond(x, self._state, self._friction, self._has_mirror)
+            self._last = _Evaluation(u.copy(), x, contact, elastic)
+        return self._last

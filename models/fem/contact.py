@@ -104,6 +104,10 @@ class ContactSurface:
         self._known_distance = np.full(len(self.areas), -np.inf)
         self._known_position = np.zeros((len(self.areas), 3))
 
+    def forget(self) -> None:
+        """Drop what is remembered of distances: the next evaluation starts as if it were the first."""
+        self._known_obstacle = None
+
     def start(self, x: np.ndarray) -> ContactState:
         """State before any contact, at deformed nodes x (n, 3)."""
         n = len(self.areas)

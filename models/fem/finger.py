@@ -111,9 +111,7 @@ class FingerStep:
             raise SimulationFailed("An element is inverted in a state of equilibrium.", reason="inverted_element")
         x, response = end.x, end.contact
         clamp = (end.elastic - response.force)[~self._free].sum(axis=0)
-        contact = ContactState(
-            self._surface.positions(x), response.traction, response.pressure, state.contact.slip + response.slip_step
-        )
+        contact = self._surface.advance(state.contact, x, response)
         return FingerState(x, (x - state.x) / dt_s, contact, base.copy()), clamp
 
     def positions(self, u: np.ndarray) -> np.ndarray:

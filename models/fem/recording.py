@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from models.fem.contact import ContactSurface
 from models.fem.finger import FingerState
 from models.mesh.solid import SolidMesh
 
@@ -77,7 +78,7 @@ class Camera:
     side: Side
     mesh: SolidMesh
     rest_nodes: np.ndarray
-    contact_areas: np.ndarray
+    surface: ContactSurface
     scale: float
 
     def take(self, phase: Phase, time_s: float, travel_mm: float, state: FingerState, clamp_force: np.ndarray) -> None:
@@ -93,8 +94,8 @@ class Camera:
                 mesh=self.mesh,
                 rest_nodes=self.rest_nodes + state.base,
                 nodes=state.x.copy(),
-                contact_points=contact.position[touching],
-                contact_areas=self.contact_areas[touching],
+                contact_points=self.surface.positions(state.x)[touching],
+                contact_areas=self.surface.areas[touching],
                 pressure=contact.pressure[touching],
                 traction=contact.traction[touching],
                 clamp_force=(2.0 if self.mesh.is_half else 1.0) * clamp_force,

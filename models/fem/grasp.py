@@ -12,7 +12,7 @@ from models.errors import UsageError
 from models.features import peak_force_n, work_j
 from models.fem.actuation import ClosingStall
 from models.fem.contact import ContactLaw, Obstacle, PointSpacing
-from models.fem.elasticity import REFERENCE_MODULUS_MPA
+from models.fem.elasticity import REFERENCE_MODULUS_MPA, MaterialLaw
 from models.fem.finger import FingerState, FingerStep
 from models.fem.model import FingerModel, finger_model
 from models.fem.newton import NewtonSettings, NewtonSolver
@@ -39,12 +39,16 @@ RESIDUAL_FORCE_N = 0.05  # at the reference modulus: what may be left of the for
 
 @dataclass(frozen=True)
 class Numerics:
-    """Everything numerical but the mesh: contact regularisation, contact points, step sizes, Newton's limits."""
+    """Everything numerical but the mesh: contact regularisation, contact points, step sizes, Newton's limits.
+
+    `material_law` is here because the laws agree at small strains and differ little in a grasp (notes/fem.md 1).
+    """
 
     contact: ContactLaw = ContactLaw()
     spacing: PointSpacing = PointSpacing()
     limits: StepLimits = StepLimits()
     newton: NewtonSettings = NewtonSettings()
+    material_law: MaterialLaw = "neo_hookean"
 
 
 @dataclass(frozen=True)
@@ -74,6 +78,7 @@ class FingerProblem:
             poisson_ratio=self.theta.poisson_ratio,
             law=self.numerics.contact,
             spacing=self.numerics.spacing,
+            material_law=self.numerics.material_law,
         )
 
 

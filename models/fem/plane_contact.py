@@ -96,13 +96,19 @@ class PlaneSurface:
         """Stations (s, 2) at deformed nodes x (n, 2)."""
         return _interpolate(x, self._edges, self._edge_of_station, self._shape)
 
+    @property
+    def areas(self) -> np.ndarray:
+        """Undeformed area of every point (n) in mm2."""
+        return np.outer(self._lengths, self._widths).ravel()
+
+    def points(self, x: np.ndarray) -> np.ndarray:
+        """Contact points (n, 3) at deformed nodes x (n, 2)."""
+        x_and_z = np.repeat(self.positions(x), len(self._y), axis=0)
+        return np.column_stack([x_and_z[:, 0], np.tile(self._y, len(self._lengths)), x_and_z[:, 1]])
+
     def distance(self, x: np.ndarray) -> float:
         """Least distance in mm of a point from the obstacle at deformed nodes x (n, 2)."""
-        stations = self.positions(x)
-        points = np.zeros((self.n_points, 3))
-        points[:, [0, 2]] = np.repeat(stations, len(self._y), axis=0)
-        points[:, 1] = np.tile(self._y, len(stations))
-        return float(self._obstacle.distance(points).min())
+        return float(self._obstacle.distance(self.points(x)).min())
 
     def respond(self, x: np.ndarray, state: ContactState, friction: np.ndarray, has_mirror: bool) -> PlaneResponse:
         """Contact at deformed nodes x (n, 2); `friction` and `has_mirror` as in `ContactSurface.respond`."""

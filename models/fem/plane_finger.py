@@ -30,26 +30,31 @@ class PlaneFinger:
 
     def __init__(self, body: PlaneBody, surface: PlaneSurface, nodes: np.ndarray, *, has_mirror: bool) -> None:
         """`nodes` (n, 2): undeformed, in the object frame with the front wall at x = 0 and no lift."""
-        self._body, self._surface, self._nodes, self._has_mirror = body, surface, nodes, has_mirror
+        self.body, self.surface, self.nodes, self._has_mirror = body, surface, nodes, has_mirror
         self._free = np.flatnonzero(body.row_of_node >= 0)
         self._rows = body.row_of_node[self._free]
         self._mass = np.zeros((body.pattern.n, 1))
         self._mass[self._rows, 0] = DENSITY_T_PER_MM3 * body.lumped_volume()[self._free]
-        self._clamped = self._nodes
+        self._clamped = self.nodes
         self._rate = 0.0
         self._target = np.zeros((body.pattern.n, 2))
         self._friction = np.zeros(surface.n_points)
         self._state = surface.start(nodes)
         self._last: _Evaluation | None = None
 
+    @property
+    def n_points(self) -> int:
+        """Number of contact points."""
+        return self.surface.n_points
+
     def undeformed(self, base: np.ndarray, velocity: np.ndarray) -> FingerState:
         """The undeformed finger with its base moved by `base` (3), all of it at `velocity` (3) in mm/s."""
-        x = self._nodes + base[IN_PLANE]
-        return FingerState(x, np.tile(velocity[IN_PLANE], (len(x), 1)), self._surface.start(x), base.copy())
+        x = self.nodes + base[IN_PLANE]
+        return FingerState(x, np.tile(velocity[IN_PLANE], (len(x), 1)), self.surface.start(x), base.copy())
 
     def begin(self, state: FingerState, base: np.ndarray, dt_s: float, friction: np.ndarray) -> np.ndarray:
         """Set up the step from `state` to the base position `base`; returns the first guess of the unknowns."""
-        self._clamped = self._nodes + base[IN_PLANE]
+        self._clamped = self.nodes + base[IN_PLANE]
         self._rate = 1.0 / dt_s**2
         self._target[self._rows] = (state.x + dt_s * state.v)[self._free]
         self._friction, self._state, self._last = friction, state.contact, None
@@ -58,17 +63,17 @@ class PlaneFinger:
     def start_from(self, state: FingerState) -> np.ndarray:
         """Another first guess of the unknowns: the positions of `state`, moved along with the base."""
         u = np.zeros_like(self._target)
-        u[self._rows] = (state.x + (self._clamped - self._nodes - state.base[IN_PLANE]))[self._free]
+        u[self._rows] = (state.x + (self._clamped - self.nodes - state.base[IN_PLANE]))[self._free]
         return u
 
     def distance_to_object(self, base: np.ndarray) -> float:
         """Least distance in mm of the undeformed finger, base at `base` (3), from the obstacle."""
-        return self._surface.distance(self._nodes + base[IN_PLANE])
+        return self.surface.distance(self.nodes + base[IN_PLANE])
 
     def distance_to_anything(self, base: np.ndarray) -> float:
         """As `distance_to_object`, but the other finger (the mirror plane) counts too."""
         gap = self.distance_to_object(base)
-        return min(gap, float(self._nodes[:, 0].min() + base[0])) if self._has_mirror else gap
+        return min(gap, float(self.nodes[:, 0].min() + base[0])) if self._has_mirror else gap
 
     def is_touching(self, state: FingerState) -> bool:
         """True if any contact point carries pressure from the obstacle."""
@@ -76,7 +81,7 @@ class PlaneFinger:
 
     def depth_mm(self, state: FingerState) -> np.ndarray:
         """Penetration of every contact point (n), from its pressure."""
-        return state.contact.pressure / self._surface.law.normal_n_per_mm3
+        return state.contact.pressure / self.surface.law.normal_n_per_mm3
 
     def finish(
         self, state: FingerState, u: np.ndarray, base: np.ndarray, dt_s: float
@@ -86,8 +91,8 @@ class PlaneFinger:
         if end is None:
             raise SimulationFailed("An element is inverted in a state of equilibrium.", reason="inverted_element")
         clamp = np.zeros(3)
-        clamp[IN_PLANE] = (end.elastic - end.contact.force)[self._body.mesh.base_nodes].sum(axis=0)
-        contact = self._surface.advance(state.contact, end.x, end.contact)
+        clamp[IN_PLANE] = (end.elastic - end.contact.force)[self.body.mesh.base_nodes].sum(axis=0)
+        contact = self.surface.advance(state.contact, end.x, end.contact)
         return FingerState(end.x, (end.x - state.x) / dt_s, contact, base.copy()), clamp
 
     def positions(self, u: np.ndarray) -> np.ndarray:
@@ -110,23 +115,23 @@ class PlaneFinger:
         now = self._evaluate(u)
         if now is None:
             return False
-        self._body.stiffness(now.x, blocks)
-        self._surface.add_stiffness(now.contact, blocks)
+        self.body.stiffness(now.x, blocks)
+        self.surface.add_stiffness(now.contact, blocks)
         self.shift(blocks, 1.0)
         return True
 
     def shift(self, blocks: np.ndarray, amount: float) -> None:
         """See `Problem`; in units of the inertia M/dt^2."""
-        diagonal = self._body.pattern.indptr[:-1]
+        diagonal = self.body.pattern.indptr[:-1]
         blocks[diagonal] += (amount * self._rate) * self._mass[:, :, None] * np.eye(2)
 
     def _evaluate(self, u: np.ndarray) -> _Evaluation | None:
         """Contact and elastic forces; None if an element is inverted. The last one is kept: Newton asks again."""
         if self._last is None or not np.array_equal(self._last.u, u):
             x = self.positions(u)
-            elastic = self._body.force(x)
+            elastic = self.body.force(x)
             if elastic is None:
                 return None
-            contact = self._surface.respond(x, self._state, self._friction, self._has_mirror)
+            contact = self.surface.respond(x, self._state, self._friction, self._has_mirror)
             self._last = _Evaluation(u.copy(), x, contact, elastic)
         return self._last

@@ -1,47 +1,72 @@
 """The section of a finger as a mesh of its own: what the extruded mesher sweeps over the width, not swept."""
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
+import shapely
 
 from models.effects.base import Effect
 from models.geometry.profile import BASE_HEIGHT_MM
 from models.mesh.build import printed_profile
-from models.mesh.extrude import PLANE_TOLERANCE_MM, contact_edges
+from models.mesh.extrude import PLANE_TOLERANCE_MM, contact_edges, extrude
 from models.mesh.planar import PlanarMesh
 from models.mesh.section import planar_mesh
+from models.mesh.solid import SolidMesh
 from models.records import Design, MeshSettings
 
 
 @dataclass(frozen=True)
 class PlaneMesh:
-    """Quadratic mesh of the section in the finger frame's (x, z) plane, mm.
+    """A planar mesh in the finger frame's (x, z) plane, mm, for plane strain (CPE6 and CPE8R in Abaqus' names).
 
     It stands for `width_mm` in y: from 0 on if `is_half`, else half to each side. `half_wave_mm` is the length over
     which the walls bend (see `models.fem.plane_width`).
-
-    Attributes:
-        nodes: n x 2.
-        triangles: m x 6 (CPE6), corners then middles of sides 01, 12, 20.
-        quadrilaterals: m x 8 (CPE8R), corners then middles of sides 01, 12, 23, 30.
-        base_nodes: nodes on the clamped line on top of the rigid base.
-        contact_edges: e x 3, edges of the front wall and of the tip: two ends, then the middle.
     """
 
-    nodes: np.ndarray
-    triangles: np.ndarray
-    quadrilaterals: np.ndarray
-    base_nodes: np.ndarray
-    contact_edges: np.ndarray
+    planar: PlanarMesh
     width_mm: float
     is_half: bool
     half_wave_mm: float
 
     @property
+    def nodes(self) -> np.ndarray:
+        """Nodes (n, 2)."""
+        return self.planar.points
+
+    @cached_property
     def connectivities(self) -> tuple[np.ndarray, ...]:
-        """The elements of each kind that occurs."""
-        return tuple(part for part in (self.triangles, self.quadrilaterals) if len(part))
+        """The triangles (m, 6) and quadrilaterals (m, 8), as far as there are any."""
+        parts = self.planar.triangles, self.planar.quadrilaterals
+        return tuple(np.ascontiguousarray(part, dtype=np.int32) for part in parts if len(part))
+
+    @cached_property
+    def base_nodes(self) -> np.ndarray:
+        """Nodes on the clamped line on top of the rigid base."""
+        z = self.nodes[:, 1]
+        return np.flatnonzero(z < z.min() + PLANE_TOLERANCE_MM).astype(np.int32)
+
+    @cached_property
+    def contact_edges(self) -> np.ndarray:
+        """Edges (e, 3) of the front wall and of the tip: two ends, then the middle."""
+        return contact_edges(self.planar).astype(np.int32)
+
+    @cached_property
+    def mesh_id(self) -> str:
+        """Id derived from the content."""
+        digest = hashlib.sha256(repr((self.width_mm, self.is_half, self.half_wave_mm)).encode())
+        for array in (self.nodes, *self.connectivities):
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return "P" + digest.hexdigest()[:12]
+
+    def swept(self) -> tuple[SolidMesh, np.ndarray]:
+        """The solid with one layer of elements that deforms like the section, and the section's node of each node."""
+        start = 0.0 if self.is_half else -0.5 * self.width_mm
+        solid = extrude(self.planar, np.array([start, start + self.width_mm]), symmetric=self.is_half)
+        every = np.arange(len(self.nodes))
+        return solid, np.concatenate([every, every[: self.planar.n_vertices], every])
 
 
 def plane_mesh(
@@ -52,21 +77,16 @@ def plane_mesh(
     Raises:
         MeshingFailed: `empty` when the elements do not cover the profile.
     """
-    planar = planar_mesh(printed_profile(design, settings, effects), settings.edge_mm, settings.refine)
-    free_length_mm = design.height_mm - design.tip_length_mm - BASE_HEIGHT_MM
-    return section(planar, design.width_mm, half_wave_mm=free_length_mm, full_width=full_width)
-
-
-def section(planar: PlanarMesh, width_mm: float, *, half_wave_mm: float, full_width: bool = False) -> PlaneMesh:
-    """A planar mesh with its base and contact edges; `width_mm` is that of the whole finger."""
-    z = planar.points[:, 1]
+    profile = printed_profile(design, settings, effects)
     return PlaneMesh(
-        nodes=planar.points,
-        triangles=planar.triangles.astype(np.int32),
-        quadrilaterals=planar.quadrilaterals.astype(np.int32),
-        base_nodes=np.flatnonzero(z < z.min() + PLANE_TOLERANCE_MM).astype(np.int32),
-        contact_edges=contact_edges(planar).astype(np.int32),
-        width_mm=width_mm if full_width else 0.5 * width_mm,
+        planar=_meshed(shapely.to_wkb(profile), settings.edge_mm, settings.refine),
+        width_mm=design.width_mm if full_width else 0.5 * design.width_mm,
         is_half=not full_width,
-        half_wave_mm=half_wave_mm,
+        half_wave_mm=design.height_mm - design.tip_length_mm - BASE_HEIGHT_MM,
     )
+
+
+@lru_cache(maxsize=2)
+def _meshed(profile: bytes, edge_mm: float, refine: int) -> PlanarMesh:
+    """Meshing takes a fifth of a grasp, so it is kept for the next object."""
+    return planar_mesh(shapely.from_wkb(profile), edge_mm, refine)

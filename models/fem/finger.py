@@ -122,7 +122,7 @@ class FingerStep:
     def positions(self, u: np.ndarray) -> np.ndarray:
         """All nodes (n, 3) from the unknown rows."""
         x = np.zeros_like(self.nodes)
-        _gather(u, self.body.row_of_node, self._clamped, x)
+        gather(u, self.body.row_of_node, self._clamped, x)
         return x
 
     def residual(self, u: np.ndarray) -> np.ndarray | None:
@@ -132,7 +132,7 @@ class FingerStep:
             return None
         rows = np.zeros_like(u)
         inertia = self._rate * self._mass
-        _balance(self.body.row_of_node, now.contact.force, now.elastic, inertia, self._target, u, rows)
+        balance(self.body.row_of_node, now.contact.force, now.elastic, inertia, self._target, u, rows)
         rows[self._symmetric, 1] = 0.0
         return rows
 
@@ -158,23 +158,23 @@ class FingerStep:
 
     def shift(self, blocks: np.ndarray, amount: float) -> None:
         """See `Problem`; in units of the inertia M/dt^2."""
-        _add_diagonal(self.body.pattern.indptr, amount * self._rate * self._mass, blocks)
+        add_diagonal(self.body.pattern.indptr, amount * self._rate * self._mass, blocks)
 
     def _contact(self, x: np.ndarray, blocks: np.ndarray | None) -> ContactResponse:
         return self.surface.respond(x, self._state, self._obstacle, self._friction, self._has_mirror, blocks)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _gather(u: np.ndarray, row_of_node: np.ndarray, clamped: np.ndarray, x: np.ndarray) -> None:
+def gather(u: np.ndarray, row_of_node: np.ndarray, clamped: np.ndarray, x: np.ndarray) -> None:
     """Node positions: from the unknown rows, or where the clamp holds them."""
     for node in range(len(x)):
         row = row_of_node[node]
-        for i in range(3):
+        for i in range(x.shape[1]):
             x[node, i] = clamped[node, i] if row < 0 else u[row, i]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _balance(
+def balance(
     row_of_node: np.ndarray,
     contact: np.ndarray,
     elastic: np.ndarray,
@@ -188,13 +188,13 @@ def _balance(
         row = row_of_node[node]
         if row < 0:
             continue
-        for i in range(3):
+        for i in range(u.shape[1]):
             rows[row, i] = contact[node, i] - elastic[node, i] + inertia[row] * (target[row, i] - u[row, i])
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _add_diagonal(indptr: np.ndarray, amounts: np.ndarray, blocks: np.ndarray) -> None:
+def add_diagonal(indptr: np.ndarray, amounts: np.ndarray, blocks: np.ndarray) -> None:
     """Add amounts (n) times the identity to the diagonal blocks."""
     for row in range(len(amounts)):
-        for i in range(3):
+        for i in range(blocks.shape[1]):
             blocks[indptr[row], i, i] += amounts[row]

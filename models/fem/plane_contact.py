@@ -18,9 +18,10 @@ from models.fem.plane_body import PlaneBody
 from models.mesh.plane import PlaneMesh
 from models.objects.distance import solid_distance
 
-# Where an obstacle is compared across the width: around the objects' box, at the depth to which contacts sink.
-_PROBE_X_MM, _PROBE_Z_MM, _PROBE_STEP_MM, _PROBE_DEPTH_MM = (-26.0, 26.0), (-2.0, 52.0), 1.3, 1.0
-_N_PROBES = 8
+# Where an obstacle is compared across the width: the half of the objects' box that faces the finger, down to the depth
+# to which contacts sink.
+_PROBE_X_MM, _PROBE_Z_MM, _PROBE_STEP_MM, _PROBE_DEPTH_MM = (0.0, 26.0), (-2.0, 52.0), 1.3, 1.0
+_N_PROBES = 4
 _SAME_MM = 1e-9
 
 
@@ -70,6 +71,7 @@ class PlaneSurface:
     ) -> None:
         """`nodes` (n, 2): undeformed mesh, in the frame of the calculation."""
         self.law, self._obstacle = law, obstacle
+        self._primitives = obstacle.primitives if isinstance(obstacle, Solid) else None
         self._edges = body.mesh.contact_edges
         self._places = block_map(self._edges, body.row_of_node, body.pattern)
         self._y, self._widths = width_rows(obstacle, body.mesh, spacing.across_mm)
@@ -134,9 +136,8 @@ class PlaneSurface:
 
         A distance changes at most as far as its point moves, so points that cannot have arrived are not asked.
         """
-        if isinstance(self._obstacle, Solid):
-            rows = self._obstacle.primitives
-            return _inside_solid(rows, stations, self._y, self._known_position, self._known_distance)
+        if self._primitives is not None:
+            return _inside_solid(self._primitives, stations, self._y, self._known_position, self._known_distance)
         near, points = _arrived(stations, self._y, self._known_position, self._known_distance)
         if not len(near):
             return near, np.zeros(0), np.zeros((0, 3))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.errors import SimulationFailed
-from models.fem.finger import DENSITY_T_PER_MM3, FingerState
+from models.fem.finger import DENSITY_T_PER_MM3, FingerState, add_diagonal, balance, gather
 from models.fem.plane_body import PlaneBody
 from models.fem.plane_contact import PlaneResponse, PlaneSurface
 
@@ -33,8 +33,8 @@ class PlaneFinger:
         self.body, self.surface, self.nodes, self._has_mirror = body, surface, nodes, has_mirror
         self._free = np.flatnonzero(body.row_of_node >= 0)
         self._rows = body.row_of_node[self._free]
-        self._mass = np.zeros((body.pattern.n, 1))
-        self._mass[self._rows, 0] = DENSITY_T_PER_MM3 * body.lumped_volume()[self._free]
+        self._mass = np.zeros(body.pattern.n)
+        self._mass[self._rows] = DENSITY_T_PER_MM3 * body.lumped_volume()[self._free]
         self._clamped = self.nodes
         self._rate = 0.0
         self._target = np.zeros((body.pattern.n, 2))
@@ -97,8 +97,8 @@ class PlaneFinger:
 
     def positions(self, u: np.ndarray) -> np.ndarray:
         """All nodes (n, 2) from the unknown rows."""
-        x = self._clamped.copy()
-        x[self._free] = u[self._rows]
+        x = np.zeros_like(self.nodes)
+        gather(u, self.body.row_of_node, self._clamped, x)
         return x
 
     def residual(self, u: np.ndarray) -> np.ndarray | None:
@@ -106,8 +106,8 @@ class PlaneFinger:
         now = self._evaluate(u)
         if now is None:
             return None
-        rows = self._rate * self._mass * (self._target - u)
-        rows[self._rows] += (now.contact.force - now.elastic)[self._free]
+        rows, inertia = np.zeros_like(u), self._rate * self._mass
+        balance(self.body.row_of_node, now.contact.force, now.elastic, inertia, self._target, u, rows)
         return rows
 
     def tangent(self, u: np.ndarray, blocks: np.ndarray) -> bool:
@@ -122,8 +122,7 @@ class PlaneFinger:
 
     def shift(self, blocks: np.ndarray, amount: float) -> None:
         """See `Problem`; in units of the inertia M/dt^2."""
-        diagonal = self.body.pattern.indptr[:-1]
-        blocks[diagonal] += (amount * self._rate) * self._mass[:, :, None] * np.eye(2)
+        add_diagonal(self.body.pattern.indptr, amount * self._rate * self._mass, blocks)
 
     def _evaluate(self, u: np.ndarray) -> _Evaluation | None:
         """Contact and elastic forces; None if an element is inverted. The last one is kept: Newton asks again."""

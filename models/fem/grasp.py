@@ -8,6 +8,7 @@ import numpy as np
 
 from models.effects.base import Effect
 from models.effects.catalogue import build_effects
+from models.errors import UsageError
 from models.features import peak_force_n, work_j
 from models.fem.actuation import ClosingStall
 from models.fem.contact import ContactLaw, Obstacle, PointSpacing
@@ -53,6 +54,10 @@ class Numerics:
     limits: StepLimits = StepLimits()
     newton: NewtonSettings = NewtonSettings()
     material_law: MaterialLaw = "neo_hookean"
+
+
+# Points over the width cost most here, and tangents and factors least.
+SCREENING_NUMERICS = Numerics(spacing=PointSpacing(across_mm=0.5), newton=NewtonSettings(patience=6.0))
 
 
 @dataclass(frozen=True)
@@ -123,7 +128,7 @@ def simulate_grasp(
     placement: Placement = Placement(),  # noqa: B008 - frozen record
     effects: Sequence[Effect] | None = None,
     mesh: SolidMesh | PlaneMesh | None = None,
-    numerics: Numerics = Numerics(),
+    numerics: Numerics | None = None,
     deadline_s: float | None = None,
     recorder: Recorder | None = None,
 ) -> GraspSimulation:
@@ -134,11 +139,12 @@ def simulate_grasp(
     is symmetric in y. Forces are exactly proportional to E (see `models.fem.elasticity`).
 
     `effects` default to those of the version. `mesh` replaces the mesh of the design (half width only for objects
-    symmetric in y). `numerics` is for convergence studies and for worlds that must not share the simulator's
-    regularisation. `deadline_s` is a wall-clock limit. `recorder` is called with every converged step (see
-    `models.fem.recording`).
+    symmetric in y). `numerics` (by default those of the tier) is for convergence studies and for worlds that must not
+    share the simulator's regularisation. `deadline_s` is a wall-clock limit. `recorder` is called with every converged
+    step (see `models.fem.recording`).
 
     Raises:
+        UsageError: `mesh` is not for the version's tier.
         SimulationFailed: reason `time_out`, `no_convergence`, `inverted_element`, `indefinite`, `deep_penetration`
             or `max_steps`.
         MeshingFailed: the mesh could not be made.
@@ -150,9 +156,14 @@ def simulate_grasp(
     for effect in active:
         theta = effect.modify_theta(theta, design)
         setup = effect.modify_setup(setup, design)
+    is_section = version.tier == "screening"
     if mesh is None:
-        build = plane_mesh if version.tier == "screening" else build_mesh
+        build = plane_mesh if is_section else build_mesh
         mesh = build(design, version.mesh, full_width=not obj.mirror_y, effects=active)
+    elif is_section != isinstance(mesh, PlaneMesh):
+        raise UsageError(f"The tier `{version.tier}` cannot use a {type(mesh).__name__}; leave `mesh` out.")
+    if numerics is None:
+        numerics = SCREENING_NUMERICS if is_section else Numerics()
     meshed = time.process_time()
     problem = FingerProblem(mesh, design.height_mm, theta, setup, active, numerics)
     is_symmetric = obj.mirror_x and placement.offset_x_mm == 0.0

@@ -1,20 +1,19 @@
-"""Simulate a design on its objects: one FEM grasp per object in a worker process, one row per grasp."""
+"""Simulate a design on its objects: one worker process for all of them, one row per grasp as it ends."""
 
 import logging
+import time
 from collections.abc import Callable
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from concurrent.futures.process import BrokenProcessPool
-from pathlib import Path
 from typing import Any
 
-from lake.tables import SimTraceRow, SimulationRow, SimulatorVersionRow
-from models.errors import MeshingFailed, SimulationFailed
+from lake.tables import SimTraceRow, SimulationRow, SimulatorVersionRow, setup_columns
 from models.ids import canonical_json
-from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion
+from models.records import Design, GraspSimulation
+from tasks.attempt import Attempt, GraspJob, attempt_grasp
 from tasks.campaign import Campaign
-from tasks.mesh_cache import cached_mesh
-from tasks.pool import WorkerPool
+from tasks.pool import Worker, WorkerPool
 
 logger = logging.getLogger(__name__)
 
@@ -25,16 +24,25 @@ HANG_MARGIN_S = 60.0  # wall time past a grasp's own deadline after which its wo
 def simulate_design(
     campaign: Campaign, design: Design, *, pool: WorkerPool, should_stop: Callable[[], bool] = lambda: False
 ) -> int:
-    """Simulate a design on the objects it misses, one after the other; each result, or failure, is a row at once.
+    """Simulate a design on the objects it misses, all in one worker; each result, or failure, is a row at once.
 
+    The worker is given the next grasp before the row of the last one is written, so it never waits for the lake.
     `should_stop` is asked before each object. Returns the number of failed grasps.
     """
     append_version(campaign)
     n_failed = 0
-    for object_id in campaign.state().missing_objects(design.design_id, campaign.object_ids):
-        if should_stop():
-            break
-        n_failed += _simulate_grasp(campaign, design, object_id, pool)
+    with pool.lend() as worker:
+        last: tuple[GraspJob, Attempt] | None = None
+        for object_id in campaign.state().missing_objects(design.design_id, campaign.object_ids):
+            if should_stop():
+                break
+            job = _job(campaign, design, object_id)
+            future = worker.submit(attempt_grasp, job)
+            if last is not None:
+                n_failed += _record(campaign, *last)
+            last = job, _answer(worker, job, future)
+        if last is not None:
+            n_failed += _record(campaign, *last)
     return n_failed
 
 
@@ -45,62 +53,55 @@ def append_version(campaign: Campaign) -> None:
         campaign.lake.append([SimulatorVersionRow.of(version)], campaign.provenance())
 
 
-def _simulate_in_worker(
-    design: Design, object_id: int, version: SimulatorVersion, setup: GraspSetup, deadline_s: float, lake_root: str
-) -> GraspSimulation:
-    """Runs in a worker process: mesh (cached by content) and solve."""
-    from models.effects.catalogue import build_effects
-    from models.fem.grasp import simulate_grasp
-    from models.objects.catalogue import get_object
-
-    effects = build_effects(version.effects)
-    obj = get_object(object_id)
-    mesh = cached_mesh(Path(lake_root), design, version, full_width=not obj.mirror_y, effects=effects)
-    return simulate_grasp(design, obj, version, setup, effects=effects, mesh=mesh, deadline_s=deadline_s)
+def _job(campaign: Campaign, design: Design, object_id: int) -> GraspJob:
+    deadline_s = campaign.config.simulator.grasp_deadline_s
+    return GraspJob(design, object_id, campaign.version, campaign.config.grasp, deadline_s, campaign.lake.root)
 
 
-def _simulate_grasp(campaign: Campaign, design: Design, object_id: int, pool: WorkerPool) -> bool:
-    """One grasp in a worker process, and its row; True when it failed."""
-    version_id, setup = campaign.version.version_id, campaign.config.grasp
+def _answer(worker: Worker, job: GraspJob, future: "Future[Attempt]") -> Attempt:
+    """What the worker says; one that hangs is killed, one that died (once may be bad luck) is asked again."""
+    started = time.monotonic()
+    for attempt in range(ATTEMPTS):
+        if attempt > 0:
+            future = worker.submit(attempt_grasp, job)
+        try:
+            return future.result(timeout=job.deadline_s + HANG_MARGIN_S)
+        except FutureTimeoutError:
+            worker.restart()
+            message = f"no answer for {job.deadline_s + HANG_MARGIN_S:.0f} s; worker killed"
+            return _lost("hang", message, started)
+        except (BrokenProcessPool, CancelledError):
+            logger.warning("a worker died at %s on object %d", job.design.design_id, job.object_id)
+    return _lost("worker_died", f"its worker died {ATTEMPTS} times", started)
+
+
+def _lost(reason: str, message: str, started: float) -> Attempt:
+    """An attempt of which nobody is left to say what CPU time it took; at most its wall time."""
+    wall_s = time.monotonic() - started
+    return Attempt(None, reason, message, cpu_s=wall_s, mesh_cpu_s=0.0, wall_s=wall_s)
+
+
+def _record(campaign: Campaign, job: GraspJob, attempt: Attempt) -> bool:
+    """Write the row of a grasp, and its trace; True when it failed."""
+    version_id, design_id = job.version.version_id, job.design.design_id
     key: dict[str, Any] = {
-        "simulation_id": SimulationRow.make_id(design.design_id, object_id, version_id, setup.setup_id),
-        "design_id": design.design_id,
-        "object_id": object_id,
+        "simulation_id": SimulationRow.make_id(design_id, job.object_id, version_id, job.setup.setup_id),
+        "design_id": design_id,
+        "object_id": job.object_id,
         "version_id": version_id,
-        "setup_id": setup.setup_id,
-        "setup_json": canonical_json(setup.model_dump()),
+        "cpu_s": attempt.cpu_s,
+        **setup_columns(job.setup),
     }
-    provenance = campaign.provenance(parents=[design.design_id, version_id])
-    try:
-        result = _solve(campaign, design, object_id, pool)
-    except (SimulationFailed, MeshingFailed) as error:
-        logger.warning("simulation of %s on object %d failed: %s", design.design_id, object_id, error)
-        row = SimulationRow(**key, status="failed", reason=error.reason, cpu_s=0.0)
+    provenance = campaign.provenance(parents=[design_id, version_id])
+    if attempt.result is None:
+        logger.warning("simulation of %s on object %d failed: %s", design_id, job.object_id, attempt.message)
+        details = canonical_json({"message": attempt.message, "wall_s": round(attempt.wall_s, 3)})
+        row = SimulationRow(**key, status="failed", reason=attempt.reason, details_json=details)
         campaign.lake.append([row], provenance)
         return True
-    trace = SimTraceRow.of(key["simulation_id"], result.trace)
-    campaign.lake.append([trace, _result_row(key, result)], provenance)
+    trace = SimTraceRow.of(key["simulation_id"], attempt.result.trace)
+    campaign.lake.append([trace, _result_row(key, attempt.result)], provenance)
     return False
-
-
-def _solve(campaign: Campaign, design: Design, object_id: int, pool: WorkerPool) -> GraspSimulation:
-    """Result of a worker; a worker that hangs or dies is a failed simulation.
-
-    A dying worker takes its neighbours' work along, so the first death is not held against this grasp.
-    """
-    deadline_s = campaign.config.simulator.grasp_deadline_s
-    arguments = (design, object_id, campaign.version, campaign.config.grasp, deadline_s, str(campaign.lake.root))
-    for _ in range(ATTEMPTS):
-        try:
-            return pool.submit(_simulate_in_worker, *arguments).result(timeout=deadline_s + HANG_MARGIN_S)
-        except FutureTimeoutError as error:
-            pool.restart()
-            raise SimulationFailed(
-                f"no answer for {deadline_s + HANG_MARGIN_S:.0f} s; worker killed", "hang"
-            ) from error
-        except (BrokenProcessPool, CancelledError):
-            logger.warning("a worker died while %s was simulated on object %d", design.design_id, object_id)
-    raise SimulationFailed(f"its worker died {ATTEMPTS} times", "worker_died")
 
 
 def _result_row(key: dict[str, Any], result: GraspSimulation) -> SimulationRow:
@@ -113,5 +114,4 @@ def _result_row(key: dict[str, Any], result: GraspSimulation) -> SimulationRow:
         work_j=result.work_j,
         n_dof=result.n_dof,
         n_newton=result.n_newton,
-        cpu_s=result.cpu_s,
     )

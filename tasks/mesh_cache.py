@@ -18,9 +18,7 @@ logger = logging.getLogger(__name__)
 MESH_CACHE_FORMAT = 2
 
 
-def cached_mesh(
-    lake_root: Path, design: Design, version: SimulatorVersion, *, full_width: bool
-) -> SolidMesh:
+def cached_mesh(lake_root: Path, design: Design, version: SimulatorVersion, *, full_width: bool) -> SolidMesh:
     """The mesh of a design for a simulator version: from the cache, else made and cached.
 
     Raises:

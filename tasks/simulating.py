@@ -1,24 +1,17 @@
 """Simulate a design on its objects: one worker process for all of them, one row per grasp as it ends."""
 
 import logging
-import time
 from collections.abc import Callable
-from concurrent.futures import CancelledError, Future
-from concurrent.futures import TimeoutError as FutureTimeoutError
-from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from lake.tables import SimTraceRow, SimulationRow, SimulatorVersionRow, setup_columns
 from models.ids import canonical_json
 from models.records import Design, GraspSimulation
-from tasks.attempt import Attempt, GraspJob, attempt_grasp
+from tasks.attempt import Attempt, GraspJob, answer, attempt_grasp
 from tasks.campaign import Campaign
-from tasks.pool import Worker, WorkerPool
+from tasks.pool import WorkerPool
 
 logger = logging.getLogger(__name__)
-
-ATTEMPTS = 2
-HANG_MARGIN_S = 60.0  # wall time past a grasp's own deadline after which its worker is taken to hang
 
 
 def simulate_design(
@@ -40,7 +33,7 @@ def simulate_design(
             future = worker.submit(attempt_grasp, job)
             if last is not None:
                 n_failed += _record(campaign, *last)
-            last = job, _answer(worker, job, future)
+            last = job, answer(worker, job, future)
         if last is not None:
             n_failed += _record(campaign, *last)
     return n_failed
@@ -56,29 +49,6 @@ def append_version(campaign: Campaign) -> None:
 def _job(campaign: Campaign, design: Design, object_id: int) -> GraspJob:
     deadline_s = campaign.config.simulator.grasp_deadline_s
     return GraspJob(design, object_id, campaign.version, campaign.config.grasp, deadline_s, campaign.lake.root)
-
-
-def _answer(worker: Worker, job: GraspJob, future: "Future[Attempt]") -> Attempt:
-    """What the worker says; one that hangs is killed, one that died (once may be bad luck) is asked again."""
-    started = time.monotonic()
-    for attempt in range(ATTEMPTS):
-        if attempt > 0:
-            future = worker.submit(attempt_grasp, job)
-        try:
-            return future.result(timeout=job.deadline_s + HANG_MARGIN_S)
-        except FutureTimeoutError:
-            worker.restart()
-            message = f"no answer for {job.deadline_s + HANG_MARGIN_S:.0f} s; worker killed"
-            return _lost("hang", message, started)
-        except (BrokenProcessPool, CancelledError):
-            logger.warning("a worker died at %s on object %d", job.design.design_id, job.object_id)
-    return _lost("worker_died", f"its worker died {ATTEMPTS} times", started)
-
-
-def _lost(reason: str, message: str, started: float) -> Attempt:
-    """An attempt of which nobody is left to say what CPU time it took; at most its wall time."""
-    wall_s = time.monotonic() - started
-    return Attempt(None, reason, message, cpu_s=wall_s, mesh_cpu_s=0.0, wall_s=wall_s)
 
 
 def _record(campaign: Campaign, job: GraspJob, attempt: Attempt) -> bool:

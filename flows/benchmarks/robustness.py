@@ -1,6 +1,7 @@
 """Whether grasps complete: many random designs on all objects, every failure with its cost and its repetition."""
 
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from itertools import groupby
 
 import numpy as np
@@ -54,7 +55,7 @@ def parts(outcomes: Sequence[Outcome]) -> Rows:
         wall_s = max(o.ended_s for o in own)
         rows.append(
             {
-                "part": part,
+                "part": _utc(part),
                 "grasps": len(own),
                 "wall_min": wall_s / 60,
                 "grasps_per_min": 60 * len(own) / wall_s,
@@ -72,9 +73,13 @@ def memory(outcomes: Sequence[Outcome]) -> Rows:
     for (part, worker), group in groupby(sorted(outcomes, key=_by_worker), key=lambda o: (o.part, o.worker)):
         held = np.array([o.max_rss_mb for o in group])
         settled = min(SETTLED_GRASPS, len(held)) - 1
-        row = {"part": part, "worker": worker, "grasps": len(held), "settled_mb": float(held[settled])}
+        row = {"part": _utc(part), "worker": worker, "grasps": len(held), "settled_mb": float(held[settled])}
         rows.append({**row, "half_time_mb": float(held[len(held) // 2]), "end_mb": float(held[-1])})
     return rows
+
+
+def _utc(part: float) -> str:
+    return datetime.fromtimestamp(part, UTC).strftime("%Y-%m-%d %H:%M:%S")
 
 
 def _by_worker(outcome: Outcome) -> tuple[float, int, float]:

@@ -62,19 +62,20 @@ def _record(campaign: Campaign, job: GraspJob, attempt: Attempt) -> bool:
         "cpu_s": attempt.cpu_s,
         **setup_columns(job.setup),
     }
+    details: dict[str, Any] = {"wall_s": round(attempt.wall_s, 3)}
     provenance = campaign.provenance(parents=[design_id, version_id])
     if attempt.result is None:
         logger.warning("simulation of %s on object %d failed: %s", design_id, job.object_id, attempt.message)
-        details = canonical_json({"message": attempt.message, "wall_s": round(attempt.wall_s, 3)})
-        row = SimulationRow(**key, status="failed", reason=attempt.reason, details_json=details)
+        details["message"] = attempt.message
+        row = SimulationRow(**key, status="failed", reason=attempt.reason, details_json=canonical_json(details))
         campaign.lake.append([row], provenance)
         return True
     trace = SimTraceRow.of(key["simulation_id"], attempt.result.trace)
-    campaign.lake.append([trace, _result_row(key, attempt.result)], provenance)
+    campaign.lake.append([trace, _result_row(key, attempt.result, details)], provenance)
     return False
 
 
-def _result_row(key: dict[str, Any], result: GraspSimulation) -> SimulationRow:
+def _result_row(key: dict[str, Any], result: GraspSimulation, details: dict[str, Any]) -> SimulationRow:
     return SimulationRow(
         **key,
         status="ok",
@@ -84,4 +85,5 @@ def _result_row(key: dict[str, Any], result: GraspSimulation) -> SimulationRow:
         work_j=result.work_j,
         n_dof=result.n_dof,
         n_newton=result.n_newton,
+        details_json=canonical_json(details),
     )

@@ -19,11 +19,15 @@ _STUDY = _SAMPLE | {"results", "limit_minutes", "workers"}
 
 def _fixed(measure: Callable[[], Tables]) -> Benchmark:
     """A benchmark without options."""
-    return Benchmark(lambda options: measure(), about=measure.__doc__ or "")
+    return Benchmark(lambda options: measure(), about=_first_line(measure))
 
 
 def _sampled(measure: Callable[[Options], Tables], options: frozenset[str]) -> Benchmark:
-    return Benchmark(measure, options, measure.__doc__ or "")
+    return Benchmark(measure, options, _first_line(measure))
+
+
+def _first_line(measure: Callable[..., Tables]) -> str:
+    return (measure.__doc__ or "").strip().partition("\n")[0]
 
 
 BENCHMARKS: dict[str, Benchmark] = {

@@ -1,5 +1,6 @@
 """Whether a campaign's simulations keep the cores busy: the tasks' own path, from worker processes to the lake."""
 
+import json
 import os
 import tempfile
 import time
@@ -22,11 +23,15 @@ from tasks.pool import Worker, WorkerPool
 from tasks.settings import ObjectPlan
 from tasks.simulating import simulate_design
 
-N_DESIGNS = 4
+N_DESIGNS = 8
 
 
 def measure_fanout(options: Options) -> Tables:
-    """Designs simulated by the tasks: use of the cores, grasps per minute, and whether rows arrive as they finish."""
+    """Designs simulated by the tasks: use of the cores, grasps per minute, and whether rows arrive as they finish.
+
+    Cores and workers are busy by their CPU time, which other programs take away; workers are at work while they have
+    a grasp.
+    """
     n_workers = options.workers or os.cpu_count() or 1
     designs = [numbered_design(number) for number in range(options.designs or N_DESIGNS)]
     with tempfile.TemporaryDirectory() as folder, closing(WorkerPool(n_workers)) as pool:
@@ -38,6 +43,7 @@ def measure_fanout(options: Options) -> Tables:
         busy_s, own_s = _busy_s(pool, n_workers) - busy_before, time.process_time() - own_before
         rows = campaign.lake.rows(SimulationRow)
     arrived_s = np.array([row["created_at"].timestamp() for row in rows]) - started
+    all_s = n_workers * wall_s
     use = {
         "workers": n_workers,
         "designs": len(designs),
@@ -45,8 +51,9 @@ def measure_fanout(options: Options) -> Tables:
         "failed": sum(row["status"] != "ok" for row in rows),
         "wall_s": wall_s,
         "grasps_per_min": 60 * len(rows) / wall_s,
-        "cores_busy_percent": 100 * (busy_s + own_s) / (n_workers * wall_s),
-        "workers_busy_percent": 100 * busy_s / (n_workers * wall_s),
+        "cores_busy_percent": 100 * (busy_s + own_s) / all_s,
+        "workers_busy_percent": 100 * busy_s / all_s,
+        "workers_at_work_percent": 100 * sum(json.loads(row["details_json"])["wall_s"] for row in rows) / all_s,
         "parent_cpu_ms_per_grasp": 1e3 * own_s / len(rows),
     }
     return {"use": [use], "arrival": _arrival(arrived_s, [row["cpu_s"] for row in rows])}

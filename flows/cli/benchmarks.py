@@ -55,7 +55,7 @@ def list_benchmarks(*, json: AsJson = False) -> None:
     """The benchmarks there are, with what they measure."""
     from flows.benchmarks import BENCHMARKS
 
-    rows = [{"name": name, "measures": benchmark.about.strip()} for name, benchmark in BENCHMARKS.items()]
+    rows = [{"name": name, "measures": benchmark.about} for name, benchmark in BENCHMARKS.items()]
     show(rows, "\n".join(f"{row['name']:<10} {row['measures']}" for row in rows), json)
 
 

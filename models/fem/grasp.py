@@ -11,11 +11,10 @@ from models.effects.catalogue import build_effects
 from models.errors import UsageError
 from models.features import peak_force_n, work_j
 from models.fem.actuation import ClosingStall
-from models.fem.assembly import ElasticBody, Material
-from models.fem.contact import ContactLaw, ContactSurface, Obstacle, PointSpacing
+from models.fem.contact import ContactLaw, Obstacle, PointSpacing
 from models.fem.elasticity import REFERENCE_MODULUS_MPA
 from models.fem.finger import FingerState, FingerStep
-from models.fem.linear import BlockCholesky
+from models.fem.model import FingerModel, finger_model
 from models.fem.newton import NewtonSettings, NewtonSolver
 from models.fem.obstacle import ObjectObstacle
 from models.fem.stepping import (
@@ -64,6 +63,17 @@ class FingerProblem:
         limit_n = min((effect.closing_force_limit_n() for effect in self.effects), default=np.inf)
         share = 2.0 if self.mesh.is_half else 1.0
         return limit_n / share * REFERENCE_MODULUS_MPA / self.theta.young_modulus_mpa
+
+    def model(self) -> FingerModel:
+        """The finger's mechanics, shared by the grasps of a design."""
+        return finger_model(
+            self.mesh,
+            height_mm=self.height_mm,
+            tip_below_mm=self.setup.tip_below_mm,
+            poisson_ratio=self.theta.poisson_ratio,
+            law=self.numerics.contact,
+            spacing=self.numerics.spacing,
+        )
 
 
 @dataclass(frozen=True)
@@ -150,15 +160,10 @@ def simulate_grasp(
 def simulate_finger(problem: FingerProblem, obstacle: Obstacle, deadline: float = np.inf) -> FingerResult:
     """Close and lift one finger against an obstacle; `deadline` is a time of `time.monotonic`."""
     started = time.process_time()
-    setup = problem.setup
-    nodes = to_object_frame(problem.mesh.nodes, problem.height_mm, setup.tip_below_mm)
-    material = Material(REFERENCE_MODULUS_MPA, problem.theta.poisson_ratio)
-    body = ElasticBody(problem.mesh, nodes, material)
-    surface = ContactSurface(body, nodes, problem.numerics.contact, problem.numerics.spacing)
-    finger = FingerStep(body, surface, nodes, obstacle, has_mirror=True)
-    blocks = np.zeros((len(body.pattern.indices), 3, 3))
-    newton = NewtonSolver(BlockCholesky(body.pattern), blocks, problem.numerics.newton, deadline)
-    stepper = Stepper(finger, newton, problem.numerics.limits, _friction(problem, len(surface.areas)))
+    model = problem.model()
+    finger = FingerStep(model.body, model.surface, model.nodes, obstacle, has_mirror=True)
+    newton = NewtonSolver(model.linear, model.blocks, problem.numerics.newton, deadline)
+    stepper = Stepper(finger, newton, problem.numerics.limits, _friction(problem, len(model.surface.areas)))
     setup_cpu_s = time.process_time() - started
     record, n_closing = _close_and_lift(finger, stepper, problem)
     share = 2.0 if problem.mesh.is_half else 1.0
@@ -170,15 +175,9 @@ def simulate_finger(problem: FingerProblem, obstacle: Obstacle, deadline: float 
         n_steps=stepper.n_steps,
         n_newton=newton.n_iterations,
         n_factorisations=newton.n_factorisations,
-        n_dof=body.n_dof,
+        n_dof=model.body.n_dof,
         setup_cpu_s=setup_cpu_s,
     )
-
-
-def to_object_frame(nodes: np.ndarray, height_mm: float, tip_below_mm: float) -> np.ndarray:
-    """Finger frame to object frame: turned by 180 deg about x, tip plane at z = -tip_below, front wall at x = 0."""
-    x, y, z = nodes.T
-    return np.ascontiguousarray(np.column_stack([x, -y, height_mm - tip_below_mm - z]))
 
 
 def _friction(problem: FingerProblem, n: int) -> Callable[[FingerState], np.ndarray]:
@@ -206,6 +205,7 @@ def _close_and_lift(finger: FingerStep, stepper: Stepper, problem: FingerProblem
         record.add(time_s, 0.0, np.zeros(3))
     stall = ClosingStall(problem.stall_force_n, limits.closing_mm)
     closing = Path(state.base, INWARD, stroke - free, setup.close_speed_mm_per_s, stall.longest_step_mm)
+    state.v[:] = setup.close_speed_mm_per_s * INWARD
     for step in stepper.walk(state, closing):
         state = step.state
         record.add(time_s + step.travel_mm / setup.close_speed_mm_per_s, 0.0, step.clamp_n)

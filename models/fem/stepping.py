@@ -13,9 +13,11 @@ from models.fem.newton import NewtonSolver
 TOUCH_MM = 0.02
 # The peak sits in the first millimetres of lift: 1 mm steps lose 1.5 % of it (notes/fem.md section 7).
 FINE_LIFT_MM = 3.0
-CUT, GROW, EASY_ITERATIONS = 0.4, 1.5, 7
+CUT, GROW, EASY_ITERATIONS = 0.4, 1.5, 14
 # A point that sinks a millimetre in one step, or five in all, may have passed through something thin.
 MAX_SINKING_MM, MAX_DEPTH_MM = 1.0, 5.0
+# A node this much faster than the base has just snapped; where it was is a better guess than where it was going.
+MAX_SPEED_RATIO = 3.0
 
 
 @dataclass(frozen=True)
@@ -110,9 +112,11 @@ class Stepper:
     ) -> tuple[str, tuple[FingerState, np.ndarray] | None]:
         base = path.at(travel)
         u = self.finger.begin(state, base, dt_s, self.friction(state))
+        if np.abs(state.v).max() > MAX_SPEED_RATIO * path.speed_mm_per_s:
+            u = self.finger.start_from(state)
         outcome = self.newton.solve(self.finger, u)
         if outcome == "inverted_element":
-            # The extrapolated start can be invalid after a snap; the old positions never are.
+            # The extrapolated positions can be invalid; those of the last step never are.
             u = self.finger.start_from(state)
             outcome = self.newton.solve(self.finger, u)
         if outcome != "converged":
@@ -125,7 +129,7 @@ class Stepper:
 
     def _cut(self, outcome: str, step: float, travel: float) -> None:
         self.n_cuts += 1
-        self.newton.has_factor = False
+        self.newton.forget()
         self._count(travel)
         if CUT * step < self.limits.shortest_mm:
             raise SimulationFailed(

@@ -31,7 +31,10 @@ MESHES_KEPT = 4  # half and full width of a design, for two designs
 
 @dataclass(frozen=True)
 class GraspJob:
-    """A grasp to simulate; `deadline_s` is wall time, meshes are cached beside the lake at `lake_root` if given."""
+    """A grasp to simulate; `deadline_s` is wall time.
+
+    Meshes are cached beside the lake at `lake_root` if given; `mesh` replaces that of the version.
+    """
 
     design: Design
     object_id: int
@@ -39,6 +42,7 @@ class GraspJob:
     setup: GraspSetup
     deadline_s: float
     lake_root: Path | None = None
+    mesh: SolidMesh | None = None
 
 
 @dataclass(frozen=True)
@@ -68,8 +72,8 @@ def attempt_grasp(job: GraspJob) -> Attempt:
     result, reason, message = None, "", ""
     try:
         obj = get_object(job.object_id)
-        mesh = None  # the screening tier has a plane mesh, made in no time
-        if job.version.tier != "screening":
+        mesh = job.mesh
+        if mesh is None and job.version.tier != "screening":  # which has a plane mesh, made in no time
             version_json = canonical_json(job.version.model_dump())
             mesh = _mesh_of(job.design, version_json, not obj.mirror_y, job.lake_root)
         meshed = time.process_time()

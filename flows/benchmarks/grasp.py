@@ -8,10 +8,11 @@ from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.outcomes import Outcome
 from flows.benchmarks.study import cases_of, run_study
 from flows.benchmarks.summary import completed, failures_by_reason, median_of, spread
+from flows.benchmarks.tiers import WEDGE_REFINEMENT
 from models.objects.catalogue import OBJECTS
 
 TIERS = ("production", "screening")
-YARDSTICKS = ("wedge", "wedge refined")
+YARDSTICKS = tuple(WEDGE_REFINEMENT)
 N_DESIGNS, N_YARDSTICK_DESIGNS = 12, 3
 YARDSTICK_OBJECTS = (1, 14, 24, 30)  # sphere, tube, cone, cube
 CAMPAIGN_GRASPS, CAMPAIGN_CORES = 50_608, 2  # simulated grasps of the FAST paper; cores of the machine it should fit

@@ -10,9 +10,11 @@ from itertools import groupby
 
 from flows.benchmarks.base import Options
 from flows.benchmarks.outcomes import Outcome, OutcomeFile, read_outcomes, solver_id
-from flows.benchmarks.tiers import version_of
+from flows.benchmarks.tiers import WEDGE_REFINEMENT, version_of
+from flows.benchmarks.wedges import wedge_mesh
 from lake.tables import SimulationRow
 from models.design_space import BEST_PUBLISHED, numbered_design
+from models.objects.catalogue import get_object
 from models.records import GraspSetup
 from tasks.attempt import Attempt, GraspJob, answer, attempt_grasp
 from tasks.pool import Worker
@@ -33,7 +35,11 @@ class Case:
     @property
     def job(self) -> GraspJob:
         """What a worker is told."""
-        return GraspJob(numbered_design(self.design), self.object_id, version_of(self.tier), SETUP, DEADLINE_S)
+        design, mesh = numbered_design(self.design), None
+        if self.tier in WEDGE_REFINEMENT:
+            full_width = not get_object(self.object_id).mirror_y
+            mesh = wedge_mesh(design, refine=WEDGE_REFINEMENT[self.tier], full_width=full_width)
+        return GraspJob(design, self.object_id, version_of(self.tier), SETUP, DEADLINE_S, mesh=mesh)
 
     @property
     def simulation_id(self) -> str:

@@ -105,12 +105,12 @@ def read_design(path: Path | None) -> "Design":
 
 
 def _base_version(lake: Path, version_id: str | None, tier: str | None) -> "SimulatorVersion":
-    from flows.benchmarks.tiers import version_of
+    from flows.benchmarks.tiers import TIERS, version_of
 
     if tier is None:
         return read_version(lake, version_id)
     refuse_beside("tier", {"version": version_id})
-    return version_of(tier)
+    return version_of(tier, TIERS)
 
 
 def read_version(lake: Path, version_id: str | None) -> "SimulatorVersion":

@@ -17,7 +17,7 @@ from flows.benchmarks.ranking import measure_ranking
 from flows.benchmarks.robustness import measure_robustness, memory, parts
 from flows.benchmarks.study import Case, cases_of, run_study
 from flows.benchmarks.summary import failed_grasps, failures_by_reason
-from flows.benchmarks.tiers import VERSIONS
+from flows.benchmarks.tiers import SIMULATORS, TIERS
 from models.design_space import numbered_design
 from models.records import GraspSetup, MeshSettings, SimulatorVersion
 from tests.flows.cli_lakes import Fast
@@ -29,9 +29,9 @@ SHORT = GraspSetup(open_gap_mm=56, closed_gap_mm=24, max_lift_mm=2)
 def short_grasps(monkeypatch):
     """Coarse meshes and grasps of a few steps, for whatever a benchmark simulates."""
     monkeypatch.setattr(study, "SETUP", SHORT)
-    for number, tier in enumerate(VERSIONS):
+    for number, tier in enumerate(TIERS):
         coarse = SimulatorVersion(mesh=MeshSettings(edge_mm=12 - 0.5 * number))
-        monkeypatch.setitem(VERSIONS, tier, coarse)
+        monkeypatch.setitem(SIMULATORS, tier, coarse)
 
 
 def outcome(design: int = 0, object_id: int = 0, tier: str = "production", **values) -> Outcome:

@@ -220,9 +220,7 @@ def add_contact(
 
 
 @nb.njit(inline="always")
-def _moved_since(
-    points: ContactPoints, f: int, c: int, x: np.ndarray, before: np.ndarray
-) -> tuple[float, float, float]:
+def _moved_since(points: ContactPoints, f: int, c: int, x: np.ndarray, before: np.ndarray) -> tuple[float, float, float]:
     u = v = w = 0.0
     for a in range(points.faces.shape[1]):
         node, weight = points.faces[f, a], points.shape[c, a]

@@ -107,9 +107,7 @@ def test_pressure_law_has_a_continuous_slope(solid: SolidMesh) -> None:
     friction = np.zeros(len(surface.areas))
 
     def force(depth: float) -> float:
-        return surface.respond(nodes, surface.start(nodes), Wall(depth), friction, False, None).pressure.max(
-            initial=0.0
-        )
+        return surface.respond(nodes, surface.start(nodes), Wall(depth), friction, False, None).pressure.max(initial=0.0)
 
     d0, h = ContactLaw().smoothing_mm, 1e-6
     before, after = (force(d0) - force(d0 - h)) / h, (force(d0 + h) - force(d0)) / h

@@ -8,7 +8,7 @@ import numpy as np
 
 from models.fem.assembly import ElasticBody, Material
 from models.fem.contact import ContactLaw, ContactSurface, PointSpacing
-from models.fem.elasticity import REFERENCE_MODULUS_MPA
+from models.fem.elasticity import REFERENCE_MODULUS_MPA, MaterialLaw
 from models.fem.linear import BlockCholesky, LinearSolver
 from models.mesh.solid import SolidMesh
 
@@ -48,13 +48,14 @@ def finger_model(
     poisson_ratio: float,
     law: ContactLaw,
     spacing: PointSpacing,
+    material_law: MaterialLaw = "neo_hookean",
 ) -> FingerModel:
     """The model of a finger, from the last few built in this thread or new; forgets every grasp made with it."""
-    key = (mesh.mesh_id, height_mm, tip_below_mm, poisson_ratio, law, spacing)
+    key = (mesh.mesh_id, height_mm, tip_below_mm, poisson_ratio, law, spacing, material_law)
     model = _KEPT.models.pop(key, None)
     if model is None:
         nodes = to_object_frame(mesh.nodes, height_mm, tip_below_mm)
-        body = ElasticBody(mesh, nodes, Material(REFERENCE_MODULUS_MPA, poisson_ratio))
+        body = ElasticBody(mesh, nodes, Material(REFERENCE_MODULUS_MPA, poisson_ratio, material_law))
         surface = ContactSurface(body, nodes, law, spacing)
         blocks = np.zeros((len(body.pattern.indices), 3, 3))
         model = FingerModel(nodes, body, surface, BlockCholesky(body.pattern), blocks)

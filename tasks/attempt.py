@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
 from models.effects.catalogue import build_effects
 from models.errors import MeshingFailed, SimulationFailed
 from models.ids import canonical_json
@@ -80,6 +82,8 @@ def attempt_grasp(job: GraspJob) -> Attempt:
         result = simulate_grasp(job.design, obj, job.version, job.setup, mesh=mesh, deadline_s=job.deadline_s)
     except (SimulationFailed, MeshingFailed) as error:
         reason, message = error.reason, str(error)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        reason, message = "arithmetic", f"{type(error).__name__}: {error}"
     ended = time.process_time()
     return Attempt(
         result=result,

@@ -23,7 +23,7 @@ from tasks.pool import Worker, WorkerPool
 from tasks.settings import ObjectPlan
 from tasks.simulating import simulate_design
 
-N_DESIGNS = 8
+N_DESIGNS = 20
 
 
 def measure_fanout(options: Options) -> Tables:

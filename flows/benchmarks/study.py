@@ -123,7 +123,8 @@ class _Part:
         return is_late or self._stopping.is_set()
 
     def _simulate(self, worker: Worker, case: Case) -> Outcome:
-        attempt = answer(worker, case.job, worker.submit(attempt_grasp, case.job))
+        job = case.job
+        attempt = answer(worker, job, worker.submit(attempt_grasp, job))
         outcome = self._outcome(case, attempt)
         self._file.append(outcome)
         self._made.append(outcome)

@@ -82,3 +82,13 @@ def test_memory_stays_flat():
         used_kb.append(worker.call(resource.getrusage, resource.RUSAGE_SELF).ru_maxrss)
     worker.close()
     assert used_kb[-1] - used_kb[49] < 5_000
+
+
+def test_arithmetic_that_breaks_down_is_a_failure_with_its_reason(monkeypatch):
+    def divide(*arguments, **options):
+        return 1 / 0
+
+    monkeypatch.setattr("models.fem.grasp.simulate_grasp", divide)
+    attempt = attempt_grasp(job(BEST_PUBLISHED, HALF))
+    assert (attempt.result, attempt.reason) == (None, "arithmetic")
+    assert attempt.message == "ZeroDivisionError: division by zero"

@@ -20,10 +20,11 @@ SETTLED_GRASPS = 50  # a worker has loaded all code and met large meshes by then
 def measure_robustness(options: Options) -> Tables:
     """Share of completed grasps, failures by reason, their cost, memory and use of the cores; can be continued."""
     objects = options.objects or tuple(o.object_id for o in OBJECTS)
-    cases = cases_of(range(options.designs or N_DESIGNS), options.tiers or TIERS, objects)
+    tiers = options.tiers or TIERS
+    cases = cases_of(range(options.designs or N_DESIGNS), tiers, objects)
     outcomes = run_study(cases, options, n_workers=2)
     return {
-        "completed": [_completed_row(outcomes, tier, len(cases)) for tier in options.tiers or TIERS],
+        "completed": [_completed_row(outcomes, tier, len(cases) // len(tiers)) for tier in tiers],
         "failures": failures_by_reason(outcomes),
         "failed grasps": failed_grasps(outcomes),
         "parts": parts(outcomes),

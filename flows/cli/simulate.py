@@ -1,12 +1,14 @@
 """`fast simulate`: one grasp of one design on one object."""
 
 import json as json_module
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show
+from flows.cli.repetition import read_simulation, refuse_beside
 from flows.cli.simulate_output import make_folder, write_outputs
 
 if TYPE_CHECKING:
@@ -14,15 +16,25 @@ if TYPE_CHECKING:
 
 BEST = Path("best")
 
+NUMBERED = re.compile(r"random-(\d{1,6})")
+
 
 def simulate(
     *,
     design: Annotated[
-        Path, Parameter(help="JSON file with the nine parameters, or `best`: the best published design.")
-    ] = BEST,
-    object: Annotated[int, Parameter(help="Object id, 0 to 35.")],
+        Path | None,
+        Parameter(
+            help="JSON file with the nine parameters, or random-N: design N of the benchmarks; "
+            "`best`, as without it: the best published design."
+        ),
+    ] = None,
+    object: Annotated[int | None, Parameter(help="Object id, 0 to 35.")] = None,
     version: Annotated[
         str | None, Parameter(help="Simulator version (V...) of the lake; default: the program's own values.")
+    ] = None,
+    tier: Annotated[str | None, Parameter(help="screening, production or reference, each with its own mesh.")] = None,
+    simulation: Annotated[
+        str | None, Parameter(help="Simulation (S...) of the lake: repeat it, in place of all the options above.")
     ] = None,
     set: Annotated[
         list[str] | None,
@@ -38,12 +50,21 @@ def simulate(
     json: AsJson = False,
 ) -> None:
     """Simulate one grasp: closing, lift and pull-off. Without --out or --export-calculix, nothing is written."""
+    from models.errors import UsageError
     from models.fem.grasp import simulate_grasp
     from models.fem.recording import GraspRecording
     from models.objects.catalogue import get_object
 
-    chosen, met = read_design(design), get_object(object)
-    simulator, setup = apply_settings(set or [], read_version(lake, version))
+    if simulation is not None:
+        others = {"design": design, "object": object, "version": version, "tier": tier, "set": set}
+        refuse_beside("simulation", others)
+        chosen, object, simulator, setup = read_simulation(lake, simulation)
+    else:
+        if object is None:
+            raise UsageError("`fast simulate` needs --object: Object id, 0 to 35. See `fast simulate --help`.")
+        chosen = read_design(design)
+        simulator, setup = apply_settings(set or [], _base_version(lake, version, tier))
+    met = get_object(object)
     if out is not None:
         make_folder(out)
     recording = GraspRecording()
@@ -69,19 +90,21 @@ def simulate(
         say("wrote " + ", ".join(map(str, files)))
 
 
-def read_design(path: Path) -> "Design":
-    """A design from a JSON file, or for `best` the best published one.
+def read_design(path: Path | None) -> "Design":
+    """A design from a JSON file, one of the numbered random designs (`random-N`), or the best published one.
 
     Raises:
         ConfigError: missing file, no JSON, or a value out of its range.
     """
-    from models.design_space import BEST_PUBLISHED
+    from models.design_space import BEST_PUBLISHED, numbered_design
     from models.errors import ConfigError
     from models.records import Design
     from models.validation import load_record
 
-    if path == BEST:
+    if path is None or path == BEST:
         return BEST_PUBLISHED
+    if numbered := NUMBERED.fullmatch(str(path)):
+        return numbered_design(int(numbered[1]))
     try:
         data = json_module.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -89,6 +112,15 @@ def read_design(path: Path) -> "Design":
     except ValueError as error:  # broken JSON, or bytes that are no text
         raise ConfigError(f"design file `{path}` is not JSON: {error}; correct it.") from error
     return load_record(Design, data, str(path))
+
+
+def _base_version(lake: Path, version_id: str | None, tier: str | None) -> "SimulatorVersion":
+    from flows.benchmarks.tiers import TIERS, version_of
+
+    if tier is None:
+        return read_version(lake, version_id)
+    refuse_beside("tier", {"version": version_id})
+    return version_of(tier, TIERS)
 
 
 def read_version(lake: Path, version_id: str | None) -> "SimulatorVersion":

@@ -66,13 +66,13 @@ def rack(designs: list[Path] | None) -> "dict[int, MountedTool]":
     Raises:
         UsageError: a file that is no design, or more designs than slots.
     """
-    from flows.cli.simulate import BEST, read_design
+    from flows.cli.simulate import read_design
     from hardware.layout import N_SLOTS
     from hardware.tools import MountedTool
     from models.errors import UsageError
     from models.ids import tool_label
 
-    chosen = [read_design(path) for path in designs] if designs else [read_design(BEST)] * N_SLOTS
+    chosen = [read_design(path) for path in designs] if designs else [read_design(None)] * N_SLOTS
     if len(chosen) > N_SLOTS:
         raise UsageError(f"{len(chosen)} designs were given, the rack has {N_SLOTS} slots; give fewer --design.")
     return {slot: MountedTool(tool_id=tool_label(0, slot), design=design) for slot, design in enumerate(chosen)}

@@ -44,7 +44,9 @@ class Instant:
 
 
 def five_instants(recording: GraspRecording, trace: Trace) -> list[Instant]:
-    """Touch, half closed, closed, peak, and the last contact of the lift."""
+    """Touch, half closed, closed, peak, and the last contact of the lift; none of an empty recording."""
+    if recording.is_empty:
+        return []
     snapshots = recording.of("right")
     closing = [s for s in snapshots if s.phase == "closing"]
     lift = [s for s in snapshots if s.phase == "lift"]
@@ -120,7 +122,7 @@ def instants_figure(obj: RigidObject, instants: Sequence[Instant], title: str) -
     """
     low, high = _limits(instants, obj)
     width, height = high - low
-    figure = new_figure(12.0, 12.0 / len(instants) * height / width * 0.93 + 1.35)
+    figure = new_figure(12.0, 12.0 / len(instants) * height / width * 0.93 + 0.95)
     panels = np.atleast_1d(figure.subplots(1, len(instants), sharex=True, sharey=True))
     pressed = [s.pressure * s.scale * 1e3 for i in instants for s in i.snapshots.values() if s.pressure.size]
     # A few points on edges carry ten times the pressure of all others.

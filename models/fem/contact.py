@@ -80,8 +80,11 @@ class ContactState:
 
 @dataclass(frozen=True)
 class ContactResponse:
-    """Outcome of one evaluation: nodal force (nodes, 3) in N, and of the points that touch the obstacle (m) their
-    numbers, tractions (m, 3) and pressures (m) in MPa, and slips (m) of the step in mm."""
+    """Outcome of one evaluation.
+
+    Nodal force (nodes, 3) in N; of the points that touch the obstacle (m) their numbers, tractions (m, 3) and
+    pressures (m) in MPa, and slips of the step (m) in mm.
+    """
 
     force: np.ndarray
     points: np.ndarray
@@ -100,6 +103,7 @@ class ContactSurface:
         self._places = block_map(self._points.faces, body.row_of_node, body.pattern)
         self._seen = _sightings(self._points)
         self._seen_of: tuple[Obstacle | None, bool] = (None, False)
+        self._primitives: np.ndarray | None = None
         n, n_patches = len(self.areas), len(self._points.reach)
         patch, face = np.zeros(n_patches, dtype=np.int32), np.zeros(n_patches, dtype=np.int32)
         self._near = NearPoints(patch, face, np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3)))
@@ -174,18 +178,19 @@ class ContactSurface:
         points, near, seen = self._points, self._near, self._seen
         if self._seen_of[0] is not obstacle or self._seen_of[1] != has_mirror:
             self._seen_of = (obstacle, has_mirror)
+            self._primitives = obstacle.primitives if isinstance(obstacle, Solid) else None
             seen.face_gap[:] = -np.inf
             seen.patch_gap[:] = -np.inf
+        if self._primitives is not None:
+            return int(contact_kernel.measure(self._primitives, points, x, has_mirror, seen, near))
         n_patches, n_points = contact_kernel.find_near(points, x, seen, near)
-        if isinstance(obstacle, Solid):
-            contact_kernel.measure_solid(obstacle.primitives, points, near, n_patches)
-        elif n_points:
+        if n_points:
             near.distance[:n_points] = obstacle.distance(near.position[:n_points])
             inside = np.flatnonzero(near.distance[:n_points] < 0.0)
             if inside.size:
                 near.normal[inside] = obstacle.normal(near.position[inside])
-        contact_kernel.remember(points, x, near, n_patches, has_mirror, seen)
-        return n_patches
+        contact_kernel.remember(points, near, n_patches, has_mirror, seen)
+        return int(n_patches)
 
 
 def _sightings(points: ContactPoints) -> Sightings:

@@ -4,6 +4,7 @@ Nothing here depends on what happened before but the time it takes: a patch is l
 can have reached anything since it was last measured, and everything else is computed afresh in a fixed order.
 """
 
+import math
 from typing import NamedTuple
 
 import numba as nb
@@ -11,14 +12,18 @@ import numpy as np
 
 from models.fem.contact_points import ContactPoints
 from models.fem.friction import return_mapping
-from models.objects.distance import solid_distance
+from models.objects.distance import choose_rows, chosen_distance
 
+MAX_REACH = 3.0  # largest sum of |N_a| on any face: eight nodes, at the centre
 _MARGIN_MM = 1e-9  # far above rounding: a point left out is outside for certain
 
 
 class Sightings(NamedTuple):
-    """What is known of faces (f) and patches (q): their nodes when last measured (., k, 3), and a lower bound then, in
-    mm, of the gap between their points and the nearest thing to touch."""
+    """What is known of faces (f) and patches (q).
+
+    Their nodes when last measured (., k, 3), and a lower bound then, in mm, of the gap between their points and the
+    nearest thing to touch.
+    """
 
     face_nodes: np.ndarray
     face_gap: np.ndarray
@@ -27,8 +32,11 @@ class Sightings(NamedTuple):
 
 
 class NearPoints(NamedTuple):
-    """Buffers for one evaluation. Of patches that may touch: their numbers `patch` (q) and faces `face` (q); of their
-    points in a row: positions (n, 3), distances (n) and normals (n, 3). A positive distance may be a lower bound."""
+    """Buffers for one evaluation.
+
+    Of patches that may touch: their numbers `patch` (q) and faces `face` (q); of their points, in a row: positions
+    (n, 3), distances (n) and, where these are negative, normals (n, 3). A positive distance may be a lower bound.
+    """
 
     patch: np.ndarray
     face: np.ndarray
@@ -65,60 +73,79 @@ class FrictionState(NamedTuple):
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def interpolate(points: ContactPoints, x: np.ndarray, positions: np.ndarray) -> None:
     """Positions (n, 3) of all points at deformed nodes x."""
+    local = np.zeros((points.faces.shape[1], 3))
     for f in range(len(points.faces)):
+        _take_nodes(points.faces, f, x, local)
         for c in range(points.first_point[points.first_patch[f]], points.first_point[points.first_patch[f + 1]]):
-            positions[c, 0], positions[c, 1], positions[c, 2] = _at_point(points, f, c, x)
+            _interpolate_point(points.shape, c, local, positions, c)
+
+
+@nb.njit(inline="always")
+def _take_nodes(faces: np.ndarray, f: int, x: np.ndarray, local: np.ndarray) -> None:
+    """Copy the nodal vectors x of face f to `local` (k, 3)."""
+    for a in range(faces.shape[1]):
+        for i in range(3):
+            local[a, i] = x[faces[f, a], i]
+
+
+@nb.njit(inline="always")
+def _interpolate_point(shape: np.ndarray, c: int, local: np.ndarray, result: np.ndarray, row: int) -> None:
+    """Put the nodal vectors `local` (k, 3), interpolated to point c, into a row of `result`."""
+    u = v = w = 0.0
+    for a in range(len(local)):
+        weight = shape[c, a]
+        u += weight * local[a, 0]
+        v += weight * local[a, 1]
+        w += weight * local[a, 2]
+    result[row, 0], result[row, 1], result[row, 2] = u, v, w
+
+
+@nb.njit(inline="always")
+def _motion(local: np.ndarray, before: np.ndarray, row: int) -> float:
+    """How far the node of a face that moved most is from where it was, in a row of `before` (., k, 3)."""
+    most = 0.0
+    for a in range(len(local)):
+        square = 0.0
+        for i in range(3):
+            square += (local[a, i] - before[row, a, i]) ** 2
+        most = max(most, square)
+    return math.sqrt(most)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def measure(
+    rows: np.ndarray, points: ContactPoints, x: np.ndarray, has_mirror: bool, seen: Sightings, near: NearPoints
+) -> int:
+    """Find and measure all points that may touch a solid of primitives; returns the number of their patches."""
+    n_patches, _ = find_near(points, x, seen, near)
+    measure_solid(rows, points, near, n_patches)
+    remember(points, near, n_patches, has_mirror, seen)
+    return n_patches
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def find_near(points: ContactPoints, x: np.ndarray, seen: Sightings, near: NearPoints) -> tuple[int, int]:
     """Collect the patches that may touch something, and their points; returns how many of each."""
     n_patches = n_points = 0
+    local = np.zeros((points.faces.shape[1], 3))
     for f in range(len(points.faces)):
-        most = 0.0
-        for p in range(points.first_patch[f], points.first_patch[f + 1]):
-            most = max(most, points.reach[p])
-        if seen.face_gap[f] > most * _motion(points, f, x, seen.face_nodes[f]) + _MARGIN_MM:
+        _take_nodes(points.faces, f, x, local)
+        if seen.face_gap[f] > MAX_REACH * _motion(local, seen.face_nodes, f) + _MARGIN_MM:
             continue
         seen.face_gap[f] = np.inf
-        for a in range(points.faces.shape[1]):
-            seen.face_nodes[f, a] = x[points.faces[f, a]]
+        seen.face_nodes[f] = local
         for p in range(points.first_patch[f], points.first_patch[f + 1]):
-            gap = seen.patch_gap[p] - points.reach[p] * _motion(points, f, x, seen.patch_nodes[p])
+            gap = seen.patch_gap[p] - points.reach[p] * _motion(local, seen.patch_nodes, p)
             if gap > _MARGIN_MM:
                 seen.face_gap[f] = min(seen.face_gap[f], gap)
                 continue
+            seen.patch_nodes[p] = local
             near.patch[n_patches], near.face[n_patches] = p, f
             n_patches += 1
             for c in range(points.first_point[p], points.first_point[p + 1]):
-                position = _at_point(points, f, c, x)
-                near.position[n_points, 0], near.position[n_points, 1], near.position[n_points, 2] = position
+                _interpolate_point(points.shape, c, local, near.position, n_points)
                 n_points += 1
     return n_patches, n_points
-
-
-@nb.njit(inline="always")
-def _motion(points: ContactPoints, f: int, x: np.ndarray, before: np.ndarray) -> float:
-    """How far the node of a face that moved most is from where it was."""
-    most = 0.0
-    for a in range(points.faces.shape[1]):
-        node, square = points.faces[f, a], 0.0
-        for i in range(3):
-            square += (x[node, i] - before[a, i]) ** 2
-        most = max(most, square)
-    return np.sqrt(most)
-
-
-@nb.njit(inline="always")
-def _at_point(points: ContactPoints, f: int, c: int, x: np.ndarray) -> tuple[float, float, float]:
-    """Interpolate nodal vectors x to point c of face f."""
-    u = v = w = 0.0
-    for a in range(points.faces.shape[1]):
-        node, weight = points.faces[f, a], points.shape[c, a]
-        u += weight * x[node, 0]
-        v += weight * x[node, 1]
-        w += weight * x[node, 2]
-    return u, v, w
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -127,45 +154,39 @@ def measure_solid(rows: np.ndarray, points: ContactPoints, near: NearPoints, n_p
 
     A patch whose middle point is further away than twice its size is not looked at closer.
     """
-    first = 0
+    position, distance, normal, first = near.position, near.distance, near.normal, 0
+    chosen = np.zeros(len(rows), dtype=np.int32)
     for q in range(n_patches):
         p = near.patch[q]
         last = first + points.first_point[p + 1] - points.first_point[p]
         middle = (first + last) // 2
-        centre = near.position[middle]
-        gap, size = solid_distance(rows, centre[0], centre[1], centre[2])[0], 0.0
+        x, y, z = position[middle, 0], position[middle, 1], position[middle, 2]
+        size = 0.0
         for i in range(first, last):
-            near.distance[i] = gap - _distance_between(near.position[i], centre)
-            size = max(size, gap - near.distance[i])
-        if gap <= 2.0 * size:
+            size = max(size, (position[i, 0] - x) ** 2 + (position[i, 1] - y) ** 2 + (position[i, 2] - z) ** 2)
+        size = math.sqrt(size)
+        gap, n_chosen = choose_rows(rows, x, y, z, size, chosen)
+        if gap > 2.0 * size:
+            distance[first:last] = gap - size
+        else:
             for i in range(first, last):
-                near.distance[i], near.normal[i, 0], near.normal[i, 1], near.normal[i, 2] = solid_distance(
-                    rows, near.position[i, 0], near.position[i, 1], near.position[i, 2]
+                distance[i], normal[i, 0], normal[i, 1], normal[i, 2] = chosen_distance(
+                    rows, chosen, n_chosen, position[i, 0], position[i, 1], position[i, 2]
                 )
         first = last
 
 
-@nb.njit(inline="always")
-def _distance_between(a: np.ndarray, b: np.ndarray) -> float:
-    return np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
-
-
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def remember(
-    points: ContactPoints, x: np.ndarray, near: NearPoints, n_patches: int, has_mirror: bool, seen: Sightings
-) -> None:
+def remember(points: ContactPoints, near: NearPoints, n_patches: int, has_mirror: bool, seen: Sightings) -> None:
     """Keep how far the patches just measured are from the nearest thing to touch."""
     i = 0
     for q in range(n_patches):
-        p, f = near.patch[q], near.face[q]
-        gap = np.inf
+        p, f, gap = near.patch[q], near.face[q], np.inf
         for _ in range(points.first_point[p], points.first_point[p + 1]):
             gap = min(gap, near.distance[i])
             if has_mirror:
                 gap = min(gap, near.position[i, 0])
             i += 1
-        for a in range(points.faces.shape[1]):
-            seen.patch_nodes[p, a] = x[points.faces[f, a]]
         seen.patch_gap[p] = gap
         seen.face_gap[f] = min(seen.face_gap[f], gap)
 
@@ -188,46 +209,38 @@ def add_contact(
 
     Forces and tangents are summed per face before they go to the nodes. Returns how many points touch the obstacle.
     """
-    k = points.faces.shape[1]
-    has_tangent = len(blocks) > 0
-    point_force, tangent = np.zeros(3), np.zeros((3, 3))
+    k, has_tangent = points.faces.shape[1], len(blocks) > 0
+    moved, point_force, tangent = np.zeros((k, 3)), np.zeros(3), np.zeros((3, 3))
     face_force, face_tangent, pairs = np.zeros((k, 3)), np.zeros((6, k * (k + 1) // 2)), np.zeros(k * (k + 1) // 2)
+    own = (np.zeros((1, 3)), np.zeros(3), np.zeros(3), np.zeros(3))
     n_touching, i, current = 0, 0, -1
     for q in range(n_patches):
-        f = near.face[q]
-        for c in range(points.first_point[near.patch[q]], points.first_point[near.patch[q] + 1]):
+        f, p = near.face[q], near.patch[q]
+        for c in range(points.first_point[p], points.first_point[p + 1]):
             is_touching, is_behind = near.distance[i] < 0.0, has_mirror and near.position[i, 0] < 0.0
             if is_touching or is_behind:
                 if f != current:
-                    _scatter(points, places, current, has_tangent, face_force, face_tangent, force, blocks)
+                    _scatter(points.faces, places, current, has_tangent, face_force, face_tangent, force, blocks)
                     current = f
+                    for a in range(k):
+                        for j in range(3):
+                            moved[a, j] = x[points.faces[f, a], j] - state.nodes[points.faces[f, a], j]
                 point_force[:] = 0.0
                 tangent[:] = 0.0
                 if is_touching:
-                    motion = _moved_since(points, f, c, x, state.nodes)
-                    _press(c, i, near, law, state, motion, point_force, tangent, touching, n_touching)
+                    _interpolate_point(points.shape, c, moved, own[0], 0)
+                    _press(c, i, near, law, state, own, point_force, tangent, touching, n_touching)
                     n_touching += 1
                 if is_behind:
-                    p, slope = _pressure(-near.position[i, 0], law)
-                    point_force[0] += p
+                    pressure, slope = _pressure(-near.position[i, 0], law)
+                    point_force[0] += pressure
                     tangent[0, 0] += slope
-                _add_point(points.shape[c], points.areas[c], point_force, face_force)
+                _add_force(points, c, point_force, face_force)
                 if has_tangent:
-                    _add_point_tangent(points.shape[c], points.areas[c], tangent, pairs, face_tangent)
+                    _add_tangent(points, c, tangent, pairs, face_tangent)
             i += 1
-    _scatter(points, places, current, has_tangent, face_force, face_tangent, force, blocks)
+    _scatter(points.faces, places, current, has_tangent, face_force, face_tangent, force, blocks)
     return n_touching
-
-
-@nb.njit(inline="always")
-def _moved_since(points: ContactPoints, f: int, c: int, x: np.ndarray, before: np.ndarray) -> tuple[float, float, float]:
-    u = v = w = 0.0
-    for a in range(points.faces.shape[1]):
-        node, weight = points.faces[f, a], points.shape[c, a]
-        u += weight * (x[node, 0] - before[node, 0])
-        v += weight * (x[node, 1] - before[node, 1])
-        w += weight * (x[node, 2] - before[node, 2])
-    return u, v, w
 
 
 @nb.njit(inline="always")
@@ -246,42 +259,47 @@ def _press(
     near: NearPoints,
     law: Law,
     state: FrictionState,
-    motion: tuple[float, float, float],
+    own: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
     point_force: np.ndarray,
     tangent: np.ndarray,
     touching: Touching,
     place: int,
 ) -> None:
-    """Force and tangent per area of point c, the i-th near one, on the obstacle; its traction goes to `place`."""
+    """Force and tangent per area of point c, the i-th near one, on the obstacle; its traction goes to `place`.
+
+    `own`: motion (1, 3), and storage for the old traction, the normal and the new traction.
+    """
+    motion, old, normal, traction = own
+    for j in range(3):
+        old[j], normal[j] = state.traction[c, j], near.normal[i, j]
     p, slope = _pressure(-near.distance[i], law)
-    normal, traction = near.normal[i], touching.traction[place]
-    touching.slip[place] = return_mapping(
-        state.traction[c], motion, normal, state.coefficient[c] * p, law.kt, traction, tangent
-    )
-    touching.point[place], touching.pressure[place] = c, p
+    slip = return_mapping(old, motion[0], normal, state.coefficient[c] * p, law.kt, traction, tangent)
+    touching.point[place], touching.pressure[place], touching.slip[place] = c, p, slip
     for a in range(3):
+        touching.traction[place, a] = traction[a]
         point_force[a] = p * normal[a] + traction[a]
         for b in range(3):
             tangent[a, b] += slope * normal[a] * normal[b]
 
 
 @nb.njit(inline="always")
-def _add_point(shape: np.ndarray, area: float, point_force: np.ndarray, face_force: np.ndarray) -> None:
-    for a in range(len(shape)):
+def _add_force(points: ContactPoints, c: int, point_force: np.ndarray, face_force: np.ndarray) -> None:
+    for a in range(len(face_force)):
+        factor = points.areas[c] * points.shape[c, a]
         for i in range(3):
-            face_force[a, i] += area * shape[a] * point_force[i]
+            face_force[a, i] += factor * point_force[i]
 
 
 @nb.njit(inline="always")
-def _add_point_tangent(
-    shape: np.ndarray, area: float, tangent: np.ndarray, pairs: np.ndarray, face_tangent: np.ndarray
+def _add_tangent(
+    points: ContactPoints, c: int, tangent: np.ndarray, pairs: np.ndarray, face_tangent: np.ndarray
 ) -> None:
     """Add the six entries of a symmetric tangent (3, 3) times N_a N_b for the pairs a >= b."""
     n = 0
-    for a in range(len(shape)):
-        factor = area * shape[a]
+    for a in range(points.shape.shape[1]):
+        factor = points.areas[c] * points.shape[c, a]
         for b in range(a + 1):
-            pairs[n] = factor * shape[b]
+            pairs[n] = factor * points.shape[c, b]
             n += 1
     entry = 0
     for i in range(3):
@@ -294,7 +312,7 @@ def _add_point_tangent(
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _scatter(
-    points: ContactPoints,
+    faces: np.ndarray,
     places: np.ndarray,
     f: int,
     has_tangent: bool,
@@ -307,9 +325,9 @@ def _scatter(
     if f < 0:
         return
     n = 0
-    for a in range(points.faces.shape[1]):
+    for a in range(faces.shape[1]):
         for i in range(3):
-            force[points.faces[f, a], i] += face_force[a, i]
+            force[faces[f, a], i] += face_force[a, i]
         if not has_tangent:
             continue
         for b in range(a + 1):

@@ -128,3 +128,8 @@ class GraspRecording:
     def of(self, side: Side) -> list[Snapshot]:
         """Snapshots of a finger; with an object symmetric in x only the right one is solved and stands for both."""
         return self.snapshots[side] or self.snapshots["right"]
+
+    @property
+    def is_empty(self) -> bool:
+        """True if nothing was recorded."""
+        return not any(self.snapshots.values())

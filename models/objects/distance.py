@@ -11,6 +11,8 @@ from numba import njit
 from models.objects.cores import Gradient3, core_distance
 from models.objects.primitives import CENTRE, RADIUS, REACH, ROTATION
 
+_MARGIN_MM = 1e-9  # far above rounding
+
 
 def distance(primitives: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Signed distance (n) in mm at `points` (n, 3) to the union of `primitives` (see `models.objects.primitives`)."""
@@ -65,6 +67,34 @@ def solid_distance(rows: np.ndarray, x: float, y: float, z: float) -> Gradient3:
             other = _row_distance(rows, i, x, y, z)
             if other[0] < best[0]:
                 best = other
+    return best
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def choose_rows(rows: np.ndarray, x: float, y: float, z: float, radius: float, chosen: np.ndarray) -> tuple[float, int]:
+    """Put the numbers of the rows that can be nearest to any point within `radius` of (x, y, z) into `chosen`.
+
+    Returns the signed distance at (x, y, z) and how many rows there are: those less than twice the radius further
+    away there than the nearest one.
+    """
+    gap, n = solid_distance(rows, x, y, z)[0], 0
+    limit = gap + 2.0 * radius + _MARGIN_MM
+    for i in range(len(rows)):
+        reach = limit + rows[i, REACH]
+        if reach > 0.0 and _square_to_centre(rows, i, x, y, z) < reach * reach:
+            chosen[n] = i
+            n += 1
+    return gap, n
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def chosen_distance(rows: np.ndarray, chosen: np.ndarray, n: int, x: float, y: float, z: float) -> Gradient3:
+    """As `solid_distance`, of the first `n` rows that `chosen` numbers."""
+    best = _row_distance(rows, chosen[0], x, y, z)
+    for j in range(1, n):
+        other = _row_distance(rows, chosen[j], x, y, z)
+        if other[0] < best[0]:
+            best = other
     return best
 
 

@@ -107,7 +107,8 @@ def test_pressure_law_has_a_continuous_slope(solid: SolidMesh) -> None:
     friction = np.zeros(len(surface.areas))
 
     def force(depth: float) -> float:
-        return surface.respond(nodes, surface.start(nodes), Wall(depth), friction, False, None).pressure.max(initial=0.0)
+        response = surface.respond(nodes, surface.start(nodes), Wall(depth), friction, False, None)
+        return float(response.pressure.max(initial=0.0))
 
     d0, h = ContactLaw().smoothing_mm, 1e-6
     before, after = (force(d0) - force(d0 - h)) / h, (force(d0 + h) - force(d0)) / h

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.fem.contact import Obstacle
 from models.fem.finger import FingerState
 from models.fem.plane_contact import PlaneSurface
 from models.fem.plane_finger import PlaneFinger
@@ -40,9 +41,11 @@ class SectionCamera(Camera):
         return np.column_stack([x[self.node_of, 0], -self.mesh.nodes[:, 1], x[self.node_of, 1]])
 
 
-def section_camera(finger: PlaneFinger, recorder: Recorder, side: Side, scale: float) -> SectionCamera:
+def section_camera(
+    finger: PlaneFinger, recorder: Recorder, side: Side, obstacle: Obstacle, scale: float
+) -> SectionCamera:
     """A camera on a section; arguments as `Camera`."""
     solid, node_of = finger.body.mesh.swept()
     surface = _SweptSurface(finger.surface, len(finger.nodes))
-    camera = SectionCamera(recorder, side, solid, np.zeros((0, 3)), surface, scale, node_of)
+    camera = SectionCamera(recorder, side, solid, np.zeros((0, 3)), surface, obstacle, scale, node_of)
     return replace(camera, rest_nodes=camera.swept(finger.nodes))

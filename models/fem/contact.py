@@ -114,6 +114,10 @@ class ContactSurface:
         """Undeformed area of every point (n) in mm2."""
         return self._points.areas
 
+    def forget(self) -> None:
+        """Drop what is remembered of distances: the next evaluation starts as if it were the first."""
+        self._seen_of = (None, False)
+
     def start(self, x: np.ndarray) -> ContactState:
         """State before any contact, at deformed nodes x (n, 3)."""
         n = len(self.areas)

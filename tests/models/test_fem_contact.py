@@ -8,7 +8,7 @@ from models.fem.assembly import ElasticBody, Material
 from models.fem.contact import ContactLaw, ContactSurface, PointSpacing
 from models.fem.finger import FingerStep
 from models.fem.friction import return_mapping
-from models.fem.grasp import to_object_frame
+from models.fem.model import to_object_frame
 from models.fem.stepping import TOUCH_MM, travel_to_touch
 from models.mesh.build import build_mesh
 from models.mesh.solid import SolidMesh

@@ -25,7 +25,7 @@ class TraceFeatures:
     `closing_lowest_n`: least force in the closing (negative: a finger presses down). `start_n`: force when the lift
     starts. `positive_after_mm`: lift from which the force is positive. `hold_mm`: lift over which the force stays
     above `HOLD` of the peak; `half_mm`: above half of it. `end_mm`: lift at which the object is free. `n_peaks`:
-    maxima more prominent than `PROMINENCE` of the largest. `lowest_after_n`: least force after the peak.
+    positive maxima more prominent than `PROMINENCE` of the largest. `lowest_after_n`: least force after the peak.
     """
 
     peak_n: float
@@ -60,7 +60,7 @@ def features_of(trace: Trace) -> TraceFeatures:
         hold_mm=GRID_MM * int((force > HOLD * peak).sum()),
         half_mm=GRID_MM * int((force > 0.5 * peak).sum()),
         end_mm=float(grid[loaded[-1]]) if loaded.size else 0.0,
-        n_peaks=len(find_peaks(padded, prominence=PROMINENCE * peak)[0]),
+        n_peaks=len(find_peaks(padded, height=PROMINENCE * peak, prominence=PROMINENCE * peak)[0]),
         lowest_after_n=float(force[at:].min()),
     )
 

@@ -45,8 +45,11 @@ class ElasticBody:
     the place z of a block in the pattern, -2 - z for its transpose, and -1 for a clamped node.
     """
 
-    def __init__(self, mesh: SolidMesh, nodes: np.ndarray, material: Material, n_axial_points: int = 2) -> None:
-        """`nodes` (n, 3): the undeformed mesh in the frame of the calculation (a rotation of the finger frame)."""
+    def __init__(self, mesh: SolidMesh, nodes: np.ndarray, material: Material, n_axial_points: int = 3) -> None:
+        """`nodes` (n, 3): the undeformed mesh in the frame of the calculation (a rotation of the finger frame).
+
+        `n_axial_points`: see `models.fem.shape.quadrature_of`.
+        """
         self.mesh = mesh
         self._law = LAW_CODE[material.law]
         self._lam, self._mu = lame_constants(material.young_modulus_mpa, material.poisson_ratio)
@@ -172,7 +175,7 @@ def _assemble(
     blocks: np.ndarray,
 ) -> bool:
     m, k = elements.shape
-    local_x, local_force, K = np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((3, 3, k, k))
+    local_x, local_force, K = np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((k, 9, k))
     for e in range(m):
         for a in range(k):
             local_x[a] = x[elements[e, a]]
@@ -186,11 +189,11 @@ def _assemble(
                 if place >= 0:
                     for i in range(3):
                         for j in range(3):
-                            blocks[place, i, j] += K[i, j, a, b]
+                            blocks[place, i, j] += K[a, 3 * i + j, b]
                 elif place < -1:
                     for i in range(3):
                         for j in range(3):
-                            blocks[-2 - place, j, i] += K[i, j, a, b]
+                            blocks[-2 - place, j, i] += K[a, 3 * i + j, b]
     return True
 
 

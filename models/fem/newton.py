@@ -45,7 +45,7 @@ class NewtonSettings:
     tolerance_n: float = 1e-2
     max_iterations: int = 60
     max_move_mm: float = 4.0
-    patience: float = 12.0
+    patience: float = 10.0
 
 
 @dataclass(frozen=True)

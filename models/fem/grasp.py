@@ -187,7 +187,7 @@ def simulate_finger(
     camera = None
     if recorder is not None:
         scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
-        camera = Camera(recorder, side, problem.mesh, model.nodes, model.surface, scale)
+        camera = Camera(recorder, side, problem.mesh, model.nodes, model.surface, obstacle, scale)
     record, n_closing = _close_and_lift(finger, stepper, problem, camera)
     share = 2.0 if problem.mesh.is_half else 1.0
     return FingerResult(

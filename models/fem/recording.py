@@ -6,11 +6,11 @@ costs nothing without a recorder.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
-from models.fem.contact import ContactSurface, Obstacle
+from models.fem.contact import Obstacle
 from models.fem.finger import FingerState
 from models.mesh.solid import SolidMesh
 
@@ -78,6 +78,19 @@ class Snapshot:
 Recorder = Callable[[Snapshot], None]
 
 
+class ContactPlaces(Protocol):
+    """What a camera asks of a `ContactSurface`."""
+
+    @property
+    def areas(self) -> np.ndarray:
+        """Undeformed area of every point (n) in mm2."""
+        ...
+
+    def positions(self, x: np.ndarray) -> np.ndarray:
+        """Contact points (n, 3) at deformed nodes x."""
+        ...
+
+
 @dataclass(frozen=True)
 class Camera:
     """Takes the snapshots of one finger for a recorder; `rest_nodes` (n, 3) are those at base position 0."""
@@ -86,7 +99,7 @@ class Camera:
     side: Side
     mesh: SolidMesh
     rest_nodes: np.ndarray
-    surface: ContactSurface
+    surface: ContactPlaces
     obstacle: Obstacle
     scale: float
 

@@ -177,10 +177,6 @@ def test_point_contact_of_a_rim_is_converged_in_the_penalty() -> None:
     assert usual.work_j == pytest.approx(stiff.work_j, rel=0.02)
 
 
-def test_screening_tier_is_refused() -> None:
-    with pytest.raises(UsageError, match="screening tier is not built"):
-        simulate_grasp(BEST_PUBLISHED, SPHERE, SimulatorVersion(tier="screening"))
-
 
 @pytest.mark.slow
 def test_random_designs_never_fail() -> None:

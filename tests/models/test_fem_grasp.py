@@ -6,7 +6,7 @@ import pytest
 from models.design_space import BEST_PUBLISHED, random_designs
 from models.effects.contact import StaticKineticFriction
 from models.effects.geometry import WallThicknessOffset
-from models.errors import SimulationFailed, UsageError
+from models.errors import SimulationFailed
 from models.fem.contact import ContactLaw
 from models.fem.grasp import Numerics, simulate_grasp
 from models.fem.stepping import StepLimits

@@ -12,6 +12,7 @@ from flows.benchmarks.profile import measure_profile
 from flows.benchmarks.propose import measure_propose
 from flows.benchmarks.ranking import measure_ranking
 from flows.benchmarks.robustness import measure_robustness
+from flows.benchmarks.traces import measure_traces
 
 _SAMPLE = frozenset({"designs", "objects"})
 _STUDY = _SAMPLE | {"results", "limit_minutes", "workers"}
@@ -37,6 +38,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "ranking": _sampled(measure_ranking, _STUDY),
     "robustness": _sampled(measure_robustness, _STUDY | {"tiers"}),
     "fanout": _sampled(measure_fanout, _SAMPLE | {"workers"}),
+    "traces": _sampled(measure_traces, _SAMPLE | {"figure"}),
     "propose": _fixed(measure_propose),
     "lake": _fixed(measure_lake),
     "bench": _fixed(measure_bench),

@@ -22,7 +22,8 @@ def _say_nothing(line: str) -> None:
 class Options:
     """How much of a benchmark to run; None leaves the choice to the benchmark.
 
-    `results` is a JSON-lines file that keeps every outcome, so that a benchmark can be stopped and continued.
+    `results` is a JSON-lines file that keeps every outcome, so that a benchmark can be stopped and continued;
+    `figure` is a picture to draw.
     """
 
     designs: int | None = None
@@ -31,6 +32,7 @@ class Options:
     results: Path | None = None
     limit_minutes: float = math.inf
     workers: int | None = None
+    figure: Path | None = None
     tell: Callable[[str], None] = _say_nothing
 
 

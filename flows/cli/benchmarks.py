@@ -25,6 +25,7 @@ def run(
     ] = None,
     limit_minutes: Annotated[float | None, Parameter(help="Stop after this time; --results continues.")] = None,
     workers: Annotated[int | None, Parameter(help="Worker processes.")] = None,
+    figure: Annotated[Path | None, Parameter(help="Picture to draw, e.g. traces.png.")] = None,
     json: AsJson = False,
 ) -> None:
     """Run one benchmark; figures are CPU seconds unless their name says otherwise."""
@@ -42,6 +43,7 @@ def run(
         "results": results,
         "limit_minutes": limit_minutes,
         "workers": workers,
+        "figure": figure,
     }
     given = {option: value for option, value in chosen.items() if value is not None}
     _check_options(name, BENCHMARKS[name], given)

@@ -209,7 +209,7 @@ def simulate_finger(
     camera = None
     if recorder is not None:
         scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
-        camera = _camera(finger, obstacle, recorder, side, scale)
+        camera = _camera(finger, recorder, side, obstacle, scale)
     record, n_closing = _close_and_lift(finger, stepper, problem, camera)
     share = 2.0 if problem.mesh.is_half else 1.0
     return FingerResult(
@@ -225,9 +225,9 @@ def simulate_finger(
     )
 
 
-def _camera(finger: Finger, obstacle: Obstacle, recorder: Recorder, side: Side, scale: float) -> Camera:
+def _camera(finger: Finger, recorder: Recorder, side: Side, obstacle: Obstacle, scale: float) -> Camera:
     if isinstance(finger, PlaneFinger):
-        return section_camera(finger, obstacle, recorder, side, scale)
+        return section_camera(finger, recorder, side, obstacle, scale)
     return Camera(recorder, side, finger.body.mesh, finger.nodes, finger.surface, obstacle, scale)
 
 

@@ -42,7 +42,7 @@ class SectionCamera(Camera):
 
 
 def section_camera(
-    finger: PlaneFinger, obstacle: Obstacle, recorder: Recorder, side: Side, scale: float
+    finger: PlaneFinger, recorder: Recorder, side: Side, obstacle: Obstacle, scale: float
 ) -> SectionCamera:
     """A camera on a section; arguments as `Camera`."""
     solid, node_of = finger.body.mesh.swept()

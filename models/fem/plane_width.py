@@ -19,8 +19,9 @@ from models.fem.elasticity import lame_constants
 def compliance_gain(width_mm: float, half_wave_mm: float, poisson_ratio: float) -> float:
     """How much more a strip deflects than in plane strain, as a share; k = pi / half wave."""
     q, nu = 0.5 * math.pi * width_mm / half_wave_mm, poisson_ratio
-    # Divided by s^2, so that wide strips do not overflow.
-    return 2.0 * nu**2 / ((1.0 - nu) * q * ((3.0 + nu) / math.tanh(q) - (1.0 - nu) * q / math.sinh(q) ** 2))
+    # Divided by s^2; beyond a q of 50 its inverse is lost in rounding, and far beyond it s overflows.
+    inverse_square = math.sinh(min(q, 50.0)) ** -2
+    return 2.0 * nu**2 / ((1.0 - nu) * q * ((3.0 + nu) / math.tanh(q) - (1.0 - nu) * q * inverse_square))
 
 
 def section_lame_constants(

@@ -177,7 +177,6 @@ def test_point_contact_of_a_rim_is_converged_in_the_penalty() -> None:
     assert usual.work_j == pytest.approx(stiff.work_j, rel=0.02)
 
 
-
 @pytest.mark.slow
 def test_random_designs_never_fail() -> None:
     rng = np.random.default_rng(20)

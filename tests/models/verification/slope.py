@@ -7,16 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.fem.assembly import ElasticBody, Material
-from models.fem.contact import ContactLaw, ContactSurface, PointSpacing
-from models.fem.finger import FingerState, FingerStep
-from models.fem.linear import BlockCholesky
-from models.fem.newton import NewtonSettings, NewtonSolver
+from models.fem.assembly import Material
+from models.fem.contact import PointSpacing
+from models.fem.finger import FingerState
+from models.fem.newton import NewtonSettings
 from tests.models.verification.bricks import brick
+from tests.models.verification.rig import Rig, set_up
 
 GRAVITY_MM_PER_S2 = 9810.0
 STEP_S, N_STEPS = 5e-3, 40
 SIDE_MM, HEIGHT_MM = 10.0, 4.0
+MODULUS_MPA, POISSON = 11.5, 0.45
 
 
 class Slope:
@@ -49,27 +50,25 @@ def slide(angle: float, friction: float) -> Slide:
     grid = (np.linspace(0, SIDE_MM, 3), np.linspace(0, SIDE_MM, 3), np.linspace(0, HEIGHT_MM, 2))
     mesh = brick("C3D20R", grid, contact=lambda p: p[:, 2] == 0.0)
     turned = mesh.nodes @ np.array([slope.down, [0.0, 1.0, 0.0], slope.up])
-    body = ElasticBody(mesh, turned, Material(11.5, 0.45))
-    surface = ContactSurface(body, turned, ContactLaw(), PointSpacing(1.0, 1.0))
-    finger = FingerStep(body, surface, turned, slope, has_mirror=False)
-    blocks = np.zeros((len(body.pattern.indices), 3, 3))
-    newton = NewtonSolver(BlockCholesky(body.pattern), blocks, NewtonSettings(tolerance_n=1e-10, max_iterations=50))
-    volume = body.lumped_volume()[:, None] / SIDE_MM**2 / HEIGHT_MM
-    samples, state = [(0.0, 0.0, 0.0, 0.0)], finger.rest(np.zeros(3))
+    newton = NewtonSettings(tolerance_n=1e-10, max_iterations=50)
+    material = Material(MODULUS_MPA, POISSON)
+    rig = set_up(mesh, turned, material, slope, friction=friction, spacing=PointSpacing(1.0, 1.0), newton=newton)
+    volume = rig.body.lumped_volume()[:, None] / SIDE_MM**2 / HEIGHT_MM
+    samples, state = [(0.0, 0.0, 0.0, 0.0)], rig.finger.rest(np.zeros(3))
     for step in range(1, N_STEPS + 1):
-        state = _fall(finger, newton, state, np.full(len(surface.areas), friction))
+        state = _fall(rig, state)
         travel = (volume * (state.x - turned)).sum(axis=0) @ slope.down
-        force = surface.areas @ state.contact.traction
-        ratio = -(force @ slope.down) / (surface.areas @ state.contact.pressure)
+        force = rig.surface.areas @ state.contact.traction
+        ratio = -(force @ slope.down) / (rig.surface.areas @ state.contact.pressure)
         samples.append((step * STEP_S, travel, (volume * state.v).sum(axis=0) @ slope.down, ratio))
     return Slide(*np.array(samples).T)
 
 
-def _fall(finger: FingerStep, newton: NewtonSolver, state: FingerState, friction: np.ndarray) -> FingerState:
+def _fall(rig: Rig, state: FingerState) -> FingerState:
     """One step under gravity, which enters as the speed it adds within the step."""
     gravity = np.array([0.0, 0.0, -GRAVITY_MM_PER_S2])
     pulled = FingerState(state.x, state.v + STEP_S * gravity, state.contact, state.base)
-    u = finger.begin(pulled, state.base, STEP_S, friction)
-    outcome = newton.solve(finger, u)
+    u = rig.finger.begin(pulled, state.base, STEP_S, rig.coefficients())
+    outcome = rig.newton.solve(rig.finger, u)
     assert outcome == "converged"
-    return finger.finish(state, u, state.base, STEP_S)[0]
+    return rig.finger.finish(state, u, state.base, STEP_S)[0]

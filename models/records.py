@@ -128,7 +128,7 @@ class GraspSimulation:
     """Result of one simulated grasp, both fingers.
 
     `contact_force_n` is the closing-direction force on one side at the end of closing, the paper's
-    proxy; `work_j` the area under force over lift.
+    proxy; `work_j` the area under force over lift. `setup_cpu_s` is the part of `cpu_s` before the first step.
     """
 
     trace: Trace
@@ -139,3 +139,5 @@ class GraspSimulation:
     n_newton: int
     n_dof: int
     cpu_s: float
+    n_factorisations: int = 0
+    setup_cpu_s: float = 0.0

@@ -7,8 +7,10 @@ become short and inertia carries it through. Ten times less density changes the 
 
 from dataclasses import dataclass
 
+import numba as nb
 import numpy as np
 
+from models.errors import SimulationFailed
 from models.fem.assembly import ElasticBody
 from models.fem.contact import ContactResponse, ContactState, ContactSurface, Obstacle
 
@@ -23,6 +25,16 @@ class FingerState:
     v: np.ndarray
     contact: ContactState
     base: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Evaluation:
+    """Mechanics at unknowns u (rows, 3): nodes x (n, 3), contact response, elastic nodal force (n, 3)."""
+
+    u: np.ndarray
+    x: np.ndarray
+    contact: ContactResponse
+    elastic: np.ndarray
 
 
 class FingerStep:
@@ -42,11 +54,11 @@ class FingerStep:
         self._obstacle, self._has_mirror = obstacle, has_mirror
         self._free = body.row_of_node >= 0
         self._rows = body.row_of_node[self._free]
-        self._mass = np.zeros((body.pattern.n, 1))
-        self._mass[self._rows, 0] = DENSITY_T_PER_MM3 * body.lumped_volume()[self._free]
-        self._symmetric = np.zeros(body.pattern.n, dtype=bool)
+        self._mass = np.zeros(body.pattern.n)
+        self._mass[self._rows] = DENSITY_T_PER_MM3 * body.lumped_volume()[self._free]
         plane = body.row_of_node[body.mesh.symmetry_nodes]
-        self._symmetric[plane[plane >= 0]] = True
+        self._symmetric = plane[plane >= 0]
+        self._last: _Evaluation | None = None
         self._clamped = self._nodes
         self._rate = 0.0
         self._target = np.zeros((body.pattern.n, 3))
@@ -63,7 +75,7 @@ class FingerStep:
         self._clamped = self._nodes + base
         self._rate = 1.0 / dt_s**2
         self._target[self._rows] = (state.x + dt_s * state.v)[self._free]
-        self._friction, self._state = friction, state.contact
+        self._friction, self._state, self._last = friction, state.contact, None
         return self._target.copy()
 
     def start_from(self, state: FingerState) -> np.ndarray:
@@ -94,32 +106,40 @@ class FingerStep:
         self, state: FingerState, u: np.ndarray, base: np.ndarray, dt_s: float
     ) -> tuple[FingerState, np.ndarray]:
         """The state after the step, and the force (3) in N that the clamp exerts on the meshed body."""
-        x = self.positions(u)
-        response = self._contact(x, None)
-        elastic = self._body.force(x)
-        clamp = np.zeros(3) if elastic is None else (elastic - response.force)[~self._free].sum(axis=0)
-        contact = ContactState(
-            self._surface.positions(x), response.traction, response.pressure, state.contact.slip + response.slip_step
-        )
+        end = self._evaluate(u)
+        if end is None:
+            raise SimulationFailed("An element is inverted in a state of equilibrium.", reason="inverted_element")
+        x, response = end.x, end.contact
+        clamp = (end.elastic - response.force)[~self._free].sum(axis=0)
+        contact = self._surface.advance(state.contact, x, response)
         return FingerState(x, (x - state.x) / dt_s, contact, base.copy()), clamp
 
     def positions(self, u: np.ndarray) -> np.ndarray:
         """All nodes (n, 3) from the unknown rows."""
-        x = self._clamped.copy()
-        x[self._free] = u[self._rows]
+        x = np.zeros_like(self._nodes)
+        _gather(u, self._body.row_of_node, self._clamped, x)
         return x
 
     def residual(self, u: np.ndarray) -> np.ndarray | None:
         """See `Problem`."""
-        x = self.positions(u)
-        elastic = self._body.force(x)
-        if elastic is None:
+        now = self._evaluate(u)
+        if now is None:
             return None
-        balance = self._contact(x, None).force - elastic
-        rows = self._rate * self._mass * (self._target - u)
-        rows[self._rows] += balance[self._free]
+        rows = np.zeros_like(u)
+        inertia = self._rate * self._mass
+        _balance(self._body.row_of_node, now.contact.force, now.elastic, inertia, self._target, u, rows)
         rows[self._symmetric, 1] = 0.0
         return rows
+
+    def _evaluate(self, u: np.ndarray) -> _Evaluation | None:
+        """Contact and elastic forces; None if an element is inverted. The last one is kept: Newton ends on it."""
+        if self._last is None or not np.array_equal(self._last.u, u):
+            x = self.positions(u)
+            elastic = self._body.force(x)
+            if elastic is None:
+                return None
+            self._last = _Evaluation(u.copy(), x, self._contact(x, None), elastic)
+        return self._last
 
     def tangent(self, u: np.ndarray, blocks: np.ndarray) -> bool:
         """See `Problem`."""
@@ -133,8 +153,43 @@ class FingerStep:
 
     def shift(self, blocks: np.ndarray, amount: float) -> None:
         """See `Problem`; in units of the inertia M/dt^2."""
-        diagonal = self._body.pattern.indptr[:-1]
-        blocks[diagonal] += (amount * self._rate) * self._mass[:, :, None] * np.eye(3)
+        _add_diagonal(self._body.pattern.indptr, amount * self._rate * self._mass, blocks)
 
     def _contact(self, x: np.ndarray, blocks: np.ndarray | None) -> ContactResponse:
         return self._surface.respond(x, self._state, self._obstacle, self._friction, self._has_mirror, blocks)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _gather(u: np.ndarray, row_of_node: np.ndarray, clamped: np.ndarray, x: np.ndarray) -> None:
+    """Node positions: from the unknown rows, or where the clamp holds them."""
+    for node in range(len(x)):
+        row = row_of_node[node]
+        for i in range(3):
+            x[node, i] = clamped[node, i] if row < 0 else u[row, i]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _balance(
+    row_of_node: np.ndarray,
+    contact: np.ndarray,
+    elastic: np.ndarray,
+    inertia: np.ndarray,
+    target: np.ndarray,
+    u: np.ndarray,
+    rows: np.ndarray,
+) -> None:
+    """Out-of-balance force of the unknown rows: contact - elastic + M/dt^2 (target - u)."""
+    for node in range(len(row_of_node)):
+        row = row_of_node[node]
+        if row < 0:
+            continue
+        for i in range(3):
+            rows[row, i] = contact[node, i] - elastic[node, i] + inertia[row] * (target[row, i] - u[row, i])
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _add_diagonal(indptr: np.ndarray, amounts: np.ndarray, blocks: np.ndarray) -> None:
+    """Add amounts (n) times the identity to the diagonal blocks."""
+    for row in range(len(amounts)):
+        for i in range(3):
+            blocks[indptr[row], i, i] += amounts[row]

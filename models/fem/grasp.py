@@ -11,13 +11,13 @@ from models.effects.catalogue import build_effects
 from models.errors import UsageError
 from models.features import peak_force_n, work_j
 from models.fem.actuation import ClosingStall
-from models.fem.assembly import ElasticBody, Material
-from models.fem.contact import ContactLaw, ContactSurface, Obstacle, PointSpacing
-from models.fem.elasticity import REFERENCE_MODULUS_MPA
+from models.fem.contact import ContactLaw, Obstacle, PointSpacing
+from models.fem.elasticity import REFERENCE_MODULUS_MPA, MaterialLaw
 from models.fem.finger import FingerState, FingerStep
-from models.fem.linear import BlockCholesky
+from models.fem.model import FingerModel, finger_model
 from models.fem.newton import NewtonSettings, NewtonSolver
 from models.fem.obstacle import ObjectObstacle
+from models.fem.recording import SIDES, Camera, Recorder, Side
 from models.fem.stepping import (
     FingerRecord,
     Path,
@@ -39,12 +39,16 @@ RESIDUAL_FORCE_N = 0.05  # at the reference modulus: what may be left of the for
 
 @dataclass(frozen=True)
 class Numerics:
-    """Everything numerical but the mesh: contact regularisation, contact points, step sizes, Newton's limits."""
+    """Everything numerical but the mesh: contact regularisation, contact points, step sizes, Newton's limits.
+
+    `material_law` is here because the laws agree at small strains and differ little in a grasp (notes/fem.md 1).
+    """
 
     contact: ContactLaw = ContactLaw()
     spacing: PointSpacing = PointSpacing()
     limits: StepLimits = StepLimits()
     newton: NewtonSettings = NewtonSettings()
+    material_law: MaterialLaw = "neo_hookean"
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,18 @@ class FingerProblem:
         share = 2.0 if self.mesh.is_half else 1.0
         return limit_n / share * REFERENCE_MODULUS_MPA / self.theta.young_modulus_mpa
 
+    def model(self) -> FingerModel:
+        """The finger's mechanics, shared by the grasps of a design."""
+        return finger_model(
+            self.mesh,
+            height_mm=self.height_mm,
+            tip_below_mm=self.setup.tip_below_mm,
+            poisson_ratio=self.theta.poisson_ratio,
+            law=self.numerics.contact,
+            spacing=self.numerics.spacing,
+            material_law=self.numerics.material_law,
+        )
+
 
 @dataclass(frozen=True)
 class FingerResult:
@@ -80,7 +96,9 @@ class FingerResult:
     n_closing: int
     n_steps: int
     n_newton: int
+    n_factorisations: int
     n_dof: int
+    setup_cpu_s: float
 
 
 def simulate_grasp(
@@ -94,6 +112,7 @@ def simulate_grasp(
     mesh: SolidMesh | None = None,
     numerics: Numerics = Numerics(),
     deadline_s: float | None = None,
+    recorder: Recorder | None = None,
 ) -> GraspSimulation:
     """Simulate one displacement-controlled grasp of a fixed rigid object (design.md 5.1).
 
@@ -103,7 +122,8 @@ def simulate_grasp(
 
     `effects` default to those of the version. `mesh` replaces the mesh of the design (half width only for objects
     symmetric in y). `numerics` is for convergence studies and for worlds that must not share the simulator's
-    regularisation. `deadline_s` is a wall-clock limit.
+    regularisation. `deadline_s` is a wall-clock limit. `recorder` is called with every converged step (see
+    `models.fem.recording`).
 
     Raises:
         SimulationFailed: reason `time_out`, `no_convergence`, `inverted_element`, `indefinite`, `deep_penetration`
@@ -122,10 +142,13 @@ def simulate_grasp(
         setup = effect.modify_setup(setup, design)
     if mesh is None:
         mesh = build_mesh(design, version.mesh, full_width=not obj.mirror_y, effects=active)
+    meshed = time.process_time()
     problem = FingerProblem(mesh, design.height_mm, theta, setup, active, numerics)
     is_symmetric = obj.mirror_x and placement.offset_x_mm == 0.0
-    sides = (False,) if is_symmetric else (False, True)
-    fingers = [simulate_finger(problem, ObjectObstacle(obj, placement, is_mirrored=side), deadline) for side in sides]
+    fingers = [
+        simulate_finger(problem, ObjectObstacle(obj, placement, is_mirrored=side == "left"), deadline, recorder, side)
+        for side in (SIDES[:1] if is_symmetric else SIDES)
+    ]
     trace = _sum_of_fingers(fingers, theta.young_modulus_mpa / REFERENCE_MODULUS_MPA)
     for effect in active:
         trace = effect.modify_trace(trace)
@@ -139,21 +162,33 @@ def simulate_grasp(
         n_newton=sum(f.n_newton for f in fingers),
         n_dof=fingers[0].n_dof,
         cpu_s=time.process_time() - started,
+        n_factorisations=sum(f.n_factorisations for f in fingers),
+        setup_cpu_s=meshed - started + sum(f.setup_cpu_s for f in fingers),
     )
 
 
-def simulate_finger(problem: FingerProblem, obstacle: Obstacle, deadline: float = np.inf) -> FingerResult:
-    """Close and lift one finger against an obstacle; `deadline` is a time of `time.monotonic`."""
-    setup = problem.setup
-    nodes = to_object_frame(problem.mesh.nodes, problem.height_mm, setup.tip_below_mm)
-    material = Material(REFERENCE_MODULUS_MPA, problem.theta.poisson_ratio)
-    body = ElasticBody(problem.mesh, nodes, material)
-    surface = ContactSurface(body, nodes, problem.numerics.contact, problem.numerics.spacing)
-    finger = FingerStep(body, surface, nodes, obstacle, has_mirror=True)
-    blocks = np.zeros((len(body.pattern.indices), 3, 3))
-    newton = NewtonSolver(BlockCholesky(body.pattern), blocks, problem.numerics.newton, deadline)
-    stepper = Stepper(finger, newton, problem.numerics.limits, _friction(problem, len(surface.areas)))
-    record, n_closing = _close_and_lift(finger, stepper, problem)
+def simulate_finger(
+    problem: FingerProblem,
+    obstacle: Obstacle,
+    deadline: float = np.inf,
+    recorder: Recorder | None = None,
+    side: Side = "right",
+) -> FingerResult:
+    """Close and lift one finger against an obstacle; `deadline` is a time of `time.monotonic`.
+
+    `recorder` is called with every converged step; `side` names the finger in its snapshots.
+    """
+    started = time.process_time()
+    model = problem.model()
+    finger = FingerStep(model.body, model.surface, model.nodes, obstacle, has_mirror=True)
+    newton = NewtonSolver(model.linear, model.blocks, problem.numerics.newton, deadline)
+    stepper = Stepper(finger, newton, problem.numerics.limits, _friction(problem, len(model.surface.areas)))
+    setup_cpu_s = time.process_time() - started
+    camera = None
+    if recorder is not None:
+        scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
+        camera = Camera(recorder, side, problem.mesh, model.nodes, model.surface, scale)
+    record, n_closing = _close_and_lift(finger, stepper, problem, camera)
     share = 2.0 if problem.mesh.is_half else 1.0
     return FingerResult(
         time_s=np.array(record.time_s),
@@ -162,14 +197,10 @@ def simulate_finger(problem: FingerProblem, obstacle: Obstacle, deadline: float 
         n_closing=n_closing,
         n_steps=stepper.n_steps,
         n_newton=newton.n_iterations,
-        n_dof=body.n_dof,
+        n_factorisations=newton.n_factorisations,
+        n_dof=model.body.n_dof,
+        setup_cpu_s=setup_cpu_s,
     )
-
-
-def to_object_frame(nodes: np.ndarray, height_mm: float, tip_below_mm: float) -> np.ndarray:
-    """Finger frame to object frame: turned by 180 deg about x, tip plane at z = -tip_below, front wall at x = 0."""
-    x, y, z = nodes.T
-    return np.ascontiguousarray(np.column_stack([x, -y, height_mm - tip_below_mm - z]))
 
 
 def _friction(problem: FingerProblem, n: int) -> Callable[[FingerState], np.ndarray]:
@@ -185,7 +216,9 @@ def _friction(problem: FingerProblem, n: int) -> Callable[[FingerState], np.ndar
     return coefficient
 
 
-def _close_and_lift(finger: FingerStep, stepper: Stepper, problem: FingerProblem) -> tuple[FingerRecord, int]:
+def _close_and_lift(
+    finger: FingerStep, stepper: Stepper, problem: FingerProblem, camera: Camera | None
+) -> tuple[FingerRecord, int]:
     setup, limits = problem.setup, problem.numerics.limits
     record = FingerRecord()
     record.add(0.0, 0.0, np.zeros(3))
@@ -195,11 +228,16 @@ def _close_and_lift(finger: FingerStep, stepper: Stepper, problem: FingerProblem
     time_s = free / setup.close_speed_mm_per_s
     if free > 0.0:
         record.add(time_s, 0.0, np.zeros(3))
+    if camera is not None:
+        camera.take("closing", time_s, free, state, np.zeros(3))
     stall = ClosingStall(problem.stall_force_n, limits.closing_mm)
     closing = Path(state.base, INWARD, stroke - free, setup.close_speed_mm_per_s, stall.longest_step_mm)
+    state.v[:] = setup.close_speed_mm_per_s * INWARD
     for step in stepper.walk(state, closing):
         state = step.state
         record.add(time_s + step.travel_mm / setup.close_speed_mm_per_s, 0.0, step.clamp_n)
+        if camera is not None:
+            camera.take("closing", record.time_s[-1], free + step.travel_mm, state, step.clamp_n)
         if stall.has_stalled(step):
             break
     time_s = stroke / setup.close_speed_mm_per_s
@@ -211,6 +249,8 @@ def _close_and_lift(finger: FingerStep, stepper: Stepper, problem: FingerProblem
     n_free = 0
     for step in stepper.walk(state, lift):
         record.add(time_s + step.travel_mm / setup.lift_speed_mm_per_s, step.travel_mm, step.clamp_n)
+        if camera is not None:
+            camera.take("lift", record.time_s[-1], step.travel_mm, step.state, step.clamp_n)
         n_free = 0 if finger.is_touching(step.state) else n_free + 1
         is_slack = abs(step.clamp_n[2]) < RESIDUAL_FORCE_N
         if n_free >= FREE_STEPS and is_slack and _is_clear(finger, lift, step.travel_mm):

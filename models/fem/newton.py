@@ -1,4 +1,4 @@
-"""Newton's method with line search and factor reuse, and static equilibrium under dead loads."""
+"""Newton's method with line search and a factor kept by secant corrections; equilibrium under dead loads."""
 
 import time
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ import numpy as np
 
 from models.errors import SimulationFailed
 from models.fem.assembly import ElasticBody
+from models.fem.broyden import SecantMemory
 from models.fem.linear import BlockCholesky, LinearSolver
 
 MAX_SHIFTS = 8
@@ -36,28 +37,45 @@ class Problem(Protocol):
 class NewtonSettings:
     """Limits of one solve; forces at the reference modulus.
 
-    `reuse_below_n`: below this residual the last factor is kept while every iteration shrinks the residual by
-    `reuse_ratio`. `max_move_mm` bounds the change of a position in one iteration.
+    `patience`: a factor is kept, with secant corrections, while the present rate of convergence promises the end
+    within so many iterations; 0 is Newton's method proper. `max_move_mm` bounds the change of a position in one
+    iteration.
     """
 
     tolerance_n: float = 1e-2
-    max_iterations: int = 20
+    max_iterations: int = 60
     max_move_mm: float = 4.0
-    reuse_below_n: float = 0.5
-    reuse_ratio: float = 0.35
+    patience: float = 10.0
 
 
-@dataclass
+@dataclass(frozen=True)
+class _Move:
+    """A step of the line search: the unknowns reached, their residual, and the multiple of the direction gone."""
+
+    u: np.ndarray
+    residual: np.ndarray
+    step: float
+
+
 class NewtonSolver:
-    """A linear solver with its matrix storage, and the counts of the work done."""
+    """Newton's method that keeps its factor: quasi-Newton steps while they converge well, a new tangent when not.
 
-    linear: LinearSolver
-    blocks: np.ndarray
-    settings: NewtonSettings
-    deadline: float = np.inf
-    n_iterations: int = 0
-    n_factorisations: int = 0
-    has_factor: bool = False
+    One grasp, one solver: the factor and its corrections serve from one time step to the next. Counts the work done.
+    """
+
+    def __init__(
+        self, linear: LinearSolver, blocks: np.ndarray, settings: NewtonSettings, deadline: float = np.inf
+    ) -> None:
+        """`blocks` (z, 3, 3): storage of the tangent; `deadline` a time of `time.monotonic`."""
+        self.settings, self.deadline = settings, deadline
+        self.n_iterations = self.n_factorisations = 0
+        self._linear, self._blocks = linear, blocks
+        self._memory: SecantMemory | None = None
+        self._has_factor = False
+
+    def forget(self) -> None:
+        """Start the next solve with a new factor."""
+        self._has_factor = False
 
     def solve(self, problem: Problem, u: np.ndarray) -> Outcome:
         """Move u (n, 3) in place to equilibrium.
@@ -68,24 +86,53 @@ class NewtonSolver:
         residual = problem.residual(u)
         if residual is None:
             return "inverted_element"
-        size, ratio = float(np.linalg.norm(residual)), 1.0
+        memory = self._begin(len(u))
+        sizes, step, is_slow = [float(np.linalg.norm(residual))], 1.0, False
         for _ in range(self.settings.max_iterations):
-            if size < self.settings.tolerance_n:
+            if sizes[-1] < self.settings.tolerance_n:
                 return "converged"
             self._check_deadline()
             self.n_iterations += 1
-            if not (self.has_factor and size < self.settings.reuse_below_n and ratio < self.settings.reuse_ratio):
+            direction = None if is_slow else self._corrected(memory, residual, step)
+            is_fresh = direction is None
+            if direction is None:
                 outcome = self._factorise(problem, u)
                 if outcome != "converged":
                     return outcome
-            direction = self.linear.solve(residual)
-            moved = self._search(problem, u, residual, direction)
-            if moved is None:
-                return "inverted_element"
-            u[:], residual = moved
-            new_size = float(np.linalg.norm(residual))
-            size, ratio = new_size, new_size / size
-        return "converged" if size < self.settings.tolerance_n else "no_convergence"
+                memory.clear()
+                sizes = sizes[-1:]
+                direction = memory.direction(self._linear.solve(residual), residual, step)
+            move = self._search(problem, u, residual, direction)
+            if move is None:
+                if is_fresh:
+                    return "inverted_element"
+                is_slow = True
+                continue
+            u[:], residual, step = move.u, move.residual, move.step
+            sizes.append(float(np.linalg.norm(residual)))
+            is_slow = self._iterations_ahead(sizes) > self.settings.patience
+        return "converged" if sizes[-1] < self.settings.tolerance_n else "no_convergence"
+
+    def _begin(self, n: int) -> SecantMemory:
+        if self._memory is None:
+            self._memory = SecantMemory(n)
+        self._memory.begin()
+        return self._memory
+
+    def _corrected(self, memory: SecantMemory, residual: np.ndarray, step: float) -> np.ndarray | None:
+        """Direction by the old factor and its corrections; None without a factor, or if it leads uphill."""
+        if not self._has_factor:
+            return None
+        direction = memory.direction(self._linear.solve(residual), residual, step)
+        return direction if float(np.vdot(direction, residual)) > 0.0 else None
+
+    def _iterations_ahead(self, sizes: list[float]) -> float:
+        """Iterations to the tolerance at the mean rate of the last two, from the residuals since the factor."""
+        n = min(len(sizes) - 1, 2)
+        rate = (sizes[-1] / sizes[-1 - n]) ** (1.0 / n)
+        if rate >= 1.0:
+            return np.inf
+        return max(float(np.log(self.settings.tolerance_n / sizes[-1]) / np.log(rate)), 0.0)
 
     def _check_deadline(self) -> None:
         if time.monotonic() > self.deadline:
@@ -97,34 +144,32 @@ class NewtonSolver:
     def _factorise(self, problem: Problem, u: np.ndarray) -> Outcome:
         """Factorise the tangent, made positive definite by a growing diagonal if it is not."""
         self.n_factorisations += 1
-        if not problem.tangent(u, self.blocks):
+        if not problem.tangent(u, self._blocks):
             return "inverted_element"
-        self.has_factor = self.linear.factorise(self.blocks)
+        self._has_factor = self._linear.factorise(self._blocks)
         added = 0.0
         for k in range(MAX_SHIFTS):
-            if self.has_factor:
+            if self._has_factor:
                 return "converged"
             wanted = 3.0 * 4.0**k
-            problem.shift(self.blocks, wanted - added)
+            problem.shift(self._blocks, wanted - added)
             added = wanted
-            self.has_factor = self.linear.factorise(self.blocks)
-        return "converged" if self.has_factor else "indefinite"
+            self._has_factor = self._linear.factorise(self._blocks)
+        return "converged" if self._has_factor else "indefinite"
 
-    def _search(
-        self, problem: Problem, u: np.ndarray, residual: np.ndarray, direction: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray] | None:
+    def _search(self, problem: Problem, u: np.ndarray, residual: np.ndarray, direction: np.ndarray) -> _Move | None:
         """Step along the direction to where its work vanishes, near enough; None if every step inverts."""
         largest = float(np.abs(direction).max())
         step = min(1.0, self.settings.max_move_mm / max(largest, 1e-12))
         slope, size = float(np.vdot(direction, residual)), float(np.linalg.norm(residual))
-        best: tuple[np.ndarray, np.ndarray] | None = None
+        best: _Move | None = None
         for _ in range(MAX_LINE_SEARCH):
             candidate = u + step * direction
             new = problem.residual(candidate)
             if new is None:
                 step *= 0.4
                 continue
-            best = (candidate, new)
+            best = _Move(candidate, new, step)
             work = float(np.vdot(direction, new))
             is_shorter = float(np.linalg.norm(new)) <= 0.5 * size
             if is_shorter or abs(work) <= 0.6 * abs(slope) or work * slope > 0.0:
@@ -184,7 +229,7 @@ def solve_dead_load(body: ElasticBody, nodes: np.ndarray, load: np.ndarray, tole
     """
     problem = DeadLoad(body, nodes, load)
     blocks = np.zeros((len(body.pattern.indices), 3, 3))
-    settings = NewtonSettings(tolerance_n=tolerance_n, max_iterations=200, reuse_below_n=0.0)
+    settings = NewtonSettings(tolerance_n=tolerance_n, max_iterations=200, patience=0.0)
     u = problem.unknowns()
     outcome = NewtonSolver(BlockCholesky(body.pattern), blocks, settings).solve(problem, u)
     if outcome != "converged":

@@ -13,9 +13,14 @@ from models.fem.newton import NewtonSolver
 TOUCH_MM = 0.02
 # The peak sits in the first millimetres of lift: 1 mm steps lose 1.5 % of it (notes/fem.md section 7).
 FINE_LIFT_MM = 3.0
-CUT, GROW, EASY_ITERATIONS = 0.4, 1.5, 7
+CUT, GROW, EASY_ITERATIONS = 0.4, 1.5, 14
 # A point that sinks a millimetre in one step, or five in all, may have passed through something thin.
 MAX_SINKING_MM, MAX_DEPTH_MM = 1.0, 5.0
+# Step times the jump of the force, in shares of the largest force so far, from which a step of the lift is repeated in
+# shorter ones. Half of it is the error of the trace's area, which is about 20 mm times the largest force.
+MAX_JUMP_MM = 0.5
+# A node this much faster than the base has just snapped; where it was is a better guess than where it was going.
+MAX_SPEED_RATIO = 3.0
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,26 @@ class Step:
 
 
 @dataclass
+class _Course:
+    """The clamp force along a path so far: the last two travels in mm and forces (3) in N."""
+
+    travel_mm: list[float] = field(default_factory=list)
+    force_n: list[np.ndarray] = field(default_factory=list)
+
+    def add(self, travel_mm: float, force_n: np.ndarray) -> None:
+        """Append a step and forget all but the last two."""
+        self.travel_mm = [*self.travel_mm[-1:], travel_mm]
+        self.force_n = [*self.force_n[-1:], force_n]
+
+    def jump_n(self, travel_mm: float, force_n: np.ndarray) -> float:
+        """Distance of a force from the straight continuation of the last two; 0 before there are two."""
+        if len(self.force_n) < 2:
+            return 0.0
+        slope = (self.force_n[1] - self.force_n[0]) / (self.travel_mm[1] - self.travel_mm[0])
+        return float(np.linalg.norm(force_n - self.force_n[1] - (travel_mm - self.travel_mm[1]) * slope))
+
+
+@dataclass
 class FingerRecord:
     """Samples of one finger: time, travel of the phase, force (3) of the clamp on the finger in N."""
 
@@ -78,6 +103,7 @@ class Stepper:
     friction: Callable[[FingerState], np.ndarray]
     n_steps: int = 0
     n_cuts: int = 0
+    largest_n: float = 0.0
 
     def walk(self, state: FingerState, path: Path) -> Iterator[Step]:
         """Yield every converged step of a path.
@@ -87,6 +113,7 @@ class Stepper:
                 or `time_out`.
         """
         travel, proposed = 0.0, path.longest_step_mm(0.0)
+        course = _Course()
         while travel < path.length_mm - 1e-9:
             longest = path.longest_step_mm(travel)
             step = min(proposed, longest, path.length_mm - travel)
@@ -97,22 +124,33 @@ class Stepper:
                 proposed = CUT * step
                 continue
             self._count(travel)
+            if self._skips_an_event(step, course.jump_n(travel + step, new[1])):
+                proposed = max(CUT * step, self.limits.fine_lift_mm)
+                continue
             travel += step
             state, clamp = new
+            course.add(travel, clamp)
+            self.largest_n = max(self.largest_n, float(np.linalg.norm(clamp)))
             if self.newton.n_iterations - before <= EASY_ITERATIONS:
                 proposed = max(proposed, step) * GROW
             else:
                 proposed = step
             yield Step(travel, state, clamp)
 
+    def _skips_an_event(self, step: float, jump_n: float) -> bool:
+        """True if the force changed its course within a step that can be shorter by more than the trace may miss."""
+        return step > self.limits.fine_lift_mm and step * jump_n > MAX_JUMP_MM * self.largest_n
+
     def _try(
         self, state: FingerState, path: Path, travel: float, dt_s: float
     ) -> tuple[str, tuple[FingerState, np.ndarray] | None]:
         base = path.at(travel)
         u = self.finger.begin(state, base, dt_s, self.friction(state))
+        if np.abs(state.v).max() > MAX_SPEED_RATIO * path.speed_mm_per_s:
+            u = self.finger.start_from(state)
         outcome = self.newton.solve(self.finger, u)
         if outcome == "inverted_element":
-            # The extrapolated start can be invalid after a snap; the old positions never are.
+            # The extrapolated positions can be invalid; those of the last step never are.
             u = self.finger.start_from(state)
             outcome = self.newton.solve(self.finger, u)
         if outcome != "converged":
@@ -125,7 +163,7 @@ class Stepper:
 
     def _cut(self, outcome: str, step: float, travel: float) -> None:
         self.n_cuts += 1
-        self.newton.has_factor = False
+        self.newton.forget()
         self._count(travel)
         if CUT * step < self.limits.shortest_mm:
             raise SimulationFailed(

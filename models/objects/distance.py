@@ -5,30 +5,13 @@ concave crease (waists of diabolos and hourglasses) and in the overlap of two pr
 a lower bound: at 2 mm depth it may be 0.4 mm short behind a waist. The zero surface itself is exact everywhere.
 """
 
-import math
-
 import numpy as np
 from numba import njit
 
-from models.objects.primitives import (
-    BOX,
-    CENTRE,
-    CIRCLE,
-    ELLIPSOID,
-    KIND,
-    LATHE,
-    LENGTH,
-    N_VERTICES,
-    POINT,
-    PRISM,
-    RADIUS,
-    ROTATION,
-    SEGMENT,
-    VALUES,
-)
+from models.objects.cores import Gradient3, core_distance
+from models.objects.primitives import CENTRE, RADIUS, REACH, ROTATION
 
-_DIFFERENCE_STEP_MM = 1e-4
-_ELLIPSOID_ITERATIONS = 60
+_MARGIN_MM = 1e-9  # far above rounding
 
 
 def distance(primitives: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -39,163 +22,100 @@ def distance(primitives: np.ndarray, points: np.ndarray) -> np.ndarray:
 def distance_and_normal(primitives: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Signed distance (n) in mm and unit outward normal (n, 3) at `points` (n, 3).
 
-    Normals are central differences of the distance. Where there is none (deep inside, equally far from two sides)
-    the normal is +z.
+    Normals are exact gradients of the distance (see `models.objects.cores` for where there is none).
     """
     return _distances_and_normals(np.ascontiguousarray(primitives), np.ascontiguousarray(points, dtype=np.float64))
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _distances(rows: np.ndarray, points: np.ndarray) -> np.ndarray:
     result = np.zeros(len(points))
     for i in range(len(points)):
-        result[i] = _union(rows, points[i, 0], points[i, 1], points[i, 2])
+        result[i] = solid_distance(rows, points[i, 0], points[i, 1], points[i, 2])[0]
     return result
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _distances_and_normals(rows: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    h = _DIFFERENCE_STEP_MM
     result = np.zeros(len(points))
     normals = np.zeros((len(points), 3))
     for i in range(len(points)):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        result[i] = _union(rows, x, y, z)
-        nx = _union(rows, x + h, y, z) - _union(rows, x - h, y, z)
-        ny = _union(rows, x, y + h, z) - _union(rows, x, y - h, z)
-        nz = _union(rows, x, y, z + h) - _union(rows, x, y, z - h)
-        size = math.sqrt(nx * nx + ny * ny + nz * nz)
-        if size > 0.01 * h:
-            normals[i, 0], normals[i, 1], normals[i, 2] = nx / size, ny / size, nz / size
-        else:
-            normals[i, 2] = 1.0
+        result[i], normals[i, 0], normals[i, 1], normals[i, 2] = solid_distance(
+            rows, points[i, 0], points[i, 1], points[i, 2]
+        )
     return result, normals
 
 
-@njit(nogil=True, cache=True)
-def _union(rows: np.ndarray, x: float, y: float, z: float) -> float:
-    best = np.inf
+@njit(nogil=True, cache=True, error_model="numpy")
+def solid_distance(rows: np.ndarray, x: float, y: float, z: float) -> Gradient3:
+    """Signed distance and outward normal (x, y, z) at one point; for compiled callers.
+
+    A row out of reach is left out: no point of it is nearer than its centre less `REACH`. The row whose ball of that
+    radius is nearest goes first, which leaves two or three rows of many.
+    """
+    if len(rows) == 1:
+        return _row_distance(rows, 0, x, y, z)
+    first, least = 0, np.inf
     for i in range(len(rows)):
-        row = rows[i]
-        dx, dy, dz = x - row[CENTRE], y - row[CENTRE + 1], z - row[CENTRE + 2]
-        u = row[ROTATION] * dx + row[ROTATION + 3] * dy + row[ROTATION + 6] * dz
-        v = row[ROTATION + 1] * dx + row[ROTATION + 4] * dy + row[ROTATION + 7] * dz
-        w = row[ROTATION + 2] * dx + row[ROTATION + 5] * dy + row[ROTATION + 8] * dz
-        best = min(best, _core(row, u, v, w) - row[RADIUS])
+        power = _square_to_centre(rows, i, x, y, z) - rows[i, REACH] ** 2
+        if power < least:
+            first, least = i, power
+    best = _row_distance(rows, first, x, y, z)
+    for i in range(len(rows)):
+        reach = best[0] + rows[i, REACH]
+        if i != first and reach > 0.0 and _square_to_centre(rows, i, x, y, z) < reach * reach:
+            other = _row_distance(rows, i, x, y, z)
+            if other[0] < best[0]:
+                best = other
     return best
 
 
-@njit(nogil=True, cache=True)
-def _core(row: np.ndarray, x: float, y: float, z: float) -> float:
-    """Signed distance to the core of one row, in its own frame."""
-    kind = int(row[KIND])
-    if kind == POINT:
-        return math.sqrt(x * x + y * y + z * z)
-    if kind == SEGMENT:
-        w = max(abs(z) - row[LENGTH], 0.0)
-        return math.sqrt(x * x + y * y + w * w)
-    if kind == CIRCLE:
-        return math.hypot(math.hypot(x, y) - row[LENGTH], z)
-    if kind == BOX:
-        return _box(abs(x) - row[VALUES], abs(y) - row[VALUES + 1], abs(z) - row[VALUES + 2])
-    if kind == ELLIPSOID:
-        return _ellipsoid(row[VALUES], row[VALUES + 1], row[VALUES + 2], abs(x), abs(y), abs(z))
-    n = int(row[N_VERTICES])
-    profile = row[VALUES : VALUES + 2 * n]
-    if kind == LATHE:
-        return _polygon(profile, math.hypot(x, y), z, True)
-    if kind == PRISM:
-        return _box(_polygon(profile, x, y, False), abs(z) - row[LENGTH], -np.inf)
-    return _square_lathe(profile, max(abs(x), abs(y)), min(abs(x), abs(y)), z)
+@njit(nogil=True, cache=True, error_model="numpy")
+def choose_rows(rows: np.ndarray, x: float, y: float, z: float, radius: float, chosen: np.ndarray) -> tuple[float, int]:
+    """Put the numbers of the rows that can be nearest to any point within `radius` of (x, y, z) into `chosen`.
 
-
-@njit(nogil=True, cache=True)
-def _box(x: float, y: float, z: float) -> float:
-    """Combine signed distances along three perpendicular directions."""
-    inside = min(max(x, y, z), 0.0)
-    x, y, z = max(x, 0.0), max(y, 0.0), max(z, 0.0)
-    return inside + math.sqrt(x * x + y * y + z * z)
-
-
-@njit(nogil=True, cache=True)
-def _ellipsoid(a: float, b: float, c: float, x: float, y: float, z: float) -> float:
-    """Distance to an ellipsoid from a point of the first octant.
-
-    The closest point is (a^2 x / (t + a^2), ...) with t the largest root of
-    g(t) = (a x / (t + a^2))^2 + (b y / (t + b^2))^2 + (c z / (t + c^2))^2 - 1. g is convex and falls on the
-    interval, so Newton's steps from its left part approach the root from one side (Eberly, Distance from a point
-    to an ellipse, an ellipsoid, or a hyperellipsoid).
+    Returns the signed distance at (x, y, z) and how many rows there are: those less than twice the radius further
+    away there than the nearest one.
     """
-    tiny = 1e-9  # keeps the start off the poles of g
-    x, y, z = max(x, tiny), max(y, tiny), max(z, tiny)
-    t = max(a * (x - a), b * (y - b), c * (z - c))
-    for _ in range(_ELLIPSOID_ITERATIONS):
-        p, q, r = 1.0 / (t + a * a), 1.0 / (t + b * b), 1.0 / (t + c * c)
-        pa, qb, rc = (a * x * p) ** 2, (b * y * q) ** 2, (c * z * r) ** 2
-        step = (pa + qb + rc - 1.0) / (2.0 * (pa * p + qb * q + rc * r))
-        t += step
-        if abs(step) < 1e-10 * (abs(t) + 1.0):
-            break
-    p, q, r = 1.0 / (t + a * a), 1.0 / (t + b * b), 1.0 / (t + c * c)
-    # The closest point is off by t times (x p, y q, z r), so t also carries the sign.
-    return t * math.sqrt((x * p) ** 2 + (y * q) ** 2 + (z * r) ** 2)
+    gap, n = solid_distance(rows, x, y, z)[0], 0
+    limit = gap + 2.0 * radius + _MARGIN_MM
+    for i in range(len(rows)):
+        reach = limit + rows[i, REACH]
+        if reach > 0.0 and _square_to_centre(rows, i, x, y, z) < reach * reach:
+            chosen[n] = i
+            n += 1
+    return gap, n
 
 
-@njit(nogil=True, cache=True)
-def _segment(ax: float, ay: float, bx: float, by: float, x: float, y: float) -> float:
-    """Squared distance of (x, y) to the segment a-b in the plane."""
-    ex, ey = bx - ax, by - ay
-    s = ((x - ax) * ex + (y - ay) * ey) / max(ex * ex + ey * ey, 1e-30)
-    s = min(max(s, 0.0), 1.0)
-    return (x - ax - s * ex) ** 2 + (y - ay - s * ey) ** 2
+@njit(nogil=True, cache=True, error_model="numpy")
+def chosen_distance(rows: np.ndarray, chosen: np.ndarray, n: int, x: float, y: float, z: float) -> Gradient3:
+    """As `solid_distance`, of the first `n` rows that `chosen` numbers."""
+    best = _row_distance(rows, chosen[0], x, y, z)
+    for j in range(1, n):
+        other = _row_distance(rows, chosen[j], x, y, z)
+        if other[0] < best[0]:
+            best = other
+    return best
 
 
-@njit(nogil=True, cache=True)
-def _polygon(profile: np.ndarray, x: float, y: float, has_axis: bool) -> float:
-    """Signed distance to a polygon (flat array of vertices); edges on the axis x = 0 are no surface."""
-    n = len(profile) // 2
-    best = np.inf
-    is_inside = False
-    ax, ay = profile[2 * n - 2], profile[2 * n - 1]
-    for i in range(n):
-        bx, by = profile[2 * i], profile[2 * i + 1]
-        if not (has_axis and ax == 0.0 and bx == 0.0):
-            best = min(best, _segment(ax, ay, bx, by, x, y))
-        if (ay > y) != (by > y) and x < ax + (bx - ax) * (y - ay) / (by - ay):
-            is_inside = not is_inside
-        ax, ay = bx, by
-    return -math.sqrt(best) if is_inside else math.sqrt(best)
+@njit(nogil=True, cache=True, error_model="numpy")
+def _square_to_centre(rows: np.ndarray, i: int, x: float, y: float, z: float) -> float:
+    return (x - rows[i, CENTRE]) ** 2 + (y - rows[i, CENTRE + 1]) ** 2 + (z - rows[i, CENTRE + 2]) ** 2
 
 
-@njit(nogil=True, cache=True)
-def _square_lathe(profile: np.ndarray, x: float, y: float, z: float) -> float:
-    """Signed distance to a body of square sections; the point is folded into x >= y >= 0 beforehand.
-
-    The body is symmetric under the folds, so the closest point lies in the same wedge: on one of the trapezoids
-    that the edges of the profile (half side, z) sweep while y goes from minus to plus the half side.
-    """
-    n = len(profile) // 2
-    best = np.inf
-    is_inside = False
-    ax, az = profile[2 * n - 2], profile[2 * n - 1]
-    for i in range(n):
-        bx, bz = profile[2 * i], profile[2 * i + 1]
-        if not (ax == 0.0 and bx == 0.0):
-            best = min(best, _trapezoid(ax, az, bx, bz, x, y, z))
-        if (az > z) != (bz > z) and x < ax + (bx - ax) * (z - az) / (bz - az):
-            is_inside = not is_inside
-        ax, az = bx, bz
-    return -math.sqrt(best) if is_inside else math.sqrt(best)
-
-
-@njit(nogil=True, cache=True)
-def _trapezoid(ax: float, az: float, bx: float, bz: float, x: float, y: float, z: float) -> float:
-    """Squared distance to the trapezoid from (ax, +-ax, az) to (bx, +-bx, bz)."""
-    length = math.hypot(bx - ax, bz - az)
-    ux, uz = (bx - ax) / length, (bz - az) / length
-    along = (x - ax) * ux + (z - az) * uz
-    off_plane = (x - ax) * uz - (z - az) * ux
-    if 0.0 <= along <= length and y <= ax + ux * along:
-        return off_plane**2
-    sides = min(_segment(0.0, 0.0, 0.0, ax, along, y), _segment(length, 0.0, length, bx, along, y))
-    return off_plane**2 + min(sides, _segment(0.0, ax, length, bx, along, y))
+@njit(nogil=True, cache=True, error_model="numpy")
+def _row_distance(rows: np.ndarray, i: int, x: float, y: float, z: float) -> Gradient3:
+    x, y, z = x - rows[i, CENTRE], y - rows[i, CENTRE + 1], z - rows[i, CENTRE + 2]
+    d, u, v, w = core_distance(
+        rows,
+        i,
+        rows[i, ROTATION] * x + rows[i, ROTATION + 3] * y + rows[i, ROTATION + 6] * z,
+        rows[i, ROTATION + 1] * x + rows[i, ROTATION + 4] * y + rows[i, ROTATION + 7] * z,
+        rows[i, ROTATION + 2] * x + rows[i, ROTATION + 5] * y + rows[i, ROTATION + 8] * z,
+    )
+    return (
+        d - rows[i, RADIUS],
+        rows[i, ROTATION] * u + rows[i, ROTATION + 1] * v + rows[i, ROTATION + 2] * w,
+        rows[i, ROTATION + 3] * u + rows[i, ROTATION + 4] * v + rows[i, ROTATION + 5] * w,
+        rows[i, ROTATION + 6] * u + rows[i, ROTATION + 7] * v + rows[i, ROTATION + 8] * w,
+    )

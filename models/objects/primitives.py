@@ -12,6 +12,7 @@ exact. A solid is the union of its rows, an array (n_rows, N_COLUMNS):
 | ROTATION, 9 | row-major matrix, columns are the row's own axes in the object frame |
 | N_VERTICES | vertices of the profile (LATHE, SQUARE_LATHE, PRISM) |
 | LENGTH | half length (SEGMENT, PRISM) or radius (CIRCLE), mm |
+| REACH | radius about CENTRE of a ball that holds the inflated core, mm |
 | VALUES, 16 | semi-axes (BOX, ELLIPSOID) or profile vertices, two numbers each, mm |
 """
 
@@ -21,7 +22,7 @@ import numpy as np
 
 POINT, SEGMENT, CIRCLE, BOX, ELLIPSOID, LATHE, SQUARE_LATHE, PRISM = range(8)
 
-KIND, RADIUS, CENTRE, ROTATION, N_VERTICES, LENGTH, VALUES = 0, 1, 2, 5, 14, 15, 16
+KIND, RADIUS, CENTRE, ROTATION, N_VERTICES, LENGTH, REACH, VALUES = 0, 1, 2, 5, 14, 15, 16, 17
 MAX_VERTICES = 8
 N_COLUMNS = VALUES + 2 * MAX_VERTICES
 
@@ -76,9 +77,7 @@ def square_lathe(profile: Vertices, rounding_mm: float) -> np.ndarray:
 
 def prism(outline: Vertices, height_mm: float, rounding_mm: float) -> np.ndarray:
     """Row of a prism along z, centred in z; `outline`: at most 8 vertices (x, y) in mm, anticlockwise."""
-    row = _profile_row(PRISM, outline, rounding_mm)
-    row[LENGTH] = height_mm / 2 - rounding_mm
-    return row
+    return _profile_row(PRISM, outline, rounding_mm, length=height_mm / 2 - rounding_mm)
 
 
 def rotated(rows: np.ndarray, rotation: np.ndarray) -> np.ndarray:
@@ -104,22 +103,37 @@ def bounds(rows: np.ndarray) -> np.ndarray:
     return np.stack([low, high])
 
 
-def _row(kind: int, radius: float, *, length: float = 0.0, values: np.ndarray | None = None) -> np.ndarray:
+def mirrored(rows: np.ndarray) -> np.ndarray:
+    """Rows (n, N_COLUMNS) seen in the mirror x = 0; their frames become left-handed, which no distance minds."""
+    return rotated(rows, np.diag([-1.0, 1.0, 1.0]))
+
+
+def _row(
+    kind: int, radius: float, *, length: float = 0.0, values: np.ndarray | None = None, n_vertices: int = 0
+) -> np.ndarray:
     row = np.zeros(N_COLUMNS)
-    row[KIND], row[RADIUS], row[LENGTH] = kind, radius, length
+    row[KIND], row[RADIUS], row[LENGTH], row[N_VERTICES] = kind, radius, length, n_vertices
     row[ROTATION : ROTATION + 9] = np.eye(3).ravel()
     if values is not None:
         row[VALUES : VALUES + values.size] = values.ravel()
+    row[REACH] = radius + _core_radius(kind, length, np.zeros((1, 3)) if values is None else values)
     return row
 
 
-def _profile_row(kind: int, profile: Vertices, rounding: float) -> np.ndarray:
+def _profile_row(kind: int, profile: Vertices, rounding: float, length: float = 0.0) -> np.ndarray:
     vertices = _shrunk(np.array(profile, float), rounding, has_axis=kind != PRISM)
     if len(vertices) > MAX_VERTICES:
         raise ValueError(f"a profile has {len(vertices)} vertices, at most {MAX_VERTICES} fit in a row; use fewer.")
-    row = _row(kind, rounding, values=vertices)
-    row[N_VERTICES] = len(vertices)
-    return row
+    return _row(kind, rounding, length=length, values=vertices, n_vertices=len(vertices))
+
+
+def _core_radius(kind: int, length: float, values: np.ndarray) -> float:
+    """Largest distance of a core's points from its origin, mm; `values` as in VALUES."""
+    if kind == ELLIPSOID:
+        return float(values.max())
+    # A square section reaches as far as its corners, (half side, half side, z).
+    across = np.array([np.sqrt(2.0), 1.0]) if kind == SQUARE_LATHE else 1.0
+    return float(np.hypot(length, np.linalg.norm(values * across, axis=-1).max()))
 
 
 def _shrunk(vertices: np.ndarray, rounding: float, *, has_axis: bool) -> np.ndarray:

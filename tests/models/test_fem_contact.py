@@ -8,7 +8,7 @@ from models.fem.assembly import ElasticBody, Material
 from models.fem.contact import ContactLaw, ContactSurface, PointSpacing
 from models.fem.finger import FingerStep
 from models.fem.friction import return_mapping
-from models.fem.grasp import to_object_frame
+from models.fem.model import to_object_frame
 from models.fem.stepping import TOUCH_MM, travel_to_touch
 from models.mesh.build import build_mesh
 from models.mesh.solid import SolidMesh
@@ -94,11 +94,11 @@ def test_pressed_wall_gives_pressure_times_area(solid: SolidMesh) -> None:
     depth, law = 0.2, ContactLaw()
     n = len(surface.areas)
     response = surface.respond(nodes, surface.start(nodes), Wall(depth), np.zeros(n), False, None)
-    inside = response.position[:, 0] < depth
-    front = response.position[:, 0] < 1e-9
+    x = surface.positions(nodes)[:, 0]
+    assert np.array_equal(response.points, np.flatnonzero(x < depth))
     pressure = law.normal_n_per_mm3 * (depth - 0.5 * law.smoothing_mm)
-    assert np.allclose(response.pressure[front], pressure)
-    assert response.force[:, 0].sum() == pytest.approx((surface.areas * response.pressure)[inside].sum())
+    assert np.allclose(response.pressure[x[response.points] < 1e-9], pressure)
+    assert response.force[:, 0].sum() == pytest.approx((surface.areas[response.points] * response.pressure).sum())
     assert np.abs(response.force[:, 1:]).max() == 0.0
 
 
@@ -107,7 +107,8 @@ def test_pressure_law_has_a_continuous_slope(solid: SolidMesh) -> None:
     friction = np.zeros(len(surface.areas))
 
     def force(depth: float) -> float:
-        return surface.respond(nodes, surface.start(nodes), Wall(depth), friction, False, None).pressure.max()
+        response = surface.respond(nodes, surface.start(nodes), Wall(depth), friction, False, None)
+        return float(response.pressure.max(initial=0.0))
 
     d0, h = ContactLaw().smoothing_mm, 1e-6
     before, after = (force(d0) - force(d0 - h)) / h, (force(d0 + h) - force(d0)) / h

@@ -1,13 +1,11 @@
-"""Shape functions, material laws and the block Cholesky solver against closed forms and differences."""
+"""Shape functions and material laws against closed forms and differences."""
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 
 from models.errors import MeshingFailed
 from models.fem.assembly import ElasticBody, Material
 from models.fem.elasticity import LAW_CODE, element_force, element_stiffness, lame_constants
-from models.fem.linear import BlockCholesky, BlockPattern, block_pattern
 from models.fem.shape import ElementKind, face_shape, quadrature_of, shape_of
 from models.mesh.solid import ElementBlock, SolidMesh
 
@@ -121,46 +119,6 @@ def test_uniaxial_strain_energy_of_neo_hookean() -> None:
     log = np.log(stretch)
     stress = mu * stretch + (lam * log - mu) / stretch  # P_zz of W under F = diag(1, 1, stretch)
     assert force[nodes[:, 2] > 0.5, 2].sum() == pytest.approx(0.5 * stress)  # on a triangle of area 1/2
-
-
-def random_system(n: int, rng: np.random.Generator) -> tuple[BlockPattern, np.ndarray, np.ndarray]:
-    pairs = np.vstack([np.column_stack([np.arange(n - 1), np.arange(1, n)]), rng.integers(0, n, (2 * n, 2))])
-    pattern = block_pattern(n, pairs)
-    columns = np.repeat(np.arange(n), np.diff(pattern.indptr))
-    blocks = rng.standard_normal((len(columns), 3, 3))
-    diagonal = pattern.indices == columns
-    blocks[diagonal] = blocks[diagonal] @ blocks[diagonal].transpose(0, 2, 1) + 40.0 * np.eye(3)
-    dense = np.zeros((3 * n, 3 * n))
-    for (i, j), block in zip(np.column_stack([pattern.indices, columns]), blocks, strict=True):
-        dense[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = block
-        dense[3 * j : 3 * j + 3, 3 * i : 3 * i + 3] = block.T
-    return pattern, blocks, dense
-
-
-def test_block_cholesky_solves_like_a_dense_solver() -> None:
-    rng = np.random.default_rng(0)
-    pattern, blocks, dense = random_system(40, rng)
-    solver, right = BlockCholesky(pattern), rng.standard_normal((40, 3))
-    assert solver.factorise(blocks)
-    assert np.allclose(solver.solve(right).ravel(), np.linalg.solve(dense, right.ravel()), rtol=1e-10, atol=1e-12)
-    assert solver.n_factor_blocks >= len(pattern.indices)
-
-
-def test_block_cholesky_reports_an_indefinite_matrix() -> None:
-    pattern, blocks, _ = random_system(20, np.random.default_rng(1))
-    solver = BlockCholesky(pattern)
-    blocks[pattern.indptr[7]] -= 500.0 * np.eye(3)
-    assert not solver.factorise(blocks)
-    blocks[pattern.indptr[7]] += 500.0 * np.eye(3)
-    assert solver.factorise(blocks)
-
-
-def test_ordering_is_a_permutation_that_keeps_the_factor_sparse() -> None:
-    side = 20
-    grid = sp.csr_matrix(sp.kronsum(*[sp.diags([1.0, 1.0], [-1, 1], shape=(side, side))] * 2))
-    pattern = block_pattern(side * side, np.column_stack(grid.nonzero()))
-    assert sorted(pattern.position) == list(range(side * side))
-    assert BlockCholesky(pattern).n_factor_blocks < 0.6 * side**3  # banded elimination fills side^3
 
 
 def test_body_volume_and_inverted_mesh() -> None:

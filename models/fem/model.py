@@ -1,0 +1,72 @@
+"""What all grasps of one finger share: its mechanics before any object, built once and kept."""
+
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.fem.assembly import ElasticBody, Material
+from models.fem.contact import ContactLaw, ContactSurface, PointSpacing
+from models.fem.elasticity import REFERENCE_MODULUS_MPA, MaterialLaw
+from models.fem.linear import BlockCholesky, LinearSolver
+from models.mesh.solid import SolidMesh
+
+# Half and full width of one design: a design's objects come one after the other.
+MAX_KEPT = 2
+
+
+@dataclass(frozen=True)
+class FingerModel:
+    """A finger ready to be grasped with: nodes (n, 3) in the object frame at rest, and what was derived from them.
+
+    `linear` and `blocks` (z, 3, 3) are working storage: a grasp overwrites them and assumes nothing about them.
+    """
+
+    nodes: np.ndarray
+    body: ElasticBody
+    surface: ContactSurface
+    linear: LinearSolver
+    blocks: np.ndarray
+
+
+class _Kept(threading.local):
+    """Models of this thread; a model is working storage, so threads must not share one."""
+
+    def __init__(self) -> None:
+        self.models: OrderedDict[tuple[object, ...], FingerModel] = OrderedDict()
+
+
+_KEPT = _Kept()
+
+
+def finger_model(
+    mesh: SolidMesh,
+    *,
+    height_mm: float,
+    tip_below_mm: float,
+    poisson_ratio: float,
+    law: ContactLaw,
+    spacing: PointSpacing,
+    material_law: MaterialLaw = "neo_hookean",
+) -> FingerModel:
+    """The model of a finger, from the last few built in this thread or new; forgets every grasp made with it."""
+    key = (mesh.mesh_id, height_mm, tip_below_mm, poisson_ratio, law, spacing, material_law)
+    model = _KEPT.models.pop(key, None)
+    if model is None:
+        nodes = to_object_frame(mesh.nodes, height_mm, tip_below_mm)
+        body = ElasticBody(mesh, nodes, Material(REFERENCE_MODULUS_MPA, poisson_ratio, material_law))
+        surface = ContactSurface(body, nodes, law, spacing)
+        blocks = np.zeros((len(body.pattern.indices), 3, 3))
+        model = FingerModel(nodes, body, surface, BlockCholesky(body.pattern), blocks)
+    _KEPT.models[key] = model
+    while len(_KEPT.models) > MAX_KEPT:
+        _KEPT.models.popitem(last=False)
+    model.surface.forget()
+    return model
+
+
+def to_object_frame(nodes: np.ndarray, height_mm: float, tip_below_mm: float) -> np.ndarray:
+    """Finger frame to object frame: turned by 180 deg about x, tip plane at z = -tip_below, front wall at x = 0."""
+    x, y, z = nodes.T
+    return np.ascontiguousarray(np.column_stack([x, -y, height_mm - tip_below_mm - z]))

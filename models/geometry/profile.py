@@ -15,20 +15,21 @@ APEX_EXTRA_MM = 1.0  # the apex is this much longer in x than the front wall is 
 MIN_CAVITY_AREA_MM2 = 2.25  # smaller cavities, and
 MIN_CAVITY_WIDTH_MM = 1.0  # parts of cavities thinner than this, are filled: a printer cannot resolve them
 MIN_EDGE_MM = 0.08  # half the shortest edge of a usual fillet; shorter ones would only make sliver elements
-_ARC_SEGMENTS = 4  # per quarter circle of a fillet
+ARC_SEGMENTS = 4  # per quarter circle of a fillet
 
 
-def planar_profile(design: Design, fillet_mm: float = 0.5) -> Polygon:
+def planar_profile(design: Design, fillet_mm: float = 0.5, arc_segments: int = ARC_SEGMENTS) -> Polygon:
     """The compliant body of a finger in the (x, z) plane, mm, with its voids as holes.
 
     The lowest void is open towards the base.
     x = 0 is the front wall's outer plane, x > 0 points away from the object; z runs from the top of the
     rigid base (`BASE_HEIGHT_MM`) to the apex (`height_mm`). Ribs are strips centred between the walls,
     equally spaced over the cavity and turned by `rib_angle_deg` about their middle. Inner corners carry
-    fillets of radius `fillet_mm`, as printed ones do; 0 leaves them sharp.
+    fillets of radius `fillet_mm`, as printed ones do; 0 leaves them sharp. A fillet is drawn with `arc_segments`
+    per quarter circle; with one it is a chamfer of the same area.
     """
     voids = _cavity(design).difference(shapely.union_all(_ribs(design)))
-    printable = [void for part in _polygons(voids) for void in _printable(part, fillet_mm)]
+    printable = [void for part in _polygons(voids) for void in _printable(part, fillet_mm, arc_segments)]
     # The lowest void is open towards the base, so it is a notch of the outline and no hole.
     parts = _polygons(_outline(design).difference(shapely.union_all(printable)))
     body = max(parts, key=lambda part: part.area)
@@ -84,18 +85,37 @@ def _ribs(design: Design) -> list[BaseGeometry]:
     return ribs
 
 
-def _printable(cavity: Polygon, fillet_mm: float) -> list[Polygon]:
+def _printable(cavity: Polygon, fillet_mm: float, arc_segments: int) -> list[Polygon]:
     """A cavity without its slivers, its corners rounded; nothing when it is too small to print."""
     radius = max(MIN_CAVITY_WIDTH_MM / 2, fillet_mm)
     core = cavity.buffer(-radius, join_style="mitre")
     parts = []
     for part in _polygons(core):
         if fillet_mm > 0:
-            grown = part.buffer(radius - fillet_mm, join_style="mitre").buffer(fillet_mm, quad_segs=_ARC_SEGMENTS)
+            grown = _rounded(part.buffer(radius - fillet_mm, join_style="mitre"), fillet_mm, arc_segments)
         else:
             grown = part.buffer(radius, join_style="mitre", mitre_limit=10)
         parts += [p for p in _polygons(grown.intersection(cavity)) if p.area >= MIN_CAVITY_AREA_MM2]
     return [_clean(part) for part in parts]
+
+
+def _rounded(core: Polygon, fillet_mm: float, arc_segments: int) -> BaseGeometry:
+    """A convex core grown by the fillet radius all around."""
+    if arc_segments > 1:
+        return core.buffer(fillet_mm, quad_segs=arc_segments)
+    corners = np.array(shapely.geometry.polygon.orient(core).exterior.coords[:-1])
+    along = np.roll(corners, -1, axis=0) - corners
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    points = []
+    for corner, before, after in zip(corners, np.roll(along, 1, axis=0), along, strict=True):
+        sine, cosine = before[0] * after[1] - before[1] * after[0], float(before @ after)
+        outward = np.array([before[1] + after[1], -before[0] - after[0]])
+        tip = corner + fillet_mm * outward / (1.0 + cosine)
+        # Between the tip of the corner and an arc that turns by phi lie r^2 (tan(phi/2) - phi/2).
+        turn = math.atan2(sine, cosine)
+        leg = fillet_mm * math.sqrt(max(2.0 * (math.tan(turn / 2) - turn / 2) / max(sine, 1e-12), 0.0))
+        points += [tip - leg * before, tip + leg * after] if leg > MIN_EDGE_MM else [tip]
+    return Polygon(points)
 
 
 def _clean(polygon: Polygon) -> Polygon:

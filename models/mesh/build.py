@@ -2,16 +2,17 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 from shapely.geometry import Polygon
 
 from models.effects.base import Effect
 from models.geometry.profile import planar_profile
+from models.mesh.extrude import extrude
+from models.mesh.section import planar_mesh
 from models.mesh.solid import SolidMesh
-from models.mesh.wedge import wedge_mesh
 from models.records import Design, MeshSettings
 
 TETWILD_TIME_LIMIT_S = 60.0
-RESOLVING_EDGE_TO_RADIUS = 4.0
 
 
 def build_mesh(
@@ -32,29 +33,17 @@ def build_mesh(
         return tetwild_mesh(
             profile, design.width_mm, settings.edge_mm, full_width=full_width, time_limit_s=TETWILD_TIME_LIMIT_S
         )
-    return wedge_mesh(
-        profile,
-        design.width_mm,
-        settings.edge_mm,
-        refine=settings.refine,
-        n_layers=settings.layers,
-        full_width=full_width,
-    )
+    half, layers = 0.5 * design.width_mm, settings.layers
+    levels = np.linspace(-half, half, 2 * layers + 1) if full_width else np.linspace(0.0, half, layers + 1)
+    return extrude(planar_mesh(profile, settings.edge_mm, settings.refine), levels, symmetric=not full_width)
 
 
 def printed_profile(design: Design, settings: MeshSettings, effects: Sequence[Effect]) -> Polygon:
-    """Planar profile (x, z in mm) with fillets, after the geometry effects."""
-    profile = planar_profile(design, resolved_fillet_mm(settings))
+    """Planar profile (x, z in mm) with fillets, after the geometry effects.
+
+    A coarse mesh shows a fillet as one chamfer, a refined one as an arc of as many sides.
+    """
+    profile = planar_profile(design, settings.fillet_mm, arc_segments=2**settings.refine)
     for effect in effects:
         profile = effect.modify_profile(profile, design)
     return profile
-
-
-def resolved_fillet_mm(settings: MeshSettings) -> float:
-    """The fillet radius that the mesh can show, else 0.
-
-    On coarse meshes an arc's short edges double the unknowns and change the peak by less than 1.5 %, a tenth of
-    their discretisation error; from `RESOLVING_EDGE_TO_RADIUS` on the fillet matters more than the mesh.
-    """
-    edge_mm = settings.edge_mm / 2**settings.refine
-    return settings.fillet_mm if edge_mm <= RESOLVING_EDGE_TO_RADIUS * settings.fillet_mm else 0.0

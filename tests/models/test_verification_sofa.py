@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from models.mesh.wedge import wedge_mesh
 from tests.models.verification import sofa
 
 
@@ -17,7 +16,7 @@ def test_meshes_are_of_the_class_of_the_reference(size: str) -> None:
 
 @pytest.fixture(scope="module")
 def coarse() -> tuple[sofa.Curve, sofa.Curve]:
-    return sofa.press_and_pull(sofa.linear_mesh(3.0))
+    return sofa.press_and_pull(sofa.linear_mesh(3.0), at_nodes=True)
 
 
 def test_press_follows_sofa(coarse: tuple[sofa.Curve, sofa.Curve]) -> None:
@@ -28,7 +27,7 @@ def test_press_follows_sofa(coarse: tuple[sofa.Curve, sofa.Curve]) -> None:
 
 
 def test_medium_mesh_lands_on_sofa() -> None:
-    press, _ = sofa.press_and_pull(sofa.linear_mesh(1.65), step_mm=2.0, pull_mm=0.1)
+    press, _ = sofa.press_and_pull(sofa.linear_mesh(1.65), at_nodes=True, step_mm=2.0, pull_mm=0.1)
     assert press.force_x_n[-1] == pytest.approx(sofa.SOFA_PRESS_N["medium"], rel=0.03)
 
 
@@ -41,5 +40,5 @@ def test_pull_follows_sofa(coarse: tuple[sofa.Curve, sofa.Curve]) -> None:
 
 def test_quadratic_elements_lie_below() -> None:
     """SOFA's own extrapolation of its meshes is 23.5 N, 28 % below its coarse mesh."""
-    press, _ = sofa.press_and_pull(wedge_mesh(sofa.soft_profile(), sofa.WIDTH_MM, 6.0, refine=1), pull_mm=0.1)
+    press, _ = sofa.press_and_pull(sofa.quadratic_mesh(6.0, 1), pull_mm=0.1)
     assert press.force_x_n[-1] == pytest.approx(0.71 * sofa.SOFA_PRESS_N["coarse"], rel=0.03)

@@ -14,7 +14,8 @@ from models.design_space import BEST_PUBLISHED
 from models.fem.assembly import Material
 from models.fem.contact import ContactLaw, ContactState
 from models.fem.elasticity import REFERENCE_MODULUS_MPA, lame_constants
-from models.fem.grasp import INWARD, UPWARD, to_object_frame
+from models.fem.grasp import INWARD, UPWARD
+from models.fem.model import to_object_frame
 from models.fem.obstacle import ObjectObstacle
 from models.fem.shape import quadrature_of, shape_of
 from models.fem.stepping import Step, travel_to_touch

@@ -5,17 +5,22 @@ linear tetrahedra of the same class and our own laws and contact. The corotated 
 stretch, lies between ours: St.Venant-Kirchhoff softens under compression, neo-Hookean stiffens.
 """
 
+from contextlib import nullcontext
 from dataclasses import dataclass
+from unittest import mock
 
 import numpy as np
 import shapely
 from scipy.spatial import Delaunay
 from shapely.geometry import Polygon, box
 
+from models.fem import contact_points
 from models.fem.assembly import Material
 from models.fem.contact import PointSpacing
 from models.fem.elasticity import MaterialLaw
-from models.fem.grasp import to_object_frame
+from models.fem.model import to_object_frame
+from models.mesh.extrude import extrude
+from models.mesh.section import planar_mesh
 from models.mesh.solid import ElementBlock, SolidMesh
 from tests.models.verification.rig import set_up
 
@@ -84,7 +89,8 @@ def profile() -> Polygon:
 
 def soft_profile() -> Polygon:
     """The part above the rigid plate, which is all that deforms."""
-    return profile().intersection(box(-1, PLATE_MM, 40, HEIGHT_MM + 1))
+    above = profile().intersection(box(-1, PLATE_MM, 40, HEIGHT_MM + 1))
+    return max(shapely.get_parts(above), key=shapely.area)
 
 
 def linear_mesh(edge_mm: float) -> SolidMesh:
@@ -106,18 +112,29 @@ def linear_mesh(edge_mm: float) -> SolidMesh:
     )
 
 
+def quadratic_mesh(edge_mm: float, refine: int) -> SolidMesh:
+    """Half the finger in the elements of the product."""
+    levels = np.array([0.0, 0.5 * WIDTH_MM])
+    return extrude(planar_mesh(soft_profile(), edge_mm, refine), levels, symmetric=True)
+
+
 def press_and_pull(
     mesh: SolidMesh,
     *,
     friction: float = FRICTION,
     law: MaterialLaw = "neo_hookean",
+    at_nodes: bool = False,
     pull_mm: float = PULL_MM,
     step_mm: float = 0.5,
 ) -> tuple[Curve, Curve]:
-    """Press the finger 12 mm onto the cylinder, then pull it off; half meshes count twice."""
+    """Press the finger 12 mm onto the cylinder, then pull it off; half meshes count twice.
+
+    `at_nodes` lets only the nodes of linear tetrahedra touch, as in SOFA, instead of points all over the faces.
+    """
     nodes = to_object_frame(mesh.nodes, HEIGHT_MM, 0.0)
     material = Material(MODULUS_MPA, POISSON, law)
-    rig = set_up(mesh, nodes, material, Cylinder(), friction=friction, spacing=PointSpacing(0.25, 1.0))
+    with mock.patch.object(contact_points, "_triangle_cells", _corners) if at_nodes else nullcontext():
+        rig = set_up(mesh, nodes, material, Cylinder(), friction=friction, spacing=PointSpacing(0.25, 1.0))
     share = 2.0 if mesh.is_half else 1.0
     state = rig.finger.rest(np.array([-GAP_MM, 0.0, 0.0]))
     curves = []
@@ -154,6 +171,11 @@ def _lattice(whole: Polygon, edge_mm: float) -> np.ndarray:
     points = np.vstack([np.column_stack([x - 0.5 * edge_mm * (j % 2), 0 * x + z]) for j, z in enumerate(rows)])
     depth = shapely.distance(whole.boundary, shapely.points(points))
     return points[shapely.contains_xy(whole, points) & (depth > 0.3 * edge_mm)]
+
+
+def _corners(_: int) -> np.ndarray:
+    """Contact points in the corners of the unit triangle."""
+    return np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 
 
 def _upright(nodes: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from models.fem.linear.tiles import (
     divide_tile,
     forward_strip,
     pivot_tile,
+    place_block,
     product_tile,
 )
 
@@ -50,11 +51,11 @@ class BlockCholesky:
 
     def factorise(self, blocks: np.ndarray) -> bool:
         """Factorise; False if the matrix is not positive definite (the factor is then unusable)."""
-        return bool(_factorise(self._layout, 0, blocks, self._data))
+        return bool(_factorise(self._layout, 0, blocks.reshape(-1), self._data))
 
     def refactorise_last(self, blocks: np.ndarray) -> bool:
         """As `factorise`, when since then only blocks between the nodes `last` of the pattern have changed."""
-        return bool(_factorise(self._layout, len(self._layout.width) - 1, blocks, self._data))
+        return bool(_factorise(self._layout, len(self._layout.width) - 1, blocks.reshape(-1), self._data))
 
     def solve(self, right_side: np.ndarray) -> np.ndarray:
         """Solve with the last factor; right-hand side and solution (n, 3) in pattern order."""
@@ -92,9 +93,7 @@ def _assemble(layout: Layout, s: int, blocks: np.ndarray, data: np.ndarray) -> N
     for diagonal in range(place + layout.width[s] * (stride + 1), layout.place[s + 1], stride + 1):
         data[diagonal] = 1.0
     for z in range(layout.block_ptr[s], layout.block_ptr[s + 1]):
-        for j in range(3):
-            for i in range(3):
-                data[layout.block[z] + j * stride + i] = blocks[z, i, j]
+        place_block(data, blocks, layout.block[z], stride, 9 * z)
 
 
 @nb.njit(forceinline=True, error_model="numpy")

@@ -101,15 +101,18 @@ class _Code:
         return self.builder.bitcast(self.builder.gep(self.data, [place]), VECTOR.as_pointer())
 
 
-def _intrinsic(emit: Emit, n_places: int, result: types.Type = types.void) -> tuple[Any, Any]:
-    """Signature (array, n integers) -> result with code that `emit(code, *integers)` writes in line."""
+def _intrinsic(emit: Emit, n_places: int, result: types.Type = types.void, n_arrays: int = 1) -> tuple[Any, Any]:
+    """Signature (arrays, integers) -> result, with code that `emit(*codes of the arrays, *integers)` writes in line."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Sequence[Value]) -> Value:
-        data = cgutils.create_struct_proxy(signature.args[0])(context, builder, args[0]).data
-        value = emit(_Code(builder, data), *args[1:])
+        arrays = zip(signature.args[:n_arrays], args[:n_arrays], strict=True)
+        codes = [
+            _Code(builder, cgutils.create_struct_proxy(kind)(context, builder, array).data) for kind, array in arrays
+        ]
+        value = emit(*codes, *args[n_arrays:])
         return context.get_dummy_value() if value is None else value
 
-    return result(types.float64[::1], *[types.int64] * n_places), generate
+    return result(*[types.float64[::1]] * n_arrays, *[types.int64] * n_places), generate
 
 
 def _reduced(code: _Code, tile: list[Value], rows: Value, columns: Value, stride: Value, depth: Value) -> list[Value]:
@@ -197,6 +200,15 @@ def _column_sums(code: _Code, tile: list[Value]) -> Value:
     return tile[0]
 
 
+def _emit_placement(code: _Code, blocks: _Code, target: Value, stride: Value, source: Value) -> None:
+    builder = code.builder
+    most, last = blocks.load(source), blocks.spread(blocks.scalar(blocks.at(source, 8)))
+    mask = ir.VectorType(ir.IntType(1), TILE)([k < 3 for k in range(TILE)])
+    for j in range(3):
+        lanes = ir.VectorType(LANE, TILE)([j, 3 + j, 6 + j] + [0] * (TILE - 3))
+        code.store_lanes(builder.shuffle_vector(most, last, lanes), code.at(target, stride, j), mask)
+
+
 def _emit_addition(
     code: _Code, target: Value, step: Value, source: Value, spacing: Value, n_rows: Value, n_columns: Value
 ) -> None:
@@ -269,6 +281,12 @@ def divide_tile(_: Any, data: Any, target: Any, rows: Any, columns: Any, stride:
 def pivot_tile(_: Any, data: Any, target: Any, rows: Any, stride: Any, depth: Any) -> Any:
     """Replace T by P^-1, and P^-T above the diagonal, with P P^T = T - A A^T; False if not positive definite."""
     return _intrinsic(_emit_pivot, 4, types.boolean)
+
+
+@intrinsic
+def place_block(_: Any, data: Any, blocks: Any, target: Any, stride: Any, source: Any) -> Any:
+    """Write the 3 x 3 block, in rows, at `source` of `blocks` to `target` in columns."""
+    return _intrinsic(_emit_placement, 3, n_arrays=2)
 
 
 @intrinsic

@@ -30,10 +30,17 @@ class Rig:
         """Friction coefficient of every contact point (n)."""
         return np.full(len(self.surface.areas), self.friction)
 
-    def walk(self, state: FingerState, direction: np.ndarray, length_mm: float, step_mm: float) -> list[Step]:
+    def walk(
+        self,
+        state: FingerState,
+        direction: np.ndarray,
+        length_mm: float,
+        step_mm: float,
+        speed_mm_per_s: float = SPEED_MM_PER_S,
+    ) -> list[Step]:
         """All converged steps of a straight motion of the base from `state`."""
         stepper = Stepper(self.finger, self.newton, StepLimits(), lambda _: self.coefficients())
-        path = Path(state.base, direction, length_mm, SPEED_MM_PER_S, lambda _: step_mm)
+        path = Path(state.base, direction, length_mm, speed_mm_per_s, lambda _: step_mm)
         return list(stepper.walk(state, path))
 
 

@@ -66,13 +66,21 @@ class EffectValue(Record):
 
 
 class MeshSettings(Record):
-    """Which mesher, how fine. `wedge` is the production mesher of fin rays, `tetwild` meshes any body."""
+    """Which mesher, how fine. `extruded` is the production mesher of fin rays, `tetwild` meshes any body.
 
-    mesher: Literal["wedge", "tetwild"] = "wedge"
-    edge_mm: float = Field(default=6.0, gt=0.5, le=20)
-    refine: int = Field(default=0, ge=0, le=2, description="uniform splits of every triangle (wedge only)")
-    layers: int = Field(default=1, ge=1, le=6, description="quadratic layers over the half width (wedge only)")
+    The defaults are the production mesh. Walls are one element thick, short at the joints and at most `edge_mm`
+    long between them; `refine` divides every element in the section into four and draws the fillets rounder.
+    """
+
+    mesher: Literal["extruded", "tetwild"] = "extruded"
+    edge_mm: float = Field(default=8.0, gt=0.5, le=20, description="longest edge along the walls")
+    refine: int = Field(default=0, ge=0, le=2, description="uniform divisions of the section (extruded only)")
+    layers: int = Field(default=1, ge=1, le=6, description="quadratic layers over the half width (extruded only)")
     fillet_mm: float = Field(default=0.5, ge=0, le=1.5, description="radius of the printed joint fillets")
+
+
+# The mesh of the reference tier, within 1 % of the converged peak at five times the production unknowns.
+REFERENCE_MESH = MeshSettings(refine=1, layers=2)
 
 
 class SimulatorVersion(Record):

@@ -39,7 +39,7 @@ def doctor(
         _try("loopback ports", _loopback, "allow programs to listen on 127.0.0.1"),
         _try("serial pty", _pty, "mount devpts at /dev/pts; virtual benches need it"),
         _try("grasp simulation", _small_grasp, "the solver is broken; run `make clean setup`"),
-        _try("mesher fTetWild", _small_mesh, 'run `make clean setup`, or keep mesher = "wedge" in your configs'),
+        _try("mesher fTetWild", _small_mesh, 'run `make clean setup`, or keep mesher = "extruded" in your configs'),
     ]
     if server:
         checks.append(_try("Prefect server", _server, "run `make clean setup`"))

@@ -1,1 +1,1 @@
-"""Volume meshes of the compliant body: extruded quadratic wedges, and quadratic tetrahedra of any body."""
+"""Volume meshes of the compliant body: extruded quadratic hexahedra and wedges, and tetrahedra of any body."""

@@ -9,7 +9,7 @@ PLANE_TOLERANCE_MM = 1e-6
 
 
 def extrude(planar: PlanarMesh, levels: np.ndarray, *, symmetric: bool) -> SolidMesh:
-    """C3D20R and C3D15 between consecutive `levels` of y (mm); the first is the symmetry plane if `symmetric`.
+    """C3D15 and C3D20R between consecutive `levels` of y (mm); the first is the symmetry plane if `symmetric`.
 
     Levels between layers carry all planar points, the middles of the layers only the vertices (serendipity).
     """
@@ -19,8 +19,8 @@ def extrude(planar: PlanarMesh, levels: np.ndarray, *, symmetric: bool) -> Solid
     middle = [_at_level(planar.points[:n_vertices], y) for y in 0.5 * (levels[1:] + levels[:-1])]
     nodes = np.vstack([part for pair in zip(full, middle, strict=False) for part in pair] + [full[-1]])
     blocks = [
-        ElementBlock("C3D20R", _stacked(_swept(planar.quadrilaterals, n_points, stride), stride, n_layers)),
         ElementBlock("C3D15", _stacked(_swept(planar.triangles, n_points, stride), stride, n_layers)),
+        ElementBlock("C3D20R", _stacked(_swept(planar.quadrilaterals, n_points, stride), stride, n_layers)),
     ]
     base_z = planar.points[:, 1].min()
     return SolidMesh(

@@ -72,7 +72,13 @@ class Outline:
         if depth > reach_mm or across[a] < SQUARE_ON * length[a]:
             return
         b = self._near(a, float(place[a] * length[a]), float(length[a]), depth)
-        self._connect(p, self.insert(a, origin + depth * normal) if b is None else b)
+        target = origin + depth * normal if b is None else np.array(self.points[b])
+        if self._is_crossed(p, (a, self.following[a]) if b is None else (b,), target):
+            return
+        if b is None:
+            self.chords.append((p, self.insert(a, target)))
+        elif not (self.is_side(p, b) or self.is_side(b, p) or {(p, b), (b, p)} & set(self.chords)):
+            self.chords.append((p, b))
 
     def _near(self, a: int, place: float, length: float, depth: float) -> int | None:
         """An end of the side at a that may stand for the point at `place` mm along it."""
@@ -82,21 +88,14 @@ class Outline:
                 return end
         return None
 
-    def _connect(self, a: int, b: int) -> None:
-        known = (a, b) in self.chords or (b, a) in self.chords
-        if known or a == b or self.is_side(a, b) or self.is_side(b, a):
-            return
-        if not self._is_crossed(a, b):
-            self.chords.append((a, b))
-
-    def _is_crossed(self, a: int, b: int) -> bool:
-        """True if the chord a-b meets a side or a chord other than in an end."""
+    def _is_crossed(self, a: int, goal: tuple[int, ...], target: np.ndarray) -> bool:
+        """True if the chord from point a to `target` meets a side or a chord that has no end in a or `goal`."""
         points = np.array(self.points)
         ends = np.array([*enumerate(self.following), *self.chords])
-        ends = ends[~np.isin(ends, (a, b)).any(axis=1)]
-        p, q, start, end = points[a], points[b], points[ends[:, 0]], points[ends[:, 1]]
-        apart = _cross(q - p, start - p) * _cross(q - p, end - p) > 0.0
-        beside = _cross(end - start, p - start) * _cross(end - start, q - start) > 0.0
+        ends = ends[~np.isin(ends, (a, *goal)).any(axis=1)]
+        p, start, end = points[a], points[ends[:, 0]], points[ends[:, 1]]
+        apart = _cross(target - p, start - p) * _cross(target - p, end - p) > 0.0
+        beside = _cross(end - start, p - start) * _cross(end - start, target - start) > 0.0
         return bool((~apart & ~beside).any())
 
     def cells(self) -> list[list[int]]:

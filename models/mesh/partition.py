@@ -9,7 +9,7 @@ import numba as nb
 import numpy as np
 
 TRIANGLE_FACTOR = 1.5  # a triangle counts as this many equally good quadrilaterals: wedges are the stiffer elements
-WORST_SINE = 0.05  # corners flatter than this make a piece unusable
+WORST_SINE = 1e-4  # corners flatter than this make a piece unusable
 
 
 def partition(points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

@@ -13,10 +13,10 @@ from models.mesh.outline import Outline
 from models.mesh.partition import partition
 from models.mesh.planar import PlanarMesh, add_middles, split
 
-FACE_MM = 1.0  # shorter sides are parts of fillets and are not projected
+FACE_MM = 0.75  # shorter sides are parts of fillets and are not projected
 REACH_MM = 12.0  # longest chord through the material: ribs and walls are 2-3 mm thick, the tip up to 11 mm
-NEAR_JOINT = 1.0  # length of the first element at a joint, in units of the wall's thickness
-GROWTH = 0.5  # growth of the element length per length away from the joint
+NEAR_JOINT = 0.5  # length of the first element at a joint, in units of the wall's thickness
+GROWTH = 1.0  # growth of the element length per length away from the joint
 
 
 def planar_mesh(profile: Polygon, edge_mm: float, refine: int = 0) -> PlanarMesh:
@@ -68,15 +68,23 @@ def _first_long_side(outline: Outline, cell: list[int]) -> int | None:
 
 
 def _divide_sides(outline: Outline, cell: list[int], edge_mm: float) -> None:
-    """Divide the long boundary sides of a cell and set stations through it from there."""
-    for a, b in zip(cell, np.roll(cell, -1).tolist(), strict=True):
-        if not outline.is_side(a, b):
-            continue
-        along = np.subtract(outline.points[b], outline.points[a])
-        length = float(np.hypot(*along))
-        n = int(np.ceil(length / edge_mm - 1e-6))
-        for point in outline.divide(a, np.arange(1, n) / n):
-            outline.project(point, np.array([-along[1], along[0]]) / length, REACH_MM)
+    """Divide the long boundary sides of a cell and set stations through it from there.
+
+    The outer face of a joint, from station to station, is halved: that lets the joint turn (see `NEAR_JOINT`).
+    """
+    sides = [(a, b) for a, b in zip(cell, np.roll(cell, -1).tolist(), strict=True) if outline.is_side(a, b)]
+    for start, end in sides:
+        if min(start, end) >= outline.n_corners and outline.is_side(start, end):
+            outline.divide(start, np.array([0.5]))
+        # Stations of the sides before may lie on this one by now.
+        while start != end:
+            stop = outline.following[start]
+            along = np.subtract(outline.points[stop], outline.points[start])
+            length = float(np.hypot(*along))
+            n = int(np.ceil(length / edge_mm - 1e-6))
+            for point in outline.divide(start, np.arange(1, n) / n):
+                outline.project(point, np.array([-along[1], along[0]]) / length, REACH_MM)
+            start = stop
 
 
 def _elements(outline: Outline, edge_mm: float) -> tuple[np.ndarray, np.ndarray]:

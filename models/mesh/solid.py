@@ -32,7 +32,7 @@ class SolidMesh:
 
     Attributes:
         nodes: n x 3. x = 0 front wall plane, growing away from the object; y width; z from the base to the apex.
-        blocks: the elements, one block per kind.
+        blocks: the elements, at most one block per kind, in the order of `ElementKind`.
         base_nodes: nodes on the clamped plane on top of the rigid base.
         symmetry_nodes: nodes on y = 0 of a half-width mesh; empty for the full width.
         contact_faces: f x 8, f x 6 or f x 3, faces on the front wall and on the tip plane, corners then mid-sides.
@@ -43,6 +43,12 @@ class SolidMesh:
     base_nodes: np.ndarray
     symmetry_nodes: np.ndarray
     contact_faces: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Check the order of the blocks, which the content id depends on."""
+        kinds = [block.kind for block in self.blocks]
+        if kinds != [kind for kind in N_NODES if kind in kinds]:
+            raise ValueError(f"element blocks {kinds} are not one per kind in the order {list(N_NODES)}")
 
     @property
     def n_elements(self) -> int:

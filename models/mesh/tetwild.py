@@ -2,7 +2,7 @@
 
 pytetwild can run very long or crash on a bad surface, and it is not deterministic, so it works in a process of its
 own with a time limit, and a mesh that matters should be kept (`SolidMesh.to_arrays`). At equal unknowns it is less
-accurate than wedges (notes/fem.md section 4): use it as a reference or for bodies that are not extrusions.
+accurate than hexahedra (notes/fem.md section 4): use it as a reference or for bodies that are not extrusions.
 """
 
 import contextlib
@@ -77,20 +77,21 @@ def tetrahedralise(
 def _collect(worker: SpawnProcess, receiver: Connection, time_limit_s: float) -> tuple[np.ndarray, np.ndarray]:
     if not receiver.poll(time_limit_s):
         raise MeshingFailed(
-            f"fTetWild gave no mesh within {time_limit_s:g} s; use a larger `edge_mm` or the wedge mesher.", "time_out"
+            f"fTetWild gave no mesh within {time_limit_s:g} s; use a larger `edge_mm` or the extruded mesher.",
+            "time_out",
         )
     try:
         answer = receiver.recv()
     except EOFError as error:
         worker.join()
         raise MeshingFailed(
-            f"fTetWild died (exit status {worker.exitcode}); use the wedge mesher for this design.", "crash"
+            f"fTetWild died (exit status {worker.exitcode}); use the extruded mesher for this design.", "crash"
         ) from error
     if isinstance(answer, str):
-        raise MeshingFailed(f"fTetWild failed ({answer}); use the wedge mesher for this design.", "crash")
+        raise MeshingFailed(f"fTetWild failed ({answer}); use the extruded mesher for this design.", "crash")
     vertices, tetrahedra = answer
     if not len(tetrahedra):
-        raise MeshingFailed("fTetWild returned no tetrahedra; use the wedge mesher for this design.", "empty")
+        raise MeshingFailed("fTetWild returned no tetrahedra; use the extruded mesher for this design.", "empty")
     return np.array(vertices), np.array(tetrahedra)
 
 

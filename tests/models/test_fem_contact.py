@@ -82,11 +82,10 @@ def test_object_frame_hangs_the_finger_tip_down(solid: SolidMesh) -> None:
 
 
 def test_contact_points_cover_front_and_tip(solid: SolidMesh) -> None:
-    body, surface, _ = finger_parts(solid, PointSpacing(0.5, 3.0))
+    _, surface, _ = finger_parts(solid, PointSpacing(0.5, 3.0))
     front = (BEST_PUBLISHED.height_mm - 3.0) * BEST_PUBLISHED.width_mm / 2
     tip = (BEST_PUBLISHED.front_thickness_mm + 1.0) * BEST_PUBLISHED.width_mm / 2
     assert surface.areas.sum() == pytest.approx(front + tip)
-    assert body.n_dof < 2000
 
 
 def test_pressed_wall_gives_pressure_times_area(solid: SolidMesh) -> None:

@@ -7,7 +7,7 @@ from models.design_space import BEST_PUBLISHED
 from models.fem.assembly import ElasticBody, Material
 from models.fem.contact import ContactLaw, ContactResponse, ContactSurface, Obstacle, PointSpacing
 from models.fem.contact_points import contact_points
-from models.fem.grasp import to_object_frame
+from models.fem.model import to_object_frame
 from models.fem.obstacle import ObjectObstacle
 from models.mesh.build import build_mesh
 from models.objects.catalogue import get_object

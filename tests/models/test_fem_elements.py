@@ -7,6 +7,8 @@ from models.errors import MeshingFailed
 from models.fem.assembly import ElasticBody, Material
 from models.fem.elasticity import LAW_CODE, element_force, element_stiffness, lame_constants
 from models.fem.shape import ElementKind, face_shape, quadrature_of, shape_of
+from models.mesh.extrude import extrude
+from models.mesh.planar import add_middles
 from models.mesh.solid import ElementBlock, SolidMesh
 
 CORNERS = {
@@ -119,6 +121,22 @@ def test_uniaxial_strain_energy_of_neo_hookean() -> None:
     log = np.log(stretch)
     stress = mu * stretch + (lam * log - mu) / stretch  # P_zz of W under F = diag(1, 1, stretch)
     assert force[nodes[:, 2] > 0.5, 2].sum() == pytest.approx(0.5 * stress)  # on a triangle of area 1/2
+
+
+def test_kinds_share_their_nodes_in_one_body() -> None:
+    # A quadrilateral and a triangle on it: both blocks must see the same face between them.
+    vertices = np.array([[0.0, 0], [2, 0], [2, 1], [0, 1], [1, 2]])
+    planar = add_middles(vertices, np.array([[3, 2, 4]]), np.array([[0, 1, 2, 3]]))
+    mesh = extrude(planar, np.array([0.0, 1.5]), symmetric=True)
+    assert [block.kind for block in mesh.blocks] == ["C3D15", "C3D20R"]
+    body = ElasticBody(mesh, mesh.nodes, Material(11.5, 0.45))
+    assert body.lumped_volume().sum() == pytest.approx(3.0 * 1.5)
+    stretched = mesh.nodes * [1.1, 0.95, 1.05]
+    force = body.force(stretched)
+    assert force is not None
+    inside = [i for i, (x, y, z) in enumerate(mesh.nodes) if z == 1.0 and 0 < x < 2 and 0 < y < 1.5]
+    assert np.abs(force[inside]).max(initial=0.0) < 1e-12
+    assert force.sum(axis=0) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_body_volume_and_inverted_mesh() -> None:

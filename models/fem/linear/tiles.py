@@ -3,7 +3,9 @@
 A matrix is a column-major part of a flat array of doubles, given by the place of its first entry and the stride
 between its columns; row counts are padded to whole tiles, so no kernel has a remainder. The eight columns of a
 tile stay in eight vector registers while it collects its inner products, which numba's own vectoriser does not
-achieve.
+achieve. Every operation is written out, so the results do not depend on the vector width of the machine.
+
+Numba caches the functions that use these kernels by the file they are in: clear `__pycache__` after a change here.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,6 +19,7 @@ from numba.extending import intrinsic
 TILE = 8
 DOUBLE, PLACE, LANE = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
 VECTOR = ir.VectorType(DOUBLE, TILE)
+ALIGNMENT = 8  # bytes; parts of an array start anywhere
 Value = Any  # an `ir.Value`; llvmlite has no type hints
 Emit = Callable[..., Value | None]
 
@@ -39,11 +42,11 @@ class _Code:
 
     def load(self, place: Value) -> Value:
         """Eight doubles from `place` on."""
-        return self.builder.load(self._vector(place), align=8)
+        return self.builder.load(self.pointer(place), align=ALIGNMENT)
 
     def store(self, value: Value, place: Value) -> None:
         """Write eight doubles."""
-        self.builder.store(value, self._vector(place), align=8)
+        self.builder.store(value, self.pointer(place), align=ALIGNMENT)
 
     def columns(self, place: Value, stride: Value) -> list[Value]:
         """The eight columns of a tile."""
@@ -53,40 +56,34 @@ class _Code:
         """One double."""
         return self.builder.load(self.builder.gep(self.data, [place]))
 
-    def put(self, value: Value, place: Value) -> None:
-        """Write one double."""
-        self.builder.store(value, self.builder.gep(self.data, [place]))
-
     def spread(self, scalar: Value) -> Value:
         """The scalar in all eight lanes."""
         first = self.builder.insert_element(VECTOR(ir.Undefined), scalar, LANE(0))
-        lanes = ir.VectorType(LANE, TILE)([0] * TILE)
-        return self.builder.shuffle_vector(first, VECTOR(ir.Undefined), lanes)
+        return self.builder.shuffle_vector(first, VECTOR(ir.Undefined), _lanes([0] * TILE))
 
     def first_lanes(self, count: Value) -> Value:
         """Mask of the first `count` lanes."""
         lanes = ir.VectorType(PLACE, TILE)
         first = self.builder.insert_element(lanes(ir.Undefined), count, LANE(0))
-        zeros = ir.VectorType(LANE, TILE)([0] * TILE)
-        counts = self.builder.shuffle_vector(first, lanes(ir.Undefined), zeros)
+        counts = self.builder.shuffle_vector(first, lanes(ir.Undefined), _lanes([0] * TILE))
         return self.builder.icmp_signed("<", lanes(list(range(TILE))), counts)
 
     def load_lanes(self, place: Value, mask: Value) -> Value:
         """The masked ones of eight doubles, 0 for the others."""
-        pointer = self._vector(place)
+        pointer = self.pointer(place)
         load = self.function("llvm.masked.load.v8f64.p0", VECTOR, pointer.type, LANE, mask.type, VECTOR)
-        return self.builder.call(load, [pointer, LANE(TILE), mask, VECTOR([0.0] * TILE)])
+        return self.builder.call(load, [pointer, LANE(ALIGNMENT), mask, VECTOR([0.0] * TILE)])
 
     def store_lanes(self, value: Value, place: Value, mask: Value) -> None:
         """Write the masked ones of eight doubles."""
-        pointer = self._vector(place)
+        pointer = self.pointer(place)
         store = self.function("llvm.masked.store.v8f64.p0", ir.VoidType(), VECTOR, pointer.type, LANE, mask.type)
-        self.builder.call(store, [value, pointer, LANE(TILE), mask])
+        self.builder.call(store, [value, pointer, LANE(ALIGNMENT), mask])
 
     def select(self, first: Value, second: Value, count: int) -> Value:
         """The first `count` lanes of `first`, the others of `second`."""
-        lanes = [k if k < count else TILE + k for k in range(TILE)]
-        return self.builder.shuffle_vector(first, second, ir.VectorType(LANE, TILE)(lanes))
+        lanes = _lanes([k if k < count else TILE + k for k in range(TILE)])
+        return self.builder.shuffle_vector(first, second, lanes)
 
     def add_product(self, total: Value, left: Value, right: Value) -> Value:
         """Total + left * right."""
@@ -97,8 +94,14 @@ class _Code:
         """Total - left * right."""
         return self.add_product(total, self.builder.fneg(left), right)
 
-    def _vector(self, place: Value) -> Value:
+    def pointer(self, place: Value) -> Value:
+        """Pointer to eight doubles."""
         return self.builder.bitcast(self.builder.gep(self.data, [place]), VECTOR.as_pointer())
+
+
+def _lanes(numbers: list[int]) -> Value:
+    """Which lanes of two vectors, the second from 8 on, make up a third."""
+    return ir.VectorType(LANE, TILE)(numbers)
 
 
 def _intrinsic(emit: Emit, n_places: int, result: types.Type = types.void, n_arrays: int = 1) -> tuple[Any, Any]:
@@ -176,14 +179,14 @@ def _emit_pivot(code: _Code, target: Value, rows: Value, stride: Value, depth: V
 
 def _exchange(code: _Code, first: Value, second: Value, distance: int) -> tuple[Value, Value]:
     """Swap the lanes of `first` that have the bit `distance` with those of `second` that have not."""
-    lanes = ir.VectorType(LANE, TILE)
-    low = [k if not k & distance else TILE + k - distance for k in range(TILE)]
-    high = [k + distance if not k & distance else TILE + k for k in range(TILE)]
+    low = _lanes([k if not k & distance else TILE + k - distance for k in range(TILE)])
+    high = _lanes([k + distance if not k & distance else TILE + k for k in range(TILE)])
     shuffle = code.builder.shuffle_vector
-    return shuffle(first, second, lanes(low)), shuffle(first, second, lanes(high))
+    return shuffle(first, second, low), shuffle(first, second, high)
 
 
 def _transposed(code: _Code, tile: list[Value]) -> list[Value]:
+    """The tile's rows, by swaps of ever smaller blocks."""
     tile = list(tile)
     for distance in (4, 2, 1):
         for j in range(TILE):
@@ -205,8 +208,8 @@ def _emit_placement(code: _Code, blocks: _Code, target: Value, stride: Value, so
     most, last = blocks.load(source), blocks.spread(blocks.scalar(blocks.at(source, 8)))
     mask = ir.VectorType(ir.IntType(1), TILE)([k < 3 for k in range(TILE)])
     for j in range(3):
-        lanes = ir.VectorType(LANE, TILE)([j, 3 + j, 6 + j] + [0] * (TILE - 3))
-        code.store_lanes(builder.shuffle_vector(most, last, lanes), code.at(target, stride, j), mask)
+        column = builder.shuffle_vector(most, last, _lanes([j, 3 + j, 6 + j] + [0] * (TILE - 3)))
+        code.store_lanes(column, code.at(target, stride, j), mask)
 
 
 def _emit_addition(
@@ -279,7 +282,11 @@ def divide_tile(_: Any, data: Any, target: Any, rows: Any, columns: Any, stride:
 
 @intrinsic
 def pivot_tile(_: Any, data: Any, target: Any, rows: Any, stride: Any, depth: Any) -> Any:
-    """Replace T by P^-1, and P^-T above the diagonal, with P P^T = T - A A^T; False if not positive definite."""
+    """Replace the tile T at `target` by P^-1, and P^-T above the diagonal, with P P^T = T - A A^T; A is at `rows`.
+
+    False if there is no such P. The inverse of so small a factor is as good as substitution, and needs no chain of
+    dependent operations.
+    """
     return _intrinsic(_emit_pivot, 4, types.boolean)
 
 

@@ -45,8 +45,11 @@ class ElasticBody:
     the place z of a block in the pattern, -2 - z for its transpose, and -1 for a clamped node.
     """
 
-    def __init__(self, mesh: SolidMesh, nodes: np.ndarray, material: Material, n_axial_points: int = 2) -> None:
-        """`nodes` (n, 3): the undeformed mesh in the frame of the calculation (a rotation of the finger frame)."""
+    def __init__(self, mesh: SolidMesh, nodes: np.ndarray, material: Material, n_axial_points: int = 3) -> None:
+        """`nodes` (n, 3): the undeformed mesh in the frame of the calculation (a rotation of the finger frame).
+
+        `n_axial_points`: see `models.fem.shape.quadrature_of`.
+        """
         self.mesh = mesh
         self._law = LAW_CODE[material.law]
         self._lam, self._mu = lame_constants(material.young_modulus_mpa, material.poisson_ratio)

@@ -110,7 +110,7 @@ def _divided_strip(outline: Outline, cell: list[int], edge_mm: float) -> np.ndar
     a, b, c, d = np.roll(cell, -first).tolist()
     corners = np.array(outline.points)[[a, b, c, d]]
     side = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
-    fractions = graded(float(side[0] + side[2]) / 2, NEAR_JOINT * float(side[1] + side[3]) / 2, edge_mm)
+    fractions = graded(float(max(side[0], side[2])), NEAR_JOINT * float(side[1] + side[3]) / 2, edge_mm)
     lower = [a, *outline.divide(a, fractions), b]
     upper = [d, *outline.divide(c, (1.0 - fractions)[::-1])[::-1], c]
     return np.array([lower[:-1], lower[1:], upper[1:], upper[:-1]]).T
@@ -122,9 +122,12 @@ def graded(length: float, near: float, far: float) -> np.ndarray:
     to_end = length * np.minimum(place, 1.0 - place)
     density = length / np.minimum(far, near + GROWTH * to_end)
     count = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(place))])
-    n = max(int(np.ceil(count[-1] - 0.25)), int(np.ceil(length / far - 1e-6)))
-    fractions: np.ndarray = np.interp(np.arange(1, n) * count[-1] / n, count, place)
-    return fractions
+    n = max(int(np.ceil(count[-1] - 0.25)), 1)
+    while True:
+        ends: np.ndarray = np.interp(np.linspace(0.0, count[-1], n + 1), count, place)
+        if length * np.diff(ends).max() <= far * (1.0 + 1e-9):
+            return ends[1:-1]
+        n += 1
 
 
 def _check_area(vertices: np.ndarray, triangles: np.ndarray, quads: np.ndarray, profile: Polygon) -> None:

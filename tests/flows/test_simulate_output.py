@@ -89,7 +89,7 @@ def test_features_of_a_trace_with_two_peaks() -> None:
     assert (found.closing_lowest_n, found.start_n) == (-3.0, -2.0)
     assert found.positive_after_mm == pytest.approx(1.0)
     assert found.end_mm == pytest.approx(20.0, abs=0.5)
-    assert found.half_mm == pytest.approx(5.0 - 35 / 12 + 4.17 + 3.75 + 1.875, abs=0.6)
+    assert found.half_mm == pytest.approx(6.25 + 5.625, abs=0.6)  # above 5 N around each peak
 
 
 def test_traces_are_drawn_in_panels() -> None:

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.fem.assembly import CLAMPED, block_map
-from models.fem.linear import BlockPattern, block_pattern
+from models.fem.assembly import block_map, number_rows
 from models.fem.plane_elasticity import add_force, add_stiffness, reference_gradients
 from models.fem.plane_width import section_lame_constants
 from models.mesh.plane import PlaneMesh
@@ -30,7 +29,7 @@ class PlaneBody:
         self.mesh = mesh
         strip = 2.0 * mesh.width_mm if mesh.is_half else mesh.width_mm, mesh.half_wave_mm
         self._lam, self._mu = section_lame_constants(young_modulus_mpa, poisson_ratio, *strip)
-        self.row_of_node, self.pattern = _number_rows(mesh)
+        self.row_of_node, self.pattern = number_rows(len(nodes), mesh.base_nodes, mesh.connectivities)
         self._parts = tuple(self._elements(part, nodes) for part in mesh.connectivities)
 
     def _elements(self, connectivity: np.ndarray, nodes: np.ndarray) -> _Elements:
@@ -67,19 +66,3 @@ class PlaneBody:
             diagonal *= (part.weights.sum(axis=1) / diagonal.sum(axis=1))[:, None]
             np.add.at(volume, part.connectivity.ravel(), diagonal.ravel())
         return volume
-
-
-def _number_rows(mesh: PlaneMesh) -> tuple[np.ndarray, BlockPattern]:
-    """Block row of each node (n), `CLAMPED` for base nodes, and the pattern of the tangent."""
-    free = np.ones(len(mesh.nodes), dtype=bool)
-    free[mesh.base_nodes] = False
-    compact = np.where(free, np.cumsum(free) - 1, CLAMPED)
-    pairs = np.vstack([_node_pairs(compact[part]) for part in mesh.connectivities])
-    pattern = block_pattern(int(free.sum()), pairs[(pairs >= 0).all(axis=1)])
-    return np.where(free, pattern.position[compact], CLAMPED).astype(np.int32), pattern
-
-
-def _node_pairs(nodes: np.ndarray) -> np.ndarray:
-    """All pairs (m k k, 2) of nodes of the same element (m, k)."""
-    first, second = np.broadcast_arrays(nodes[:, :, None], nodes[:, None, :])
-    return np.column_stack([first.ravel(), second.ravel()])

@@ -6,6 +6,7 @@ nodes of its edge. The y component of pressure and friction does no work, but co
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
@@ -20,20 +21,23 @@ from models.objects.distance import solid_distance
 
 # Where an obstacle is compared across the width: the half of the objects' box that faces the finger, down to the depth
 # to which contacts sink.
-_PROBE_X_MM, _PROBE_Z_MM, _PROBE_STEP_MM, _PROBE_DEPTH_MM = (0.0, 26.0), (-2.0, 52.0), 1.3, 1.0
+_PROBE_X_MM, _PROBE_Z_MM, _PROBE_STEP_MM, _PROBE_DEPTH_MM = (0.0, 26.0), (-2.0, 52.0), 1.9, 1.0
 _N_PROBES = 4
 _SAME_MM = 1e-9
+_MARGIN_MM = 1e-9  # far above rounding: a point left out is outside for certain
 
 
 @dataclass(frozen=True)
 class PlaneResponse:
     """Outcome of one evaluation.
 
-    Nodal force (n, 2) in N, stiffness (s, 2, 2) of the stations in N/mm and, per point, what the next state holds.
+    Nodal force (n, 2) in N, stiffness (s, 2, 2) of the stations in N/mm; of the points that touch the obstacle (m)
+    their numbers, tractions (m, 3) and pressures (m) in MPa, and slips of the step (m) in mm.
     """
 
     force: np.ndarray
     stiffness: np.ndarray
+    points: np.ndarray
     traction: np.ndarray
     pressure: np.ndarray
     slip_step: np.ndarray
@@ -63,6 +67,18 @@ def _is_same(obstacle: Obstacle, y: np.ndarray) -> bool:
     return True
 
 
+class _Known(NamedTuple):
+    """What is known of distances from the obstacle.
+
+    Where each station was when last measured (s, 2); a lower bound then, in mm, for each of its points (n), and the
+    least of them (s).
+    """
+
+    position: np.ndarray
+    distance: np.ndarray
+    least: np.ndarray
+
+
 class PlaneSurface:
     """Contact points of a section: point i is in row i % r of station i // r."""
 
@@ -76,14 +92,13 @@ class PlaneSurface:
         self._places = block_map(self._edges, body.row_of_node, body.pattern)
         self._y, self._widths = width_rows(obstacle, body.mesh, spacing.across_mm)
         self._edge_of_station, self._shape, self._lengths = _stations(nodes[self._edges], spacing.along_mm)
-        n_points = len(self._lengths) * len(self._y)
-        self._known_distance = np.full(n_points, -np.inf)
-        self._known_position = np.zeros((len(self._lengths), 2))
+        n = len(self._lengths)
+        self._known = _Known(np.zeros((n, 2)), np.full(n * len(self._y), -np.inf), np.full(n, -np.inf))
 
     @property
     def n_points(self) -> int:
         """Number of contact points."""
-        return len(self._known_distance)
+        return len(self._known.distance)
 
     def start(self, x: np.ndarray) -> ContactState:
         """State before any contact, at deformed nodes x (n, 2)."""
@@ -92,7 +107,11 @@ class PlaneSurface:
 
     def advance(self, state: ContactState, x: np.ndarray, response: PlaneResponse) -> ContactState:
         """State after a converged step from `state` to nodes x (n, 2) with this response."""
-        return ContactState(x, response.traction, response.pressure, state.slip + response.slip_step)
+        new = self.start(x)
+        new.traction[response.points], new.pressure[response.points] = response.traction, response.pressure
+        new.slip[:] = state.slip
+        new.slip[response.points] += response.slip_step
+        return new
 
     def positions(self, x: np.ndarray) -> np.ndarray:
         """Stations (s, 2) at deformed nodes x (n, 2)."""
@@ -110,15 +129,24 @@ class PlaneSurface:
 
     def distance(self, x: np.ndarray) -> float:
         """Least distance in mm of a point from the obstacle at deformed nodes x (n, 2)."""
-        return float(self._obstacle.distance(self.points(x)).min())
+        stations, known = self.positions(x), self._known
+        moved = np.hypot(*(stations - known.position).T)
+        known.distance[:] -= np.repeat(moved, len(self._y))
+        known.position[:] = stations
+        points = self.points(x)
+        nearest = int(np.argmin(known.distance))
+        limit = self._obstacle.distance(points[nearest : nearest + 1])[0]
+        near = np.flatnonzero(known.distance <= limit + _MARGIN_MM)
+        known.distance[near] = self._obstacle.distance(points[near])
+        known.least[:] = known.distance.reshape(len(stations), -1).min(axis=1)
+        return float(known.distance[near].min())
 
     def respond(self, x: np.ndarray, state: ContactState, friction: np.ndarray, has_mirror: bool) -> PlaneResponse:
         """Contact at deformed nodes x (n, 2); `friction` and `has_mirror` as in `ContactSurface.respond`."""
         stations = self.positions(x)
         inside, distance, normal = self._gaps(stations)
-        n = self.n_points
-        stiffness = np.zeros((len(stations), 2, 2))
-        response = PlaneResponse(np.zeros_like(x), stiffness, np.zeros((n, 3)), np.zeros(n), np.zeros(n))
+        n, stiffness = len(inside), np.zeros((len(stations), 2, 2))
+        response = PlaneResponse(np.zeros_like(x), stiffness, inside, np.zeros((n, 3)), np.zeros(n), np.zeros(n))
         law = Law(self.law.normal_n_per_mm3, self.law.tangential_n_per_mm3, self.law.smoothing_mm)
         motion = stations - self.positions(state.nodes)
         points = inside, distance, normal, self._lengths, self._widths
@@ -137,12 +165,12 @@ class PlaneSurface:
         A distance changes at most as far as its point moves, so points that cannot have arrived are not asked.
         """
         if self._primitives is not None:
-            return _inside_solid(self._primitives, stations, self._y, self._known_position, self._known_distance)
-        near, points = _arrived(stations, self._y, self._known_position, self._known_distance)
+            return _inside_solid(self._primitives, stations, self._y, self._known)
+        near, points = _arrived(stations, self._y, self._known)
         if not len(near):
             return near, np.zeros(0), np.zeros((0, 3))
         distance = self._obstacle.distance(points)
-        self._known_distance[near] = distance
+        _remember(near, distance, len(self._y), self._known)
         is_inside = distance < 0.0
         normal = self._obstacle.normal(points[is_inside]) if is_inside.any() else np.zeros((0, 3))
         return near[is_inside], distance[is_inside], normal
@@ -169,19 +197,18 @@ def _interpolate(x: np.ndarray, edges: np.ndarray, edge_of_station: np.ndarray, 
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _arrived(
-    stations: np.ndarray, y: np.ndarray, known_position: np.ndarray, known_distance: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Points that may be inside (m), and their positions (m, 3); the known distances shrink by the motion."""
+def _arrived(stations: np.ndarray, y: np.ndarray, known: _Known) -> tuple[np.ndarray, np.ndarray]:
+    """Points that may be inside (m), station by station, and their positions (m, 3)."""
     n_rows = len(y)
-    near, n = np.zeros(len(known_distance), dtype=np.int64), 0
+    near, n = np.zeros(len(known.distance), dtype=np.int64), 0
     for s in range(len(stations)):
-        moved = np.hypot(stations[s, 0] - known_position[s, 0], stations[s, 1] - known_position[s, 1])
-        known_position[s] = stations[s]
-        for r in range(n_rows):
-            c = s * n_rows + r
-            known_distance[c] -= moved
-            if known_distance[c] <= 0.0:
+        moved = np.hypot(stations[s, 0] - known.position[s, 0], stations[s, 1] - known.position[s, 1])
+        if known.least[s] > moved + _MARGIN_MM:
+            continue
+        known.position[s] = stations[s]
+        for c in range(s * n_rows, (s + 1) * n_rows):
+            known.distance[c] -= moved
+            if known.distance[c] <= _MARGIN_MM:
                 near[n] = c
                 n += 1
     points = np.zeros((n, 3))
@@ -192,19 +219,32 @@ def _arrived(
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
+def _remember(near: np.ndarray, distance: np.ndarray, n_rows: int, known: _Known) -> None:
+    """Keep the distances (m) just measured of the points that `_arrived` has found."""
+    for i in range(len(near)):
+        known.distance[near[i]] = distance[i]
+    last = -1
+    for c in near:
+        s = c // n_rows
+        if s != last:
+            known.least[s] = known.distance[s * n_rows : (s + 1) * n_rows].min()
+            last = s
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def _inside_solid(
-    rows: np.ndarray, stations: np.ndarray, y: np.ndarray, known_position: np.ndarray, known_distance: np.ndarray
+    rows: np.ndarray, stations: np.ndarray, y: np.ndarray, known: _Known
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Numbers (m), distances (m) and normals (m, 3) of the points inside a solid of primitives `rows`."""
-    near, points = _arrived(stations, y, known_position, known_distance)
-    distance, normal, m = np.zeros(len(near)), np.zeros((len(near), 3)), 0
+    near, points = _arrived(stations, y, known)
+    distance, normal = np.zeros(len(near)), np.zeros((len(near), 3))
     for i in range(len(near)):
-        d, u, v, w = solid_distance(rows, points[i, 0], points[i, 1], points[i, 2])
-        known_distance[near[i]] = d
-        if d < 0.0:
-            near[m], distance[m], normal[m, 0], normal[m, 1], normal[m, 2] = near[i], d, u, v, w
-            m += 1
-    return near[:m], distance[:m], normal[:m]
+        distance[i], normal[i, 0], normal[i, 1], normal[i, 2] = solid_distance(
+            rows, points[i, 0], points[i, 1], points[i, 2]
+        )
+    _remember(near, distance, len(y), known)
+    inside = np.flatnonzero(distance < 0.0)
+    return near[inside], distance[inside], normal[inside]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -240,10 +280,10 @@ def _point_forces(
         w = lengths[s] * widths[c % len(widths)]
         p, slope = penalty(-distance[i], law)
         moved[0], moved[2] = motion[s, 0], motion[s, 1]
-        slip_step[c] = return_mapping(old_traction[c], moved, normal, friction[c] * p, law.kt, traction[c], tangent)
-        pressure[c] = p
+        slip_step[i] = return_mapping(old_traction[c], moved, normal, friction[c] * p, law.kt, traction[i], tangent)
+        pressure[i] = p
         for k in range(2):
-            force[s, k] += w * (p * normal[2 * k] + traction[c, 2 * k])
+            force[s, k] += w * (p * normal[2 * k] + traction[i, 2 * k])
             for m in range(2):
                 stiffness[s, k, m] += w * (tangent[2 * k, 2 * m] + slope * normal[2 * k] * normal[2 * m])
     return force

@@ -175,7 +175,7 @@ def _assemble(
     blocks: np.ndarray,
 ) -> bool:
     m, k = elements.shape
-    local_x, local_force, K = np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((3, 3, k, k))
+    local_x, local_force, K = np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((k, 9, k))
     for e in range(m):
         for a in range(k):
             local_x[a] = x[elements[e, a]]
@@ -189,11 +189,11 @@ def _assemble(
                 if place >= 0:
                     for i in range(3):
                         for j in range(3):
-                            blocks[place, i, j] += K[i, j, a, b]
+                            blocks[place, i, j] += K[a, 3 * i + j, b]
                 elif place < -1:
                     for i in range(3):
                         for j in range(3):
-                            blocks[-2 - place, j, i] += K[i, j, a, b]
+                            blocks[-2 - place, j, i] += K[a, 3 * i + j, b]
     return True
 
 

@@ -25,6 +25,9 @@ MaterialLaw = Literal["neo_hookean", "st_venant_kirchhoff"]
 # and tolerances are given at the reference too, so they scale along and F(2E) = 2 F(E) holds to the last bit.
 REFERENCE_MODULUS_MPA = 11.5
 
+VECTOR = 4  # rows of the tangent are filled in whole vectors of this many nodes,
+WIDTH = 20  # in rows for the largest element: a length that the compiler knows, or it does not vectorise
+
 LAW_CODE: dict[MaterialLaw, int] = {"neo_hookean": 0, "st_venant_kirchhoff": 1}
 
 
@@ -99,43 +102,48 @@ def _st_venant(
 
 
 @nb.njit(inline="always")
-def _add_dyads(K: np.ndarray, g: np.ndarray, k: int, swapped: float, straight: float) -> None:
-    """K_ab += swapped g_b g_a^T + straight g_a g_b^T for b <= a; K is (3, 3, k, k) to vectorise over b."""
-    for i in range(3):
-        for j in range(3):
-            for a in range(k):
-                c, d = swapped * g[j, a], straight * g[i, a]
-                for b in range(a + 1):
-                    K[i, j, a, b] += c * g[i, b] + d * g[j, b]
+def _tangent_row(
+    a: int, row: np.ndarray, g: np.ndarray, S: np.ndarray, swapped: np.ndarray, straight: np.ndarray
+) -> None:
+    """Row a of the tangent: K_ab = sum over points of swapped g_b g_a^T + straight g_a g_b^T + (dN_a . S dN_b) I.
+
+    `row` (9, k') receives entry (i, j) of the blocks in 3 i + j. g (q, 6, k') holds the vectors g_a, then dN_a; S
+    (q, 3, 3). k' is k rounded up to whole vectors. The points run outside the nodes b, so a row stays in the cache.
+    """
+    n = (a // VECTOR + 1) * VECTOR
+    row[:] = 0.0
+    for q in range(len(S)):
+        a0, a1, a2 = straight[q] * g[q, 0, a], straight[q] * g[q, 1, a], straight[q] * g[q, 2, a]
+        c0, c1, c2 = swapped[q] * g[q, 0, a], swapped[q] * g[q, 1, a], swapped[q] * g[q, 2, a]
+        u0, u1, u2 = g[q, 3, a], g[q, 4, a], g[q, 5, a]
+        s0 = S[q, 0, 0] * u0 + S[q, 0, 1] * u1 + S[q, 0, 2] * u2
+        s1 = S[q, 1, 0] * u0 + S[q, 1, 1] * u1 + S[q, 1, 2] * u2
+        s2 = S[q, 2, 0] * u0 + S[q, 2, 1] * u1 + S[q, 2, 2] * u2
+        for b in range(n):
+            geometric = s0 * g[q, 3, b] + s1 * g[q, 4, b] + s2 * g[q, 5, b]
+            g0, g1, g2 = g[q, 0, b], g[q, 1, b], g[q, 2, b]
+            row[0, b] += geometric + (a0 + c0) * g0
+            row[4, b] += geometric + (a1 + c1) * g1
+            row[8, b] += geometric + (a2 + c2) * g2
+            row[1, b] += a0 * g1 + c1 * g0
+            row[2, b] += a0 * g2 + c2 * g0
+            row[5, b] += a1 * g2 + c2 * g1
+            row[3, b] += a1 * g0 + c0 * g1
+            row[6, b] += a2 * g0 + c0 * g2
+            row[7, b] += a2 * g1 + c1 * g2
 
 
 @nb.njit(inline="always")
-def _add_isotropic(K: np.ndarray, slopes: np.ndarray, k: int, A: np.ndarray, S: np.ndarray) -> None:
-    """K_ab += (dN_a . dN_b) A + (dN_a . S dN_b) I for b <= a, symmetric A and S (3, 3)."""
-    for a in range(k):
-        u0, u1, u2 = slopes[a, 0], slopes[a, 1], slopes[a, 2]
-        t0 = S[0, 0] * u0 + S[0, 1] * u1 + S[0, 2] * u2
-        t1 = S[1, 0] * u0 + S[1, 1] * u1 + S[1, 2] * u2
-        t2 = S[2, 0] * u0 + S[2, 1] * u1 + S[2, 2] * u2
+def _add_moduli(a: int, row: np.ndarray, g: np.ndarray, A: np.ndarray) -> None:
+    """Add sum over points of (dN_a . dN_b) A to the row of `_tangent_row`; A (q, 3, 3)."""
+    for q in range(len(A)):
         for b in range(a + 1):
-            s = u0 * slopes[b, 0] + u1 * slopes[b, 1] + u2 * slopes[b, 2]
-            geometric = t0 * slopes[b, 0] + t1 * slopes[b, 1] + t2 * slopes[b, 2]
+            s = 0.0
+            for i in range(3):
+                s += g[q, 3 + i, a] * g[q, 3 + i, b]
             for i in range(3):
                 for j in range(3):
-                    K[i, j, a, b] += s * A[i, j]
-                K[i, i, a, b] += geometric
-
-
-@nb.njit(inline="always")
-def _add_shear(K: np.ndarray, slopes: np.ndarray, k: int, c: float) -> None:
-    """K_ab += c (dN_a . dN_b) I for b <= a."""
-    for a in range(k):
-        u0, u1, u2 = c * slopes[a, 0], c * slopes[a, 1], c * slopes[a, 2]
-        for b in range(a + 1):
-            s = u0 * slopes[b, 0] + u1 * slopes[b, 1] + u2 * slopes[b, 2]
-            K[0, 0, a, b] += s
-            K[1, 1, a, b] += s
-            K[2, 2, a, b] += s
+                    row[3 * i + j, b] += s * A[q, i, j]
 
 
 @nb.njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
@@ -149,34 +157,44 @@ def element_stiffness(
     force: np.ndarray,
     K: np.ndarray,
 ) -> bool:
-    """Nodal forces (k, 3) and tangent K (3, 3, k, k; lower triangle b <= a) of one element.
+    """Nodal forces (k, 3) and tangent K (k, 9, k; blocks b <= a, entry (i, j) in 3 i + j) of one element.
 
     x (k, 3) deformed nodes in mm, slopes (q, k, 3) = dN/dX in 1/mm, weights (q) in mm3. Returns False if the
     element is inverted at a point (J <= 0).
     """
-    k = x.shape[0]
-    F, S, A = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
-    g = np.zeros((3, k))
+    n_points, k = slopes.shape[:2]
+    g, row = np.zeros((n_points, 6, WIDTH)), np.zeros((9, WIDTH))
+    S, A = np.zeros((n_points, 3, 3)), np.zeros((n_points, 3, 3))
+    swapped, straight, F = np.zeros(n_points), np.zeros(n_points), np.zeros((3, 3))
     force[:] = 0.0
-    K[:] = 0.0
-    for q in range(len(weights)):
+    for q in range(n_points):
         w = weights[q]
         _gradient(x, slopes[q], F)
         J = _determinant(F)
         if not J > 0.0:
             return False
+        for a in range(k):
+            for i in range(3):
+                g[q, 3 + i, a] = slopes[q, a, i]
         if law == 0:
-            _neo_hookean(F, J, slopes[q], w, lam, mu, g, force)
-            _add_dyads(K, g, k, w * (mu - lam * np.log(J)), w * lam)
-            _add_shear(K, slopes[q], k, w * mu)
+            _neo_hookean(F, J, slopes[q], w, lam, mu, g[q], force)
+            swapped[q], straight[q] = w * (mu - lam * np.log(J)), w * lam
+            for i in range(3):
+                S[q, i, i] = w * mu
         else:
-            _st_venant(F, slopes[q], w, lam, mu, S, g, force)
-            _add_dyads(K, g, k, w * mu, w * lam)
+            _st_venant(F, slopes[q], w, lam, mu, S[q], g[q], force)
+            swapped[q], straight[q] = w * mu, w * lam
             for i in range(3):
                 for j in range(3):
-                    A[i, j] = w * mu * (F[i, 0] * F[j, 0] + F[i, 1] * F[j, 1] + F[i, 2] * F[j, 2])
-            S *= w
-            _add_isotropic(K, slopes[q], k, A, S)
+                    S[q, i, j] *= w
+                    A[q, i, j] = w * mu * (F[i, 0] * F[j, 0] + F[i, 1] * F[j, 1] + F[i, 2] * F[j, 2])
+    for a in range(k):
+        _tangent_row(a, row, g, S, swapped, straight)
+        if law != 0:
+            _add_moduli(a, row, g, A)
+        for entry in range(9):
+            for b in range(a + 1):
+                K[a, entry, b] = row[entry, b]
     return True
 
 

@@ -42,10 +42,10 @@ class NewtonSettings:
     iteration.
     """
 
-    tolerance_n: float = 1e-2
+    tolerance_n: float = 5e-3
     max_iterations: int = 60
     max_move_mm: float = 4.0
-    patience: float = 10.0
+    patience: float = 14.0
 
 
 @dataclass(frozen=True)

@@ -81,9 +81,9 @@ def evaluate(kind: ElementKind, law: int, x: np.ndarray) -> tuple[np.ndarray, np
     _, slopes, weights = one_element(kind)
     lam, mu = lame_constants(11.5, 0.45)
     k = len(x)
-    force, K = np.zeros((k, 3)), np.zeros((3, 3, k, k))
+    force, K = np.zeros((k, 3)), np.zeros((k, 9, k))
     assert element_stiffness(x, slopes, weights, law, lam, mu, force, K)
-    full = K.transpose(2, 0, 3, 1).reshape(3 * k, 3 * k)
+    full = K.reshape(3 * k, 3, k).transpose(0, 2, 1).reshape(3 * k, 3 * k)
     lower = np.tril(np.ones((k, k))).repeat(3, axis=0).repeat(3, axis=1)
     strict = np.tril(np.ones((k, k)), -1).repeat(3, axis=0).repeat(3, axis=1)
     return force, full * lower + (full * strict).T

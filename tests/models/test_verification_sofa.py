@@ -38,7 +38,22 @@ def test_pull_follows_sofa(coarse: tuple[sofa.Curve, sofa.Curve]) -> None:
     assert np.interp(lift, pull.travel_mm, pull.force_z_n) == pytest.approx(force_z, abs=0.2 + sofa.SOFA_RIPPLE_N)
 
 
+def test_peak_agrees_with_sofa(coarse: tuple[sofa.Curve, sofa.Curve]) -> None:
+    """SOFA keeps the normals of the last step, which at its 0.1 mm steps adds 0.25 N to the peak."""
+    _, pull = coarse
+    assert pull.force_z_n.max() == pytest.approx(sofa.SOFA_PEAK_N, abs=0.25 + sofa.SOFA_RIPPLE_N)
+
+
+def test_sofa_lies_between_our_two_laws(coarse: tuple[sofa.Curve, sofa.Curve]) -> None:
+    """The corotated law softens less under compression than St.Venant-Kirchhoff and stiffens less than neo-Hooke."""
+    stiff, _ = coarse
+    soft, _ = sofa.press_and_pull(sofa.linear_mesh(3.0), law="st_venant_kirchhoff", at_nodes=True, pull_mm=0.1)
+    _, force_x, force_z = sofa.SOFA_PRESS[-1]
+    assert soft.force_x_n[-1] < force_x < stiff.force_x_n[-1]
+    assert stiff.force_z_n[-1] < force_z < soft.force_z_n[-1]
+
+
 def test_quadratic_elements_lie_below() -> None:
     """SOFA's own extrapolation of its meshes is 23.5 N, 28 % below its coarse mesh."""
     press, _ = sofa.press_and_pull(sofa.quadratic_mesh(6.0, 1), pull_mm=0.1)
-    assert press.force_x_n[-1] == pytest.approx(0.71 * sofa.SOFA_PRESS_N["coarse"], rel=0.03)
+    assert 0.68 < press.force_x_n[-1] / sofa.SOFA_PRESS_N["coarse"] < 0.73

@@ -31,7 +31,7 @@ def measure_traces(options: Options) -> Tables:
         for tool, trace in traces[object_id].items():
             rows.append({"object_id": object_id, "object": obj.name, "tool": tool, **asdict(features_of(trace))})
     if options.figure is not None:
-        _draw(options.figure, traces, {row["tool"]: f"{row['tool']} ({row['design']})" for row in chosen})
+        _draw(options.figure, traces, {row["tool"]: row["label"] for row in chosen})
     return {"tools": chosen, "traces": rows}
 
 
@@ -44,7 +44,10 @@ def _tools(n_designs: int) -> tuple[dict[str, Design], Rows]:
     names = {"softest": softest, "stiffest": stiffest, "best": "best"}
     tools = {tool: numbered.get(name, BEST_PUBLISHED) for tool, name in names.items()}
     force["best"] = simulate_grasp(BEST_PUBLISHED, sphere).contact_force_n
-    rows: Rows = [{"tool": tool, "design": name, "contact_force_n": force[name]} for tool, name in names.items()]
+    rows: Rows = []
+    for tool, name in names.items():
+        label = "best published" if tool == name else f"{tool} ({name})"
+        rows.append({"tool": tool, "design": name, "contact_force_n": force[name], "label": label})
     return tools, rows
 
 

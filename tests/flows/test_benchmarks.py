@@ -1,6 +1,10 @@
 """The benchmarks of the simulator, on few and short grasps; and their statistics, on made-up outcomes."""
 
 import json
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +24,7 @@ from flows.benchmarks.summary import failed_grasps, failures_by_reason
 from flows.benchmarks.tiers import SIMULATORS, TIERS
 from models.design_space import numbered_design
 from models.records import GraspSetup, MeshSettings, SimulatorVersion
-from tests.flows.cli_lakes import Fast
+from tests.flows.cli_lakes import ROOT, Fast
 
 SHORT = GraspSetup(open_gap_mm=56, closed_gap_mm=24, max_lift_mm=2)
 
@@ -105,6 +109,33 @@ def test_the_studies_of_the_simulator_run(tmp_path):
     completed = measure_robustness(few)["completed"][0]
     assert (completed["completed_percent"], completed["not_yet_run"]) == (100, 0)
     assert json.dumps(cost)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_a_killed_benchmark_leaves_whole_lines(tmp_path, number):
+    path = tmp_path / "results.jsonl"
+    command = [
+        sys.executable,
+        "-m",
+        "flows.cli.main",
+        "bench",
+        "run",
+        "robustness",
+        "--workers",
+        "1",
+        "--results",
+        path,
+    ]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as running:
+        while not path.exists() or not path.read_text().count("\n"):
+            assert running.poll() is None
+            time.sleep(0.05)
+        running.send_signal(number)
+        _, said = running.communicate(timeout=60)
+    n_kept = path.read_text().count("\n")
+    assert len(read_outcomes(path)) == n_kept >= 1
+    assert running.returncode == (130 if number == signal.SIGINT else -signal.SIGKILL)
+    assert "Traceback" not in said
 
 
 def test_a_fan_out_fills_a_lake():

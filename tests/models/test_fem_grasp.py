@@ -155,7 +155,8 @@ def test_work_is_converged_in_the_step_although_the_force_jumps() -> None:
     turned_cube = get_object(32)  # tears off its edge at 39 mm of lift with a short negative force
     fine = Numerics(limits=StepLimits(lift_mm=0.5))
     usual = simulate_grasp(BEST_PUBLISHED, turned_cube)
-    assert usual.work_j == pytest.approx(simulate_grasp(BEST_PUBLISHED, turned_cube, numerics=fine).work_j, rel=0.01)
+    # Half of MAX_JUMP_MM is 1 % of this work; a 2 mm step across the jump would be wrong by 5 %.
+    assert usual.work_j == pytest.approx(simulate_grasp(BEST_PUBLISHED, turned_cube, numerics=fine).work_j, rel=0.02)
 
 
 def test_slip_weakening_converges_with_the_step() -> None:

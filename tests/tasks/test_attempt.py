@@ -26,8 +26,8 @@ def workers() -> Iterator[list[Worker]]:
         worker.close()
 
 
-def job(design: Design, object_id: int, deadline_s: float = 100.0) -> GraspJob:
-    return GraspJob(design, object_id, COARSE, SHORT, deadline_s)
+def job(design: Design, object_id: int, deadline_s: float = 100.0, version: SimulatorVersion = COARSE) -> GraspJob:
+    return GraspJob(design, object_id, version, SHORT, deadline_s)
 
 
 def numbers(attempt: Attempt) -> dict[str, object]:
@@ -40,8 +40,11 @@ def numbers(attempt: Attempt) -> dict[str, object]:
     return {name: value for name, value in values.items() if name not in cost} | channels
 
 
-def test_results_are_bit_identical_in_any_order_and_any_worker(workers):
-    jobs = [job(design, object_id) for design in (BEST_PUBLISHED, OTHER) for object_id in (HALF, FULL_WIDTH, 24)]
+@pytest.mark.parametrize("tier", ["screening", "production"])
+def test_results_are_bit_identical_in_any_order_and_any_worker(workers, tier):
+    version = COARSE.model_copy(update={"tier": tier})
+    cells = [(design, object_id) for design in (BEST_PUBLISHED, OTHER) for object_id in (HALF, FULL_WIDTH, 24)]
+    jobs = [job(design, object_id, version=version) for design, object_id in cells]
     forwards = [numbers(workers[0].call(attempt_grasp, j)) for j in jobs]
     backwards = [numbers(workers[1].call(attempt_grasp, j)) for j in reversed(jobs)]
     again = numbers(workers[0].call(attempt_grasp, jobs[0]))

@@ -91,7 +91,7 @@ def grasp(object_id: int, step_mm: float) -> tuple[Balance, int]:
     rig = set_up(mesh, nodes, material, obstacle, friction=Theta().friction)
     open_mm, stroke_mm = 0.5 * setup.open_gap_mm, 0.5 * (setup.open_gap_mm - setup.closed_gap_mm)
     free_mm = travel_to_touch(rig.finger.distance_to_object, -open_mm * INWARD, INWARD, stroke_mm)
-    start = rig.finger.rest((free_mm - open_mm) * INWARD)
+    start = rig.finger.undeformed((free_mm - open_mm) * INWARD, np.zeros(3))
     closing = rig.walk(start, INWARD, stroke_mm - free_mm, step_mm)
     held = closing[-1].state
     held.v[:] = 0.0

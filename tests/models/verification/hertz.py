@@ -83,7 +83,7 @@ def press(mesh: SolidMesh, depth_mm: float, *, is_sphere: bool) -> Indentation:
         spacing=PointSpacing(0.05, 0.05),
         newton=NewtonSettings(tolerance_n=1e-6),
     )
-    start = rig.finger.rest(np.zeros(3))
+    start = rig.finger.undeformed(np.zeros(3), np.zeros(3))
     last = rig.walk(start, np.array([0.0, 0.0, 1.0]), depth_mm, depth_mm / 2, SPEED_MM_PER_S)[-1]
     points = rig.surface.positions(last.state.x)
     radius = np.hypot(points[:, 0], points[:, 1] if is_sphere else 0.0)

@@ -54,7 +54,7 @@ def slide(angle: float, friction: float) -> Slide:
     material = Material(MODULUS_MPA, POISSON)
     rig = set_up(mesh, turned, material, slope, friction=friction, spacing=PointSpacing(1.0, 1.0), newton=newton)
     volume = rig.body.lumped_volume()[:, None] / SIDE_MM**2 / HEIGHT_MM
-    samples, state = [(0.0, 0.0, 0.0, 0.0)], rig.finger.rest(np.zeros(3))
+    samples, state = [(0.0, 0.0, 0.0, 0.0)], rig.finger.undeformed(np.zeros(3), np.zeros(3))
     for step in range(1, N_STEPS + 1):
         state = _fall(rig, state)
         travel = (volume * (state.x - turned)).sum(axis=0) @ slope.down

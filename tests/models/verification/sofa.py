@@ -136,7 +136,7 @@ def press_and_pull(
     with mock.patch.object(contact_points, "_triangle_cells", _corners) if at_nodes else nullcontext():
         rig = set_up(mesh, nodes, material, Cylinder(), friction=friction, spacing=PointSpacing(0.25, 1.0))
     share = 2.0 if mesh.is_half else 1.0
-    state = rig.finger.rest(np.array([-GAP_MM, 0.0, 0.0]))
+    state = rig.finger.undeformed(np.array([-GAP_MM, 0.0, 0.0]), np.zeros(3))
     curves = []
     for direction, length in (([-1.0, 0.0, 0.0], PRESS_MM), ([0.0, 0.0, 1.0], pull_mm)):
         steps = rig.walk(state, np.array(direction), length, step_mm)

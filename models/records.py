@@ -90,7 +90,7 @@ class SimulatorVersion(Record):
     effects: tuple[EffectValue, ...] = ()
     mesh: MeshSettings = MeshSettings()
     tier: Literal["screening", "production", "reference"] = "production"
-    fem_version: str = "1"
+    fem_version: str = "2"
 
     @property
     def version_id(self) -> str:

@@ -45,6 +45,11 @@ def wedge_quadrature(n_axial: int) -> Quadrature:
     return Quadrature(np.array(points), np.repeat(weight, 3) / 6.0)
 
 
+def centroid_quadrature() -> Quadrature:
+    """The one point of C3D4, where its strain is constant."""
+    return Quadrature(np.full((1, 3), 0.25), np.full(1, 1.0 / 6.0))
+
+
 def tetrahedron_quadrature() -> Quadrature:
     """The four-point rule of C3D10 (degree 2)."""
     near, far = (5.0 + 3.0 * np.sqrt(5.0)) / 20.0, (5.0 - np.sqrt(5.0)) / 20.0
@@ -70,7 +75,9 @@ def quadrature_of(kind: ElementKind, n_axial: int = 3) -> Quadrature:
     """
     if kind == "C3D15":
         return wedge_quadrature(n_axial)
-    return hexahedron_quadrature(n_axial) if kind == "C3D20R" else tetrahedron_quadrature()
+    if kind == "C3D20R":
+        return hexahedron_quadrature(n_axial)
+    return tetrahedron_quadrature() if kind == "C3D10" else centroid_quadrature()
 
 
 def shape_of(kind: ElementKind, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -79,8 +86,8 @@ def shape_of(kind: ElementKind, points: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def face_shape(n_nodes: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values (q, k) and gradients (q, k, 2) on a face: 8-node quadrilateral or 6-node triangle."""
-    return _quadrilateral(points) if n_nodes == 8 else _triangle(points)
+    """Values (q, k) and gradients (q, k, 2) on a face: 8-node quadrilateral, 6-node or 3-node triangle."""
+    return _FACES[n_nodes](points)
 
 
 def _barycentric(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -98,6 +105,12 @@ def _simplex(points: np.ndarray, edges: tuple[tuple[int, int], ...]) -> tuple[np
     middle = 4.0 * bary[:, first] * bary[:, second]
     middle_slope = 4.0 * (bary[:, first, None] * slope[None, second] + bary[:, second, None] * slope[None, first])
     return np.hstack([corner, middle]), np.concatenate([corner_slope, middle_slope], axis=1)
+
+
+def _linear(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Linear functions of a triangle or tetrahedron."""
+    values, slope = _barycentric(points)
+    return values, np.tile(slope, (len(points), 1, 1))
 
 
 def _tetrahedron(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -170,7 +183,13 @@ def _others_product(factor: np.ndarray) -> np.ndarray:
     return np.roll(factor, 1, axis=-1) * np.roll(factor, 2, axis=-1)
 
 
+_FACES: dict[int, Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
+    3: _linear,
+    6: _triangle,
+    8: _quadrilateral,
+}
 _SHAPES: dict[ElementKind, Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
+    "C3D4": _linear,
     "C3D10": _tetrahedron,
     "C3D15": _wedge,
     "C3D20R": _hexahedron,

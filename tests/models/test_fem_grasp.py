@@ -6,7 +6,7 @@ import pytest
 from models.design_space import BEST_PUBLISHED, random_designs
 from models.effects.contact import StaticKineticFriction
 from models.effects.geometry import WallThicknessOffset
-from models.errors import SimulationFailed, UsageError
+from models.errors import SimulationFailed
 from models.fem.contact import ContactLaw
 from models.fem.grasp import Numerics, simulate_grasp
 from models.fem.stepping import StepLimits
@@ -41,18 +41,18 @@ def cube() -> GraspSimulation:
     return simulate_grasp(BEST_PUBLISHED, CUBE)
 
 
-# Peak of one finger in N by the prototype (notes/fem.md section 8, tier 1).
+# Peak of one finger in N by the prototype's finest mesh, 12.9 k unknowns and sharp corners (notes/fem.md section 8).
 @pytest.mark.parametrize(
     ("obj", "peak_n"),
     [
-        (solid_of("sphere", {"diameter_mm": 50}), 7.15),
-        (solid_of("cylinder", {"diameter_mm": 50, "length_mm": 50, "rounding_mm": 1}, "axis y"), 7.57),
-        (solid_of("cube", {"size_x_mm": 50, "size_y_mm": 50, "size_z_mm": 50, "rounding_mm": 1}), 11.75),
+        (solid_of("sphere", {"diameter_mm": 50}), 6.51),
+        (solid_of("cylinder", {"diameter_mm": 50, "length_mm": 50, "rounding_mm": 1}, "axis y"), 6.97),
+        (solid_of("cube", {"size_x_mm": 50, "size_y_mm": 50, "size_z_mm": 50, "rounding_mm": 1}), 10.59),
     ],
 )
 def test_peaks_agree_with_the_prototype(obj: RigidObject, peak_n: float) -> None:
     result = simulate_grasp(BEST_PUBLISHED, obj, setup=NOTES_SETUP)
-    assert result.peak_force_n / 2 == pytest.approx(peak_n, rel=0.02)
+    assert result.peak_force_n / 2 == pytest.approx(peak_n, rel=0.03)
     assert result.cpu_s < 10
 
 
@@ -151,6 +151,14 @@ def test_effects_at_zero_are_identical_and_act_in_the_right_direction(cube: Gras
     assert 1.02 < thicker.peak_force_n / cube.peak_force_n < 1.3
 
 
+def test_work_is_converged_in_the_step_although_the_force_jumps() -> None:
+    turned_cube = get_object(32)  # tears off its edge at 39 mm of lift with a short negative force
+    fine = Numerics(limits=StepLimits(lift_mm=0.5))
+    usual = simulate_grasp(BEST_PUBLISHED, turned_cube)
+    # Half of MAX_JUMP_MM is 1 % of this work; a 2 mm step across the jump would be wrong by 5 %.
+    assert usual.work_j == pytest.approx(simulate_grasp(BEST_PUBLISHED, turned_cube, numerics=fine).work_j, rel=0.02)
+
+
 def test_slip_weakening_converges_with_the_step() -> None:
     effect = StaticKineticFriction(0.6, 1.0)
     coarse = simulate_grasp(BEST_PUBLISHED, SPHERE, effects=[effect])
@@ -175,11 +183,6 @@ def test_point_contact_of_a_rim_is_converged_in_the_penalty() -> None:
     stiff = simulate_grasp(BEST_PUBLISHED, diabolo, numerics=stiffer)
     assert usual.peak_force_n == pytest.approx(stiff.peak_force_n, rel=0.04)
     assert usual.work_j == pytest.approx(stiff.work_j, rel=0.02)
-
-
-def test_screening_tier_is_refused() -> None:
-    with pytest.raises(UsageError, match="screening tier is not built"):
-        simulate_grasp(BEST_PUBLISHED, SPHERE, SimulatorVersion(tier="screening"))
 
 
 @pytest.mark.slow

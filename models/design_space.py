@@ -9,6 +9,7 @@ from models.records import Design
 PARAMETERS = tuple(Design.model_fields)
 RIB_COUNT_COLUMN = PARAMETERS.index("rib_count")
 N_RIB_LEVELS = 10
+SEQUENCE_SEED = 2026
 
 
 def _limit(name: str, kind: str) -> float:
@@ -63,6 +64,11 @@ def random_unit(n: int, rng: np.random.Generator) -> np.ndarray:
 def random_designs(n: int, rng: np.random.Generator) -> list[Design]:
     """Uniform random designs, the paper's initial batch."""
     return from_unit(random_unit(n, rng))
+
+
+def numbered_design(number: int) -> Design:
+    """Design `number` (from 0) of one fixed sequence of random designs, for benchmarks and their repetition."""
+    return random_designs(1, np.random.default_rng([SEQUENCE_SEED, number]))[0]
 
 
 def _design(row: np.ndarray) -> Design:

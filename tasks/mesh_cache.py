@@ -3,12 +3,11 @@
 import logging
 import os
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from models.effects.base import Effect
+from models.effects.catalogue import build_effects
 from models.ids import content_id
 from models.mesh.build import build_mesh
 from models.mesh.solid import SolidMesh
@@ -19,9 +18,7 @@ logger = logging.getLogger(__name__)
 MESH_CACHE_FORMAT = 2
 
 
-def cached_mesh(
-    lake_root: Path, design: Design, version: SimulatorVersion, *, full_width: bool, effects: Sequence[Effect] = ()
-) -> SolidMesh:
+def cached_mesh(lake_root: Path, design: Design, version: SimulatorVersion, *, full_width: bool) -> SolidMesh:
     """The mesh of a design for a simulator version: from the cache, else made and cached.
 
     Raises:
@@ -43,6 +40,7 @@ def cached_mesh(
         pass
     except (OSError, ValueError, KeyError) as error:
         logger.warning("cached mesh %s is unreadable (%s); meshing again", path.name, error)
+    effects = build_effects(version.effects)
     mesh = build_mesh(design, version.mesh, full_width=full_width, effects=effects)
     _store(path, mesh)
     return mesh

@@ -60,6 +60,7 @@ class SimulatorSettings(Record):
     theta: Theta = Theta()
     mesh: MeshSettings = MeshSettings()
     effects: tuple[EffectValue, ...] = ()
+    tier: Literal["screening", "production", "reference"] = "production"
     objective: Literal["peak_force_n", "contact_force_n"] = Field(
         default="peak_force_n", description="what of a simulated grasp the scientist learns from"
     )
@@ -71,7 +72,7 @@ class SimulatorSettings(Record):
     @property
     def version(self) -> SimulatorVersion:
         """The simulator version that these settings describe."""
-        return SimulatorVersion(theta=self.theta, mesh=self.mesh, effects=self.effects)
+        return SimulatorVersion(theta=self.theta, mesh=self.mesh, effects=self.effects, tier=self.tier)
 
 
 class ScientistSettings(Record):

@@ -1,40 +1,41 @@
-"""Simulate a design on its objects: one FEM grasp per object in a worker process, one row per grasp."""
+"""Simulate a design on its objects: one worker process for all of them, one row per grasp as it ends."""
 
 import logging
 from collections.abc import Callable
-from concurrent.futures import CancelledError
-from concurrent.futures import TimeoutError as FutureTimeoutError
-from concurrent.futures.process import BrokenProcessPool
-from pathlib import Path
 from typing import Any
 
-from lake.tables import SimTraceRow, SimulationRow, SimulatorVersionRow
-from models.errors import MeshingFailed, SimulationFailed
+from lake.tables import SimTraceRow, SimulationRow, SimulatorVersionRow, setup_columns
 from models.ids import canonical_json
-from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion
+from models.records import Design, GraspSimulation
+from tasks.attempt import Attempt, GraspJob, answer, attempt_grasp
 from tasks.campaign import Campaign
-from tasks.mesh_cache import cached_mesh
 from tasks.pool import WorkerPool
 
 logger = logging.getLogger(__name__)
-
-ATTEMPTS = 2
-HANG_MARGIN_S = 60.0  # wall time past a grasp's own deadline after which its worker is taken to hang
 
 
 def simulate_design(
     campaign: Campaign, design: Design, *, pool: WorkerPool, should_stop: Callable[[], bool] = lambda: False
 ) -> int:
-    """Simulate a design on the objects it misses, one after the other; each result, or failure, is a row at once.
+    """Simulate a design on the objects it misses, all in one worker; each result, or failure, is a row at once.
 
+    The worker is given the next grasp before the row of the last one is written, so it never waits for the lake.
     `should_stop` is asked before each object. Returns the number of failed grasps.
     """
     append_version(campaign)
     n_failed = 0
-    for object_id in campaign.state().missing_objects(design.design_id, campaign.object_ids):
-        if should_stop():
-            break
-        n_failed += _simulate_grasp(campaign, design, object_id, pool)
+    with pool.lend() as worker:
+        last: tuple[GraspJob, Attempt] | None = None
+        for object_id in campaign.state().missing_objects(design.design_id, campaign.object_ids):
+            if should_stop():
+                break
+            job = _job(campaign, design, object_id)
+            future = worker.submit(attempt_grasp, job)
+            if last is not None:
+                n_failed += _record(campaign, *last)
+            last = job, answer(worker, job, future)
+        if last is not None:
+            n_failed += _record(campaign, *last)
     return n_failed
 
 
@@ -45,65 +46,36 @@ def append_version(campaign: Campaign) -> None:
         campaign.lake.append([SimulatorVersionRow.of(version)], campaign.provenance())
 
 
-def _simulate_in_worker(
-    design: Design, object_id: int, version: SimulatorVersion, setup: GraspSetup, deadline_s: float, lake_root: str
-) -> GraspSimulation:
-    """Runs in a worker process: mesh (cached by content) and solve."""
-    from models.effects.catalogue import build_effects
-    from models.fem.grasp import simulate_grasp
-    from models.objects.catalogue import get_object
-
-    effects = build_effects(version.effects)
-    obj = get_object(object_id)
-    mesh = cached_mesh(Path(lake_root), design, version, full_width=not obj.mirror_y, effects=effects)
-    return simulate_grasp(design, obj, version, setup, effects=effects, mesh=mesh, deadline_s=deadline_s)
+def _job(campaign: Campaign, design: Design, object_id: int) -> GraspJob:
+    deadline_s = campaign.config.simulator.grasp_deadline_s
+    return GraspJob(design, object_id, campaign.version, campaign.config.grasp, deadline_s, campaign.lake.root)
 
 
-def _simulate_grasp(campaign: Campaign, design: Design, object_id: int, pool: WorkerPool) -> bool:
-    """One grasp in a worker process, and its row; True when it failed."""
-    version_id, setup = campaign.version.version_id, campaign.config.grasp
+def _record(campaign: Campaign, job: GraspJob, attempt: Attempt) -> bool:
+    """Write the row of a grasp, and its trace; True when it failed."""
+    version_id, design_id = job.version.version_id, job.design.design_id
     key: dict[str, Any] = {
-        "simulation_id": SimulationRow.make_id(design.design_id, object_id, version_id, setup.setup_id),
-        "design_id": design.design_id,
-        "object_id": object_id,
+        "simulation_id": SimulationRow.make_id(design_id, job.object_id, version_id, job.setup.setup_id),
+        "design_id": design_id,
+        "object_id": job.object_id,
         "version_id": version_id,
-        "setup_id": setup.setup_id,
-        "setup_json": canonical_json(setup.model_dump()),
+        "cpu_s": attempt.cpu_s,
+        **setup_columns(job.setup),
     }
-    provenance = campaign.provenance(parents=[design.design_id, version_id])
-    try:
-        result = _solve(campaign, design, object_id, pool)
-    except (SimulationFailed, MeshingFailed) as error:
-        logger.warning("simulation of %s on object %d failed: %s", design.design_id, object_id, error)
-        row = SimulationRow(**key, status="failed", reason=error.reason, cpu_s=0.0)
+    details: dict[str, Any] = {"wall_s": round(attempt.wall_s, 3)}
+    provenance = campaign.provenance(parents=[design_id, version_id])
+    if attempt.result is None:
+        logger.warning("simulation of %s on object %d failed: %s", design_id, job.object_id, attempt.message)
+        details["message"] = attempt.message
+        row = SimulationRow(**key, status="failed", reason=attempt.reason, details_json=canonical_json(details))
         campaign.lake.append([row], provenance)
         return True
-    trace = SimTraceRow.of(key["simulation_id"], result.trace)
-    campaign.lake.append([trace, _result_row(key, result)], provenance)
+    trace = SimTraceRow.of(key["simulation_id"], attempt.result.trace)
+    campaign.lake.append([trace, _result_row(key, attempt.result, details)], provenance)
     return False
 
 
-def _solve(campaign: Campaign, design: Design, object_id: int, pool: WorkerPool) -> GraspSimulation:
-    """Result of a worker; a worker that hangs or dies is a failed simulation.
-
-    A dying worker takes its neighbours' work along, so the first death is not held against this grasp.
-    """
-    deadline_s = campaign.config.simulator.grasp_deadline_s
-    arguments = (design, object_id, campaign.version, campaign.config.grasp, deadline_s, str(campaign.lake.root))
-    for _ in range(ATTEMPTS):
-        try:
-            return pool.submit(_simulate_in_worker, *arguments).result(timeout=deadline_s + HANG_MARGIN_S)
-        except FutureTimeoutError as error:
-            pool.restart()
-            raise SimulationFailed(
-                f"no answer for {deadline_s + HANG_MARGIN_S:.0f} s; worker killed", "hang"
-            ) from error
-        except (BrokenProcessPool, CancelledError):
-            logger.warning("a worker died while %s was simulated on object %d", design.design_id, object_id)
-    raise SimulationFailed(f"its worker died {ATTEMPTS} times", "worker_died")
-
-
-def _result_row(key: dict[str, Any], result: GraspSimulation) -> SimulationRow:
+def _result_row(key: dict[str, Any], result: GraspSimulation, details: dict[str, Any]) -> SimulationRow:
     return SimulationRow(
         **key,
         status="ok",
@@ -113,5 +85,5 @@ def _result_row(key: dict[str, Any], result: GraspSimulation) -> SimulationRow:
         work_j=result.work_j,
         n_dof=result.n_dof,
         n_newton=result.n_newton,
-        cpu_s=result.cpu_s,
+        details_json=canonical_json(details),
     )

@@ -1,26 +1,55 @@
 """`fast bench`: run benchmarks and print what one unit of work costs here."""
 
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from flows.cli.common import AsJson, show, table_text
+from flows.cli.common import AsJson, show, table_text, tell
+
+if TYPE_CHECKING:
+    from flows.benchmarks.base import Benchmark, Tables
 
 app = App(name="bench", help="Performance and study benchmarks.")
 
 
 @app.command
-def run(name: Annotated[str, Parameter(help="One of `fast bench list`.")], *, json: AsJson = False) -> None:
+def run(
+    name: Annotated[str, Parameter(help="One of `fast bench list`.")],
+    *,
+    designs: Annotated[int | None, Parameter(help="How many designs of the fixed random sequence.")] = None,
+    objects: Annotated[str | None, Parameter(help="Object ids, e.g. 0,14,30.")] = None,
+    tiers: Annotated[str | None, Parameter(help="Tiers of the simulator, e.g. production,screening.")] = None,
+    results: Annotated[
+        Path | None, Parameter(help="JSON-lines file of the outcomes; what is in it is not simulated again.")
+    ] = None,
+    limit_minutes: Annotated[float | None, Parameter(help="Stop after this time; --results continues.")] = None,
+    workers: Annotated[int | None, Parameter(help="Worker processes.")] = None,
+    figure: Annotated[Path | None, Parameter(help="Picture to draw, e.g. traces.png.")] = None,
+    json: AsJson = False,
+) -> None:
     """Run one benchmark; figures are CPU seconds unless their name says otherwise."""
-    from flows.benchmarks import BENCHMARKS
+    from flows.benchmarks import BENCHMARKS, Options
+    from flows.benchmarks.base import circumstances
     from models.errors import UsageError
     from models.validation import closest
 
     if name not in BENCHMARKS:
         raise UsageError(f"there is no benchmark `{name}`; {closest(name, list(BENCHMARKS))}")
-    rows = BENCHMARKS[name]()
-    columns = list(dict.fromkeys(column for row in rows for column in row))
-    show(rows, table_text(rows, columns), json)
+    chosen: dict[str, Any] = {
+        "designs": designs,
+        "objects": _object_ids(objects),
+        "tiers": tuple(tiers.split(",")) if tiers else None,
+        "results": results,
+        "limit_minutes": limit_minutes,
+        "workers": workers,
+        "figure": figure,
+    }
+    given = {option: value for option, value in chosen.items() if value is not None}
+    _check_options(name, BENCHMARKS[name], given)
+    tables = BENCHMARKS[name].measure(Options(**given, tell=tell))
+    head = {"benchmark": name, "options": given, **circumstances()}
+    show({**head, "tables": _rounded(tables)}, _text(tables), json)
 
 
 @app.command(name="list")
@@ -28,5 +57,52 @@ def list_benchmarks(*, json: AsJson = False) -> None:
     """The benchmarks there are, with what they measure."""
     from flows.benchmarks import BENCHMARKS
 
-    rows = [{"name": name, "measures": (work.__doc__ or "").strip()} for name, work in BENCHMARKS.items()]
+    rows = [{"name": name, "measures": benchmark.about} for name, benchmark in BENCHMARKS.items()]
     show(rows, "\n".join(f"{row['name']:<10} {row['measures']}" for row in rows), json)
+
+
+def _object_ids(text: str | None) -> tuple[int, ...] | None:
+    """Object ids from `0,14,30`.
+
+    Raises:
+        UsageError: no number, or no such object.
+    """
+    from models.errors import UsageError
+    from models.objects.catalogue import get_object
+
+    if text is None:
+        return None
+    try:
+        return tuple(get_object(int(word)).object_id for word in text.split(","))
+    except ValueError as error:
+        raise UsageError(f"--objects `{text}` is no list of object ids; write it like 0,14,30.") from error
+
+
+def _check_options(name: str, benchmark: "Benchmark", given: dict[str, Any]) -> None:
+    from flows.benchmarks.tiers import version_of
+    from models.errors import UsageError
+
+    for option, value in given.items():
+        if option not in benchmark.options:
+            flag = option.replace("_", "-")
+            raise UsageError(f"the benchmark `{name}` has no option --{flag}; leave it out.")
+        if option in ("designs", "workers") and value < 1:
+            raise UsageError(f"--{option} is {value}, at least 1 is needed.")
+    for tier in given.get("tiers", ()):
+        version_of(tier)
+
+
+def _rounded(tables: "Tables") -> "Tables":
+    """The tables with figures of five digits: more are noise, and make every repetition look different."""
+    return {
+        title: [{k: float(f"{v:.5g}") if isinstance(v, float) else v for k, v in row.items()} for row in rows]
+        for title, rows in tables.items()
+    }
+
+
+def _text(tables: "Tables") -> str:
+    parts = []
+    for title, rows in tables.items():
+        columns = list(dict.fromkeys(column for row in rows for column in row))
+        parts.append(f"{title}\n\n{table_text(rows, columns)}")
+    return "\n\n".join(parts)

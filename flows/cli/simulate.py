@@ -1,26 +1,40 @@
 """`fast simulate`: one grasp of one design on one object."""
 
 import json as json_module
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show
+from flows.cli.repetition import read_simulation, refuse_beside
+from flows.cli.simulate_output import make_folder, write_outputs
 
 if TYPE_CHECKING:
-    from models.errors import UsageError
-    from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion
+    from models.records import Design, GraspSetup, SimulatorVersion
+
+BEST = Path("best")
+
+NUMBERED = re.compile(r"random-(\d{1,6})")
 
 
 def simulate(
     *,
     design: Annotated[
-        Path | None, Parameter(help="JSON file with the nine parameters; default: the best published design.")
+        Path | None,
+        Parameter(
+            help="JSON file with the nine parameters, or random-N: design N of the benchmarks; "
+            "`best`, as without it: the best published design."
+        ),
     ] = None,
-    object: Annotated[int, Parameter(help="Object id, 0 to 35.")],
+    object: Annotated[int | None, Parameter(help="Object id, 0 to 35.")] = None,
     version: Annotated[
         str | None, Parameter(help="Simulator version (V...) of the lake; default: the program's own values.")
+    ] = None,
+    tier: Annotated[str | None, Parameter(help="screening, production or reference, each with its own mesh.")] = None,
+    simulation: Annotated[
+        str | None, Parameter(help="Simulation (S...) of the lake: repeat it, in place of all the options above.")
     ] = None,
     set: Annotated[
         list[str] | None,
@@ -28,19 +42,33 @@ def simulate(
             negative="", help="One value of theta, grasp or mesh, e.g. friction=0.5; may be given several times."
         ),
     ] = None,
-    out: Annotated[Path | None, Parameter(help="Folder for trace.csv, result.json and grasp.png.")] = None,
+    out: Annotated[Path | None, Parameter(help="Folder for numbers, trace, pictures and a Rerun recording.")] = None,
+    export_calculix: Annotated[
+        Path | None, Parameter(help="Folder for an input deck of CalculiX of the closing, and our own numbers.")
+    ] = None,
     lake: LakePath = DEFAULT_LAKE,
     json: AsJson = False,
 ) -> None:
-    """Simulate one grasp: closing, lift and pull-off. Without --out, nothing is written."""
+    """Simulate one grasp: closing, lift and pull-off. Without --out or --export-calculix, nothing is written."""
+    from models.errors import UsageError
     from models.fem.grasp import simulate_grasp
+    from models.fem.recording import GraspRecording
     from models.objects.catalogue import get_object
 
-    chosen, met = read_design(design), get_object(object)
-    simulator, setup = apply_settings(set or [], read_version(lake, version))
+    if simulation is not None:
+        others = {"design": design, "object": object, "version": version, "tier": tier, "set": set}
+        refuse_beside("simulation", others)
+        chosen, object, simulator, setup = read_simulation(lake, simulation)
+    else:
+        if object is None:
+            raise UsageError("`fast simulate` needs --object: Object id, 0 to 35. See `fast simulate --help`.")
+        chosen = read_design(design)
+        simulator, setup = apply_settings(set or [], _base_version(lake, version, tier))
+    met = get_object(object)
     if out is not None:
-        _make_folder(out)
-    result = simulate_grasp(chosen, met, simulator, setup)
+        make_folder(out)
+    recording = GraspRecording()
+    result = simulate_grasp(chosen, met, simulator, setup, recorder=None if out is None else recording.add)
     data = {
         "design_id": chosen.design_id,
         "object_id": object,
@@ -53,25 +81,30 @@ def simulate(
         "cpu_s": result.cpu_s,
     }
     show(data, _text(data), json)
-    if out is not None:
-        write_result(out, chosen, data, result)
-        if not json:
-            say(f"wrote {out / 'trace.csv'}, {out / 'result.json'}, {out / 'grasp.png'}")
+    files = [] if out is None else write_outputs(out, chosen, met, data, result, recording)
+    if export_calculix is not None:
+        from flows.cli.simulate_calculix import write_calculix
+
+        files += write_calculix(export_calculix, chosen, met, simulator, setup)
+    if files and not json:
+        say("wrote " + ", ".join(map(str, files)))
 
 
 def read_design(path: Path | None) -> "Design":
-    """A design from a JSON file, or the best published one.
+    """A design from a JSON file, one of the numbered random designs (`random-N`), or the best published one.
 
     Raises:
         ConfigError: missing file, no JSON, or a value out of its range.
     """
-    from models.design_space import BEST_PUBLISHED
+    from models.design_space import BEST_PUBLISHED, numbered_design
     from models.errors import ConfigError
     from models.records import Design
     from models.validation import load_record
 
-    if path is None:
+    if path is None or path == BEST:
         return BEST_PUBLISHED
+    if numbered := NUMBERED.fullmatch(str(path)):
+        return numbered_design(int(numbered[1]))
     try:
         data = json_module.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -79,6 +112,15 @@ def read_design(path: Path | None) -> "Design":
     except ValueError as error:  # broken JSON, or bytes that are no text
         raise ConfigError(f"design file `{path}` is not JSON: {error}; correct it.") from error
     return load_record(Design, data, str(path))
+
+
+def _base_version(lake: Path, version_id: str | None, tier: str | None) -> "SimulatorVersion":
+    from flows.benchmarks.tiers import TIERS, version_of
+
+    if tier is None:
+        return read_version(lake, version_id)
+    refuse_beside("tier", {"version": version_id})
+    return version_of(tier, TIERS)
 
 
 def read_version(lake: Path, version_id: str | None) -> "SimulatorVersion":
@@ -129,52 +171,6 @@ def apply_settings(settings: list[str], base: "SimulatorVersion") -> "tuple[Simu
         sections[owner][name] = value
     theta, setup, mesh = (load_record(record, values, "--set") for record, values in sections.items())
     return base.model_copy(update={"theta": theta, "mesh": mesh}), setup
-
-
-def write_result(out: Path, design: "Design", data: dict[str, Any], result: "GraspSimulation") -> None:
-    """Write trace, numbers and picture of a simulated grasp into the folder `out`.
-
-    Raises:
-        UsageError: the folder cannot be written.
-    """
-    trace = result.trace
-    lines = ["time_s,lift_mm,force_n"]
-    lines += [f"{t:.6g},{x:.6g},{f:.6g}" for t, x, f in zip(trace.time_s, trace.lift_mm, trace.force_n, strict=True)]
-    try:
-        (out / "trace.csv").write_text("\n".join(lines) + "\n")
-        (out / "result.json").write_text(json_module.dumps({**data, "design": design.model_dump()}, indent=2) + "\n")
-        _draw(out / "grasp.png", data, result)
-    except OSError as error:
-        raise _unwritable(out, error) from error
-
-
-def _make_folder(out: Path) -> None:
-    """Make the folder before the long part."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise _unwritable(out, error) from error
-
-
-def _unwritable(out: Path, error: OSError) -> "UsageError":
-    from models.errors import UsageError
-
-    return UsageError(f"--out `{out}` cannot be written: {error.strerror}; give a folder you may write to.")
-
-
-def _draw(path: Path, data: dict[str, Any], result: "GraspSimulation") -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    lift = result.trace.is_lift
-    figure = Figure(figsize=(6.4, 3.8), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    axes.axhline(0, color="0.8", lw=0.8)
-    axes.plot(result.trace.lift_mm[lift], result.trace.force_n[lift], color="#0072B2")
-    axes.set(xlabel="lift (mm)", ylabel="force on the load cell (N)")
-    axes.set_title(f"object {data['object_id']}: peak {data['peak_force_n']:.1f} N", loc="left", fontsize=10)
-    figure.savefig(path, dpi=150)
 
 
 def _text(data: dict[str, Any]) -> str:

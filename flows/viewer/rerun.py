@@ -52,7 +52,7 @@ def write_recording(lake: Lake, campaign_id: str, path: Path, everything: bool =
     """
     content = Content.load(lake, campaign_id)
     tools = chosen_tools(content, everything)
-    with _recording(f"campaign {campaign_id}", path, _campaign_blueprint(tools)) as recording:
+    with recording_to(f"campaign {campaign_id}", path, _campaign_blueprint(tools)) as recording:
         recording.log("about", rr.TextDocument(_about(content, tools), media_type="text/markdown"), static=True)
         _send_table(recording, sorted({row["object_id"] for row in content.work.rows}))
         if content.best is not None:
@@ -77,15 +77,15 @@ def write_grasp_recording(lake: Lake, grasp_id: str, path: Path) -> Path:
     trace = lake.trace(grasp_id)
     design = _design(lake, grasp.design_id)
     label = tool_label(grasp.batch, grasp.slot) if grasp.batch is not None and grasp.slot is not None else grasp.tool_id
-    with _recording(f"grasp {grasp_id}", path, _grasp_blueprint(label)) as recording:
+    with recording_to(f"grasp {grasp_id}", path, _grasp_blueprint(label)) as recording:
         about = f"# {label} on object {grasp.object_id}, repeat {grasp.repeat}\n\nFingers are drawn undeformed."
         recording.log("about", rr.TextDocument(about, media_type="text/markdown"), static=True)
         _send_object(recording, "cell/object", grasp.object_id, (0.0, 0.0))
         _send_moving_fingers(recording, design, GraspSetup.model_validate_json(grasp.setup_json), label, trace)
-        _send_trace(recording, "force/measured", "lift/measured", trace, grasp.started_at, "measured", BEST)
+        send_trace(recording, "force/measured", "lift/measured", trace, grasp.started_at, "measured", BEST)
         for number, (version_id, simulated) in enumerate(_simulated_traces(lake, grasp)):
             entity = f"force/simulated_{number}"
-            _send_trace(recording, entity, None, simulated, None, f"simulated {version_id}", SIMULATED)
+            send_trace(recording, entity, None, simulated, None, f"simulated {version_id}", SIMULATED)
     return path
 
 
@@ -97,7 +97,7 @@ def write_design_recording(lake: Lake, design_id: str, path: Path) -> Path:
     """
     design = _design(lake, design_id)
     view = rrb.Blueprint(rrb.Spatial3DView(origin="cell", name=design_id), collapse_panels=True)
-    with _recording(f"design {design_id}", path, view) as recording:
+    with recording_to(f"design {design_id}", path, view) as recording:
         _send_fingers(recording, design, None)
     return path
 
@@ -115,7 +115,7 @@ def chosen_tools(content: Content, everything: bool) -> list[Tool]:
 
 
 @contextmanager
-def _recording(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
+def recording_to(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
     """A recording that is on disk when the context ends."""
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
@@ -207,7 +207,7 @@ def _send_tool(recording: rr.RecordingStream, lake: Lake, tool: Tool, everything
         leaf = f"{name}/repeat_{row['repeat']}" if everything else name
         base = f"tools/{tool.label}"
         entities = f"{base}/force/{leaf}", f"{base}/lift/{leaf}"
-        _send_trace(recording, *entities, _trace(row), row["started_at"], name, line_colour(row["object_id"]))
+        send_trace(recording, *entities, _trace(row), row["started_at"], name, line_colour(row["object_id"]))
     return len(rows)
 
 
@@ -215,7 +215,7 @@ def _trace(row: dict[str, Any]) -> Trace:
     return Trace(*(np.asarray(row[channel], dtype=float) for channel in ("time_s", "lift_mm", "force_n")))
 
 
-def _send_trace(
+def send_trace(
     recording: rr.RecordingStream,
     force_entity: str,
     lift_entity: str | None,
@@ -227,13 +227,14 @@ def _send_trace(
     """Both channels of a trace as columns, with the name and colour of the line."""
     lines = rr.SeriesLines(names=name, colors=rgb(colour))
     recording.log(force_entity, lines, static=True)
-    recording.send_columns(force_entity, _times(trace, started_at), rr.Scalars.columns(scalars=trace.force_n))
+    recording.send_columns(force_entity, times(trace, started_at), rr.Scalars.columns(scalars=trace.force_n))
     if lift_entity is not None:
         recording.log(lift_entity, lines, static=True)
-        recording.send_columns(lift_entity, _times(trace, started_at), rr.Scalars.columns(scalars=trace.lift_mm))
+        recording.send_columns(lift_entity, times(trace, started_at), rr.Scalars.columns(scalars=trace.lift_mm))
 
 
-def _times(trace: Trace, started_at: datetime | None) -> list[rr.TimeColumn]:
+def times(trace: Trace, started_at: datetime | None) -> list[rr.TimeColumn]:
+    """The timelines of a trace's samples; `bench_time` only with the time at which the grasp started."""
     columns = [
         rr.TimeColumn("time", duration=trace.time_s),
         rr.TimeColumn("lift_um", sequence=np.round(1e3 * trace.lift_mm).astype(np.int64)),
@@ -277,7 +278,7 @@ def _send_moving_fingers(
         recording.log(f"cell/fingers/{name}", mesh, static=True)
     for side, places in finger_translations(design, setup, trace).items():
         columns = rr.Transform3D.columns(translation=places)
-        recording.send_columns(f"cell/fingers/{side}", _times(trace, None), columns)
+        recording.send_columns(f"cell/fingers/{side}", times(trace, None), columns)
 
 
 def _design(lake: Lake, design_id: str) -> Design:

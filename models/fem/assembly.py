@@ -1,5 +1,6 @@
 """Elastic force and tangent of a whole mesh, assembled into the blocks of a fixed sparse pattern."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba as nb
@@ -53,7 +54,8 @@ class ElasticBody:
         self.mesh = mesh
         self._law = LAW_CODE[material.law]
         self._lam, self._mu = lame_constants(material.young_modulus_mpa, material.poisson_ratio)
-        self.row_of_node, self.pattern = _number_rows(mesh)
+        connectivities = [block.connectivity for block in mesh.blocks]
+        self.row_of_node, self.pattern = number_rows(len(nodes), mesh.base_nodes, connectivities)
         self._parts = [self._prepared(block, nodes, n_axial_points) for block in mesh.blocks]
         self._symmetry = _symmetry_blocks(mesh, self.row_of_node, self.pattern)
 
@@ -134,11 +136,14 @@ def _reference_gradients(
     return np.ascontiguousarray(slopes), determinant * rule.weights, values
 
 
-def _number_rows(mesh: SolidMesh) -> tuple[np.ndarray, BlockPattern]:
-    free = np.ones(len(mesh.nodes), dtype=bool)
-    free[mesh.base_nodes] = False
+def number_rows(
+    n_nodes: int, base_nodes: np.ndarray, connectivities: Sequence[np.ndarray]
+) -> tuple[np.ndarray, BlockPattern]:
+    """Block row of each node (n), `CLAMPED` for base nodes, and the pattern of the tangent of elements (m, k)."""
+    free = np.ones(n_nodes, dtype=bool)
+    free[base_nodes] = False
     compact = np.where(free, np.cumsum(free) - 1, CLAMPED)
-    pairs = np.vstack([_node_pairs(compact[block.connectivity]) for block in mesh.blocks])
+    pairs = np.vstack([_node_pairs(compact[part]) for part in connectivities])
     pattern = block_pattern(int(free.sum()), pairs[(pairs >= 0).all(axis=1)])
     return np.where(free, pattern.position[compact], CLAMPED).astype(np.int32), pattern
 

@@ -18,12 +18,12 @@ SMALLEST_PIVOT = 1e-2  # |v . H y| against v . s, below which an update is left 
 
 
 class SecantMemory:
-    """The corrections to the inverse of one factorised tangent K, for unknowns (n, 3)."""
+    """The corrections to the inverse of one factorised tangent K, for unknowns of `size` numbers."""
 
-    def __init__(self, n: int) -> None:
-        self._weights = np.zeros((MEMORY, 3 * n))
-        self._changes = np.zeros((MEMORY, 3 * n))
-        self._images = np.zeros((MEMORY, 3 * n))  # K times the changes
+    def __init__(self, size: int) -> None:
+        self._weights = np.zeros((MEMORY, size))
+        self._changes = np.zeros((MEMORY, size))
+        self._images = np.zeros((MEMORY, size))  # K times the changes
         self._count = 0
         self._last: tuple[np.ndarray, np.ndarray] | None = None  # the last direction and K times it
 
@@ -36,7 +36,7 @@ class SecantMemory:
         self._last = None
 
     def direction(self, solved: np.ndarray, residual: np.ndarray, step: float) -> np.ndarray:
-        """Corrected direction H r (n, 3) for a residual r; `solved` is K^-1 r.
+        """Corrected direction H r for a residual r, in its shape; `solved` is K^-1 r.
 
         `step`: which multiple of the last direction was gone to arrive at this residual.
         """

@@ -37,9 +37,10 @@ class ContactLaw:
 
     Both stiffnesses are in proportion to E for any other modulus (see models.fem.elasticity). Rims and corners that
     touch in a point decide: at 2 N/mm3 they sink in by a millimetre and hook (diabolo: peak 46 N). On faces and rims
-    twice the stiffness moves the peak by about 3 % at most. Bare edges and corners stay mesh-bound: the stiffness stands
-    for the indentation that the elements do not resolve (Hertz on a radius of 1 mm: 6 to 16 N/mm3), and on one layer
-    across the half width more of it makes a corner hook (turned diamond: 33 N at 4, 40 N at 8; 28 N on a fine mesh).
+    twice the stiffness moves the peak by about 3 % at most. Bare edges and corners stay mesh-bound: the stiffness
+    stands for the indentation that the elements do not resolve (Hertz on a radius of 1 mm: 6 to 16 N/mm3), and on
+    one layer across the half width more of it makes a corner hook (turned diamond: 33 N at 4, 40 N at 8; 28 N on a
+    fine mesh).
     """
 
     normal_n_per_mm3: float = 4.0

@@ -232,7 +232,7 @@ def add_contact(
                     _press(c, i, near, law, state, own, point_force, tangent, touching, n_touching)
                     n_touching += 1
                 if is_behind:
-                    pressure, slope = _pressure(-near.position[i, 0], law)
+                    pressure, slope = penalty(-near.position[i, 0], law)
                     point_force[0] += pressure
                     tangent[0, 0] += slope
                 _add_force(points, c, point_force, face_force)
@@ -244,7 +244,7 @@ def add_contact(
 
 
 @nb.njit(inline="always")
-def _pressure(depth: float, law: Law) -> tuple[float, float]:
+def penalty(depth: float, law: Law) -> tuple[float, float]:
     """Pressure in MPa and its slope in N/mm3 at a penetration in mm."""
     if depth < law.d0:
         slope = law.kn * depth / law.d0
@@ -272,7 +272,7 @@ def _press(
     motion, old, normal, traction = own
     for j in range(3):
         old[j], normal[j] = state.traction[c, j], near.normal[i, j]
-    p, slope = _pressure(-near.distance[i], law)
+    p, slope = penalty(-near.distance[i], law)
     slip = return_mapping(old, motion[0], normal, state.coefficient[c] * p, law.kt, traction, tangent)
     touching.point[place], touching.pressure[place], touching.slip[place] = c, p, slip
     for a in range(3):

@@ -50,7 +50,7 @@ class FingerStep:
         has_mirror: bool,
     ) -> None:
         """`nodes` (n, 3): undeformed, in the object frame with the front wall at x = 0 and no lift."""
-        self._body, self._surface, self._nodes = body, surface, nodes
+        self.body, self.surface, self.nodes = body, surface, nodes
         self._obstacle, self._has_mirror = obstacle, has_mirror
         self._free = body.row_of_node >= 0
         self._rows = body.row_of_node[self._free]
@@ -59,20 +59,25 @@ class FingerStep:
         plane = body.row_of_node[body.mesh.symmetry_nodes]
         self._symmetric = plane[plane >= 0]
         self._last: _Evaluation | None = None
-        self._clamped = self._nodes
+        self._clamped = self.nodes
         self._rate = 0.0
         self._target = np.zeros((body.pattern.n, 3))
         self._friction = np.zeros(len(surface.areas))
         self._state = ContactState(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
 
-    def rest(self, base: np.ndarray) -> FingerState:
-        """The undeformed finger at rest with its base moved by `base` (3)."""
-        x = self._nodes + base
-        return FingerState(x, np.zeros_like(x), self._surface.start(x), base.copy())
+    @property
+    def n_points(self) -> int:
+        """Number of contact points."""
+        return len(self.surface.areas)
+
+    def undeformed(self, base: np.ndarray, velocity: np.ndarray) -> FingerState:
+        """The undeformed finger with its base moved by `base` (3), all of it at `velocity` (3) in mm/s."""
+        x = self.nodes + base
+        return FingerState(x, np.tile(velocity, (len(x), 1)), self.surface.start(x), base.copy())
 
     def begin(self, state: FingerState, base: np.ndarray, dt_s: float, friction: np.ndarray) -> np.ndarray:
         """Set up the step from `state` to the base position `base`; returns the first guess of the unknowns."""
-        self._clamped = self._nodes + base
+        self._clamped = self.nodes + base
         self._rate = 1.0 / dt_s**2
         self._target[self._rows] = (state.x + dt_s * state.v)[self._free]
         self._friction, self._state, self._last = friction, state.contact, None
@@ -81,17 +86,17 @@ class FingerStep:
     def start_from(self, state: FingerState) -> np.ndarray:
         """Another first guess of the unknowns: the positions of `state`, moved along with the base."""
         u = np.zeros_like(self._target)
-        u[self._rows] = (state.x + (self._clamped - self._nodes - state.base))[self._free]
+        u[self._rows] = (state.x + (self._clamped - self.nodes - state.base))[self._free]
         return u
 
     def distance_to_object(self, base: np.ndarray) -> float:
         """Least distance in mm of the undeformed finger, base at `base` (3), from the obstacle."""
-        return float(self._obstacle.distance(self._surface.positions(self._nodes + base)).min())
+        return float(self._obstacle.distance(self.surface.positions(self.nodes + base)).min())
 
     def distance_to_anything(self, base: np.ndarray) -> float:
         """As `distance_to_object`, but the other finger (the mirror plane) counts too."""
         gap = self.distance_to_object(base)
-        front = float((self._nodes + base)[:, 0].min())
+        front = float((self.nodes + base)[:, 0].min())
         return min(gap, front) if self._has_mirror else gap
 
     def is_touching(self, state: FingerState) -> bool:
@@ -100,7 +105,7 @@ class FingerStep:
 
     def depth_mm(self, state: FingerState) -> np.ndarray:
         """Penetration of every contact point (n), from its pressure."""
-        return state.contact.pressure / self._surface.law.normal_n_per_mm3
+        return state.contact.pressure / self.surface.law.normal_n_per_mm3
 
     def finish(
         self, state: FingerState, u: np.ndarray, base: np.ndarray, dt_s: float
@@ -111,13 +116,13 @@ class FingerStep:
             raise SimulationFailed("An element is inverted in a state of equilibrium.", reason="inverted_element")
         x, response = end.x, end.contact
         clamp = (end.elastic - response.force)[~self._free].sum(axis=0)
-        contact = self._surface.advance(state.contact, x, response)
+        contact = self.surface.advance(state.contact, x, response)
         return FingerState(x, (x - state.x) / dt_s, contact, base.copy()), clamp
 
     def positions(self, u: np.ndarray) -> np.ndarray:
         """All nodes (n, 3) from the unknown rows."""
-        x = np.zeros_like(self._nodes)
-        _gather(u, self._body.row_of_node, self._clamped, x)
+        x = np.zeros_like(self.nodes)
+        gather(u, self.body.row_of_node, self._clamped, x)
         return x
 
     def residual(self, u: np.ndarray) -> np.ndarray | None:
@@ -127,7 +132,7 @@ class FingerStep:
             return None
         rows = np.zeros_like(u)
         inertia = self._rate * self._mass
-        _balance(self._body.row_of_node, now.contact.force, now.elastic, inertia, self._target, u, rows)
+        balance(self.body.row_of_node, now.contact.force, now.elastic, inertia, self._target, u, rows)
         rows[self._symmetric, 1] = 0.0
         return rows
 
@@ -135,7 +140,7 @@ class FingerStep:
         """Contact and elastic forces; None if an element is inverted. The last one is kept: Newton ends on it."""
         if self._last is None or not np.array_equal(self._last.u, u):
             x = self.positions(u)
-            elastic = self._body.force(x)
+            elastic = self.body.force(x)
             if elastic is None:
                 return None
             self._last = _Evaluation(u.copy(), x, self._contact(x, None), elastic)
@@ -144,32 +149,32 @@ class FingerStep:
     def tangent(self, u: np.ndarray, blocks: np.ndarray) -> bool:
         """See `Problem`."""
         x = self.positions(u)
-        if self._body.stiffness(x, blocks) is None:
+        if self.body.stiffness(x, blocks) is None:
             return False
         self._contact(x, blocks)
         self.shift(blocks, 1.0)
-        self._body.apply_symmetry(blocks)
+        self.body.apply_symmetry(blocks)
         return True
 
     def shift(self, blocks: np.ndarray, amount: float) -> None:
         """See `Problem`; in units of the inertia M/dt^2."""
-        _add_diagonal(self._body.pattern.indptr, amount * self._rate * self._mass, blocks)
+        add_diagonal(self.body.pattern.indptr, amount * self._rate * self._mass, blocks)
 
     def _contact(self, x: np.ndarray, blocks: np.ndarray | None) -> ContactResponse:
-        return self._surface.respond(x, self._state, self._obstacle, self._friction, self._has_mirror, blocks)
+        return self.surface.respond(x, self._state, self._obstacle, self._friction, self._has_mirror, blocks)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _gather(u: np.ndarray, row_of_node: np.ndarray, clamped: np.ndarray, x: np.ndarray) -> None:
+def gather(u: np.ndarray, row_of_node: np.ndarray, clamped: np.ndarray, x: np.ndarray) -> None:
     """Node positions: from the unknown rows, or where the clamp holds them."""
     for node in range(len(x)):
         row = row_of_node[node]
-        for i in range(3):
+        for i in range(x.shape[1]):
             x[node, i] = clamped[node, i] if row < 0 else u[row, i]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _balance(
+def balance(
     row_of_node: np.ndarray,
     contact: np.ndarray,
     elastic: np.ndarray,
@@ -183,13 +188,13 @@ def _balance(
         row = row_of_node[node]
         if row < 0:
             continue
-        for i in range(3):
+        for i in range(u.shape[1]):
             rows[row, i] = contact[node, i] - elastic[node, i] + inertia[row] * (target[row, i] - u[row, i])
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _add_diagonal(indptr: np.ndarray, amounts: np.ndarray, blocks: np.ndarray) -> None:
+def add_diagonal(indptr: np.ndarray, amounts: np.ndarray, blocks: np.ndarray) -> None:
     """Add amounts (n) times the identity to the diagonal blocks."""
     for row in range(len(amounts)):
-        for i in range(3):
+        for i in range(blocks.shape[1]):
             blocks[indptr[row], i, i] += amounts[row]

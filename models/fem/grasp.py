@@ -13,12 +13,16 @@ from models.features import peak_force_n, work_j
 from models.fem.actuation import ClosingStall
 from models.fem.contact import ContactLaw, Obstacle, PointSpacing
 from models.fem.elasticity import REFERENCE_MODULUS_MPA, MaterialLaw
-from models.fem.finger import FingerState, FingerStep
+from models.fem.finger import FingerState
 from models.fem.model import FingerModel, finger_model
 from models.fem.newton import NewtonSettings, NewtonSolver
 from models.fem.obstacle import ObjectObstacle
+from models.fem.plane_finger import PlaneFinger
+from models.fem.plane_model import SectionModel, section_model
+from models.fem.plane_recording import section_camera
 from models.fem.recording import SIDES, Camera, Recorder, Side
 from models.fem.stepping import (
+    Finger,
     FingerRecord,
     Path,
     StepLimits,
@@ -28,6 +32,7 @@ from models.fem.stepping import (
     travel_to_touch,
 )
 from models.mesh.build import build_mesh
+from models.mesh.plane import PlaneMesh, plane_mesh
 from models.mesh.solid import SolidMesh
 from models.objects.catalogue import RigidObject
 from models.records import Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion, Theta, Trace
@@ -51,11 +56,15 @@ class Numerics:
     material_law: MaterialLaw = "neo_hookean"
 
 
+# Points over the width cost most here, and tangents and factors least.
+SCREENING_NUMERICS = Numerics(spacing=PointSpacing(across_mm=0.5), newton=NewtonSettings(patience=6.0))
+
+
 @dataclass(frozen=True)
 class FingerProblem:
     """Everything about one finger in one grasp. `mesh` is in the finger frame; forces at the reference modulus."""
 
-    mesh: SolidMesh
+    mesh: SolidMesh | PlaneMesh
     height_mm: float
     theta: Theta
     setup: GraspSetup
@@ -69,8 +78,17 @@ class FingerProblem:
         share = 2.0 if self.mesh.is_half else 1.0
         return limit_n / share * REFERENCE_MODULUS_MPA / self.theta.young_modulus_mpa
 
-    def model(self) -> FingerModel:
+    def model(self) -> FingerModel | SectionModel:
         """The finger's mechanics, shared by the grasps of a design."""
+        if isinstance(self.mesh, PlaneMesh):
+            return section_model(
+                self.mesh,
+                height_mm=self.height_mm,
+                tip_below_mm=self.setup.tip_below_mm,
+                poisson_ratio=self.theta.poisson_ratio,
+                law=self.numerics.contact,
+                spacing=self.numerics.spacing,
+            )
         return finger_model(
             self.mesh,
             height_mm=self.height_mm,
@@ -109,8 +127,8 @@ def simulate_grasp(
     *,
     placement: Placement = Placement(),  # noqa: B008 - frozen record
     effects: Sequence[Effect] | None = None,
-    mesh: SolidMesh | None = None,
-    numerics: Numerics = Numerics(),
+    mesh: SolidMesh | PlaneMesh | None = None,
+    numerics: Numerics | None = None,
     deadline_s: float | None = None,
     recorder: Recorder | None = None,
 ) -> GraspSimulation:
@@ -121,18 +139,16 @@ def simulate_grasp(
     is symmetric in y. Forces are exactly proportional to E (see `models.fem.elasticity`).
 
     `effects` default to those of the version. `mesh` replaces the mesh of the design (half width only for objects
-    symmetric in y). `numerics` is for convergence studies and for worlds that must not share the simulator's
-    regularisation. `deadline_s` is a wall-clock limit. `recorder` is called with every converged step (see
-    `models.fem.recording`).
+    symmetric in y). `numerics` (by default those of the tier) is for convergence studies and for worlds that must not
+    share the simulator's regularisation. `deadline_s` is a wall-clock limit. `recorder` is called with every converged
+    step (see `models.fem.recording`).
 
     Raises:
+        UsageError: `mesh` is not for the version's tier.
         SimulationFailed: reason `time_out`, `no_convergence`, `inverted_element`, `indefinite`, `deep_penetration`
             or `max_steps`.
         MeshingFailed: the mesh could not be made.
-        UsageError: the version asks for the screening tier, which is not built.
     """
-    if version.tier == "screening":
-        raise UsageError("The screening tier is not built; use the tier `production` or `reference`.")
     started = time.process_time()
     deadline = deadline_after(deadline_s)
     active = tuple(build_effects(version.effects) if effects is None else effects)
@@ -140,8 +156,14 @@ def simulate_grasp(
     for effect in active:
         theta = effect.modify_theta(theta, design)
         setup = effect.modify_setup(setup, design)
+    is_section = version.tier == "screening"
     if mesh is None:
-        mesh = build_mesh(design, version.mesh, full_width=not obj.mirror_y, effects=active)
+        build = plane_mesh if is_section else build_mesh
+        mesh = build(design, version.mesh, full_width=not obj.mirror_y, effects=active)
+    elif is_section != isinstance(mesh, PlaneMesh):
+        raise UsageError(f"The tier `{version.tier}` cannot use a {type(mesh).__name__}; leave `mesh` out.")
+    if numerics is None:
+        numerics = SCREENING_NUMERICS if is_section else Numerics()
     meshed = time.process_time()
     problem = FingerProblem(mesh, design.height_mm, theta, setup, active, numerics)
     is_symmetric = obj.mirror_x and placement.offset_x_mm == 0.0
@@ -180,14 +202,14 @@ def simulate_finger(
     """
     started = time.process_time()
     model = problem.model()
-    finger = FingerStep(model.body, model.surface, model.nodes, obstacle, has_mirror=True)
+    finger = model.against(obstacle)
     newton = NewtonSolver(model.linear, model.blocks, problem.numerics.newton, deadline)
-    stepper = Stepper(finger, newton, problem.numerics.limits, _friction(problem, len(model.surface.areas)))
+    stepper = Stepper(finger, newton, problem.numerics.limits, _friction(problem, finger.n_points))
     setup_cpu_s = time.process_time() - started
     camera = None
     if recorder is not None:
         scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
-        camera = Camera(recorder, side, problem.mesh, model.nodes, model.surface, scale)
+        camera = _camera(finger, recorder, side, obstacle, scale)
     record, n_closing = _close_and_lift(finger, stepper, problem, camera)
     share = 2.0 if problem.mesh.is_half else 1.0
     return FingerResult(
@@ -201,6 +223,12 @@ def simulate_finger(
         n_dof=model.body.n_dof,
         setup_cpu_s=setup_cpu_s,
     )
+
+
+def _camera(finger: Finger, recorder: Recorder, side: Side, obstacle: Obstacle, scale: float) -> Camera:
+    if isinstance(finger, PlaneFinger):
+        return section_camera(finger, recorder, side, obstacle, scale)
+    return Camera(recorder, side, finger.body.mesh, finger.nodes, finger.surface, obstacle, scale)
 
 
 def _friction(problem: FingerProblem, n: int) -> Callable[[FingerState], np.ndarray]:
@@ -217,14 +245,14 @@ def _friction(problem: FingerProblem, n: int) -> Callable[[FingerState], np.ndar
 
 
 def _close_and_lift(
-    finger: FingerStep, stepper: Stepper, problem: FingerProblem, camera: Camera | None
+    finger: Finger, stepper: Stepper, problem: FingerProblem, camera: Camera | None
 ) -> tuple[FingerRecord, int]:
     setup, limits = problem.setup, problem.numerics.limits
     record = FingerRecord()
     record.add(0.0, 0.0, np.zeros(3))
     start, stroke = 0.5 * setup.open_gap_mm * -INWARD, 0.5 * (setup.open_gap_mm - setup.closed_gap_mm)
     free = travel_to_touch(finger.distance_to_anything, start, INWARD, stroke)
-    state = finger.rest(start + free * INWARD)
+    state = finger.undeformed(start + free * INWARD, setup.close_speed_mm_per_s * INWARD)
     time_s = free / setup.close_speed_mm_per_s
     if free > 0.0:
         record.add(time_s, 0.0, np.zeros(3))
@@ -232,7 +260,6 @@ def _close_and_lift(
         camera.take("closing", time_s, free, state, np.zeros(3))
     stall = ClosingStall(problem.stall_force_n, limits.closing_mm)
     closing = Path(state.base, INWARD, stroke - free, setup.close_speed_mm_per_s, stall.longest_step_mm)
-    state.v[:] = setup.close_speed_mm_per_s * INWARD
     for step in stepper.walk(state, closing):
         state = step.state
         record.add(time_s + step.travel_mm / setup.close_speed_mm_per_s, 0.0, step.clamp_n)
@@ -258,7 +285,7 @@ def _close_and_lift(
     return record, n_closing
 
 
-def _is_clear(finger: FingerStep, lift: Path, travel: float) -> bool:
+def _is_clear(finger: Finger, lift: Path, travel: float) -> bool:
     """True if the undeformed finger meets nothing during the rest of the lift."""
     rest = lift.length_mm - travel
     free = travel_to_touch(finger.distance_to_object, lift.at(travel), UPWARD, rest)

@@ -2,13 +2,16 @@
 
 import threading
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 
 from models.fem.assembly import ElasticBody, Material
-from models.fem.contact import ContactLaw, ContactSurface, PointSpacing
+from models.fem.contact import ContactLaw, ContactSurface, Obstacle, PointSpacing
 from models.fem.elasticity import REFERENCE_MODULUS_MPA, MaterialLaw
+from models.fem.finger import FingerStep
 from models.fem.linear import BlockCholesky, LinearSolver
 from models.mesh.solid import SolidMesh
 
@@ -29,15 +32,31 @@ class FingerModel:
     linear: LinearSolver
     blocks: np.ndarray
 
+    def against(self, obstacle: Obstacle) -> FingerStep:
+        """The finger before an obstacle."""
+        return FingerStep(self.body, self.surface, self.nodes, obstacle, has_mirror=True)
+
 
 class _Kept(threading.local):
     """Models of this thread; a model is working storage, so threads must not share one."""
 
     def __init__(self) -> None:
-        self.models: OrderedDict[tuple[object, ...], FingerModel] = OrderedDict()
+        self.models: OrderedDict[tuple[object, ...], Any] = OrderedDict()
 
 
 _KEPT = _Kept()
+Model = TypeVar("Model")
+
+
+def kept(key: tuple[object, ...], build: Callable[[], Model]) -> Model:
+    """The model of this key, from the last few built in this thread or new."""
+    model: Model | None = _KEPT.models.pop(key, None)
+    if model is None:
+        model = build()
+    _KEPT.models[key] = model
+    while len(_KEPT.models) > MAX_KEPT:
+        _KEPT.models.popitem(last=False)
+    return model
 
 
 def finger_model(
@@ -51,17 +70,15 @@ def finger_model(
     material_law: MaterialLaw = "neo_hookean",
 ) -> FingerModel:
     """The model of a finger, from the last few built in this thread or new; forgets every grasp made with it."""
-    key = (mesh.mesh_id, height_mm, tip_below_mm, poisson_ratio, law, spacing, material_law)
-    model = _KEPT.models.pop(key, None)
-    if model is None:
+
+    def build() -> FingerModel:
         nodes = to_object_frame(mesh.nodes, height_mm, tip_below_mm)
         body = ElasticBody(mesh, nodes, Material(REFERENCE_MODULUS_MPA, poisson_ratio, material_law))
         surface = ContactSurface(body, nodes, law, spacing)
         blocks = np.zeros((len(body.pattern.indices), 3, 3))
-        model = FingerModel(nodes, body, surface, BlockCholesky(body.pattern), blocks)
-    _KEPT.models[key] = model
-    while len(_KEPT.models) > MAX_KEPT:
-        _KEPT.models.popitem(last=False)
+        return FingerModel(nodes, body, surface, BlockCholesky(body.pattern), blocks)
+
+    model = kept((mesh.mesh_id, height_mm, tip_below_mm, poisson_ratio, law, spacing, material_law), build)
     model.surface.forget()
     return model
 

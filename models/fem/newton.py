@@ -86,7 +86,7 @@ class NewtonSolver:
         residual = problem.residual(u)
         if residual is None:
             return "inverted_element"
-        memory = self._begin(len(u))
+        memory = self._begin(u.size)
         sizes, step, is_slow = [float(np.linalg.norm(residual))], 1.0, False
         for _ in range(self.settings.max_iterations):
             if sizes[-1] < self.settings.tolerance_n:
@@ -113,9 +113,9 @@ class NewtonSolver:
             is_slow = self._iterations_ahead(sizes) > self.settings.patience
         return "converged" if sizes[-1] < self.settings.tolerance_n else "no_convergence"
 
-    def _begin(self, n: int) -> SecantMemory:
+    def _begin(self, size: int) -> SecantMemory:
         if self._memory is None:
-            self._memory = SecantMemory(n)
+            self._memory = SecantMemory(size)
         self._memory.begin()
         return self._memory
 

@@ -6,11 +6,11 @@ costs nothing without a recorder.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
-from models.fem.contact import ContactSurface
+from models.fem.contact import Obstacle
 from models.fem.finger import FingerState
 from models.mesh.solid import SolidMesh
 
@@ -36,7 +36,8 @@ class Snapshot:
         nodes: n x 3, deformed.
         contact_points: c x 3, the points that the object presses on.
         contact_areas: c, mm2, undeformed.
-        pressure: c, MPa, along the object's normal.
+        contact_normals: c x 3, outward normals of the object there.
+        pressure: c, MPa, along the normal.
         traction: c x 3, MPa, friction of the object on the finger.
         clamp_force: 3, N, of the clamp on the whole finger: x < 0 presses it on the object, z > 0 pulls it up.
         scale: actual over reference modulus.
@@ -51,6 +52,7 @@ class Snapshot:
     nodes: np.ndarray
     contact_points: np.ndarray
     contact_areas: np.ndarray
+    contact_normals: np.ndarray
     pressure: np.ndarray
     traction: np.ndarray
     clamp_force: np.ndarray
@@ -66,8 +68,27 @@ class Snapshot:
         """Distance (n) of every node from where the undeformed finger would have it."""
         return np.asarray(np.linalg.norm(self.nodes - self.rest_nodes, axis=1))
 
+    @property
+    def contact_force(self) -> np.ndarray:
+        """Force (c, 3) in N of the object on the finger at every touching point."""
+        stress = self.pressure[:, None] * self.contact_normals + self.traction
+        return np.asarray(self.contact_areas[:, None] * stress)
+
 
 Recorder = Callable[[Snapshot], None]
+
+
+class ContactPlaces(Protocol):
+    """What a camera asks of a `ContactSurface`."""
+
+    @property
+    def areas(self) -> np.ndarray:
+        """Undeformed area of every point (n) in mm2."""
+        ...
+
+    def positions(self, x: np.ndarray) -> np.ndarray:
+        """Contact points (n, 3) at deformed nodes x."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -78,13 +99,15 @@ class Camera:
     side: Side
     mesh: SolidMesh
     rest_nodes: np.ndarray
-    surface: ContactSurface
+    surface: ContactPlaces
+    obstacle: Obstacle
     scale: float
 
     def take(self, phase: Phase, time_s: float, travel_mm: float, state: FingerState, clamp_force: np.ndarray) -> None:
         """Record an instant; `clamp_force` (3) on the meshed body."""
         contact = state.contact
         touching = contact.pressure > 0.0
+        points = self.surface.positions(state.x)[touching]
         self.recorder(
             Snapshot(
                 side=self.side,
@@ -94,8 +117,9 @@ class Camera:
                 mesh=self.mesh,
                 rest_nodes=self.rest_nodes + state.base,
                 nodes=state.x.copy(),
-                contact_points=self.surface.positions(state.x)[touching],
+                contact_points=points,
                 contact_areas=self.surface.areas[touching],
+                contact_normals=self.obstacle.normal(points),
                 pressure=contact.pressure[touching],
                 traction=contact.traction[touching],
                 clamp_force=(2.0 if self.mesh.is_half else 1.0) * clamp_force,
@@ -117,3 +141,8 @@ class GraspRecording:
     def of(self, side: Side) -> list[Snapshot]:
         """Snapshots of a finger; with an object symmetric in x only the right one is solved and stands for both."""
         return self.snapshots[side] or self.snapshots["right"]
+
+    @property
+    def is_empty(self) -> bool:
+        """True if nothing was recorded."""
+        return not any(self.snapshots.values())

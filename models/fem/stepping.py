@@ -9,6 +9,7 @@ import numpy as np
 from models.errors import SimulationFailed
 from models.fem.finger import FingerState, FingerStep
 from models.fem.newton import NewtonSolver
+from models.fem.plane_finger import PlaneFinger
 
 TOUCH_MM = 0.02
 # The peak sits in the first millimetres of lift: 1 mm steps lose 1.5 % of it (notes/fem.md section 7).
@@ -21,6 +22,8 @@ MAX_SINKING_MM, MAX_DEPTH_MM = 1.0, 5.0
 MAX_JUMP_MM = 0.5
 # A node this much faster than the base has just snapped; where it was is a better guess than where it was going.
 MAX_SPEED_RATIO = 3.0
+
+Finger = FingerStep | PlaneFinger
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,7 @@ class FingerRecord:
 class Stepper:
     """Walks a finger along paths with step control; counts steps."""
 
-    finger: FingerStep
+    finger: Finger
     newton: NewtonSolver
     limits: StepLimits
     friction: Callable[[FingerState], np.ndarray]

@@ -28,7 +28,7 @@ def planar_mesh(profile: Polygon, edge_mm: float, refine: int = 0) -> PlanarMesh
     outline = Outline(profile)
     _project_corners(outline)
     for cell in outline.cells():
-        if not _is_strip(outline, cell):
+        if _strip_side(outline, cell) is None:
             _divide_sides(outline, cell, edge_mm)
     triangles, quads = _elements(outline, edge_mm)
     vertices = np.array(outline.points)
@@ -53,13 +53,13 @@ def _project_corners(outline: Outline) -> None:
                 outline.project(int(corner), normal[side], REACH_MM)
 
 
-def _is_strip(outline: Outline, cell: list[int]) -> bool:
-    """True for a piece of wall: four corners, two opposite sides of it on the boundary."""
-    return len(cell) == 4 and _first_long_side(outline, cell) is not None
+def _strip_side(outline: Outline, cell: list[int]) -> int | None:
+    """For a piece of wall, the number (0 or 1) of the first of its two opposite sides on the boundary; else None.
 
-
-def _first_long_side(outline: Outline, cell: list[int]) -> int | None:
-    """Number (0 or 1) of the first of two opposite sides of a four-sided cell that lie on the boundary, the longer."""
+    A piece of wall has four corners; where all its sides are on the boundary, the longer two count.
+    """
+    if len(cell) != 4:
+        return None
     free = [outline.is_side(a, b) for a, b in zip(cell, np.roll(cell, -1), strict=True)]
     points = np.array(outline.points)[cell]
     length = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
@@ -91,8 +91,9 @@ def _elements(outline: Outline, edge_mm: float) -> tuple[np.ndarray, np.ndarray]
     """Triangles (t, 3) and quadrilaterals (q, 4) of all cells."""
     triangles, quads = [np.zeros((0, 3), dtype=int)], [np.zeros((0, 4), dtype=int)]
     for cell in outline.cells():
-        if _is_strip(outline, cell):
-            quads.append(_divided_strip(outline, cell, edge_mm))
+        first = _strip_side(outline, cell)
+        if first is not None:
+            quads.append(_divided_strip(outline, np.roll(cell, -first).tolist(), edge_mm))
             continue
         numbers = np.array(cell)
         parts = partition(np.array(outline.points)[numbers])
@@ -104,10 +105,8 @@ def _elements(outline: Outline, edge_mm: float) -> tuple[np.ndarray, np.ndarray]
 
 
 def _divided_strip(outline: Outline, cell: list[int], edge_mm: float) -> np.ndarray:
-    """A piece of wall as a row of quadrilaterals (n, 4)."""
-    first = _first_long_side(outline, cell)
-    assert first is not None
-    a, b, c, d = np.roll(cell, -first).tolist()
+    """A piece of wall, its first and third side on the boundary, as a row of quadrilaterals (n, 4)."""
+    a, b, c, d = cell
     corners = np.array(outline.points)[[a, b, c, d]]
     side = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
     fractions = graded(float(max(side[0], side[2])), NEAR_JOINT * float(side[1] + side[3]) / 2, edge_mm)

@@ -134,6 +134,9 @@ def test_report_says_where_it_is(fast, measured, tmp_path):
     assert (tmp_path / "report" / "index.html").is_file()
 
 
+WRITTEN = {"result.json", "trace.csv", "trace.png", "grasp.png", "grasp.rrd"}
+
+
 def test_simulate_writes_what_it_says(fast, measured, tmp_path):
     design = tmp_path / "design.json"
     design.write_text(BEST_PUBLISHED.model_dump_json())
@@ -143,7 +146,7 @@ def test_simulate_writes_what_it_says(fast, measured, tmp_path):
     assert data["version_id"] == version[0]["version_id"]
     assert data["design_id"] == BEST_PUBLISHED.design_id
     assert data["peak_force_n"] > 0
-    assert {p.name for p in (tmp_path / "out").iterdir()} == {"trace.csv", "result.json", "grasp.png"}
+    assert {p.name for p in (tmp_path / "out").iterdir()} == WRITTEN
     stiffer = fast("simulate", "--object", "2", "--set", "max_lift_mm=2", "--set", "young_modulus_mpa=20", "--json")
     assert stiffer.json["peak_force_n"] > data["peak_force_n"]
     assert stiffer.json["version_id"] != data["version_id"]

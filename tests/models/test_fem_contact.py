@@ -127,7 +127,9 @@ def test_mirror_plane_pushes_like_a_wall(solid: SolidMesh) -> None:
 def test_step_tangent_is_the_derivative_of_the_residual(solid: SolidMesh) -> None:
     body, surface, nodes = finger_parts(solid, PointSpacing(0.5, 3.0))
     finger = FingerStep(body, surface, nodes, Wall(0.15), has_mirror=False)
-    u = finger.begin(finger.rest(np.zeros(3)), np.array([-0.05, 0, 0.0]), 0.05, np.full(len(surface.areas), 1e6))
+    u = finger.begin(
+        finger.undeformed(np.zeros(3), np.zeros(3)), np.array([-0.05, 0, 0.0]), 0.05, np.full(len(surface.areas), 1e6)
+    )
     blocks = np.zeros((len(body.pattern.indices), 3, 3))
     assert finger.tangent(u, blocks)
     rng = np.random.default_rng(0)

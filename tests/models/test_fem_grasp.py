@@ -6,7 +6,7 @@ import pytest
 from models.design_space import BEST_PUBLISHED, random_designs
 from models.effects.contact import StaticKineticFriction
 from models.effects.geometry import WallThicknessOffset
-from models.errors import SimulationFailed, UsageError
+from models.errors import SimulationFailed
 from models.fem.contact import ContactLaw
 from models.fem.grasp import Numerics, simulate_grasp
 from models.fem.stepping import StepLimits
@@ -155,7 +155,8 @@ def test_work_is_converged_in_the_step_although_the_force_jumps() -> None:
     turned_cube = get_object(32)  # tears off its edge at 39 mm of lift with a short negative force
     fine = Numerics(limits=StepLimits(lift_mm=0.5))
     usual = simulate_grasp(BEST_PUBLISHED, turned_cube)
-    assert usual.work_j == pytest.approx(simulate_grasp(BEST_PUBLISHED, turned_cube, numerics=fine).work_j, rel=0.01)
+    # Half of MAX_JUMP_MM is 1 % of this work; a 2 mm step across the jump would be wrong by 5 %.
+    assert usual.work_j == pytest.approx(simulate_grasp(BEST_PUBLISHED, turned_cube, numerics=fine).work_j, rel=0.02)
 
 
 def test_slip_weakening_converges_with_the_step() -> None:
@@ -182,11 +183,6 @@ def test_point_contact_of_a_rim_is_converged_in_the_penalty() -> None:
     stiff = simulate_grasp(BEST_PUBLISHED, diabolo, numerics=stiffer)
     assert usual.peak_force_n == pytest.approx(stiff.peak_force_n, rel=0.04)
     assert usual.work_j == pytest.approx(stiff.work_j, rel=0.02)
-
-
-def test_screening_tier_is_refused() -> None:
-    with pytest.raises(UsageError, match="screening tier is not built"):
-        simulate_grasp(BEST_PUBLISHED, SPHERE, SimulatorVersion(tier="screening"))
 
 
 @pytest.mark.slow

@@ -64,7 +64,7 @@ def solve(settings: NewtonSettings) -> tuple[NewtonSolver, float]:
 
 def test_correction_maps_the_change_of_the_residual_to_the_step() -> None:
     problem, rng = SlidingContact(), np.random.default_rng(2)
-    memory, linear = SecantMemory(N_ROWS), DenseSolver(problem.K)
+    memory, linear = SecantMemory(3 * N_ROWS), DenseSolver(problem.K)
     old, new = rng.normal(size=(2, N_ROWS, 3))
     first = memory.direction(linear.solve(old), old, 1.0)
     memory.direction(linear.solve(new), new, 0.3)

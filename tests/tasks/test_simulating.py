@@ -1,30 +1,41 @@
+import json
+from collections.abc import Iterator
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
 from lake.tables import SimTraceRow, SimulationRow, SimulatorVersionRow
 from models.design_space import BEST_PUBLISHED
-from models.errors import SimulationFailed
 from models.records import GraspSimulation, Trace
+from tasks.attempt import Attempt
 from tasks.simulating import simulate_design
 
 
-def result() -> GraspSimulation:
+def result() -> Attempt:
     lift = np.linspace(0, 10, 11)
     trace = Trace(time_s=lift / 5, lift_mm=lift, force_n=np.sin(lift))
-    return GraspSimulation(
+    simulation = GraspSimulation(
         trace=trace, peak_force_n=1.0, contact_force_n=2.0, work_j=0.1, n_steps=3, n_newton=9, n_dof=30, cpu_s=0.5
     )
+    return Attempt(simulation, "", "", cpu_s=0.6, mesh_cpu_s=0.1, wall_s=0.7)
+
+
+NO_EQUILIBRIUM = Attempt(None, "no_convergence", "No equilibrium.", cpu_s=3.0, mesh_cpu_s=0.1, wall_s=3.2)
 
 
 class ScriptedPool:
-    """Answers each submission with the next outcome of its script: a result, or an error."""
+    """A pool of one worker, itself, that answers with the next outcome of its script: an attempt, or an error."""
 
     def __init__(self, *script) -> None:
         self.script = list(script)
         self.n_restarts = 0
+
+    @contextmanager
+    def lend(self) -> Iterator["ScriptedPool"]:
+        yield self
 
     def submit(self, function, *arguments):
         outcome = self.script.pop(0)
@@ -44,11 +55,13 @@ def rows(campaign):
 
 
 def test_results_and_failures_are_rows_with_their_reason(campaign):
-    pool = ScriptedPool(result(), SimulationFailed("No equilibrium.", "no_convergence"))
+    pool = ScriptedPool(result(), NO_EQUILIBRIUM)
     assert simulate_design(campaign, BEST_PUBLISHED, pool=pool) == 1
     found = rows(campaign)
-    assert (found[4]["status"], found[4]["peak_force_n"]) == ("ok", 1.0)
+    assert (found[4]["status"], found[4]["peak_force_n"], found[4]["cpu_s"]) == ("ok", 1.0, 0.6)
     assert (found[7]["status"], found[7]["reason"], found[7]["peak_force_n"]) == ("failed", "no_convergence", None)
+    assert found[7]["cpu_s"] == 3.0
+    assert json.loads(found[7]["details_json"]) == {"message": "No equilibrium.", "wall_s": 3.2}
     assert campaign.lake.trace(found[4]["simulation_id"], SimTraceRow).force_n[1] == pytest.approx(np.sin(1))
     assert found[4]["parents"] == [BEST_PUBLISHED.design_id, campaign.version.version_id]
     assert campaign.lake.has(SimulatorVersionRow, campaign.version.version_id)
@@ -77,3 +90,18 @@ def test_a_stop_is_heard_between_objects(campaign):
     asked = iter([False, True])
     simulate_design(campaign, BEST_PUBLISHED, pool=ScriptedPool(result()), should_stop=lambda: next(asked))
     assert list(rows(campaign)) == [4]
+
+
+def test_the_worker_has_its_next_grasp_before_the_row_of_the_last_is_written(campaign):
+    pool = ScriptedPool(result(), result())
+    written: list[int] = []
+    submit = pool.submit
+
+    def watched(function, job):
+        written.append(len(rows(campaign)))
+        return submit(function, job)
+
+    pool.submit = watched
+    simulate_design(campaign, BEST_PUBLISHED, pool=pool)
+    assert written == [0, 0]
+    assert len(rows(campaign)) == 2

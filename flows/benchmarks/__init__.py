@@ -1,0 +1,45 @@
+"""Benchmarks: what one unit of work costs, how accurate it is, and how often it fails."""
+
+from collections.abc import Callable
+
+from flows.benchmarks.accuracy import measure_accuracy
+from flows.benchmarks.base import Benchmark, Options, Tables
+from flows.benchmarks.bench import measure_bench
+from flows.benchmarks.fanout import measure_fanout
+from flows.benchmarks.grasp import measure_grasp
+from flows.benchmarks.lake import measure_lake
+from flows.benchmarks.profile import measure_profile
+from flows.benchmarks.propose import measure_propose
+from flows.benchmarks.ranking import measure_ranking
+from flows.benchmarks.robustness import measure_robustness
+from flows.benchmarks.traces import measure_traces
+
+_SAMPLE = frozenset({"designs", "objects"})
+_STUDY = _SAMPLE | {"results", "limit_minutes", "workers"}
+
+
+def _fixed(measure: Callable[[], Tables]) -> Benchmark:
+    """A benchmark without options."""
+    return Benchmark(lambda options: measure(), about=_first_line(measure))
+
+
+def _sampled(measure: Callable[[Options], Tables], options: frozenset[str]) -> Benchmark:
+    return Benchmark(measure, options, _first_line(measure))
+
+
+def _first_line(measure: Callable[..., Tables]) -> str:
+    return (measure.__doc__ or "").strip().partition("\n")[0]
+
+
+BENCHMARKS: dict[str, Benchmark] = {
+    "grasp": _sampled(measure_grasp, _STUDY | {"tiers"}),
+    "profile": _sampled(measure_profile, _SAMPLE | {"tiers"}),
+    "accuracy": _sampled(measure_accuracy, _STUDY | {"tiers"}),
+    "ranking": _sampled(measure_ranking, _STUDY),
+    "robustness": _sampled(measure_robustness, _STUDY | {"tiers"}),
+    "fanout": _sampled(measure_fanout, _SAMPLE | {"workers"}),
+    "traces": _sampled(measure_traces, _SAMPLE | {"figure"}),
+    "propose": _fixed(measure_propose),
+    "lake": _fixed(measure_lake),
+    "bench": _fixed(measure_bench),
+}

@@ -1,0 +1,137 @@
+"""Outcomes of simulated grasps as JSON lines: a file that a killed benchmark leaves whole and continues."""
+
+import hashlib
+import threading
+from collections.abc import Collection
+from functools import cache
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Literal, Self
+
+from pydantic import ValidationError
+
+import models
+from models.errors import UsageError
+from models.records import Record
+
+_SOLVER_SOURCES = ("effects", "fem", "geometry", "mesh", "objects", "features.py", "records.py")
+
+
+class Outcome(Record):
+    """One simulated grasp of a benchmark.
+
+    `design` is the number of a `models.design_space.numbered_design`. `cpu_s` includes `setup_cpu_s`, the mesh and
+    the preparation of the solver. `worker` is a process id, `max_rss_mb` the most memory that process had held.
+    `ended_s` counts from `part`, the time (s since 1970) at which this part of the benchmark began. `solver` is the
+    `solver_id` of the code.
+    """
+
+    simulation_id: str
+    tier: str
+    design: int
+    object_id: int
+    status: Literal["ok", "failed"]
+    reason: str = ""
+    message: str = ""
+    peak_force_n: float | None = None
+    contact_force_n: float | None = None
+    work_j: float | None = None
+    n_dof: int | None = None
+    n_steps: int | None = None
+    n_newton: int | None = None
+    n_factorisations: int | None = None
+    cpu_s: float
+    setup_cpu_s: float
+    wall_s: float
+    worker: int
+    max_rss_mb: float
+    part: float
+    ended_s: float
+    solver: str
+
+    @property
+    def is_ok(self) -> bool:
+        """True if the grasp was simulated to its end."""
+        return self.status == "ok"
+
+
+class OutcomeFile:
+    """Appends outcomes to a file, a line each, as they come; keeps nothing without a path."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._lock = threading.Lock()
+        self._file: IO[str] | None = None
+
+    def __enter__(self) -> Self:
+        """Open for appending, after the last whole line."""
+        if self._path is not None:
+            try:
+                _drop_torn_line(self._path)
+                self._file = self._path.open("a", encoding="utf-8")
+            except OSError as error:
+                raise UsageError(f"--results `{self._path}` cannot be written: {error.strerror}.") from error
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+
+    def append(self, outcome: Outcome) -> None:
+        """Write one outcome; safe from several threads."""
+        if self._file is not None:
+            with self._lock:
+                self._file.write(outcome.model_dump_json(exclude_defaults=True) + "\n")
+                self._file.flush()
+
+
+def read_outcomes(path: Path | None, lasting_tiers: Collection[str] = ()) -> dict[str, Outcome]:
+    """Outcomes of a file by simulation id, the last of each; only those of the present solver code count.
+
+    Of `lasting_tiers` older ones count too: a converged reference is worth more than its code version.
+
+    Raises:
+        UsageError: the file holds something else.
+    """
+    if path is None or not path.exists():
+        return {}
+    found: dict[str, Outcome] = {}
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(keepends=True), start=1):
+        if not line.endswith("\n"):
+            break  # written when the benchmark was killed
+        try:
+            outcome = Outcome.model_validate_json(line)
+        except ValidationError as error:
+            raise UsageError(f"{path}, line {number} is not an outcome of a benchmark; give another file.") from error
+        if outcome.solver == solver_id() or outcome.tier in lasting_tiers:
+            found[outcome.simulation_id] = outcome
+    return found
+
+
+@cache
+def solver_id() -> str:
+    """Id of the source code that decides a simulated number, 12 hex digits."""
+    root = Path(models.__file__).parent
+    sources = sorted(file for name in _SOLVER_SOURCES for file in _python_files(root / name))
+    digest = hashlib.sha256()
+    for file in sources:
+        digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()[:12]
+
+
+def _python_files(path: Path) -> list[Path]:
+    return [path] if path.is_file() else list(path.rglob("*.py"))
+
+
+def _drop_torn_line(path: Path) -> None:
+    """Cut what follows the last newline, and make the folder if there is none."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists():
+        content = path.read_bytes()
+        whole = content.rfind(b"\n") + 1
+        if whole < len(content):
+            with path.open("r+b") as file:
+                file.truncate(whole)

@@ -1,0 +1,61 @@
+"""The traces of a soft, a stiff and the best tool on the objects of Fig. 5, and what they show."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+from flows.benchmarks.base import Options, Rows, Tables
+from models.design_space import BEST_PUBLISHED, numbered_design
+from models.fem.grasp import simulate_grasp
+from models.objects.catalogue import get_object
+from models.records import Design, Trace
+
+N_DESIGNS = 10  # a batch, as in the paper
+STIFFNESS_OBJECT = 1  # sphere
+# In the order of the figure: flat sides, curved, tapering, with a waist.
+FLAT, CURVED, TAPERING, WAISTED = (30, 31, 32, 33, 34, 35), (1, 6), (24, 25), (28, 29)
+PIXELS_PER_INCH = 130
+
+
+def measure_traces(options: Options) -> Tables:
+    """Traces of the softest and the stiffest of a batch and of the best tool; --figure draws them."""
+    from flows.report.trace_features import features_of
+
+    tools, chosen = _tools(options.designs or N_DESIGNS)
+    objects = options.objects or FLAT + CURVED + TAPERING + WAISTED
+    traces: dict[int, dict[str, Trace]] = {}
+    rows: Rows = []
+    for object_id in objects:
+        obj = get_object(object_id)
+        options.tell(f"object {object_id}, {obj.name}")
+        traces[object_id] = {tool: simulate_grasp(design, obj).trace for tool, design in tools.items()}
+        for tool, trace in traces[object_id].items():
+            rows.append({"object_id": object_id, "object": obj.name, "tool": tool, **asdict(features_of(trace))})
+    if options.figure is not None:
+        _draw(options.figure, traces, {row["tool"]: row["label"] for row in chosen})
+    return {"tools": chosen, "traces": rows}
+
+
+def _tools(n_designs: int) -> tuple[dict[str, Design], Rows]:
+    """The tools by name, and how hard each presses on a sphere: the measure of stiffness."""
+    sphere = get_object(STIFFNESS_OBJECT)
+    numbered = {f"random-{number}": numbered_design(number) for number in range(n_designs)}
+    force = {name: simulate_grasp(design, sphere).contact_force_n for name, design in numbered.items()}
+    softest, stiffest = min(force, key=force.__getitem__), max(force, key=force.__getitem__)
+    names = {"softest": softest, "stiffest": stiffest, "best": "best"}
+    tools = {tool: numbered.get(name, BEST_PUBLISHED) for tool, name in names.items()}
+    force["best"] = simulate_grasp(BEST_PUBLISHED, sphere).contact_force_n
+    rows: Rows = []
+    for tool, name in names.items():
+        label = "best published" if tool == name else f"{tool} ({name})"
+        rows.append({"tool": tool, "design": name, "contact_force_n": force[name], "label": label})
+    return tools, rows
+
+
+def _draw(path: Path, traces: dict[int, dict[str, Trace]], labels: dict[str, str]) -> None:
+    from flows.report.style import figure_style
+    from flows.report.trace_features import traces_figure
+
+    panels = [(f"{number} {get_object(number).name}", lines) for number, lines in traces.items()]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with figure_style():
+        traces_figure(panels, labels).savefig(path, dpi=PIXELS_PER_INCH)

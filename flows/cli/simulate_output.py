@@ -1,0 +1,89 @@
+"""What `fast simulate --out` writes: numbers, trace, pictures and a Rerun recording of one grasp."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from models.errors import UsageError
+    from models.fem.recording import GraspRecording
+    from models.objects.catalogue import RigidObject
+    from models.records import Design, GraspSimulation
+
+PIXELS_PER_INCH = 150
+
+
+def write_outputs(
+    out: Path,
+    design: "Design",
+    obj: "RigidObject",
+    data: dict[str, Any],
+    result: "GraspSimulation",
+    recording: "GraspRecording",
+) -> list[Path]:
+    """Write everything about a simulated grasp into the folder `out`; returns the files.
+
+    `recording` is one that took every step of this grasp; when it is empty (the screening tier has no solid finger),
+    the trace is all there is to see.
+
+    Raises:
+        UsageError: the folder cannot be written.
+    """
+    from flows.viewer.simulation import write_simulation
+
+    title = f"{design.design_id} on object {obj.object_id}, {obj.name}"
+    files = [out / name for name in ("result.json", "trace.csv", "trace.png", "grasp.png", "grasp.rrd")]
+    try:
+        files[0].write_text(json.dumps({**data, "design": design.model_dump()}, indent=2) + "\n")
+        files[1].write_text(_csv(result))
+        _draw(files[2], files[3], obj, result, recording, title)
+    except OSError as error:
+        raise unwritable("--out", out, error) from error
+    if recording.is_empty:
+        return files[:3]
+    write_simulation(files[4], obj.object_id, result, recording, title)
+    return files
+
+
+def make_folder(out: Path) -> None:
+    """Make the folder before the long part.
+
+    Raises:
+        UsageError: it cannot be made.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable("--out", out, error) from error
+
+
+def unwritable(option: str, folder: Path, error: OSError) -> "UsageError":
+    """The error for a folder that cannot be written."""
+    from models.errors import UsageError
+
+    return UsageError(f"{option} `{folder}` cannot be written: {error.strerror}; give a folder you may write to.")
+
+
+def _csv(result: "GraspSimulation") -> str:
+    trace = result.trace
+    lines = ["time_s,lift_mm,force_n"]
+    lines += [f"{t:.6g},{x:.6g},{f:.6g}" for t, x, f in zip(trace.time_s, trace.lift_mm, trace.force_n, strict=True)]
+    return "\n".join(lines) + "\n"
+
+
+def _draw(
+    trace_path: Path,
+    grasp_path: Path,
+    obj: "RigidObject",
+    result: "GraspSimulation",
+    recording: "GraspRecording",
+    title: str,
+) -> None:
+    from flows.report.grasp import five_instants, instants_figure, trace_figure
+    from flows.report.style import figure_style
+
+    with figure_style():
+        instants = five_instants(recording, result.trace)
+        trace_figure(result, instants, title).savefig(trace_path, dpi=PIXELS_PER_INCH)
+        if instants:
+            instants_figure(obj, instants, title).savefig(grasp_path, dpi=PIXELS_PER_INCH)

@@ -1,0 +1,122 @@
+"""Rerun recording of one simulated grasp: deforming fingers, contact forces and the trace on one timeline."""
+
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from matplotlib import colormaps
+
+from flows.report.grasp import CELL_MM, SIGNS, cell_forces
+from flows.report.style import FIRST, SIMULATED
+from flows.viewer.rerun import recording_to, send_trace, times
+from flows.viewer.scene import mounted_object_mesh, rgb
+from models.fem.recording import SIDES, GraspRecording, Side, Snapshot
+from models.fem.skin import Skin, skin_of
+from models.records import GraspSimulation, Trace
+
+ARROW_MM_PER_N = 6.0
+DISPLACEMENT_COLOURS = "viridis"
+
+
+def write_simulation(
+    path: Path, object_id: int, result: GraspSimulation, recording: GraspRecording, title: str
+) -> Path:
+    """Write a simulated grasp; returns `path`.
+
+    Fingers are coloured by displacement from the undeformed finger; arrows are the object's force on them.
+
+    Raises:
+        UsageError: the file cannot be written.
+    """
+    furthest = max(float(s.displacement_mm.max()) for side in SIDES for s in recording.of(side))
+    with recording_to(title, path, _blueprint(title)) as stream:
+        stream.log("about", rr.TextDocument(_about(title, result, furthest), media_type="text/markdown"), static=True)
+        stream.log("cell/object", mounted_object_mesh(object_id), static=True)
+        for side in SIDES:
+            _send_finger(stream, recording.of(side), side, furthest)
+        send_trace(stream, "force/load_cell", "lift/head", result.trace, None, "on the load cell", SIMULATED)
+        _send_closing_force(stream, recording.of("right"))
+    return path
+
+
+def _blueprint(title: str) -> rrb.Blueprint:
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(
+                rrb.Spatial3DView(origin="cell", name=f"{title} (mm)"),
+                rrb.TextDocumentView(origin="about", name="About"),
+                row_shares=[4, 1],
+            ),
+            rrb.Vertical(
+                rrb.TimeSeriesView(origin="force", name="Force (N)", plot_legend=rrb.PlotLegend("RightTop")),
+                rrb.TimeSeriesView(origin="lift", name="Lift (mm)"),
+                row_shares=[2, 1],
+            ),
+            column_shares=[3, 2],
+        ),
+        rrb.TimePanel(timeline="time", state="collapsed", play_state="playing", loop_mode="all"),
+        rrb.SelectionPanel(state="collapsed"),
+    )
+
+
+def _about(title: str, result: GraspSimulation, furthest_mm: float) -> str:
+    return (
+        f"# {title}\n\nPeak {result.peak_force_n:.2f} N, contact force {result.contact_force_n:.2f} N, work "
+        f"{1e3 * result.work_j:.0f} mJ. Fingers: displacement from the undeformed finger, dark 0, yellow "
+        f"{furthest_mm:.1f} mm. Arrows: force of the object on the finger, {ARROW_MM_PER_N:g} mm per N."
+    )
+
+
+def _send_finger(stream: rr.RecordingStream, snapshots: list[Snapshot], side: Side, furthest_mm: float) -> None:
+    skin, sign = skin_of(snapshots[0].mesh), SIGNS[side]
+    flip = np.array([sign, 1.0, 1.0])
+    triangles = skin.triangles if sign > 0 else skin.triangles[:, ::-1]
+    entity = f"cell/fingers/{side}"
+    for snapshot in snapshots:
+        _set_time(stream, snapshot)
+        vertices = skin.vertices(snapshot.nodes) * flip
+        mesh = rr.Mesh3D(
+            vertex_positions=vertices,
+            vertex_normals=_normals(vertices, triangles),
+            vertex_colors=_colours(snapshot, skin, furthest_mm),
+            triangle_indices=triangles,
+        )
+        stream.log(f"{entity}/surface", mesh)
+        places, forces = cell_forces(snapshot, CELL_MM)
+        vectors = ARROW_MM_PER_N * snapshot.scale * forces * flip
+        # A half model has its points on one half; their sum acts in the middle plane.
+        middle = flip * (np.array([1.0, 0.0, 1.0]) if snapshot.mesh.is_half else 1.0)
+        # Drawn towards the finger's surface, so that the arrows are not hidden inside it.
+        origins = places * middle - vectors
+        stream.log(
+            f"{entity}/contact_force", rr.Arrows3D(origins=origins, vectors=vectors, colors=rgb(FIRST), radii=0.5)
+        )
+    stream.reset_time()
+
+
+def _send_closing_force(stream: rr.RecordingStream, snapshots: list[Snapshot]) -> None:
+    """Force with which one finger is pressed on the object."""
+    force_n = np.array([-s.clamp_force[0] * s.scale for s in snapshots])
+    trace = Trace(np.array([s.time_s for s in snapshots]), np.array([s.lift_mm for s in snapshots]), force_n)
+    stream.log("force/closing", rr.SeriesLines(names="of one finger on the object", colors=rgb(FIRST)), static=True)
+    stream.send_columns("force/closing", times(trace, None), rr.Scalars.columns(scalars=force_n))
+
+
+def _set_time(stream: rr.RecordingStream, snapshot: Snapshot) -> None:
+    stream.set_time("time", duration=snapshot.time_s)
+    stream.set_time("lift_um", sequence=round(1e3 * snapshot.lift_mm))
+
+
+def _colours(snapshot: Snapshot, skin: Skin, furthest_mm: float) -> np.ndarray:
+    """RGBA (v, 4) of the displacement of every vertex."""
+    share = snapshot.displacement_mm[skin.nodes] / max(furthest_mm, 1e-9)
+    return np.asarray(255 * colormaps[DISPLACEMENT_COLOURS](share)).astype(np.uint8)
+
+
+def _normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Unit vertex normals (v, 3), averaged over the triangles by area."""
+    a, b, c = vertices[triangles].transpose(1, 0, 2)
+    normals = np.zeros_like(vertices)
+    np.add.at(normals, triangles.ravel(), np.repeat(np.cross(b - a, c - a), 3, axis=0))
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))

@@ -1,0 +1,53 @@
+"""What all grasps of one section share: its mechanics before any object, built once and kept."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.fem.contact import ContactLaw, Obstacle, PointSpacing
+from models.fem.elasticity import REFERENCE_MODULUS_MPA
+from models.fem.model import kept, to_object_frame
+from models.fem.plane_body import PlaneBody
+from models.fem.plane_contact import PlaneSurface
+from models.fem.plane_finger import IN_PLANE, PlaneFinger
+from models.fem.plane_linear import PlaneCholesky
+from models.mesh.plane import PlaneMesh
+
+
+@dataclass(frozen=True)
+class SectionModel:
+    """What the grasps of one section share, as `models.fem.model.FingerModel`; nodes (n, 2), `blocks` (z, 2, 2)."""
+
+    nodes: np.ndarray
+    body: PlaneBody
+    linear: PlaneCholesky
+    blocks: np.ndarray
+    law: ContactLaw
+    spacing: PointSpacing
+
+    def against(self, obstacle: Obstacle) -> PlaneFinger:
+        """The section before an obstacle; its contact points depend on the obstacle."""
+        surface = PlaneSurface(self.body, self.nodes, self.law, self.spacing, obstacle)
+        return PlaneFinger(self.body, surface, self.nodes, has_mirror=True)
+
+
+def section_model(
+    mesh: PlaneMesh,
+    *,
+    height_mm: float,
+    tip_below_mm: float,
+    poisson_ratio: float,
+    law: ContactLaw,
+    spacing: PointSpacing,
+) -> SectionModel:
+    """The model of a section, from the last few built in this thread or new."""
+
+    def build() -> SectionModel:
+        x, z = mesh.nodes.T
+        solid = to_object_frame(np.column_stack([x, np.zeros(len(x)), z]), height_mm, tip_below_mm)
+        nodes = np.ascontiguousarray(solid[:, IN_PLANE])
+        body = PlaneBody(mesh, nodes, REFERENCE_MODULUS_MPA, poisson_ratio)
+        blocks = np.zeros((len(body.pattern.indices), 2, 2))
+        return SectionModel(nodes, body, PlaneCholesky(body.pattern), blocks, law, spacing)
+
+    return kept((mesh.mesh_id, height_mm, tip_below_mm, poisson_ratio, law, spacing), build)

@@ -1,0 +1,135 @@
+"""One attempt at a simulated grasp in a worker process: what came out, why it failed, and what it cost."""
+
+import logging
+import os
+import resource
+import sys
+import time
+from concurrent.futures import CancelledError, Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from models.effects.catalogue import build_effects
+from models.errors import MeshingFailed, SimulationFailed
+from models.ids import canonical_json
+from models.mesh.build import build_mesh
+from models.mesh.solid import SolidMesh
+from models.objects.catalogue import get_object
+from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion
+from tasks.mesh_cache import cached_mesh
+from tasks.pool import Worker
+
+logger = logging.getLogger(__name__)
+
+ATTEMPTS = 2
+HANG_MARGIN_S = 60.0  # wall time past a grasp's own deadline after which its worker is taken to hang
+MESHES_KEPT = 4  # half and full width of a design, for two designs
+
+
+@dataclass(frozen=True)
+class GraspJob:
+    """A grasp to simulate; `deadline_s` is wall time.
+
+    Meshes are cached beside the lake at `lake_root` if given; `mesh` replaces that of the version.
+    """
+
+    design: Design
+    object_id: int
+    version: SimulatorVersion
+    setup: GraspSetup
+    deadline_s: float
+    lake_root: Path | None = None
+    mesh: SolidMesh | None = None
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """Outcome of a job: a result, or None with the reason of the failure and its message.
+
+    `cpu_s` is the worker's CPU time for everything, `mesh_cpu_s` the part spent on the mesh (none where the worker
+    still had it); `wall_s` is from start to end. `worker` is the process's id and `max_rss_mb` the most memory it
+    has held so far.
+    """
+
+    result: GraspSimulation | None
+    reason: str
+    message: str
+    cpu_s: float
+    mesh_cpu_s: float
+    wall_s: float
+    worker: int = 0
+    max_rss_mb: float = 0.0
+
+
+def attempt_grasp(job: GraspJob) -> Attempt:
+    """Mesh and simulate; a failed grasp is an outcome like any other. Runs in a worker process."""
+    from models.fem.grasp import simulate_grasp  # compiled kernels are loaded in workers only
+
+    wall, started, meshed = time.perf_counter(), time.process_time(), time.process_time()
+    result, reason, message = None, "", ""
+    try:
+        obj = get_object(job.object_id)
+        mesh = job.mesh
+        if mesh is None and job.version.tier != "screening":  # which has a plane mesh, made in no time
+            version_json = canonical_json(job.version.model_dump())
+            mesh = _mesh_of(job.design, version_json, not obj.mirror_y, job.lake_root)
+        meshed = time.process_time()
+        result = simulate_grasp(job.design, obj, job.version, job.setup, mesh=mesh, deadline_s=job.deadline_s)
+    except (SimulationFailed, MeshingFailed) as error:
+        reason, message = error.reason, str(error)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        reason, message = "arithmetic", f"{type(error).__name__}: {error}"
+    ended = time.process_time()
+    return Attempt(
+        result=result,
+        reason=reason,
+        message=message,
+        cpu_s=ended - started,
+        mesh_cpu_s=meshed - started,
+        wall_s=time.perf_counter() - wall,
+        worker=os.getpid(),
+        max_rss_mb=_max_rss_mb(),
+    )
+
+
+def _max_rss_mb() -> float:
+    unit_bytes = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit_bytes / 1e6
+
+
+@lru_cache(maxsize=MESHES_KEPT)
+def _mesh_of(design: Design, version_json: str, full_width: bool, lake_root: Path | None) -> SolidMesh:
+    """The mesh that this process made or read last time, else from the lake's cache, else a new one."""
+    version = SimulatorVersion.model_validate_json(version_json)
+    if lake_root is not None:
+        return cached_mesh(lake_root, design, version, full_width=full_width)
+    effects = build_effects(version.effects)
+    return build_mesh(design, version.mesh, full_width=full_width, effects=effects)
+
+
+def answer(worker: Worker, job: GraspJob, future: "Future[Attempt]") -> Attempt:
+    """What the worker says; one that hangs is killed, one that died (once may be bad luck) is asked again."""
+    started = time.monotonic()
+    for attempt in range(ATTEMPTS):
+        if attempt > 0:
+            future = worker.submit(attempt_grasp, job)
+        try:
+            return future.result(timeout=job.deadline_s + HANG_MARGIN_S)
+        except FutureTimeoutError:
+            worker.restart()
+            message = f"no answer for {job.deadline_s + HANG_MARGIN_S:.0f} s; worker killed"
+            return _lost("hang", message, started)
+        except (BrokenProcessPool, CancelledError):
+            logger.warning("a worker died at %s on object %d", job.design.design_id, job.object_id)
+    return _lost("worker_died", f"its worker died {ATTEMPTS} times", started)
+
+
+def _lost(reason: str, message: str, started: float) -> Attempt:
+    """An attempt of which nobody is left to say what CPU time it took; at most its wall time."""
+    wall_s = time.monotonic() - started
+    return Attempt(None, reason, message, cpu_s=wall_s, mesh_cpu_s=0.0, wall_s=wall_s)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.models.verification.convergence import OBJECTS, VARIANTS, cached, solve
+from tests.models.verification.convergence import OBJECTS, PAGE, VARIANTS, cached, solve, table, table_in
 
 ALL = [str(i) for i in OBJECTS]
 SPHERE, HOURGLASS = 1, 28
@@ -11,9 +11,10 @@ SPHERE, HOURGLASS = 1, 28
 
 def test_table_belongs_to_the_present_settings() -> None:
     cases = cached()
-    again = "run `python -m tests.models.verification.convergence` and copy the table into docs/verification.md"
+    again = "run `python -m tests.models.verification.convergence`"
     assert list(cases) == list(VARIANTS), again
     assert all(list(case["grasps"]) == ALL for case in cases.values()), again
+    assert table_in(PAGE.read_text()) == table(cases), again
 
 
 def test_table_is_what_the_solver_gives() -> None:

@@ -2,12 +2,12 @@
 
     python -m tests.models.verification.convergence
 
-solves every case that docs/verification/convergence.json lacks (under two CPU minutes in all) and prints the table.
-A case belongs to the settings that it was solved with: change a default, and it is solved again.
+solves every case that docs/verification/convergence.json lacks (a CPU minute in all) and writes the table into
+docs/verification.md. A case belongs to the settings that it was solved with: change a default, and it is solved again.
 """
 
 import json
-import sys
+import re
 from pathlib import Path
 from typing import TypedDict
 
@@ -19,6 +19,7 @@ from models.objects.catalogue import get_object
 from models.records import REFERENCE_MESH, MeshSettings, SimulatorVersion
 
 CACHE = Path(__file__).parents[3] / "docs" / "verification" / "convergence.json"
+PAGE = CACHE.parents[1] / "verification.md"
 OBJECTS = (1, 14, 24, 26, 28, 30)  # sphere, tube, cone, diabolo, hourglass, cube
 PRODUCTION = MeshSettings()
 
@@ -77,9 +78,9 @@ def solve(variant: str, object_id: int) -> dict[str, float]:
 
 
 def settings_of(variant: str) -> str:
-    """Everything that decides a variant's numbers, as text."""
+    """What decides a variant's numbers beyond the solver's tolerance, as text."""
     mesh, numerics = VARIANTS[variant]
-    return f"{mesh!r} {numerics!r}"
+    return f"{mesh!r} {numerics.contact!r} {numerics.spacing!r} {numerics.limits!r}"
 
 
 def cached() -> dict[str, Case]:
@@ -106,8 +107,15 @@ def table(cases: dict[str, Case]) -> str:
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
+def table_in(page: str) -> str:
+    """The table as the page has it."""
+    found = re.search(r"^\| variant \|.*?(?=\n\n)", page, re.DOTALL | re.MULTILINE)
+    assert found is not None
+    return found.group()
+
+
 def main() -> None:
-    """Fill the cache and print the table."""
+    """Fill the cache and write the table into the page."""
     cases = cached()
     for variant in VARIANTS:
         case = cases.setdefault(variant, {"settings": settings_of(variant), "grasps": {}})
@@ -115,7 +123,8 @@ def main() -> None:
             if str(object_id) not in case["grasps"]:
                 case["grasps"][str(object_id)] = solve(variant, object_id)
                 CACHE.write_text(json.dumps(cases, indent=1) + "\n")
-    sys.stdout.write(table(cases) + "\n")
+    page = PAGE.read_text()
+    PAGE.write_text(page.replace(table_in(page), table(cases)))
 
 
 if __name__ == "__main__":

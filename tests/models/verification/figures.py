@@ -30,10 +30,10 @@ def draw_manufactured(left: Axes, right: Axes) -> None:
             axes.loglog(cells, norms, "o-", color=COLOURS[kind], label=kind)
     for axes, title, gain in ((left, "position, L2 (mm)", 1), (right, "gradient, L2", 0)):
         for line, degree in ((axes.lines[0], 1), (axes.lines[-1], 2)):
-            cells, errors = line.get_data()
-            ends = np.array([cells[1], cells[-1]], dtype=float)
-            axes.loglog(ends, 0.6 * errors[-1] * (ends / ends[-1]) ** -(degree + gain), "--", color=EXACT, lw=0.8)
-            place = (ends[0], 0.6 * errors[-1] * (ends[0] / ends[-1]) ** -(degree + gain))
+            sides, norms = np.array(line.get_data())
+            ends = sides[[1, -1]]
+            axes.loglog(ends, 0.6 * norms[-1] * (ends / ends[-1]) ** -(degree + gain), "--", color=EXACT, lw=0.8)
+            place = (ends[0], 0.6 * norms[-1] * (ends[0] / ends[-1]) ** -(degree + gain))
             axes.annotate(f"rate {degree + gain} ", place, fontsize=8, ha="right", va="center")
         axes.set(xlabel="cells per side", title=f"Error of the {title}")
         axes.set_xticks([2, 4, 6, 8, 12], ["2", "4", "6", "8", "12"])

@@ -6,7 +6,7 @@ import hashlib
 import os
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pyarrow as pa
@@ -57,14 +57,18 @@ def publish(staged: Path, final: Path) -> None:
     """Give a staged file its name, at once for every reader, and make that last.
 
     Raises:
-        LakeError: the rename failed; the staged file is removed.
+        LakeError: the rename failed, and the staged file is removed; or it may not survive a power cut.
     """
     try:
         os.replace(staged, final)
         sync_folder(final.parent)
     except OSError as error:
         discard([staged])
-        raise writing_failed(final.parent, error) from error
+        raise LakeError(
+            f"A file of {final.parent} could not be given its name for good ({error.strerror}); earlier rows are "
+            "untouched, those of this call may be missing: repair the disk or its permissions, then run the same "
+            "command again, which duplicates nothing."
+        ) from error
 
 
 @contextmanager
@@ -74,12 +78,12 @@ def locked(root: Path, *, exclusive: bool) -> Iterator[None]:
     It keeps a compaction from removing a file that is being written again under the same name. Readers
     never take it. The system frees it when a process dies.
     """
-    try:
-        file = (root / LOCK_NAME).open("a")
-    except OSError as error:
-        raise writing_failed(root, error) from error
-    with file:
-        fcntl.flock(file, fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH)
+    with ExitStack() as held:
+        try:
+            file = held.enter_context((root / LOCK_NAME).open("a"))
+            fcntl.flock(file, fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH)
+        except OSError as error:
+            raise writing_failed(root, error) from error
         yield
 
 
@@ -148,7 +152,7 @@ def writing_failed(folder: Path, error: OSError) -> FastError:
     if error.errno in _FORBIDDEN:
         return UsageError(
             f"{folder} cannot be written ({error.strerror}); nothing was written: "
-            "give another folder with --lake, or change its permissions."
+            "give another folder, or change its permissions."
         )
     return LakeError(
         f"Writing to {folder} failed ({error.strerror}); no row of this call is visible, earlier rows are "

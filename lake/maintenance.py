@@ -154,11 +154,21 @@ def _merge(root: Path, row_type: type[Row], group: dict[str, Signature]) -> int:
     publish(stage(folder, merged, row_type.table), final)
     with locked(root, exclusive=True):
         now = list_files(folder)
-        for name, signature in group.items():
-            if now.get(name) == signature and name != final.name:  # else it was written again since
-                (folder / name).unlink(missing_ok=True)
-        sync_folder(folder)
+        merged_away = [name for name, signature in group.items() if now.get(name) == signature and name != final.name]
+        _remove(folder, merged_away)  # the others were written again since
     return merged.num_rows
+
+
+def _remove(folder: Path, names: list[str]) -> None:
+    try:
+        for name in names:
+            (folder / name).unlink(missing_ok=True)
+        sync_folder(folder)
+    except OSError as error:
+        raise LakeError(
+            f"Merged files of {folder} could not be removed ({error.strerror}); no row is lost, and those in two files "
+            "count once: repair the disk or its permissions, then compact again."
+        ) from error
 
 
 def _read_merged(folder: Path, row_type: type[Row], names: list[str]) -> pa.Table:

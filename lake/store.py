@@ -24,6 +24,7 @@ from models.records import Trace
 
 _LOG = logging.getLogger(__name__)
 MARKER = "lake.json"
+_STAGED_MARKER = f".{MARKER}."  # with the number of the process that makes the lake
 _NOT_CONTENT = frozenset({"created_at", "code_version", "code_dirty"})
 _QUERY_ATTEMPTS = 50  # a file of samples may be merged into another while a query runs
 
@@ -66,12 +67,13 @@ class Lake:
     def append(self, rows: Sequence[Row], provenance: Provenance) -> None:
         """Append rows of one or several tables, durably: when this returns, they survive a power cut.
 
-        Each table's rows become visible at once or not at all. Appending the same rows again replaces
-        them; a row with a known id and other content supersedes it.
+        Each table's rows become visible at once or not at all, samples before the rows that announce them.
+        Appending the same rows again replaces them; a row with a known id and other content supersedes it.
 
         Raises:
             UsageError: the folder cannot be written; nothing was.
-            LakeError: two different rows share an id, or the disk is full; no row is visible.
+            LakeError: two different rows share an id or the disk is full, and no row is visible; or a file could
+                not be named, and rows of the first tables may be: append the same rows again.
         """
         columns = stamped(provenance)
         staged: list[tuple[Path, Path]] = []
@@ -269,15 +271,27 @@ def _is_lake(root: Path) -> bool:
 
 
 def _make_lake(root: Path) -> None:
+    staged = root / f"{_STAGED_MARKER}{os.getpid()}"
     try:
-        if root.exists() and any(entry.name != MARKER for entry in root.iterdir()):
+        if _holds_something_else(root):
             raise UsageError(f"{root} is not empty and not a lake; nothing was written: give a new folder with --lake.")
         make_folder(root)
-        staged = root / f".{MARKER}.{os.getpid()}"
-        staged.write_text(json.dumps({"format": "fast-lake", "schema_version": SCHEMA_VERSION}) + "\n")
-        publish(staged, root / MARKER)
+        with staged.open("w") as file:
+            file.write(json.dumps({"format": "fast-lake", "schema_version": SCHEMA_VERSION}) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
     except OSError as error:
+        discard([staged])
         raise writing_failed(root, error) from error
+    publish(staged, root / MARKER)
+
+
+def _holds_something_else(root: Path) -> bool:
+    """True when a folder has more in it than what other processes leave that make, or died making, this lake."""
+    if not root.exists():
+        return False
+    names = [entry.name for entry in root.iterdir()]
+    return any(not name.startswith(_STAGED_MARKER) for name in names) and not _is_lake(root)
 
 
 def _check_marker(marker: Path) -> None:

@@ -42,7 +42,7 @@ from lake.tables import (
     setup_columns,
 )
 from models import features
-from models.errors import UsageError
+from models.errors import LakeError, UsageError
 from models.ids import canonical_json, content_id
 from models.records import GraspSetup
 
@@ -276,7 +276,7 @@ def _counted(blocks: Iterable[pa.Table], n_rows: list[int]) -> Iterable[pa.Table
 
 
 def _write_all(directory: Path, files: Sequence[tuple[str, Callable[[Path], None]]]) -> None:
-    """Write all files under temporary names, then name them all."""
+    """Write all files under temporary names, then name them all; after an error none is there."""
     staged: list[tuple[Path, Path]] = []
     try:
         make_folder(directory)
@@ -284,12 +284,17 @@ def _write_all(directory: Path, files: Sequence[tuple[str, Callable[[Path], None
             temporary = directory / f"{TEMPORARY_PREFIX}{os.getpid()}-{name}"
             staged.append((temporary, directory / name))
             write(temporary)
+            _sync_file(temporary)
         for temporary, final in staged:
             publish(temporary, final)
-    except OSError as error:
-        raise writing_failed(directory, error) from error
-    finally:
-        discard([temporary for temporary, _ in staged])
+    except (OSError, LakeError) as error:
+        discard([path for pair in staged for path in pair])
+        raise error if isinstance(error, LakeError) else writing_failed(directory, error) from error
+
+
+def _sync_file(path: Path) -> None:
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
 
 
 def _write_csv(path: Path, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:

@@ -11,11 +11,11 @@ from flows.dependencies import CAMPAIGN, require
 from flows.prefect_server import configure_client, server
 from hardware.bench import BenchSettings
 from hardware.world.spec import World, load_world
+from lake.handoff_campaign import is_imported
+from lake.objects import object_rows
 from lake.store import Lake
-from lake.tables import CampaignRow, ObjectRow
+from lake.tables import CampaignRow
 from models.errors import ConfigError, UsageError
-from models.ids import canonical_json
-from models.objects.catalogue import OBJECTS
 from models.validation import load_record
 from tasks.campaign import Campaign
 from tasks.config import CampaignConfig, differences, load_config, read_toml, relative_to
@@ -123,6 +123,10 @@ def register(campaign: Campaign, config_toml: str) -> None:
     """
     name = campaign.campaign_id
     known = campaign.lake.rows(CampaignRow, campaign_id=name)
+    if known and is_imported(known[-1]["config_toml"]):
+        raise ConfigError(
+            f"campaign `{name}` of this lake was imported and cannot be run; give the config another name."
+        )
     if known:
         before = load_record(CampaignConfig, tomllib.loads(known[-1]["config_toml"]), f"stored config of {name}")
         changes = differences(before.science, campaign.config.science)
@@ -134,17 +138,4 @@ def register(campaign: Campaign, config_toml: str) -> None:
                 "undo the change or give the new config another name."
             )
     row = CampaignRow(campaign_id=name, name=name, config_toml=config_toml)
-    campaign.lake.append([row, *_object_rows()], campaign.provenance(campaign.config.seed))
-
-
-def _object_rows() -> list[ObjectRow]:
-    return [
-        ObjectRow(
-            object_id=obj.object_id,
-            name=obj.name,
-            object_class=obj.object_class,
-            orientation=obj.orientation,
-            parameters_json=canonical_json(obj.parameters),
-        )
-        for obj in OBJECTS
-    ]
+    campaign.lake.append([row, *object_rows()], campaign.provenance(campaign.config.seed))

@@ -65,7 +65,11 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
         APILogWorker.drain_all(timeout=10)
     event = "completed" if is_complete else "interrupted"
     append_event(campaign.lake, campaign.campaign_id, event, f"campaign {event}")
-    return outcome[0] if outcome else Outcome(campaign.campaign_id, False, ranked_tools(campaign))
+    return (
+        outcome[0]
+        if outcome
+        else Outcome(campaign.campaign_id, False, ranked_tools(campaign.lake, campaign.campaign_id))
+    )
 
 
 def _emit(voice: Voice, line: str) -> None:
@@ -137,4 +141,4 @@ def _write_results(campaign: Campaign, voice: Voice) -> Outcome:
     report = write_report(campaign.lake, campaign.campaign_id, campaign.output / "report")
     recording = campaign.output / f"{campaign.campaign_id}.rrd"
     write_recording(campaign.lake, campaign.campaign_id, recording)
-    return Outcome(campaign.campaign_id, True, ranked_tools(campaign), report, recording)
+    return Outcome(campaign.campaign_id, True, ranked_tools(campaign.lake, campaign.campaign_id), report, recording)

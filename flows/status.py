@@ -4,8 +4,10 @@ import tomllib
 from typing import Any
 
 from flows.progress import workload
+from lake.handoff import importing_campaign
+from lake.handoff_campaign import IMPORTED, is_imported
 from lake.store import Lake
-from lake.tables import CampaignRow, EventRow
+from lake.tables import CampaignRow, EventRow, GraspRow, SimulationRow, SimulatorVersionRow
 from models.validation import load_record
 from tasks.campaign import Campaign
 from tasks.config import CampaignConfig
@@ -24,11 +26,13 @@ def stored_campaign(lake: Lake, campaign_id: str) -> Campaign:
 
 def campaign_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
     """Counts, best tool and what the campaign is doing or waiting for."""
+    if is_imported(lake.rows(CampaignRow, campaign_id=campaign_id)[-1]["config_toml"]):
+        return _imported_status(lake, campaign_id)
     campaign = stored_campaign(lake, campaign_id)
     state = campaign.state()
     load = workload(campaign, state)
     waiting = [batch for batch in sorted({t.batch for t in state.tools}) if not state.is_confirmed(batch)]
-    tools = ranked_tools(campaign)
+    tools = ranked_tools(lake, campaign_id)
     events = lake.rows(EventRow, campaign_id=campaign_id)
     return {
         "campaign": campaign_id,
@@ -40,6 +44,26 @@ def campaign_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
         "best_n": tools[0]["tool_quality_n"] if tools else None,
         "last_event": events[-1]["message"] if events else None,
         "output": str(campaign.output),
+    }
+
+
+def _imported_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
+    """The same for imported data, of which all that there is is done."""
+    n_grasps = len(lake.ids(GraspRow, campaign_id=campaign_id))
+    versions = lake.rows(SimulatorVersionRow, tier=IMPORTED)
+    own = [row["version_id"] for row in versions if importing_campaign(row["version_json"]) == campaign_id]
+    n_simulated = len(lake.ids(SimulationRow, version_id=own))
+    tools = ranked_tools(lake, campaign_id)
+    return {
+        "campaign": campaign_id,
+        "state": IMPORTED,
+        "grasps": f"{n_grasps}/{n_grasps}",
+        "simulated": f"{n_simulated}/{n_simulated}",
+        "waiting_for_print": [],
+        "best_tool": tools[0]["tool_id"] if tools else None,
+        "best_n": tools[0]["tool_quality_n"] if tools else None,
+        "last_event": None,
+        "output": str(lake.root / "outputs" / campaign_id),
     }
 
 

@@ -1,34 +1,20 @@
-"""The hand-off format, both directions: designs, grasps and traces of another lab or simulator.
+"""Import of the hand-off format: designs, grasps and traces of another lab or simulator.
 
 A folder with `designs.csv`, `grasps.csv`, `traces.parquet` (or `traces.csv`) and, for simulated grasps,
 optionally `simulations.csv`. Import writes everything or nothing and keeps every id and number; peak,
-work and initial force are computed from the traces, in the frame of `GraspSetup`.
+work and initial force are computed from the traces, in the frame of `GraspSetup`. Export is in
+`lake.handoff_export`, files of another format in `lake.handoff_readers`.
 """
 
-import csv
 import json
-import os
-import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
-import pyarrow as pa
-import pyarrow.parquet as pq
+import numpy as np
 
-from lake.files import TEMPORARY_PREFIX, discard, make_folder, publish, writing_failed
-from lake.handoff_files import (
-    DESIGN_COLUMNS,
-    GRASP_COLUMNS,
-    SIMULATION_COLUMNS,
-    THETA_COLUMNS,
-    TRACE_COLUMNS,
-    Fault,
-    Handoff,
-    HandoffError,
-    HandoffGrasp,
-    read_handoff,
-)
+from lake.handoff_campaign import Place, bench_rows, campaign_row, source_hash, tool_places
+from lake.handoff_files import CHANNELS, THETA_COLUMNS, Fault, Handoff, HandoffError, HandoffGrasp, read_handoff
 from lake.provenance import Provenance
 from lake.store import Lake
 from lake.tables import (
@@ -42,13 +28,10 @@ from lake.tables import (
     setup_columns,
 )
 from models import features
-from models.errors import LakeError, UsageError
 from models.ids import canonical_json, content_id
-from models.records import GraspSetup
+from models.records import GraspSetup, Trace
 
-_TOOL_LABEL = re.compile(r"B(\d+)T(\d)$")
-_TRACE_SCHEMA = pa.schema([(TRACE_COLUMNS[0], pa.string()), *((name, pa.float64()) for name in TRACE_COLUMNS[1:])])
-_TRACES_AT_ONCE = 512  # traces held in memory while exporting
+_TRACES_AT_ONCE = 512  # traces of the lake held in memory while they are compared
 
 
 class HandoffCounts(NamedTuple):
@@ -67,101 +50,143 @@ def import_handoff(
     *,
     campaign_id: str | None = None,
     setup: GraspSetup | None = None,
+    source: str | None = None,
 ) -> HandoffCounts:
     """Import a hand-off folder; importing it again changes nothing.
 
     Measured grasps become `grasps` and `traces` of the campaign `campaign_id` (default
-    `import-<folder name>`), simulated ones `simulations` and `sim_traces`. `setup` is how the grasps were
-    made, by default the one of the format (open gap 70, closed gap 16, tips 5 mm below the object).
+    `import-<source>`), simulated ones `simulations` and `sim_traces`. Grasps that the lake has as part of
+    another campaign, or simulated itself, stay as they are. `setup` is how the grasps were made, by default
+    the one of the format (open gap 70, closed gap 16, tips 5 mm below the object); `source` names where the
+    data come from, by default the folder.
 
     Raises:
         HandoffError: something is wrong; every fault is named and nothing was written.
+        UsageError: the campaign exists and was not imported; nothing was written.
     """
     directory = Path(directory)
-    handoff = read_handoff(directory, lake.ids(DesignRow))
-    _check_against_lake(lake, directory, handoff)
-    campaign = campaign_id or f"import-{directory.resolve().name}"
-    columns = setup_columns(setup or GraspSetup())
-    rows: list[Row] = [DesignRow.of(design, design_id) for design_id, design in handoff.designs.items()]
-    for grasp in handoff.grasps:
-        rows += (
-            _real_rows(grasp, campaign, columns) if grasp.fidelity == "real" else _sim_rows(grasp, campaign, columns)
-        )
-    lake.append(_unique(rows), provenance)
+    known_designs = lake.ids(DesignRow)
+    handoff = read_handoff(directory, known_designs)
+    source = source or directory.resolve().name
+    campaign = campaign_id or f"import-{source}"
+    grasps = _new_grasps(lake, directory, handoff, campaign)
+    rows: list[Row] = [
+        DesignRow.of(design, design_id)
+        for design_id, design in handoff.designs.items()
+        if design_id not in known_designs
+    ]
+    content_hash = source_hash(directory)
+    if grasps:
+        places = tool_places(lake, campaign, [grasp.tool_id for grasp in grasps if grasp.fidelity == "real"])
+        rows += [
+            campaign_row(lake, campaign, source, content_hash),
+            *bench_rows(lake, campaign, source, grasps, places),
+        ]
+        rows += _grasp_rows(grasps, campaign, setup_columns(setup or GraspSetup()), places)
+    if rows:
+        lake.append(_unique(rows), _with_config(provenance, content_hash))
     return _counts(len(handoff.designs), handoff.grasps)
 
 
-def export_handoff(
-    lake: Lake,
-    directory: Path,
-    *,
-    campaign_id: str | None = None,
-    traces: Literal["parquet", "csv"] = "parquet",
-) -> HandoffCounts:
-    """Export the successful grasps and simulations that have traces, all or those of one campaign.
+def importing_campaign(version_json: str) -> str | None:
+    """Campaign with which simulations of this version were imported, None if they were computed here."""
+    imported = json.loads(version_json).get("imported")
+    return None if imported is None else str(imported)
 
-    Of a campaign, the simulations of its designs are exported. `directory` is made if missing and must
-    hold no hand-off files yet.
+
+def _with_config(provenance: Provenance, content_hash: str) -> Provenance:
+    """Provenance whose config is the imported files, unless it names another."""
+    return provenance if provenance.config_hash else provenance.model_copy(update={"config_hash": content_hash})
+
+
+def _grasp_rows(
+    grasps: Sequence[HandoffGrasp], campaign_id: str, setup: dict[str, Any], places: dict[str, Place]
+) -> list[Row]:
+    rows: list[Row] = []
+    for grasp in grasps:
+        if grasp.fidelity == "real":
+            rows += _real_rows(grasp, campaign_id, setup, places[grasp.tool_id])
+        else:
+            rows += _sim_rows(grasp, campaign_id, setup)
+    return rows
+
+
+def _new_grasps(lake: Lake, directory: Path, handoff: Handoff, campaign_id: str) -> list[HandoffGrasp]:
+    """Grasps that are not in the lake already as something else's than this import's.
 
     Raises:
-        UsageError: the folder already holds files of this name, or cannot be written.
+        HandoffError: an id of the lake is used for something else.
     """
-    directory = Path(directory)
-    names = ("designs.csv", "grasps.csv", "simulations.csv", "traces.csv", "traces.parquet")
-    there = [name for name in names if (directory / name).exists()]
-    if there:
-        raise UsageError(f"{directory} already holds {', '.join(there)}; nothing was written: give a new folder.")
-    real, sim = _exported_real(lake, campaign_id), _exported_sim(lake, campaign_id)
-    wanted = {row["design_id"] for row in real} | {row["design_id"] for row in sim}
-    designs = [row for row in lake.rows(DesignRow) if row["design_id"] in wanted]
-    write_traces = _write_traces_parquet if traces == "parquet" else _write_traces_csv
-    n_samples = [0]
-    blocks = _counted(_sample_blocks(lake, real, sim), n_samples)
-    files: list[tuple[str, Callable[[Path], None]]] = [
-        ("designs.csv", lambda path: _write_csv(path, DESIGN_COLUMNS, designs)),
-        ("grasps.csv", lambda path: _write_csv(path, GRASP_COLUMNS, real + sim)),
-        (f"traces.{traces}", lambda path: write_traces(path, blocks)),
-    ]
-    if sim:
-        files.append(("simulations.csv", lambda path: _write_csv(path, SIMULATION_COLUMNS, sim)))
-    _write_all(directory, files)
-    return HandoffCounts(len(designs), len(real), len(sim), n_samples[0])
-
-
-def _check_against_lake(lake: Lake, directory: Path, handoff: Handoff) -> None:
-    """Refuse ids that the lake already uses for something else."""
     faults = []
     known = {row.design_id: row.design for row in lake.records(DesignRow, design_id=list(handoff.designs))}
     for design_id, design in handoff.designs.items():
         if known.get(design_id, design) != design:
             limit = "is a design of the lake with other parameters; give it another id."
             faults.append(Fault("designs.csv", None, "design_id", design_id, limit))
-    used = _used_ids(lake)
+    used = _used_ids(lake, [grasp.grasp_id for grasp in handoff.grasps])
+    others = []
     for grasp in handoff.grasps:
         identity = (grasp.fidelity, grasp.design_id, grasp.object_id)
-        if used.get(grasp.grasp_id, identity) != identity:
+        there, owner = used.get(grasp.grasp_id, (identity, campaign_id))
+        if there != identity:
             limit = "is in the lake for another design, object or fidelity; give it another id."
             faults.append(Fault("grasps.csv", None, "grasp_id", grasp.grasp_id, limit))
+        elif owner != campaign_id:
+            others.append(grasp)
+    faults += _changed_samples(lake, others)
     if faults:
         raise HandoffError(directory, faults)
+    left_alone = {grasp.grasp_id for grasp in others}
+    return [grasp for grasp in handoff.grasps if grasp.grasp_id not in left_alone]
 
 
-def _used_ids(lake: Lake) -> dict[str, tuple[str, str, int]]:
+def _used_ids(lake: Lake, grasp_ids: list[str]) -> dict[str, tuple[tuple[str, str, int], str | None]]:
+    """What the lake has under these ids: (fidelity, design, object), and the campaign it belongs to."""
     table = lake.query(
-        "SELECT grasp_id AS id, 'real' AS fidelity, design_id, object_id FROM grasps UNION ALL "
-        "SELECT simulation_id, 'sim', design_id, object_id FROM simulations"
+        "SELECT grasp_id AS id, 'real' AS fidelity, design_id, object_id, campaign_id, NULL AS version_json "
+        "FROM grasps WHERE grasp_id IN (SELECT unnest($ids)) UNION ALL "
+        "SELECT simulation_id, 'sim', design_id, object_id, NULL, version_json "
+        "FROM simulations LEFT JOIN simulator_versions USING (version_id) "
+        "WHERE simulation_id IN (SELECT unnest($ids))",
+        {"ids": grasp_ids},
     )
-    return {row["id"]: (row["fidelity"], row["design_id"], row["object_id"]) for row in table.to_pylist()}
+    return {
+        row["id"]: (
+            (row["fidelity"], row["design_id"], row["object_id"]),
+            row["campaign_id"] or importing_campaign(row["version_json"] or "{}"),
+        )
+        for row in table.to_pylist()
+    }
 
 
-def _real_rows(grasp: HandoffGrasp, campaign_id: str, setup: dict[str, Any]) -> list[Row]:
-    label = _TOOL_LABEL.search(grasp.tool_id)
+def _changed_samples(lake: Lake, grasps: Sequence[HandoffGrasp]) -> list[Fault]:
+    """A fault for each grasp that the lake has with other samples."""
+    faults = []
+    tables: tuple[tuple[str, type[TraceRow] | type[SimTraceRow]], ...] = (("real", TraceRow), ("sim", SimTraceRow))
+    for fidelity, table in tables:
+        wanted = [grasp for grasp in grasps if grasp.fidelity == fidelity]
+        for start in range(0, len(wanted), _TRACES_AT_ONCE):
+            some = wanted[start : start + _TRACES_AT_ONCE]
+            rows = lake.rows(table, **{table.id_column(): [grasp.grasp_id for grasp in some]})
+            there = {row[table.id_column()]: row for row in rows}
+            for grasp in some:
+                if not _same_samples(there.get(grasp.grasp_id), grasp.trace):
+                    limit = "is in the lake with other samples, and not from this import; give it another id."
+                    faults.append(Fault("grasps.csv", None, "grasp_id", grasp.grasp_id, limit))
+    return faults
+
+
+def _same_samples(row: dict[str, Any] | None, trace: Trace) -> bool:
+    return row is not None and all(np.array_equal(row[name], getattr(trace, name)) for name in CHANNELS)
+
+
+def _real_rows(grasp: HandoffGrasp, campaign_id: str, setup: dict[str, Any], place: Place) -> list[Row]:
     row = GraspRow(
         grasp_id=grasp.grasp_id,
         campaign_id=campaign_id,
         tool_id=grasp.tool_id,
-        batch=int(label[1]) if label else None,
-        slot=int(label[2]) if label else None,
+        batch=place[0],
+        slot=place[1],
         design_id=grasp.design_id,
         object_id=grasp.object_id,
         repeat=grasp.repeat,
@@ -217,102 +242,3 @@ def _counts(n_designs: int, grasps: Sequence[HandoffGrasp]) -> HandoffCounts:
     n_real = sum(grasp.fidelity == "real" for grasp in grasps)
     n_samples = sum(len(grasp.trace.time_s) for grasp in grasps)
     return HandoffCounts(n_designs, n_real, len(grasps) - n_real, n_samples)
-
-
-def _exported_real(lake: Lake, campaign_id: str | None) -> list[dict[str, Any]]:
-    filters = {"campaign_id": campaign_id} if campaign_id else {}
-    traced = lake.ids(TraceRow)
-    rows = lake.rows(GraspRow, status="ok", **filters)
-    return [_as_text(row) for row in rows if row["grasp_id"] in traced]
-
-
-def _exported_sim(lake: Lake, campaign_id: str | None) -> list[dict[str, Any]]:
-    filters = {}
-    if campaign_id:
-        of_campaign = "SELECT design_id FROM {} WHERE campaign_id = $id"
-        sql = f"{of_campaign.format('grasps')} UNION {of_campaign.format('proposals')}"
-        filters["design_id"] = lake.query(sql, {"id": campaign_id}).column(0).to_pylist()
-    traced = lake.ids(SimTraceRow)
-    theta = {row["version_id"]: {k: row[k] for k in THETA_COLUMNS} for row in lake.rows(SimulatorVersionRow)}
-    nothing = {"repeat": 0, "tool_id": "", "started_at": "", "order": None}
-    rows = [row for row in lake.rows(SimulationRow, status="ok", **filters) if row["simulation_id"] in traced]
-    return [
-        _as_text(
-            row
-            | nothing
-            | {"grasp_id": row["simulation_id"], "fidelity": "sim"}
-            | theta.get(row["version_id"], {})
-            | {k: v for k, v in json.loads(row["details_json"]).items() if k in nothing}
-        )
-        for row in rows
-    ]
-
-
-def _as_text(row: dict[str, Any]) -> dict[str, Any]:
-    started_at = row["started_at"]
-    return row | {
-        "started_at": started_at.isoformat() if started_at and not isinstance(started_at, str) else started_at
-    }
-
-
-def _sample_blocks(lake: Lake, real: list[dict[str, Any]], sim: list[dict[str, Any]]) -> Iterable[pa.Table]:
-    """Samples as long tables in the order of the grasps, some hundred traces at a time."""
-    for rows, table in ((real, TraceRow), (sim, SimTraceRow)):
-        key = table.id_column()
-        for start in range(0, len(rows), _TRACES_AT_ONCE):
-            ids = [row["grasp_id"] for row in rows[start : start + _TRACES_AT_ONCE]]
-            yield lake.query(
-                f"SELECT {key} AS grasp_id, unnest(time_s) AS time_s, unnest(lift_mm) AS lift_mm, "
-                f"unnest(force_n) AS force_n FROM (SELECT * FROM {table.table} WHERE {key} IN (SELECT unnest($ids)) "
-                f"ORDER BY list_position($ids, {key}))",
-                {"ids": ids},
-            )
-
-
-def _counted(blocks: Iterable[pa.Table], n_rows: list[int]) -> Iterable[pa.Table]:
-    for block in blocks:
-        n_rows[0] += block.num_rows
-        yield block
-
-
-def _write_all(directory: Path, files: Sequence[tuple[str, Callable[[Path], None]]]) -> None:
-    """Write all files under temporary names, then name them all; after an error none is there."""
-    staged: list[tuple[Path, Path]] = []
-    try:
-        make_folder(directory)
-        for name, write in files:
-            temporary = directory / f"{TEMPORARY_PREFIX}{os.getpid()}-{name}"
-            staged.append((temporary, directory / name))
-            write(temporary)
-            _sync_file(temporary)
-        for temporary, final in staged:
-            publish(temporary, final)
-    except (OSError, LakeError) as error:
-        discard([path for pair in staged for path in pair])
-        raise error if isinstance(error, LakeError) else writing_failed(directory, error) from error
-
-
-def _sync_file(path: Path) -> None:
-    with path.open("rb") as file:
-        os.fsync(file.fileno())
-
-
-def _write_csv(path: Path, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows([row[column] for column in columns] for row in rows)
-
-
-def _write_traces_csv(path: Path, blocks: Iterable[pa.Table]) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(TRACE_COLUMNS)
-        for block in blocks:
-            writer.writerows(zip(*(block[name].to_pylist() for name in TRACE_COLUMNS), strict=True))
-
-
-def _write_traces_parquet(path: Path, blocks: Iterable[pa.Table]) -> None:
-    with pq.ParquetWriter(path, _TRACE_SCHEMA, compression="zstd") as writer:
-        for block in blocks:
-            writer.write_table(block.select(list(TRACE_COLUMNS)).cast(_TRACE_SCHEMA))

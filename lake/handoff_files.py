@@ -37,6 +37,7 @@ CHANNELS = ("time_s", "lift_mm", "force_n")
 TRACE_COLUMNS = ("grasp_id", *CHANNELS)
 THETA_COLUMNS = tuple(Theta.model_fields)
 SIMULATION_COLUMNS = ("grasp_id", *THETA_COLUMNS, "contact_force_n")
+FILE_NAMES = ("designs.csv", "grasps.csv", "simulations.csv", "traces.csv", "traces.parquet")
 N_OBJECTS = 36
 _SHOWN_PER_COLUMN = 20  # of one fault in one column; the rest is counted
 

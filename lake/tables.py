@@ -93,7 +93,7 @@ class BatchRow(Row):
     batch_id: str
     campaign_id: str
     batch: int
-    kind: Literal["random", "guided"]
+    kind: Literal["random", "guided", "imported"]
     n_tools: int
 
     @staticmethod

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from tasks.campaign import Campaign
+from lake.store import Lake
 
 _TOOLS = """
 SELECT tool_id, batch, slot, tool_quality_n, n_objects, n_grasps
@@ -11,12 +11,12 @@ ORDER BY n_objects = max(n_objects) OVER () DESC, tool_quality_n DESC
 """
 
 
-def ranked_tools(campaign: Campaign) -> list[dict[str, Any]]:
+def ranked_tools(lake: Lake, campaign_id: str) -> list[dict[str, Any]]:
     """Measured tools, best first, with tool quality (mean peak pull-off force over the objects) in N.
 
     Tools that miss objects come after all others: their means are over easier or harder objects.
     """
-    return campaign.lake.query(_TOOLS, [campaign.campaign_id]).to_pylist()
+    return lake.query(_TOOLS, [campaign_id]).to_pylist()
 
 
 def markdown_table(tools: list[dict[str, Any]]) -> str:

@@ -19,20 +19,25 @@ def import_(
     directory: Annotated[Path, Parameter(help="Folder with designs.csv, grasps.csv and traces.parquet (or .csv).")],
     *,
     lake: LakePath = DEFAULT_LAKE,
-    campaign: Annotated[
-        str | None, Parameter(help="Campaign the measured grasps become part of; default: import-FOLDER.")
+    campaign: Annotated[str | None, Parameter(help="Campaign the data become part of; default: import-FOLDER.")] = None,
+    reader: Annotated[
+        str | None, Parameter(help="FILE.py:FUNCTION that reads DIRECTORY where it has another format.")
     ] = None,
     json: AsJson = False,
 ) -> None:
     """Import designs, grasps and traces in the hand-off format; all of it or, with every fault named, nothing."""
     from lake.handoff import import_handoff
     from lake.handoff_files import read_handoff
+    from lake.handoff_readers import handoff_folder, load_reader
     from lake.provenance import current_provenance
     from lake.store import MARKER, Lake
 
-    if not (lake / MARKER).is_file():
-        read_handoff(directory, set())  # a folder that cannot be imported makes no lake
-    counts = import_handoff(Lake.open(lake, create=True), directory, current_provenance(), campaign_id=campaign)
+    source = directory.resolve().stem if directory.is_file() else directory.resolve().name
+    with handoff_folder(directory, load_reader(reader) if reader else None) as folder:
+        if not (lake / MARKER).is_file():
+            read_handoff(folder, set())  # a folder that cannot be imported makes no lake
+        found = Lake.open(lake, create=True)
+        counts = import_handoff(found, folder, current_provenance(), campaign_id=campaign, source=source)
     show(counts._asdict(), _counts_text("imported", counts._asdict()), json)
 
 
@@ -45,7 +50,7 @@ def export(
     json: AsJson = False,
 ) -> None:
     """Export designs, grasps and traces in the hand-off format."""
-    from lake.handoff import export_handoff
+    from lake.handoff_export import export_handoff
     from lake.store import Lake
 
     found = Lake.open(lake)

@@ -160,7 +160,6 @@ def agreement_section(content: Content, folder: Folder) -> Markup:
 
 def _version_words(row: Mapping[str, Any]) -> str:
     effects = "no effects" if row["effects_json"] == "[]" else f"effects {row['effects_json']}"
-    return (
-        f"{row['version_id']} ({row['tier']}, E {row['young_modulus_mpa']:g} MPa, friction {row['friction']:g}, "
-        f"Poisson ratio {row['poisson_ratio']:g}, {effects})"
-    )
+    names = {"young_modulus_mpa": "E {:g} MPa", "friction": "friction {:g}", "poisson_ratio": "Poisson ratio {:g}"}
+    told = [words.format(row[name]) for name, words in names.items() if row[name] is not None]  # imports may not say
+    return f"{row['version_id']} ({', '.join([row['tier'], *told, effects])})"

@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 from lake.files import FILE_PREFIX, TEMPORARY_PREFIX
-from lake.handoff import export_handoff, import_handoff
+from lake.handoff import import_handoff
+from lake.handoff_export import export_handoff
 from lake.maintenance import check, compact
 from lake.store import Lake
 from lake.tables import GraspRow, TraceRow

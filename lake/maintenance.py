@@ -202,7 +202,10 @@ def _places(rows: pa.Table) -> pa.Array:
 def _foreign_entries(root: Path) -> Iterator[Finding]:
     known = {MARKER, LOCK_NAME, QUARANTINE, *_OF_FAST, *TABLE_BY_NAME}
     for entry in sorted(root.iterdir()):
-        if entry.name not in known and not entry.name.startswith(f".{MARKER}."):
+        if entry.name.startswith(f".{MARKER}."):
+            if _age_s(entry) > _LEFTOVER_AGE_S:
+                yield Finding("leftover", entry, f"{entry} was left by a process that died while it made the lake.")
+        elif entry.name not in known:
             yield Finding("foreign", entry, f"{entry} is not part of the lake; move it elsewhere.")
 
 

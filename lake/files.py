@@ -152,7 +152,7 @@ def writing_failed(folder: Path, error: OSError) -> FastError:
     if error.errno in _FORBIDDEN:
         return UsageError(
             f"{folder} cannot be written ({error.strerror}); nothing was written: "
-            "give another folder, or change its permissions."
+            "give another folder with --lake, or change its permissions."
         )
     return LakeError(
         f"Writing to {folder} failed ({error.strerror}); no row of this call is visible, earlier rows are "

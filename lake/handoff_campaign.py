@@ -23,7 +23,7 @@ _LOG = logging.getLogger(__name__)
 Place = tuple[int, int]  # (batch, slot)
 IMPORTED: Final = "imported"
 _SLOTS = 10
-_TOOL_LABEL = re.compile(r"B(\d+)T(\d)$")
+_TOOL_LABEL = re.compile(r"B(\d{1,6})T(\d)$")
 
 
 def is_imported(config_toml: str) -> bool:

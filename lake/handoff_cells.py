@@ -10,6 +10,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from models.records import Design, Theta
 from models.units import unit_of
 
+_LARGEST_INTEGER = 2**53  # what spreadsheets and JSON keep exactly
 _Holds = Callable[[float, float], bool]
 
 
@@ -76,6 +77,8 @@ def integer(low: int | None, high: int | None) -> Callable[[str], int]:
         number = number_or_nan(text)  # spreadsheets write an integer beside an empty cell as 3.0
         if not number.is_integer() or (low is not None and number < low) or (high is not None and number > high):
             raise ValueError(f"{limit}.")
+        if abs(number) > _LARGEST_INTEGER:
+            raise ValueError(f"must be an integer of at most {_LARGEST_INTEGER}.")
         return int(number)
 
     return read
@@ -105,9 +108,9 @@ def time(text: str) -> datetime | None:
         return None
     try:
         value = datetime.fromisoformat(text)
-    except ValueError as error:
+        return value.astimezone(UTC) if value.tzinfo else value.replace(tzinfo=UTC)
+    except (ValueError, OverflowError) as error:  # the latter for the first and last hours of the calendar
         raise ValueError("must be an ISO 8601 time such as 2026-03-01T14:05:00+00:00, or empty.") from error
-    return value.astimezone(UTC) if value.tzinfo else value.replace(tzinfo=UTC)
 
 
 def number_or_nan(text: str) -> float:

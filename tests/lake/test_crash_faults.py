@@ -214,7 +214,11 @@ def test_a_failed_import_shows_no_grasp_and_can_be_repeated(
 def test_what_a_process_left_that_died_making_the_lake_is_in_nobodys_way(tmp_path, provenance, make_grasp):
     root = tmp_path / "lake"
     root.mkdir()
-    (root / ".lake.json.4711").write_text("{")
+    left = root / ".lake.json.4711"
+    left.write_text("{")
     Lake.open(root, create=True).append(make_grasp(), provenance)
     assert len(Lake.open(root).rows(GraspRow)) == 1
+    assert check(Lake.open(root)) == []
+    os.utime(left, (0, 0))
+    assert [(finding.kind, finding.path) for finding in check(Lake.open(root), quarantine=True)] == [("leftover", left)]
     assert check(Lake.open(root)) == []

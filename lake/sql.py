@@ -85,7 +85,7 @@ def _sentence(connection: duckdb.DuckDBPyConnection, error: duckdb.Error) -> str
         near = re.search(r"Candidate bindings: (.+)", text)
         names = ", ".join(re.findall(r'"([^"]+)"', near[1])) if near else ""
         hint = f"near names: {names}" if names else "`fast sql` alone lists the columns"
-        return f"There is no column `{match[1]}` in what is queried; {hint}."
+        return f"There is no column `{match[1]}` in what is queried (text would be '{match[1]}'); {hint}."
     return f"The query failed: {text}"
 
 

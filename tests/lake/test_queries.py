@@ -270,7 +270,7 @@ def _failures(table, facts):
     got = {(row["batch"], row["reason"]): row["n_attempts"] for _, row in table.iterrows()}
     assert got == counted
     assert got[(1, "gripper")] == got[(3, "overload")] == 1
-    assert table.groupby("batch")["part"].sum().tolist() == pytest.approx([1, 1, 1])
+    assert table.groupby("batch")["batch_part"].sum().tolist() == pytest.approx([1, 1, 1])
 
 
 @checks(17)

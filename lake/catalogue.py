@@ -14,7 +14,7 @@ from models.records import Record
 
 
 class Entry(Record):
-    """A name that stands behind FROM or, for most macros, between SELECT and FROM."""
+    """A name that SQL over the lake knows; `columns` of a macro are its parameters."""
 
     kind: Literal["view", "table", "macro"]
     name: str
@@ -23,10 +23,7 @@ class Entry(Record):
 
 
 def catalogue() -> list[Entry]:
-    """Views, tables, macros, each by name; `columns` of a macro are its parameters.
-
-    The columns of provenance, which every table has, are left out.
-    """
+    """Views, tables, macros, each by name, without the columns of provenance, which every table has."""
     comments = _view_comments() | {name: _first_sentence(row.__doc__ or "") for name, row in TABLE_BY_NAME.items()}
     with duckdb.connect(":memory:") as connection:
         for row_type in TABLES:
@@ -41,7 +38,7 @@ def catalogue() -> list[Entry]:
         ).fetchall()
     hidden = set(ProvenanceColumns.model_fields)
     entries = [
-        Entry(kind=kind, name=name, columns=tuple(c for c in columns if c not in hidden), comment=comments[name])
+        Entry(kind=kind, name=name, columns=tuple(c for c in columns if c not in hidden), comment=comments.get(name, ""))
         for kind, name, columns in found
     ]
     return sorted(entries, key=lambda entry: (("view", "table", "macro").index(entry.kind), entry.name))

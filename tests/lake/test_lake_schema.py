@@ -23,7 +23,12 @@ CONTRACT = {
     "grasps",
     "traces",
     "fits",
+    "calibrations",
+    "posterior_draws",
+    "effects",
+    "gap_findings",
     "events",
+    "flow_runs",
 }
 
 
@@ -56,7 +61,7 @@ def test_types_follow_the_annotations():
     assert schema.field("batch").type == pa.int64()
     assert schema.field("status").type == pa.string()
     assert schema_of(TraceRow).field("force_n").type == pa.list_(pa.float64())
-    assert [t.table for t in TABLES if has_samples(t)] == ["traces", "sim_traces"]
+    assert [t.table for t in TABLES if has_samples(t)] == ["traces", "sim_traces", "posterior_draws"]
 
 
 def test_samples_are_written_before_the_scalars_that_announce_them():

@@ -92,6 +92,11 @@ def test_draws_are_joint_and_summed_up_in_sql(lake: Lake, provenance: Provenance
         WHERE e.parameter = 'young_modulus_mpa' AND f.parameter = 'friction' ORDER BY chain"""
     )
     assert joint.num_rows == 1000
+    theta = lake.query("SELECT * FROM posterior('C1') ORDER BY chain, draw")
+    assert theta.column_names == ["chain", "draw", "young_modulus_mpa", "friction", "poisson_ratio"]
+    assert theta["draw"].to_pylist() == 2 * list(range(1, 501))
+    assert theta["friction"].to_pylist() == joint["friction"].to_pylist()
+    assert theta["poisson_ratio"].null_count == 1000  # it was not inferred
     assert np.array_equal(joint["young_modulus_mpa"].to_numpy(), stiffness)
 
 

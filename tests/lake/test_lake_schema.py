@@ -3,8 +3,9 @@ import pyarrow as pa
 import pytest
 from pydantic import ValidationError
 
+from lake.migrations import table_version
 from lake.provenance import Provenance, ProvenanceColumns, current_provenance, stamped
-from lake.schema import SCHEMA_VERSION, has_samples, schema_of, to_arrow
+from lake.schema import has_samples, schema_of, to_arrow
 from lake.tables import TABLE_BY_NAME, TABLES, DesignRow, FitRow, GraspRow, SimTraceRow, SimulatorVersionRow, TraceRow
 from models.design_space import BEST_PUBLISHED, PARAMETERS
 from models.records import SimulatorVersion
@@ -43,7 +44,7 @@ def test_schema_starts_with_the_id_and_ends_with_provenance(row_type):
     assert len(set(schema.names)) == len(schema.names)
     assert set(ProvenanceColumns.model_fields) <= set(schema.names)
     assert schema.field("created_at").type == pa.timestamp("us", tz="UTC")
-    assert schema.metadata[b"fast.schema_version"] == str(SCHEMA_VERSION).encode()
+    assert schema.metadata[b"fast.schema_version"] == str(table_version(row_type.table)).encode()
 
 
 @pytest.mark.parametrize("row_type", TABLES, ids=lambda t: t.table)

@@ -109,6 +109,9 @@ class Engine:
         self.connection.execute(
             f"CREATE TABLE raw_{table} AS SELECT {held}, 0::INTEGER AS _file, 0::BIGINT AS _row FROM empty_rows"
         )
+        # Of a table of traces only these two columns are read here: a file of something else must not pass for one.
+        for column in (key, "created_at"):
+            self.connection.execute(f"ALTER TABLE raw_{table} ALTER COLUMN {column} SET NOT NULL")
         self.connection.execute(f"CREATE TABLE superseded_{table} (_file INTEGER, _row BIGINT, _name VARCHAR)")
         if has_samples(row_type):
             self.connection.execute(f"CREATE TABLE empty_{table} AS SELECT * FROM empty_rows")

@@ -196,7 +196,9 @@ def _places(rows: pa.Table) -> pa.Array:
 def _foreign_entries(root: Path) -> Iterator[Finding]:
     known = {MARKER, LOCK_NAME, QUARANTINE, *_OF_FAST, *TABLE_BY_NAME}
     for entry in sorted(root.iterdir()):
-        if entry.name not in known and not entry.name.startswith(f".{MARKER}."):
+        if entry.name.startswith(f".{MARKER}."):
+            yield from _leftover(entry)
+        elif entry.name not in known:
             yield Finding("foreign", entry, f"{entry} is not part of the lake; move it elsewhere.")
 
 
@@ -211,13 +213,19 @@ def _file_findings(folder: Path, row_type: type[Row]) -> Iterator[Finding]:
         return
     for path in paths:
         if path.name.startswith(TEMPORARY_PREFIX):
-            if _age_s(path) > _LEFTOVER_AGE_S:
-                yield Finding("leftover", path, f"{path} was left by a process that died; its rows were never visible.")
+            yield from _leftover(path)
+        elif not os.path.lexists(path):
+            continue  # merged into another file since it was listed
         elif not path.is_file() or not (path.name.startswith(FILE_PREFIX) and path.name.endswith(FILE_SUFFIX)):
             yield Finding("foreign", path, f"{path} was not written by the lake, readers ignore it; move it elsewhere.")
         elif found := fault_of(path, row_type, whole=True):
             then = "" if found.kind in _STAYS else ", then redo its work"
             yield Finding(found.kind, path, f"{path} {found.sentence}; {found.remedy}{then}.")
+
+
+def _leftover(path: Path) -> Iterator[Finding]:
+    if _age_s(path) > _LEFTOVER_AGE_S:
+        yield Finding("leftover", path, f"{path} was left by a process that died; its rows were never visible.")
 
 
 def _age_s(path: Path) -> float:

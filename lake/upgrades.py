@@ -5,6 +5,7 @@ not: they are kept in `.state/upgraded/` of the lake, which may be removed at an
 the lake cannot be written. `fast lake compact` rewrites the files themselves, so that no copy is needed any more.
 """
 
+import os
 import shutil
 import tempfile
 import uuid
@@ -30,7 +31,7 @@ class Upgrades:
     def __init__(self, root: Path) -> None:
         self._kept = root.resolve() / _COPIES
         self.temporary = Path(tempfile.gettempdir()).resolve() / f"fast-lake-{uuid.uuid4().hex}"
-        weakref.finalize(self, shutil.rmtree, self.temporary, ignore_errors=True)
+        weakref.finalize(self, _remove_own, self.temporary, os.getpid())
 
     def copies(self, connection: duckdb.DuckDBPyConnection, row_type: type[Row], paths: list[Path]) -> dict[str, Path]:
         """Copy to read in place of a file, by file name; files of today's version need none.
@@ -96,6 +97,12 @@ def older_files(folder: Path, row_type: type[Row]) -> set[str]:
 def forget_copies(root: Path, row_type: type[Row]) -> None:
     """Remove the copies of a table whose files have been rewritten; a reader that still has one looks again."""
     shutil.rmtree(root / _COPIES / row_type.table, ignore_errors=True)
+
+
+def _remove_own(folder: Path, process_id: int) -> None:
+    """Remove a temporary folder, but not from a process that was forked by its owner."""
+    if os.getpid() == process_id:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _unusable(path: Path, fault: Fault) -> LakeError:

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from lake.maintenance import Finding, check
+from lake.maintenance import Finding, check, compact
 from lake.store import Lake
 from lake.tables import CalibrationRow, GraspRow, Row
 from models.errors import LakeError, UsageError
@@ -215,3 +215,32 @@ def test_a_full_disk_while_writing_leaves_nothing_to_set_aside(filled, provenanc
     assert check(filled) == []
     filled.append(make_grasp(object_id=9), provenance)
     assert len(peaks(filled)) == 4
+
+
+def test_what_a_dying_process_left_is_named_when_it_is_old(filled):
+    names = ["grasps/.writing-1-x", ".lake.json.1"]
+    for name in names:
+        (filled.root / name).write_text("")
+    assert check(filled) == []
+    for name in names:
+        os.utime(filled.root / name, (0, 0))
+    assert {(found.kind, found.path) for found in check(filled, quarantine=True)} == {
+        ("leftover", filled.root / name) for name in names
+    }
+    assert check(filled) == []
+
+
+def test_a_file_that_is_merged_while_check_looks_is_no_finding(filled, monkeypatch):
+    gone = sorted((filled.root / "grasps").glob("rows-*"))[0]
+    listed = Path.iterdir
+
+    def list_then_merge(folder):
+        paths = list(listed(folder))
+        if folder == gone.parent:
+            monkeypatch.undo()
+            compact(filled, GraspRow)
+        return paths
+
+    monkeypatch.setattr("lake.maintenance.Path.iterdir", list_then_merge)
+    assert check(filled) == []
+    assert not gone.exists()

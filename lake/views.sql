@@ -63,6 +63,20 @@ CREATE MACRO sim_trace(wanted) AS TABLE
     SELECT unnest(time_s) AS time_s, unnest(lift_mm) AS lift_mm, unnest(force_n) AS force_n
     FROM sim_traces WHERE simulation_id = wanted;
 
+-- Joint draws of theta of one calibration: SELECT * FROM posterior('C...').
+CREATE MACRO posterior(wanted) AS TABLE
+    SELECT
+        chain, unnest(range(1, len(e) + 1)) AS draw,
+        unnest(e) AS young_modulus_mpa, unnest(f) AS friction, unnest(p) AS poisson_ratio
+    FROM (
+        SELECT
+            chain,
+            any_value(draws) FILTER (parameter = 'young_modulus_mpa') AS e,
+            any_value(draws) FILTER (parameter = 'friction') AS f,
+            any_value(draws) FILTER (parameter = 'poisson_ratio') AS p
+        FROM posterior_draws WHERE calibration_id = wanted GROUP BY chain
+    );
+
 -- One row per grasp attempt. `is_valid`: it succeeded, and no later attempt of the same grasp did.
 CREATE VIEW grasp_summary AS
     SELECT

@@ -62,7 +62,7 @@ def check(
     quarantine: Annotated[bool, Parameter(negative="", help="Set bad files aside; nothing is deleted.")] = False,
     json: AsJson = False,
 ) -> None:
-    """Find torn, foreign and incomplete files; exit status 1 when there are any."""
+    """Find torn, unreadable, foreign and incomplete files; exit status 1 when there are any."""
     from lake.maintenance import check as check_lake
     from lake.store import Lake
 

@@ -1,0 +1,120 @@
+"""Which table's rows come from which other table's rows, as data: what `lake.lineage` follows.
+
+Most links follow from the names: a column called like the id of another table names a row of that table.
+The few that do not are written out below. Rows also store the ids they were computed from (`parents`), but
+all rows of one append share that list; where a link exists between two tables, the link is the exact one.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from lake.schema import has_samples
+from lake.tables import TABLE_BY_NAME, TABLES, Row
+
+
+class Link(NamedTuple):
+    """`pairs` is a SELECT of `child` and `parent` ids: rows of table `child` come from rows of table `parent`."""
+
+    child: str
+    parent: str
+    by: str
+    pairs: str
+
+
+def key_of(table: str) -> str:
+    """SQL of a table's id as text."""
+    return f"{TABLE_BY_NAME[table].id_column()}::VARCHAR"
+
+
+def _named_links() -> tuple[Link, ...]:
+    """A link for every column that is called like the id of another table."""
+    return tuple(
+        _named_link(child, parent)
+        for child in TABLES
+        for parent in TABLES
+        if not has_samples(child)
+        and child is not parent
+        and _names(child, parent)
+        and (child.table, parent.table) not in _OTHERWISE
+    )
+
+
+def _names(child: type[Row], parent: type[Row]) -> bool:
+    """True when a column of `child` is the id of `parent`; scalars share the id of the samples they come from."""
+    key = parent.id_column()
+    return key in child.model_fields and (key != child.id_column() or has_samples(parent))
+
+
+def _named_link(child: type[Row], parent: type[Row]) -> Link:
+    key = parent.id_column()
+    pairs = f"SELECT {key_of(child.table)} AS child, {key}::VARCHAR AS parent FROM {child.table}"
+    if has_samples(parent):  # a failed grasp may have no samples
+        pairs += f" WHERE {key} IN (SELECT {key} FROM raw_{parent.table})"
+    return Link(child.table, parent.table, key, pairs)
+
+
+# A proposal names the design that it made: the design comes from the proposal, not the other way. So it does
+# through the batch.
+_OTHERWISE = frozenset({("proposals", "designs"), ("batches", "designs")})
+_WRITTEN_OUT = (
+    Link(
+        "designs",
+        "proposals",
+        "first proposal of the design",
+        "SELECT design_id AS child, arg_min(proposal_id, created_at) AS parent FROM raw_proposals GROUP BY design_id",
+    ),
+    Link(
+        "tools",
+        "proposals",
+        "campaign_id, batch, slot",
+        "SELECT tool_id AS child, proposal_id AS parent FROM tools JOIN proposals USING (campaign_id, batch, slot)",
+    ),
+    Link(
+        "proposals",
+        "batches",
+        "campaign_id, batch",
+        "SELECT proposal_id AS child, batch_id AS parent FROM proposals JOIN batches USING (campaign_id, batch) "
+        "WHERE fidelity = 'real'",
+    ),
+    Link(
+        "simulations",
+        "campaigns",
+        "config_hash",
+        "SELECT simulation_id AS child, c.campaign_id AS parent FROM simulations AS s JOIN "
+        "(SELECT DISTINCT campaign_id, config_hash FROM raw_campaigns) AS c USING (config_hash)",
+    ),
+)
+LINKS: tuple[Link, ...] = (*_named_links(), *_WRITTEN_OUT)
+_LINKED = frozenset({frozenset(pair) for pair in _OTHERWISE} | {frozenset(link[:2]) for link in LINKS})
+
+# What is said of a row in one line; of a table that is not listed, its first columns.
+_N_COLUMNS = 5
+_SUMMARY: Mapping[str, tuple[str, ...]] = {
+    "campaigns": ("name",),
+    "designs": ("height_mm", "front_thickness_mm", "rib_thickness_mm", "rib_count", "rib_angle_deg"),
+    "objects": ("name", "object_class"),
+    "batches": ("kind", "n_tools"),
+    "proposals": ("fidelity", "design_id", "acquisition", "acquisition_value", "n_real", "n_sim"),
+    "tools": ("design_id", "status", "reason", "operator", "material_lot", "confirmed_by"),
+    "simulator_versions": ("tier", "young_modulus_mpa", "friction", "poisson_ratio"),
+    "simulations": ("design_id", "object_id", "status", "reason", "peak_force_n", "contact_force_n", "work_j"),
+    "grasps": ("tool_id", "object_id", "repeat", "attempt", "bench", "status", "reason", "peak_force_n", "work_j"),
+    "fits": ("batch", "n_real", "n_sim", "rho", "noise_sd_n", "loo_rmse_n"),
+    "events": ("kind", "message"),
+    "traces": (),
+    "sim_traces": (),
+}
+
+
+def is_linked(one: str, other: str) -> bool:
+    """True when a link says how two tables hang together, so that stored parents between them do not count."""
+    return frozenset((one, other)) in _LINKED
+
+
+def summary_columns(table: str) -> tuple[str, ...]:
+    """Columns that tell rows of this table apart for a person."""
+    if table in _SUMMARY:
+        return _SUMMARY[table]
+    row_type = TABLE_BY_NAME[table]
+    plain = (name for name in row_type.model_fields if not name.endswith(("_json", "_toml")))
+    return tuple(name for name in plain if name != row_type.id_column())[:_N_COLUMNS]

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 _LIMIT_TEXT, _LIMIT_JSON = 5, 10_000
 
-app = App(name="lake", help="Import, export, check, compact and measure the lake.")
+app = App(name="lake", help="Import, export, check, compact and measure the lake; where its rows come from.")
 
 
 @app.command(name="import")

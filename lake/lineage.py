@@ -19,10 +19,9 @@ UNKNOWN = "unknown"  # table of a stored parent that the lake does not have
 _STORED = "parents"
 _N_FIRST_IDS = 3
 _N_CLOSEST = 3
-_TABLES = tuple(row_type.table for row_type in TABLES if not has_samples(row_type)) + tuple(
-    row_type.table for row_type in TABLES if has_samples(row_type)
-)
-_SCALARS = tuple(table for table in _TABLES if not has_samples(TABLE_BY_NAME[table]))
+_SCALARS = tuple(row_type.table for row_type in TABLES if not has_samples(row_type))
+_SAMPLES = tuple(row_type.table for row_type in TABLES if has_samples(row_type))
+_TABLES = (*_SCALARS, *_SAMPLES)
 
 
 def _all_ids(tables: Iterable[str]) -> str:
@@ -43,7 +42,7 @@ def _all_stored() -> str:
 
 # A stored parent may be in any table, or in none.
 _STORED_PARENTS = f"""
-    SELECT here, near, coalesce([{", ".join(f"'{table}'" for table in _TABLES)}][place + 1], '{UNKNOWN}') AS there,
+    SELECT here, near, coalesce([{", ".join(f"'{table}'" for table in _SCALARS)}][place + 1], '{UNKNOWN}') AS there,
         parent AS far, '{_STORED}' AS link
     FROM (SELECT here, near, parent FROM frontier JOIN ({_all_stored()}) ON child_table = here AND child = near)
     LEFT JOIN (SELECT id, min(place) AS place FROM ({_all_ids(_SCALARS)}) GROUP BY id) ON id = parent"""
@@ -78,7 +77,7 @@ class Group(NamedTuple):
 
 
 class StoredRow(NamedTuple):
-    """A row as it was written: its own columns and its provenance, without `parents`. `{}` where unknown."""
+    """A row as it was written: its own columns and its provenance, without `parents`; of samples, id and time."""
 
     columns: dict[str, Any]
     provenance: dict[str, Any]
@@ -143,9 +142,11 @@ def find_lineage(
 
 def _root(lake: Lake, row_id: str) -> Node:
     """The row with this id; of a grasp and its samples, the grasp."""
-    found = lake.query(f"SELECT place, id FROM ({_all_ids(_TABLES)}) WHERE id = $id", {"id": row_id}).to_pylist()
-    if found:
-        return Node(_TABLES[min(row["place"] for row in found)], row_id)
+    for tables in (_SCALARS, _SAMPLES):
+        found = lake.query(f"SELECT min(place) FROM ({_all_ids(tables)}) WHERE id = $id", {"id": row_id})
+        place = found.column(0)[0].as_py()
+        if place is not None:
+            return Node(_TABLES[place], row_id)
     near = lake.query(
         f"SELECT DISTINCT place, id, contains(id, $id) AS has_it, levenshtein(id, $id) AS n_edits "
         f"FROM ({_all_ids(_SCALARS)}) ORDER BY has_it DESC, n_edits, id LIMIT {_N_CLOSEST}",

@@ -48,8 +48,8 @@ def _names(child: type[Row], parent: type[Row]) -> bool:
 def _named_link(child: type[Row], parent: type[Row]) -> Link:
     key = parent.id_column()
     pairs = f"SELECT {key_of(child.table)} AS child, {key}::VARCHAR AS parent FROM {child.table}"
-    if has_samples(parent):  # a failed grasp may have no samples
-        pairs += f" WHERE {key} IN (SELECT {key} FROM raw_{parent.table})"
+    if has_samples(parent):  # asked of their index, as a failed grasp may have none
+        pairs = f"SELECT {key} AS child, {key} AS parent FROM raw_{parent.table}"
     return Link(child.table, parent.table, key, pairs)
 
 

@@ -187,7 +187,7 @@ def _linked_parts(tables: Container[str], forward: bool) -> list[str]:
         if here in tables:
             parts.append(
                 f"SELECT '{here}' AS here, {near} AS near, '{there}' AS there, {far} AS far, '{link.by}' AS link "
-                f"FROM ({link.pairs}) WHERE {far} IS NOT NULL "
+                f"FROM ({link.pairs}) WHERE child IS NOT NULL AND parent IS NOT NULL "
                 f"AND {near} IN (SELECT near FROM frontier WHERE here = '{here}')"
             )
     return parts

@@ -5,7 +5,8 @@ The few that do not are written out below. Rows also store the ids they were com
 all rows of one append share that list; where a link exists between two tables, the link is the exact one.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from itertools import product
 from typing import NamedTuple
 
 from lake.schema import has_samples
@@ -26,31 +27,37 @@ def key_of(table: str) -> str:
     return f"{TABLE_BY_NAME[table].id_column()}::VARCHAR"
 
 
-def _named_links() -> tuple[Link, ...]:
-    """A link for every column that is called like the id of another table."""
-    return tuple(
-        _named_link(child, parent)
-        for child in TABLES
-        for parent in TABLES
-        if not has_samples(child)
-        and child is not parent
-        and _names(child, parent)
-        and (child.table, parent.table) not in _OTHERWISE
-    )
+def _named_links() -> Iterator[Link]:
+    """A link for every column that is called like the id of another table.
+
+    A row with a `base_version_id` came from that version, and made the one of its `version_id`.
+    """
+    for row_type, other in product(TABLES, TABLES):
+        table, key = row_type.table, other.id_column()
+        if (table, other.table) in _OTHERWISE or not _names(row_type, other):
+            continue
+        if has_samples(other):  # asked of their index, as a failed grasp may have none
+            yield Link(table, other.table, key, f"SELECT {key} AS child, {key} AS parent FROM raw_{other.table}")
+        elif (base := f"base_{key}") in row_type.model_fields:
+            yield _column_link(table, other.table, base)
+            made = f"SELECT {key}::VARCHAR AS child, {key_of(table)} AS parent FROM {table}"
+            yield Link(other.table, table, key, made)
+        else:
+            yield _column_link(table, other.table, key)
 
 
-def _names(child: type[Row], parent: type[Row]) -> bool:
-    """True when a column of `child` is the id of `parent`; scalars share the id of the samples they come from."""
-    key = parent.id_column()
-    return key in child.model_fields and (key != child.id_column() or has_samples(parent))
+def _names(row_type: type[Row], other: type[Row]) -> bool:
+    """True when a column of `row_type` is the id of `other`; scalars share the id of the samples they come from."""
+    key = other.id_column()
+    return key in row_type.model_fields and (key != row_type.id_column() or _are_samples_of(other, row_type))
 
 
-def _named_link(child: type[Row], parent: type[Row]) -> Link:
-    key = parent.id_column()
-    pairs = f"SELECT {key_of(child.table)} AS child, {key}::VARCHAR AS parent FROM {child.table}"
-    if has_samples(parent):  # asked of their index, as a failed grasp may have none
-        pairs = f"SELECT {key} AS child, {key} AS parent FROM raw_{parent.table}"
-    return Link(child.table, parent.table, key, pairs)
+def _are_samples_of(other: type[Row], row_type: type[Row]) -> bool:
+    return has_samples(other) and not has_samples(row_type)
+
+
+def _column_link(child: str, parent: str, column: str) -> Link:
+    return Link(child, parent, column, f"SELECT {key_of(child)} AS child, {column}::VARCHAR AS parent FROM {child}")
 
 
 # A proposal names the design that it made: the design comes from the proposal, not the other way. So it does

@@ -49,7 +49,7 @@ class _Tree:
             yield f"{_label(node)} (above)"
             return
         self._drawn.add(node)
-        below: list[Node | Group] = [*self._next(node), *self._groups.get(node, [])]
+        below: list[Node | Group] = [*self._next(node), *self._own_groups(node)]
         yield from self._own_lines(node, _UNDER_MORE if below else _UNDER_LAST)
         for number, entry in enumerate(below):
             first, rest = (_LAST, _UNDER_LAST) if number + 1 == len(below) else (_MORE, _UNDER_MORE)
@@ -61,6 +61,11 @@ class _Tree:
         """Rows beside this one, without those that another of them leads to."""
         beside = dict.fromkeys(self._beside.get(node, []))
         return [one for one in beside if not any(self._leads(other, one) for other in beside)]
+
+    def _own_groups(self, node: Node) -> list[Group]:
+        """Rows that are only counted, without those that are counted again further on."""
+        beyond = {group[1:2] + group[3:] for far in self._behind(node) - {node} for group in self._groups.get(far, [])}
+        return [group for group in self._groups.get(node, []) if group[1:2] + group[3:] not in beyond]
 
     def _leads(self, one: Node, other: Node) -> bool:
         return other in self._behind(one) and one not in self._behind(other)

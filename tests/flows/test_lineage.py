@@ -206,6 +206,13 @@ def test_tree_names_each_row_once_and_counts_large_groups(lake, fast):
     assert any("─ 8 grasps" not in line and "─ simulation S" in line for line in lines)  # 4 of them: few enough
 
 
+def test_rows_counted_below_a_tool_are_not_counted_again_below_its_design(lake, fast):
+    design_id = lake.rows(ToolRow, tool_id="small/B02T0")[0]["design_id"]
+    lines = fast("lake", "lineage", design_id, "--children", "--limit", 4).out.splitlines()
+    assert [line for line in lines if " 5 grasps: " in line] == lines[-1:]
+    assert lines[-1].startswith("   └─ ")  # below the tool
+
+
 def test_depth_and_limit_bound_what_is_followed(lake, fast):
     near = fast("lake", "lineage", "small/B02T0", "--depth", 1, "--json").json
     assert {entry["table"] for entry in near["nodes"]} == {"tools", "campaigns", "designs", "proposals"}

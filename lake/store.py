@@ -16,7 +16,7 @@ import pyarrow.dataset as pads
 from lake.engine import Engine, load_views, tables_used
 from lake.files import discard, file_name, locked, make_folder, publish, stage, writing_failed
 from lake.provenance import Provenance, stamped
-from lake.schema import SCHEMA_VERSION, has_samples, schema_of, to_arrow
+from lake.schema import has_samples, schema_of, to_arrow
 from lake.sql import check_reads_only
 from lake.tables import TABLE_BY_NAME, TABLES, Row, SimTraceRow, TraceRow
 from models.errors import LakeError, UsageError
@@ -25,6 +25,7 @@ from models.records import Trace
 _LOG = logging.getLogger(__name__)
 MARKER = "lake.json"
 _STAGED_MARKER = f".{MARKER}."  # with the number of the process that makes the lake
+LAYOUT_VERSION = 1  # of folders and files; the columns of a table have their own version in each file
 _NOT_CONTENT = frozenset({"created_at", "code_version", "code_dirty"})
 _QUERY_ATTEMPTS = 50  # a file of samples may be merged into another while a query runs
 
@@ -277,7 +278,7 @@ def _make_lake(root: Path) -> None:
             raise UsageError(f"{root} is not empty and not a lake; nothing was written: give a new folder with --lake.")
         make_folder(root)
         with staged.open("w") as file:
-            file.write(json.dumps({"format": "fast-lake", "schema_version": SCHEMA_VERSION}) + "\n")
+            file.write(json.dumps({"format": "fast-lake", "schema_version": LAYOUT_VERSION}) + "\n")
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:
@@ -296,12 +297,12 @@ def _holds_something_else(root: Path) -> bool:
 
 def _check_marker(marker: Path) -> None:
     try:
-        version = json.loads(marker.read_text())["schema_version"]
+        version = int(json.loads(marker.read_text())["schema_version"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise LakeError(f"{marker} is not readable as the marker of a lake; restore it from another lake.") from error
-    if version != SCHEMA_VERSION:
+    if version > LAYOUT_VERSION:
         raise LakeError(
-            f"The lake {marker.parent} has schema version {version}, this program reads {SCHEMA_VERSION}: "
+            f"The lake {marker.parent} has schema version {version}, this program reads up to {LAYOUT_VERSION}: "
             "update the program."
         )
 

@@ -10,11 +10,10 @@ from prefect.futures import PrefectFuture
 
 from hardware.cell import MeasuredGrasp
 from models.records import Design
-from models.surrogate.fit import fit_surrogate
 from models.surrogate.posterior import Surrogate
 from tasks import proposing, steps
 from tasks.campaign import Campaign
-from tasks.observing import observe
+from tasks.observing import observe, observed_rows
 from tasks.pool import WorkerPool
 from tasks.state import CampaignState, ProposedTool
 from tasks.steps import opaque
@@ -187,9 +186,10 @@ class SimulationLane:
 
     def _propose(self, state: CampaignState, index: int) -> None:
         campaign = self._session.campaign
-        data = observe(campaign, state, closed_batches(campaign, state))
+        closed = closed_batches(campaign, state)
+        data, rows = observe(campaign, state, closed), observed_rows(campaign, state, closed)
         previous = self._surrogate.parameters if self._surrogate else None
-        self._surrogate = fit_surrogate(data, previous, seed=campaign.seed("simulation fit", self._batch))
+        self._surrogate = proposing.fit_for_simulation(campaign, self._batch, index, data, rows, previous)
         proposing.propose_simulation(campaign, self._batch, index, data, self._surrogate, state)
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from lake.provenance import Provenance, current_provenance
 from lake.store import Lake
+from lake.tables import CampaignRow
 from models.ids import seed_from
 from models.records import SimulatorVersion
 from tasks.config import CampaignConfig
@@ -50,3 +51,9 @@ class Campaign:
     def provenance(self, seed: int = 0, parents: Sequence[str] = ()) -> Provenance:
         """Provenance of rows written for this campaign."""
         return current_provenance(self.config.config_hash, seed, parents)
+
+
+def stored_provenance(lake: Lake, campaign_id: str, parents: Sequence[str] = ()) -> Provenance:
+    """Provenance of rows about a campaign from a person, who has no config at hand: with the one in the lake."""
+    stored = lake.rows(CampaignRow, campaign_id=campaign_id)
+    return current_provenance(stored[-1]["config_hash"] if stored else "", parents=parents)

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Literal, TextIO
 
 from lake.files import writing_failed
-from lake.provenance import current_provenance
 from lake.store import Lake
 from lake.tables import EventRow
 from models.errors import FastError
 from models.ids import canonical_json, content_id
+from tasks.campaign import stored_provenance
 
 Verb = Literal["pause", "stop", "abort"]
 VERBS: tuple[Verb, ...] = ("pause", "stop", "abort")
@@ -29,7 +29,7 @@ def append_event(lake: Lake, campaign_id: str, kind: str, message: str, **payloa
         message=message,
         payload_json=canonical_json(payload),
     )
-    lake.append([row], current_provenance())
+    lake.append([row], stored_provenance(lake, campaign_id))
 
 
 def requested_verb(lake: Lake, campaign_id: str) -> Verb | None:

@@ -33,7 +33,7 @@ def measure_tool(
         DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
     """
     state = campaign.state()
-    plan = campaign.config.objects.cells(campaign.seed("order", tool.tool_id))
+    plan = campaign.config.objects.cells(_order_seed(campaign, tool))
     missing = state.missing_grasps(tool, plan, campaign.config.execution.max_grasp_attempts)
     if not missing:
         return
@@ -49,6 +49,11 @@ def measure_tool(
         on_grasp(grasp)
 
     bench.cell.measure_tool(tool.slot, missing, campaign.config.grasp, record, should_stop)
+
+
+def _order_seed(campaign: Campaign, tool: ProposedTool) -> int:
+    """Seed of the order in which the grasps of a tool are made."""
+    return campaign.seed("order", tool.tool_id)
 
 
 def _append(
@@ -89,7 +94,7 @@ def _append(
         world_hash=world_hash,
         details_json=canonical_json(grasp.details),
     )
-    provenance = campaign.provenance(parents=[tool.tool_id, tool.design.design_id])
+    provenance = campaign.provenance(_order_seed(campaign, tool), [tool.tool_id, tool.design.design_id])
     campaign.lake.append([TraceRow.of(grasp_id, grasp.trace), row], provenance)
     if not ok:
         logger.warning("grasp %s on object %d failed: %s", tool.label, grasp.object_id, grasp.reason)

@@ -17,13 +17,35 @@ def observe(campaign: Campaign, state: CampaignState, batches: Iterable[int]) ->
 
     Objects without a value (given up on the bench, failed in simulation) are imputed by the paper's rule.
     """
-    closed = set(batches)
-    tools = [t for t in state.tools if t.batch in closed and state.measured.get(t.tool_id)]
-    proposed = [s.design for s in state.simulations] + [t.design for t in state.tools]
-    designs = {design.design_id: design for design in proposed}
-    designs = {k: d for k, d in designs.items() if not state.missing_objects(k, campaign.object_ids)}
+    tools, designs = _measured_tools(state, batches), _simulated_designs(campaign, state)
     real, simulated = _tool_forces(campaign, tools), _simulated_forces(campaign, list(designs))
     return _observation_set([t.design for t in tools], real, list(designs.values()), simulated)
+
+
+def observed_rows(campaign: Campaign, state: CampaignState, batches: Iterable[int]) -> list[str]:
+    """Ids of the grasps and simulations that `observe` takes its means over, ordered."""
+    tools = {tool.tool_id for tool in _measured_tools(state, batches)}
+    designs, objects = _simulated_designs(campaign, state), set(campaign.object_ids)
+    sql = "SELECT grasp_id, tool_id, object_id FROM grasps WHERE campaign_id = ? AND status = 'ok'"
+    grasps = tuples(campaign.lake, sql, campaign.campaign_id)
+    sql = """SELECT simulation_id, design_id, object_id FROM simulations
+        WHERE version_id = ? AND setup_id = ? AND status = 'ok'"""
+    simulations = tuples(campaign.lake, sql, campaign.version.version_id, campaign.config.grasp.setup_id)
+    rows = [row_id for row_id, tool_id, object_id in grasps if tool_id in tools and object_id in objects]
+    rows += [row_id for row_id, design_id, object_id in simulations if design_id in designs and object_id in objects]
+    return sorted(rows)
+
+
+def _measured_tools(state: CampaignState, batches: Iterable[int]) -> list[ProposedTool]:
+    closed = set(batches)
+    return [t for t in state.tools if t.batch in closed and state.measured.get(t.tool_id)]
+
+
+def _simulated_designs(campaign: Campaign, state: CampaignState) -> dict[str, Design]:
+    """Designs of the campaign that are simulated on every object, by id."""
+    proposed = [s.design for s in state.simulations] + [t.design for t in state.tools]
+    designs = {design.design_id: design for design in proposed}
+    return {k: d for k, d in designs.items() if not state.missing_objects(k, campaign.object_ids)}
 
 
 def _tool_forces(campaign: Campaign, tools: Sequence[ProposedTool]) -> np.ndarray:

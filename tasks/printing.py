@@ -7,7 +7,6 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from lake.provenance import current_provenance
 from lake.store import Lake
 from lake.tables import BatchRow, ProposalRow, ToolRow
 from models.errors import UsageError
@@ -15,6 +14,7 @@ from models.geometry.sheet import batch_sheet_html
 from models.geometry.tray import PrintItem, tray_files
 from models.ids import tool_label
 from models.records import Record
+from tasks.campaign import stored_provenance
 from tasks.state import load_designs
 
 SHEET = "sheet.html"
@@ -100,7 +100,7 @@ def confirm_print(lake: Lake, campaign_id: str, batch: int, confirmation: PrintC
     if lake.rows(ToolRow, campaign_id=campaign_id, batch=batch):
         raise UsageError(f"batch {name} is already confirmed; nothing was changed.")
     tools = [_tool_row(campaign_id, batch, r["slot"], r["design_id"], confirmation) for r in rows]
-    lake.append(tools, current_provenance(parents=[r["proposal_id"] for r in rows]))
+    lake.append(tools, stored_provenance(lake, campaign_id, [r["proposal_id"] for r in rows]))
     return sum(tool.status == "printed" for tool in tools)
 
 

@@ -12,6 +12,7 @@ from models.scientist import Proposal as ProposedDesign
 from models.scientist import propose
 from models.surrogate.fit import fit_surrogate
 from models.surrogate.observations import ObservationSet
+from models.surrogate.parameters import SurrogateParameters
 from models.surrogate.posterior import Surrogate
 from tasks.campaign import Campaign
 from tasks.state import CampaignState
@@ -32,11 +33,31 @@ def propose_initial(campaign: Campaign) -> None:
         _append_tools(campaign, batch, [ProposedDesign(design=d, value=0.0) for d in chosen], seed)
 
 
-def fit(campaign: Campaign, batch: int, data: ObservationSet) -> Surrogate:
-    """Fit the surrogate to all data before a batch is chosen, and record the fit."""
-    surrogate = fit_surrogate(data, None, seed=campaign.seed("fit", batch))
-    row = _fit_row(campaign, batch, data, surrogate)
-    campaign.lake.append([row], campaign.provenance(row.seed))
+def fit(campaign: Campaign, batch: int, data: ObservationSet, rows: Sequence[str]) -> Surrogate:
+    """Fit the surrogate to all data before a batch is chosen, and record the fit.
+
+    `rows` are the ids of the grasps and simulations behind `data`.
+    """
+    seed = campaign.seed("fit", batch)
+    surrogate = fit_surrogate(data, None, seed=seed)
+    row = _fit_row(campaign, _fit_id(campaign, batch, data), batch, surrogate, seed)
+    campaign.lake.append([row], campaign.provenance(seed, rows))
+    return surrogate
+
+
+def fit_for_simulation(
+    campaign: Campaign,
+    batch: int,
+    index: int,
+    data: ObservationSet,
+    rows: Sequence[str],
+    previous: SurrogateParameters | None,
+) -> Surrogate:
+    """Fit the surrogate before a simulation is chosen, starting from the `previous` fit, and record the fit."""
+    seed = campaign.seed("simulation fit", batch)
+    surrogate = fit_surrogate(data, previous, seed=seed)
+    row = _fit_row(campaign, _simulation_fit_id(campaign, batch, index), batch, surrogate, seed)
+    campaign.lake.append([row], campaign.provenance(seed, rows))
     return surrogate
 
 
@@ -56,7 +77,8 @@ def propose_tools(
         min_distance=scientist.min_distance,
         acquisition=scientist.acquisition,
     )
-    _append_tools(campaign, batch, proposals, seed, data, len(pending))
+    fit_id = _fit_id(campaign, batch, data)
+    _append_tools(campaign, batch, proposals, seed, data, len(pending), [fit_id])
 
 
 def propose_simulation(
@@ -68,7 +90,8 @@ def propose_simulation(
     pending = pending_points(campaign, state)
     rng = np.random.default_rng(seed)
     proposal = propose(surrogate, 0, 1, pending, rng, min_distance=0.0, acquisition=acquisition)[0]
-    _append_simulation(campaign, batch, index, proposal, seed, data, len(pending))
+    fit_id = _simulation_fit_id(campaign, batch, index)
+    _append_simulation(campaign, batch, index, proposal, seed, data, len(pending), [fit_id])
 
 
 def pending_points(campaign: Campaign, state: CampaignState) -> np.ndarray:
@@ -88,11 +111,11 @@ def _append_tools(
     seed: int,
     data: ObservationSet | None = None,
     n_pending: int = 0,
+    parents: Sequence[str] = (),
 ) -> None:
     """Write the proposals of a batch; the batch row comes last and makes the batch complete."""
-    designs = [p.design for p in proposals]
-    provenance = campaign.provenance(seed, [d.design_id for d in designs])
-    _append_designs(campaign, designs, seed)
+    provenance = campaign.provenance(seed, parents)
+    _append_designs(campaign, [p.design for p in proposals], seed)
     campaign.lake.append(
         [_proposal_row(campaign, batch, slot, slot, p, data, n_pending) for slot, p in enumerate(proposals)], provenance
     )
@@ -114,10 +137,11 @@ def _append_simulation(
     seed: int,
     data: ObservationSet | None = None,
     n_pending: int = 0,
+    parents: Sequence[str] = (),
 ) -> None:
     _append_designs(campaign, [proposal.design], seed)
     row = _proposal_row(campaign, batch, None, index, proposal, data, n_pending)
-    campaign.lake.append([row], campaign.provenance(seed, [proposal.design.design_id]))
+    campaign.lake.append([row], campaign.provenance(seed, parents))
 
 
 def _append_designs(campaign: Campaign, designs: Sequence[Design], seed: int) -> None:
@@ -151,10 +175,20 @@ def _proposal_row(
     )
 
 
-def _fit_row(campaign: Campaign, batch: int, data: ObservationSet, surrogate: Surrogate) -> FitRow:
-    parameters = surrogate.parameters
+def _fit_id(campaign: Campaign, batch: int, data: ObservationSet) -> str:
+    """Id of the fit that the tools of a batch are chosen with."""
+    return content_id("F", [campaign.campaign_id, batch, data.n_real, data.n_sim])
+
+
+def _simulation_fit_id(campaign: Campaign, batch: int, index: int) -> str:
+    """Id of the fit that one more simulation is chosen with."""
+    return content_id("F", [campaign.campaign_id, batch, "simulation", index])
+
+
+def _fit_row(campaign: Campaign, fit_id: str, batch: int, surrogate: Surrogate, seed: int) -> FitRow:
+    parameters, data = surrogate.parameters, surrogate.data
     return FitRow(
-        fit_id=content_id("F", [campaign.campaign_id, batch, data.n_real, data.n_sim]),
+        fit_id=fit_id,
         campaign_id=campaign.campaign_id,
         batch=batch,
         n_real=data.n_real,
@@ -167,5 +201,5 @@ def _fit_row(campaign: Campaign, batch: int, data: ObservationSet, surrogate: Su
         lengthscales_e=parameters.lengthscales_e,
         sd_h=parameters.sd_h,
         sd_e=parameters.sd_e,
-        seed=campaign.seed("fit", batch),
+        seed=seed,
     )

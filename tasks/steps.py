@@ -17,7 +17,7 @@ from models.records import Design
 from tasks import measuring, printing, proposing, simulating
 from tasks.campaign import Campaign
 from tasks.control import append_event, exclusive
-from tasks.observing import observe
+from tasks.observing import observe, observed_rows
 from tasks.pool import WorkerPool
 from tasks.state import ProposedTool
 
@@ -44,8 +44,9 @@ def propose_batch(label: str, campaign: Campaign, stage: int) -> None:
 
 def _propose_guided(campaign: Campaign, batch: int) -> None:
     state = campaign.state()
-    data = observe(campaign, state, range(1, batch))
-    surrogate = proposing.fit(campaign, batch, data)
+    closed = range(1, batch)
+    data = observe(campaign, state, closed)
+    surrogate = proposing.fit(campaign, batch, data, observed_rows(campaign, state, closed))
     proposing.propose_tools(campaign, batch, data, surrogate, state)
 
 

@@ -1,4 +1,4 @@
-"""`fast lake`: import, export, check, compact and measure the lake."""
+"""`fast lake`: import, export, check, compact and measure the lake; where a row comes from."""
 
 import sys
 from pathlib import Path
@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text
 
 if TYPE_CHECKING:
     from lake.store import Lake
 
-app = App(name="lake", help="Import, export, check, compact and measure the lake.")
+_LIMIT_TEXT, _LIMIT_JSON = 5, 10_000
+
+app = App(name="lake", help="Import, export, check, compact and measure the lake; where its rows come from.")
 
 
 @app.command(name="import")
@@ -95,6 +97,45 @@ def stats(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
 
     rows = [entry._asdict() for entry in table_stats(Lake.open(lake))]
     show(rows, table_text(rows, ["table", "n_rows", "n_files", "n_superseded", "size_mb"]), json)
+
+
+@app.command
+def lineage(
+    row_id: Annotated[str, Parameter(name="ID", help="Id of a row: grasp, simulation, tool, design, batch, fit, ...")],
+    *,
+    lake: LakePath = DEFAULT_LAKE,
+    children: Annotated[bool, Parameter(negative="", help="What was made from it, instead of its parents.")] = False,
+    depth: Annotated[int | None, Parameter(help="Steps to follow; default: all.")] = None,
+    limit: Annotated[
+        int | None,
+        Parameter(
+            help="More rows of one table beside a row than this are only counted; default: 5, with --json 10000."
+        ),
+    ] = None,
+    json: AsJson = False,
+) -> None:
+    """Show what a row was made from, back to config, code and seed; each row with its parents in turn."""
+    from flows.cli.lineage_text import lineage_json, lineage_text
+    from lake.lineage import find_lineage
+    from lake.store import Lake
+
+    _check_not_negative("--depth", depth)
+    _check_not_negative("--limit", limit)
+    if limit is None:
+        limit = _LIMIT_JSON if json else _LIMIT_TEXT
+    found = find_lineage(Lake.open(lake), row_id, forward=children, depth=depth, limit=limit)
+    if json:
+        show(lineage_json(found), "", json)
+    else:
+        say(lineage_text(found))
+
+
+def _check_not_negative(option: str, value: int | None) -> None:
+    """Raises UsageError for a negative count."""
+    from models.errors import UsageError
+
+    if value is not None and value < 0:
+        raise UsageError(f"{option} is {value}, it must be at least 0; change it.")
 
 
 def _check_campaign(lake: "Lake", campaign: str) -> None:

@@ -21,7 +21,7 @@ for _name, _target, _help in (
     ("simulate", "flows.cli.simulate:simulate", "Simulate one grasp: peak, contact force, work, trace, picture."),
     ("gantry", "flows.cli.gantry:app", "Move the bench by hand: home, park, tare, grasp, faults."),
     ("virtual", "flows.cli.virtual:app", "A virtual bench that stays up."),
-    ("lake", "flows.cli.lake:app", "Import, export, check, compact and measure the lake."),
+    ("lake", "flows.cli.lake:app", "Import, export, check, compact and measure the lake; where its rows come from."),
     ("sql", "flows.cli.sql:sql", "Ask the lake a question in SQL (read-only)."),
     ("report", "flows.cli.results:report", "Write a campaign's report: figures, tables, data."),
     ("view", "flows.cli.results:view", "Look at a grasp, design or campaign in Rerun."),

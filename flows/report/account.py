@@ -195,7 +195,14 @@ def _lineage(content: Content, folder: Folder) -> str:
         f"Peak of each trace, mean over repeats, mean over {best.n_objects} objects: {number(best.quality_n, 2, 'N')}.",
     ]  # fmt: skip
     items = "".join(f"<li>{text(step)}</li>" for step in steps)
-    return f"<h3>From idea to number: {best.label}</h3><ol class='lineage'>{items}</ol>{folder.sources(result)}"
+    commands = (
+        f"fast lake lineage {best.tool_id}               # every row it came from, with code, config and seed\n"
+        f"fast lake lineage {best.tool_id} --children    # every grasp behind its quality"
+    )
+    return (
+        f"<h3>From idea to number: {best.label}</h3><ol class='lineage'>{items}</ol><pre>{text(commands)}</pre>"
+        f"{folder.sources(result)}"
+    )
 
 
 def _who(row: dict) -> str:

@@ -145,10 +145,12 @@ SELECT 'tool', coalesce(nullif(reason, ''), 'no reason given'), count(*) FROM to
 WHERE campaign_id = {campaign} AND status = 'rejected' GROUP BY ALL
 ORDER BY what, n DESC, reason"""
 
+# Of a batch, the fit that its tools were chosen with; others chose simulations.
 FITS = """
 SELECT batch, n_real, n_sim, rho, noise_sd_n, loo_rmse_n
 FROM fits WHERE campaign_id = {campaign}
-QUALIFY row_number() OVER (PARTITION BY batch ORDER BY created_at DESC) = 1
+QUALIFY row_number() OVER (PARTITION BY batch ORDER BY
+  fit_id IN (SELECT unnest(parents) FROM proposals WHERE fidelity = 'real') DESC, created_at DESC) = 1
 ORDER BY batch"""
 
 PROVENANCE = """

@@ -97,7 +97,7 @@ def test_observations_are_means_over_objects(measured):
 
 
 def test_a_failed_simulation_is_imputed_with_variance(measured):
-    propose_simulation(measured, 1, 2, (d := observe(measured, measured.state(), [1])), fit(measured, 2, d),
+    propose_simulation(measured, 1, 2, (d := observe(measured, measured.state(), [1])), fit(measured, 2, d, []),
                        measured.state())  # fmt: skip
     design = measured.state().simulations_of(1)[-1].design
     append_simulation(measured, design, 4, 9.0)
@@ -110,7 +110,7 @@ def test_a_failed_simulation_is_imputed_with_variance(measured):
 
 def test_a_design_that_failed_on_every_object_is_left_out(measured):
     data = observe(measured, measured.state(), [1])
-    propose_simulation(measured, 1, 2, data, fit(measured, 2, data), measured.state())
+    propose_simulation(measured, 1, 2, data, fit(measured, 2, data, []), measured.state())
     design = measured.state().simulations_of(1)[-1].design
     for object_id in measured.object_ids:
         append_simulation(measured, design, object_id, None)
@@ -125,8 +125,8 @@ def test_nothing_observed_is_an_empty_set(campaign):
 def test_guided_batch_is_proposed_from_the_model_and_repeatable(measured):
     state = measured.state()
     data = observe(measured, state, [1])
-    propose_tools(measured, 2, data, fit(measured, 2, data), state)
+    propose_tools(measured, 2, data, fit(measured, 2, data, []), state)
     first = [t.design for t in measured.state().tools_of(2)]
-    propose_tools(measured, 2, data, fit(measured, 2, data), state)
+    propose_tools(measured, 2, data, fit(measured, 2, data, []), state)
     assert [t.design for t in measured.state().tools_of(2)] == first
     assert len({d.design_id for d in first}) == 2

@@ -38,7 +38,9 @@ def catalogue() -> list[Entry]:
         ).fetchall()
     hidden = set(ProvenanceColumns.model_fields)
     entries = [
-        Entry(kind=kind, name=name, columns=tuple(c for c in columns if c not in hidden), comment=comments.get(name, ""))
+        Entry(
+            kind=kind, name=name, columns=tuple(c for c in columns if c not in hidden), comment=comments.get(name, "")
+        )
         for kind, name, columns in found
     ]
     return sorted(entries, key=lambda entry: (("view", "table", "macro").index(entry.kind), entry.name))

@@ -59,6 +59,11 @@ class Finding(NamedTuple):
     message: str
     moved_to: Path | None = None
 
+    @property
+    def line(self) -> str:
+        """The message, and where the file is now."""
+        return f"{self.message} Now set aside: {self.moved_to}." if self.moved_to else self.message
+
 
 class TableStats(NamedTuple):
     """What a table holds; `n_superseded` rows are kept but no query sees them."""

@@ -73,9 +73,9 @@ def check(
     from lake.maintenance import check as check_lake
     from lake.store import Lake
 
-    findings = [finding._asdict() for finding in check_lake(Lake.open(lake), quarantine=quarantine)]
-    text = "\n".join(str(finding["message"]) for finding in findings) or "every file of the lake is whole."
-    show(findings, text, json)
+    findings = check_lake(Lake.open(lake), quarantine=quarantine)
+    text = "\n".join(finding.line for finding in findings) or "every file of the lake is whole."
+    show([finding._asdict() for finding in findings], text, json)
     if findings:
         sys.exit(1)
 

@@ -100,7 +100,10 @@ class Engine:
         self.connection.execute(
             f"CREATE TABLE raw_{table} AS SELECT {held}, 0::INTEGER AS _file, 0::BIGINT AS _row FROM empty_rows"
         )
-        self.connection.execute(f"CREATE TABLE superseded_{table} (_file INTEGER, _row BIGINT, _name VARCHAR)")
+        self.connection.execute(
+            f"CREATE TABLE superseded_{table} AS SELECT {key} AS _id, 0::INTEGER AS _file, 0::BIGINT AS _row, "
+            "'' AS _name FROM empty_rows"
+        )
         if has_samples(row_type):
             self.connection.execute(f"CREATE TABLE empty_{table} AS SELECT * FROM empty_rows")
             self._point_view_at_files(row_type)
@@ -136,7 +139,7 @@ class Engine:
             self.connection.execute("BEGIN TRANSACTION")
             try:
                 self._files[table] = self._take_in(row_type, known, found)
-                self._find_superseded(row_type)
+                self._find_superseded(row_type, known)
                 if has_samples(row_type):
                     self._point_view_at_files(row_type)
                 self.connection.execute("COMMIT")
@@ -154,8 +157,11 @@ class Engine:
         changed = sorted(name for name, signature in found.items() if known.signatures.get(name) != signature)
         stale = [known.numbers[name] for name, signature in known.signatures.items() if found.get(name) != signature]
         numbers = {name: known.next_number + place for place, name in enumerate(changed)}
+        table, key = row_type.table, row_type.id_column()
+        gone = f"FROM raw_{table} WHERE _file IN (SELECT unnest(?))"
+        self.connection.execute(f"CREATE OR REPLACE TEMP TABLE touched AS SELECT {key} AS _id {gone}", [stale])
         if stale:
-            self.connection.execute(f"DELETE FROM raw_{row_type.table} WHERE _file IN (SELECT unnest(?))", [stale])
+            self.connection.execute(f"DELETE {gone}", [stale])
         if changed:
             self._read_rows(row_type, numbers)
         kept = {name: number for name, number in known.numbers.items() if name in found}
@@ -176,17 +182,21 @@ class Engine:
         )
         self.connection.unregister("new_files")
 
-    def _find_superseded(self, row_type: type[Row]) -> None:
+    def _find_superseded(self, row_type: type[Row], known: _TableFiles) -> None:
+        """Bring the list of superseded rows up to date: it can have changed for ids of rows that came or went."""
         table, key = row_type.table, row_type.id_column()
-        self.connection.execute(f"TRUNCATE superseded_{table}")
-        counted = self.connection.execute(f"SELECT count(*) = count(DISTINCT {key}) FROM raw_{table}").fetchall()
-        if counted[0][0]:
-            return
+        came = f"SELECT {key} FROM raw_{table} WHERE _file >= ?"
+        self.connection.execute(f"INSERT INTO touched {came}", [known.next_number])
+        self.connection.execute(f"DELETE FROM superseded_{table} WHERE _id IN (SELECT _id FROM touched)")
         self.connection.register("new_files", _number_table(self._files[table].numbers))
+        repeated = (
+            f"SELECT {key} FROM raw_{table} WHERE {key} IN (SELECT _id FROM touched) GROUP BY {key} HAVING count(*) > 1"
+        )
         self.connection.execute(
-            f"INSERT INTO superseded_{table} SELECT _file, _row, _name FROM (SELECT _file, _row FROM raw_{table} "
-            f"QUALIFY row_number() OVER (PARTITION BY {key} ORDER BY created_at DESC, _file DESC, _row DESC) > 1) "
-            "JOIN new_files USING (_file)"
+            f"INSERT INTO superseded_{table} SELECT {key}, _file, _row, _name FROM ("
+            f"SELECT {key}, _file, _row FROM raw_{table} WHERE {key} IN ({repeated}) "
+            f"QUALIFY row_number() OVER (PARTITION BY {key} ORDER BY created_at DESC, _file DESC, _row DESC) > 1"
+            ") JOIN new_files USING (_file)"
         )
         self.connection.unregister("new_files")
 

@@ -2,7 +2,9 @@
 
 import json
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,19 +28,25 @@ _BLOCKS_PER_GRASP_FILE = 25
 _RATE_HZ, _LIFT_SPEED_MM_PER_S = 80.0, 5.0
 _NOISE_SD_N, _NOISE_SD_MM = 0.05, 0.002
 _NOISE_POOL = 2**20
+_THREADS = 2
 
 
 def fill(root: Path, n_grasps: int) -> None:
     """Make a lake of `n_grasps` grasps and their traces, batch by batch in the order of time."""
     Lake.open(root, create=True)
-    announced: list[pa.Table] = []
-    for first in range(0, n_grasps, _TRACE_BLOCK):
-        grasps, traces = tables(first, min(first + _TRACE_BLOCK, n_grasps))
-        _write(root, TraceRow, traces)
-        announced.append(grasps)
-        if len(announced) == _BLOCKS_PER_GRASP_FILE or first + _TRACE_BLOCK >= n_grasps:
-            _write(root, GraspRow, pa.concat_tables(announced))
-            announced = []
+    with ThreadPoolExecutor(_THREADS) as pool:
+        starts = range(0, n_grasps, _TRACE_BLOCK)
+        blocks = list(pool.map(lambda first: _write_block(root, first, min(first + _TRACE_BLOCK, n_grasps)), starts))
+    for first in range(0, len(blocks), _BLOCKS_PER_GRASP_FILE):
+        grasps = pa.concat_tables(blocks[first : first + _BLOCKS_PER_GRASP_FILE])
+        _write(root, GraspRow, grasps.sort_by("grasp_id").combine_chunks())
+
+
+def _write_block(root: Path, first: int, last: int) -> pa.Table:
+    """Write the traces of some grasps; returns their rows of `grasps`."""
+    grasps, traces = tables(first, last)
+    _write(root, TraceRow, traces)
+    return grasps
 
 
 def rows(first: int, last: int) -> Iterator[list[Row]]:
@@ -49,26 +57,24 @@ def rows(first: int, last: int) -> Iterator[list[Row]]:
 
 
 def tables(first: int, last: int) -> tuple[pa.Table, pa.Table]:
-    """Tables `grasps` and `traces` of the grasps with the numbers `first` to `last`."""
-    numbers = np.arange(first, last)
-    rng = np.random.default_rng(first)
-    time_s, lift_mm, force_n = _samples(len(numbers), rng)
+    """Tables `grasps` and `traces` of the grasps with the numbers `first` to `last`, in the order of their ids."""
+    ids, numbers = zip(*sorted((_grasp_id(number), number) for number in range(first, last)), strict=True)
+    number = np.array(numbers)
+    time_s, lift_mm, force_n = _samples(len(ids))
     is_lift = np.arange(N_SAMPLES) >= np.argmax(lift_mm > 0, axis=1)[:, None] - 1
-    tools = [ToolRow.make_id(CAMPAIGN_ID, number // GRASPS_PER_BATCH + 1, _slot(number)) for number in numbers.tolist()]
-    objects, repeats = numbers // 3 % 36, numbers % 3
-    ids = [GraspRow.make_id(*key) for key in zip(tools, objects.tolist(), repeats.tolist(), strict=True)]
-    times = pa.array([START + int(number) * PERIOD for number in numbers], type=pa.timestamp("us", tz="UTC"))
+    times = pa.array([START + each * PERIOD for each in numbers], type=pa.timestamp("us", tz="UTC"))
+    details = np.random.default_rng(first).normal(0, 0.05, (len(ids), 4))
     grasps = {
-        "grasp_id": ids,
+        "grasp_id": list(ids),
         "campaign_id": CAMPAIGN_ID,
-        "tool_id": tools,
-        "batch": numbers // GRASPS_PER_BATCH + 1,
-        "slot": numbers // GRASPS_PER_TOOL % 10,
-        "design_id": [f"D{number // GRASPS_PER_TOOL:012x}" for number in numbers.tolist()],
-        "object_id": objects,
-        "repeat": repeats,
+        "tool_id": [_tool_id(each) for each in numbers],
+        "batch": number // GRASPS_PER_BATCH + 1,
+        "slot": number // GRASPS_PER_TOOL % 10,
+        "design_id": [f"D{each // GRASPS_PER_TOOL:012x}" for each in numbers],
+        "object_id": number // 3 % 36,
+        "repeat": number % 3,
         "attempt": 0,
-        "order": numbers % GRASPS_PER_TOOL,
+        "order": number % GRASPS_PER_TOOL,
         "fidelity": "real",
         "status": "ok",
         "reason": "",
@@ -77,15 +83,20 @@ def tables(first: int, last: int) -> tuple[pa.Table, pa.Table]:
         "work_j": 1e-3 * np.trapezoid(np.where(is_lift, force_n, 0.0), lift_mm, axis=1),
         "initial_force_n": force_n[:, 0],
         "bench": "virtual",
-        "details_json": [_details(*values) for values in rng.normal(0, 0.05, (len(numbers), 4)).tolist()],
+        "details_json": [_details(*values) for values in details.tolist()],
         **setup_columns(GraspSetup()),
     }
-    traces = {"grasp_id": ids, "time_s": time_s, "lift_mm": lift_mm, "force_n": force_n}
+    traces = {"grasp_id": list(ids), "time_s": time_s, "lift_mm": lift_mm, "force_n": force_n}
     return _table(GraspRow, grasps, times), _table(TraceRow, traces, times)
 
 
-def _samples(n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time (0.1 ms), lift (1 um) and force (10 mN) of n grasps, n x N_SAMPLES each, in steps of the instruments."""
+@cache
+def _samples(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time (0.1 ms), lift (1 um) and force (10 mN) of n grasps, n x N_SAMPLES each, in steps of the instruments.
+
+    The same for every n grasps: drawing them takes longer than writing, and no file knows what another holds.
+    """
+    rng = np.random.default_rng(n)
     time_s = np.round(np.arange(1, N_SAMPLES + 1) / _RATE_HZ, 4)
     close_s, peak_n = rng.uniform(1.2, 1.7, (n, 1)), rng.uniform(5, 35, (n, 1))
     lift_mm = _LIFT_SPEED_MM_PER_S * np.clip(time_s - close_s, 0, None)
@@ -103,8 +114,12 @@ def _noise(n: int, rng: np.random.Generator) -> np.ndarray:
     return noise
 
 
-def _slot(number: int) -> int:
-    return number // GRASPS_PER_TOOL % 10
+def _tool_id(number: int) -> str:
+    return ToolRow.make_id(CAMPAIGN_ID, number // GRASPS_PER_BATCH + 1, number // GRASPS_PER_TOOL % 10)
+
+
+def _grasp_id(number: int) -> str:
+    return GraspRow.make_id(_tool_id(number), number // 3 % 36, number % 3)
 
 
 def _details(after_release_n: float, baseline_net_n: float, baseline_sd_n: float, pressure_psi: float) -> str:
@@ -120,12 +135,12 @@ def _details(after_release_n: float, baseline_net_n: float, baseline_sd_n: float
 
 
 def _table(row_type: type[Row], values: dict[str, Any], created_at: pa.Array) -> pa.Table:
-    """Table in the order of ids; `values` are columns, or what all rows share."""
+    """Table of a lake; `values` are columns, or what all rows share."""
     shared = {"code_version": "0123456789ab", "code_dirty": False, "config_hash": "cfg", "seed": 0, "parents": []}
     n, schema = len(created_at), schema_of(row_type)
     values = shared | values | {"created_at": created_at}
     columns = [_column(values.get(field.name), field.type, n) for field in schema]
-    return pa.Table.from_arrays(columns, schema=schema).sort_by(row_type.id_column())
+    return pa.Table.from_arrays(columns, schema=schema)
 
 
 def _column(values: Any, data_type: pa.DataType, n: int) -> pa.Array:
@@ -142,5 +157,5 @@ def _record(row_type: type[Row], row: dict[str, Any]) -> Row:
 
 
 def _write(root: Path, row_type: type[Row], table: pa.Table) -> None:
-    folder, ordered = root / row_type.table, table.sort_by(row_type.id_column()).combine_chunks()
-    publish(stage(folder, ordered, row_type.table), folder / file_name(ordered))
+    folder = root / row_type.table
+    publish(stage(folder, table, row_type.table), folder / file_name(table))

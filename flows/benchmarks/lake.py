@@ -27,8 +27,8 @@ PEAK_FROM_SAMPLES = "SELECT sum(peak_force_n(lift_mm, force_n)) AS newton FROM t
 WORK_OF_STRETCH = "SELECT sum(work_j(lift_mm, force_n)) AS joule FROM traces WHERE created_at < ?"
 WORK_OF_BATCHES = """
     SELECT sum(work_j(lift_mm, force_n)) AS joule FROM traces
-    WHERE grasp_id IN (SELECT grasp_id FROM grasps WHERE 1080 * batch <= ?)
-"""
+    JOIN (SELECT grasp_id, created_at FROM grasps WHERE 1080 * batch <= ?) USING (grasp_id, created_at)
+"""  # a grasp and its trace are written at one time; with it DuckDB skips the files of other batches
 
 
 def measure_lake(options: Options) -> Tables:

@@ -29,6 +29,7 @@ _RATE_HZ, _LIFT_SPEED_MM_PER_S = 80.0, 5.0
 _NOISE_SD_N, _NOISE_SD_MM = 0.05, 0.002
 _NOISE_POOL = 2**20
 _THREADS = 2
+_CHANNELS = ("time_s", "lift_mm", "force_n")
 
 
 def fill(root: Path, n_grasps: int) -> None:
@@ -60,8 +61,6 @@ def tables(first: int, last: int) -> tuple[pa.Table, pa.Table]:
     """Tables `grasps` and `traces` of the grasps with the numbers `first` to `last`, in the order of their ids."""
     ids, numbers = zip(*sorted((_grasp_id(number), number) for number in range(first, last)), strict=True)
     number = np.array(numbers)
-    time_s, lift_mm, force_n = _samples(len(ids))
-    is_lift = np.arange(N_SAMPLES) >= np.argmax(lift_mm > 0, axis=1)[:, None] - 1
     times = pa.array([START + each * PERIOD for each in numbers], type=pa.timestamp("us", tz="UTC"))
     details = np.random.default_rng(first).normal(0, 0.05, (len(ids), 4))
     grasps = {
@@ -79,20 +78,18 @@ def tables(first: int, last: int) -> tuple[pa.Table, pa.Table]:
         "status": "ok",
         "reason": "",
         "started_at": times,
-        "peak_force_n": np.max(force_n, axis=1, where=is_lift, initial=-np.inf),
-        "work_j": 1e-3 * np.trapezoid(np.where(is_lift, force_n, 0.0), lift_mm, axis=1),
-        "initial_force_n": force_n[:, 0],
+        **_features(len(ids)),
         "bench": "virtual",
         "details_json": [_details(*values) for values in details.tolist()],
         **setup_columns(GraspSetup()),
     }
-    traces = {"grasp_id": list(ids), "time_s": time_s, "lift_mm": lift_mm, "force_n": force_n}
+    traces = {"grasp_id": list(ids), **_samples(len(ids))}
     return _table(GraspRow, grasps, times), _table(TraceRow, traces, times)
 
 
 @cache
-def _samples(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time (0.1 ms), lift (1 um) and force (10 mN) of n grasps, n x N_SAMPLES each, in steps of the instruments.
+def _samples(n: int) -> dict[str, np.ndarray]:
+    """Channels of n grasps, n x N_SAMPLES each, in steps of the instruments: 0.1 ms, 1 um, 10 mN.
 
     The same for every n grasps: drawing them takes longer than writing, and no file knows what another holds.
     """
@@ -103,7 +100,24 @@ def _samples(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     force_n = peak_n * np.sin(np.pi * np.clip(lift_mm / 60, 0, 1) ** 0.6) - 4 * np.clip(1 - lift_mm / 3, 0, 1)
     lift_mm += _NOISE_SD_MM * _noise(n, rng) * (lift_mm > 0)
     force_n += _NOISE_SD_N * _noise(n, rng)
-    return np.tile(time_s, (n, 1)), np.round(np.abs(lift_mm), 3), np.round(force_n, 2) + 0.0
+    return {
+        "time_s": np.tile(time_s, (n, 1)),
+        "lift_mm": np.round(np.abs(lift_mm), 3),
+        "force_n": np.round(force_n, 2) + 0.0,
+    }
+
+
+@cache
+def _features(n: int) -> dict[str, np.ndarray]:
+    """Scalars of `_samples`, as `models.features` defines them."""
+    _, lift_mm, force_n = _samples(n).values()
+    is_lift = np.arange(N_SAMPLES) >= np.argmax(lift_mm > 0, axis=1)[:, None] - 1
+    start = np.argmax(is_lift, axis=1) - 1
+    return {
+        "peak_force_n": np.max(force_n, axis=1, where=is_lift, initial=-np.inf),
+        "work_j": 1e-3 * np.trapezoid(np.where(is_lift, force_n, 0.0), lift_mm, axis=1),
+        "initial_force_n": np.take_along_axis(force_n, start[:, None], axis=1)[:, 0],
+    }
 
 
 def _noise(n: int, rng: np.random.Generator) -> np.ndarray:
@@ -158,4 +172,5 @@ def _record(row_type: type[Row], row: dict[str, Any]) -> Row:
 
 def _write(root: Path, row_type: type[Row], table: pa.Table) -> None:
     folder = root / row_type.table
-    publish(stage(folder, table, row_type.table), folder / file_name(table))
+    name = file_name(table, ignore=frozenset(_CHANNELS))  # the ids tell files apart, hashing less takes less time
+    publish(stage(folder, table, row_type.table), folder / name)

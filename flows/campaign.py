@@ -15,6 +15,7 @@ from uuid import UUID
 from prefect import flow
 from prefect.artifacts import create_markdown_artifact, create_progress_artifact, update_progress_artifact
 from prefect.futures import PrefectFuture
+from prefect.runtime import flow_run
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows.lanes import BenchLane, Session, SimulationLane, closed_batches
@@ -25,6 +26,7 @@ from models.errors import FastError
 from tasks import steps
 from tasks.campaign import Campaign
 from tasks.control import append_event, requested_verb
+from tasks.flow_runs import recorded
 from tasks.steps import opaque
 
 POLL_S = 2.0  # how often requests of people are looked up while nothing else happens
@@ -49,7 +51,14 @@ def run_flow(
     def campaign_flow(campaign_id: str, config_hash: str, lake: str) -> bool:
         # Inside the flow, since Prefect sets its own SIGTERM handler when a flow starts.
         with interrupts():
-            return _run_stages(session, finish)
+            return recorded(
+                campaign.lake,
+                "campaign",
+                campaign_id,
+                str(flow_run.get_id()),
+                partial(_run_stages, session, finish),
+                campaign.provenance(campaign.config.seed),
+            )
 
     return campaign_flow(campaign.campaign_id, campaign.config.config_hash, str(campaign.lake.root))
 

@@ -24,6 +24,7 @@ import pyarrow as pa
 from lake.files import FILE_PREFIX, FILE_SUFFIX, fault_of
 from lake.schema import has_samples, schema_of
 from lake.tables import TABLE_BY_NAME, TABLES, Row
+from lake.upgrades import Upgrades
 from models.errors import LakeError
 
 _LOG = logging.getLogger(__name__)
@@ -38,6 +39,11 @@ class _TableFiles:
     signatures: dict[str, Signature] = field(default_factory=dict)
     numbers: dict[str, int] = field(default_factory=dict)
     next_number: int = 0
+    copies: dict[str, Path] = field(default_factory=dict)  # what is read in place of older files
+
+    def paths(self, folder: Path, names: Iterable[str]) -> list[Path]:
+        """Where to read these files."""
+        return [self.copies.get(name, folder / name) for name in names]
 
 
 class Engine:
@@ -45,6 +51,7 @@ class Engine:
 
     def __init__(self, root: Path) -> None:
         self._root = root
+        self._upgrades = Upgrades(root)
         self._files = {row_type.table: _TableFiles() for row_type in TABLES}
         self.connection = duckdb.connect(":memory:")
         self.connection.execute("SET TimeZone = 'UTC'")
@@ -52,7 +59,7 @@ class Engine:
         for row_type in TABLES:
             self._create_table(row_type)
         load_views(self.connection)
-        self.connection.execute(f"SET allowed_directories = [{_quote(root.resolve())}]")
+        self.connection.execute(f"SET allowed_directories = {_quoted_list([root.resolve(), self._upgrades.temporary])}")
         self.connection.execute("SET enable_external_access = false")
         self.connection.execute("SET lock_configuration = true")
 
@@ -75,7 +82,8 @@ class Engine:
 
     def files(self, table: str) -> list[Path]:
         """Files of a table as of the last `sync`."""
-        return [self._root / table / name for name in sorted(self._files[table].signatures)]
+        known = self._files[table]
+        return known.paths(self._root / table, sorted(known.signatures))
 
     def file_of(self, row_type: type[Row], row_id: str) -> Path | None:
         """File that holds the valid row with this id, as of the last `sync`."""
@@ -86,7 +94,8 @@ class Engine:
         if not found:
             return None
         names = {number: name for name, number in self._files[table].numbers.items()}
-        return self._root / table / names[found[0][0]]
+        (path,) = self._files[table].paths(self._root / table, [names[found[0][0]]])
+        return path
 
     def has_superseded(self, table: str) -> bool:
         """True when some row of the table has been superseded, as of the last `sync`."""
@@ -100,6 +109,9 @@ class Engine:
         self.connection.execute(
             f"CREATE TABLE raw_{table} AS SELECT {held}, 0::INTEGER AS _file, 0::BIGINT AS _row FROM empty_rows"
         )
+        # Of a table of traces only these two columns are read here: a file of something else must not pass for one.
+        for column in (key, "created_at"):
+            self.connection.execute(f"ALTER TABLE raw_{table} ALTER COLUMN {column} SET NOT NULL")
         self.connection.execute(f"CREATE TABLE superseded_{table} (_file INTEGER, _row BIGINT, _name VARCHAR)")
         if has_samples(row_type):
             self.connection.execute(f"CREATE TABLE empty_{table} AS SELECT * FROM empty_rows")
@@ -113,10 +125,11 @@ class Engine:
 
     def _point_view_at_files(self, row_type: type[Row]) -> None:
         table = row_type.table
-        if not self._files[table].signatures:
+        known = self._files[table]
+        if not known.signatures:
             self.connection.execute(f"CREATE OR REPLACE VIEW {table} AS SELECT * FROM empty_{table}")
             return
-        paths = _quoted_list(self._root.resolve() / table, sorted(self._files[table].signatures))
+        paths = _quoted_list(known.paths(self._root.resolve() / table, sorted(known.signatures)))
         self.connection.execute(
             f"CREATE OR REPLACE VIEW {table} AS SELECT * FROM empty_{table} UNION ALL BY NAME "
             "SELECT * EXCLUDE (_name, file_row_number) FROM (SELECT * REPLACE (parse_filename(_name) AS _name) FROM "
@@ -141,9 +154,11 @@ class Engine:
                     self._point_view_at_files(row_type)
                 self.connection.execute("COMMIT")
                 return
-            except duckdb.Error as error:
+            except (duckdb.Error, FileNotFoundError, LakeError) as error:
                 self.connection.execute("ROLLBACK")
                 self._files[table] = known
+                if isinstance(error, LakeError):
+                    raise
                 if found == failed or attempt + 1 == _READ_ATTEMPTS:
                     raise _unreadable(self._root / table, error) from error
                 failed = found
@@ -156,16 +171,21 @@ class Engine:
         numbers = {name: known.next_number + place for place, name in enumerate(changed)}
         if stale:
             self.connection.execute(f"DELETE FROM raw_{row_type.table} WHERE _file IN (SELECT unnest(?))", [stale])
-        if changed:
-            self._read_rows(row_type, numbers)
         kept = {name: number for name, number in known.numbers.items() if name in found}
-        return _TableFiles(found, kept | numbers, known.next_number + len(changed))
+        copies = {name: copy for name, copy in known.copies.items() if name in found and name not in numbers}
+        if changed:
+            folder = self._root.resolve() / row_type.table
+            copies |= self._upgrades.copies(self.connection, row_type, [folder / name for name in changed])
+        taken = _TableFiles(found, kept | numbers, known.next_number + len(changed), copies)
+        if changed:
+            self._read_rows(row_type, taken, numbers)
+        return taken
 
-    def _read_rows(self, row_type: type[Row], numbers: dict[str, int]) -> None:
+    def _read_rows(self, row_type: type[Row], taken: _TableFiles, numbers: dict[str, int]) -> None:
         """Add the rows (of traces: the index) of the files with these numbers."""
         table = row_type.table
         self.connection.register("new_files", _number_table(numbers))
-        paths = _quoted_list(self._root.resolve() / table, list(numbers))
+        paths = _quoted_list(taken.paths(self._root.resolve() / table, numbers))
         held = "rows.* EXCLUDE (filename, file_row_number)"
         if has_samples(row_type):
             held = f"{row_type.id_column()}, created_at"
@@ -192,7 +212,11 @@ class Engine:
 
 
 def list_files(folder: Path) -> dict[str, Signature]:
-    """Files of a table that readers look at, with what tells a rewritten one (time, size, inode)."""
+    """Files of a table that readers look at, with what tells a rewritten one (time, size, inode).
+
+    Raises:
+        LakeError: the folder cannot be read.
+    """
     found = {}
     try:
         with os.scandir(folder) as entries:
@@ -202,6 +226,10 @@ def list_files(folder: Path) -> dict[str, Signature]:
                     found[entry.name] = status.st_mtime_ns, status.st_size, status.st_ino
     except FileNotFoundError:
         return found  # the table has no rows yet, or a file was merged while we looked: the caller looks again
+    except OSError as error:
+        raise LakeError(
+            f"{folder} cannot be read ({error.strerror}): change its permissions or repair the disk."
+        ) from error
     return found
 
 
@@ -258,22 +286,21 @@ def _number_table(numbers: dict[str, int]) -> pa.Table:
     return pa.table(columns)
 
 
-def _quoted_list(folder: Path, names: list[str]) -> str:
-    return "[" + ", ".join(_quote(folder / name) for name in names) + "]"
+def _quoted_list(paths: list[Path]) -> str:
+    return "[" + ", ".join(_quote(path) for path in paths) + "]"
 
 
 def _quote(path: Path) -> str:
     return "'" + str(path).replace("'", "''") + "'"
 
 
-def _unreadable(folder: Path, error: duckdb.Error) -> LakeError:
+def _unreadable(folder: Path, error: Exception) -> LakeError:
     """The sentence for a table that cannot be read, naming the file at fault."""
     for name in sorted(list_files(folder)):
         fault = fault_of(folder / name, TABLE_BY_NAME[folder.name], whole=False)
         if fault:
             return LakeError(
-                f"{folder / name} {fault[1]}, so the table `{folder.name}` cannot be read: "
-                "run `fast lake check --quarantine` to set the file aside."
+                f"{folder / name} {fault.sentence}, so the table `{folder.name}` cannot be read: {fault.remedy}."
             )
     first_line = str(error).splitlines()[0]
     return LakeError(

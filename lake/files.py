@@ -5,13 +5,15 @@ import fcntl
 import hashlib
 import os
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal, NamedTuple
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from lake.migrations import file_version, migrated, table_version
 from lake.schema import has_samples, schema_of
 from lake.tables import TABLE_BY_NAME, Row
 from models.errors import FastError, LakeError, UsageError
@@ -21,7 +23,7 @@ FILE_SUFFIX = ".parquet"
 TEMPORARY_PREFIX = ".writing-"
 LOCK_NAME = ".lock"
 _ROW_GROUP_OF_TRACES = 256  # small enough for min/max of the id to skip most of a file
-_FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST, errno.ENOENT}
+FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST, errno.ENOENT}
 
 
 def file_name(table: pa.Table, ignore: frozenset[str] = frozenset()) -> str:
@@ -83,8 +85,29 @@ def locked(root: Path, *, exclusive: bool) -> Iterator[None]:
         yield
 
 
-def fault_of(path: Path, row_type: type[Row], *, whole: bool) -> tuple[str, str] | None:
-    """What is wrong with a file of a table as (kind, sentence), or None.
+FaultKind = Literal["torn", "unreadable", "wrong_schema", "newer"]
+_REMEDIES: Mapping[FaultKind, str] = {
+    "torn": "run `fast lake check --quarantine` to set the file aside",
+    "unreadable": "change its permissions or repair the disk",
+    "wrong_schema": "run `fast lake check --quarantine` to set the file aside",
+    "newer": "update the program",
+}
+
+
+class Fault(NamedTuple):
+    """What is wrong with a file; `sentence` follows its path."""
+
+    kind: FaultKind
+    sentence: str
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        return _REMEDIES[self.kind]
+
+
+def fault_of(path: Path, row_type: type[Row], *, whole: bool) -> Fault | None:
+    """What is wrong with a file of a table, or None.
 
     Looks at the footer alone, or with `whole` at every page and its checksum.
     """
@@ -97,23 +120,41 @@ def fault_of(path: Path, row_type: type[Row], *, whole: bool) -> tuple[str, str]
     except FileNotFoundError:
         return None  # merged into another file since it was listed
     except (OSError, pa.ArrowException) as error:
-        return "torn", f"is not a whole Parquet file ({str(error).splitlines()[0]})"
-    sentence = schema_fault(schema, row_type)
-    return ("wrong_schema", sentence) if sentence else None
+        return reading_fault(error)
+    return schema_fault(schema, row_type)
 
 
-def schema_fault(schema: pa.Schema, row_type: type[Row]) -> str | None:
+def reading_fault(error: OSError | pa.ArrowException) -> Fault:
+    """The fault behind an error of reading: the system refused, or what is there is no whole file."""
+    first_line = str(error).splitlines()[0]
+    if isinstance(error, OSError) and error.errno is not None:
+        return Fault("unreadable", f"cannot be read ({os.strerror(error.errno)})")
+    return Fault("torn", f"is not a whole Parquet file ({first_line})")
+
+
+def schema_fault(schema: pa.Schema, row_type: type[Row]) -> Fault | None:
     """How the schema of a file differs from its table's, or None; a nullable column may be missing."""
-    wanted = schema_of(row_type)
+    version, today = file_version(schema), table_version(row_type.table)
+    if version > today:
+        return Fault(
+            "newer", f"has schema version {version} of the table `{row_type.table}`, this program reads up to {today}"
+        )
+    try:
+        held = migrated(schema.empty_table(), row_type.table).schema
+    except (KeyError, ValueError, pa.ArrowException) as error:
+        return Fault("wrong_schema", f"says it has schema version {version}, but its columns do not ({error})")
+    sentence = _column_fault(held, schema_of(row_type))
+    return Fault("wrong_schema", sentence) if sentence else None
+
+
+def _column_fault(held: pa.Schema, wanted: pa.Schema) -> str | None:
     for field in wanted:
-        if field.name not in schema.names and not field.nullable:
+        if field.name not in held.names and not field.nullable:
             return f"lacks the column `{field.name}`"
-        if field.name in schema.names and schema.field(field.name).type != field.type:
-            return f"has `{field.name}` as {schema.field(field.name).type}, it must be {field.type}"
-    unknown = [name for name in schema.names if name not in wanted.names]
-    if unknown:
-        return f"has the unknown column `{unknown[0]}`"
-    return None
+        if field.name in held.names and held.field(field.name).type != field.type:
+            return f"has `{field.name}` as {held.field(field.name).type}, it must be {field.type}"
+    unknown = [name for name in held.names if name not in wanted.names]
+    return f"has the unknown column `{unknown[0]}`" if unknown else None
 
 
 def discard(files: list[Path]) -> None:
@@ -145,7 +186,7 @@ def sync_folder(folder: Path) -> None:
 
 def writing_failed(folder: Path, error: OSError) -> FastError:
     """The sentence for a folder that could not be written."""
-    if error.errno in _FORBIDDEN:
+    if error.errno in FORBIDDEN:
         return UsageError(
             f"{folder} cannot be written ({error.strerror}); nothing was written: "
             "give another folder with --lake, or change its permissions."

@@ -1,45 +1,54 @@
 """Keeping a lake healthy: check and quarantine files, merge small ones, count what is there."""
 
+import json
 import logging
 import os
 import time
 from collections.abc import Iterator
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import duckdb
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from lake.engine import Signature, list_files
 from lake.files import (
     FILE_PREFIX,
     FILE_SUFFIX,
+    FORBIDDEN,
     LOCK_NAME,
     TEMPORARY_PREFIX,
+    Fault,
+    FaultKind,
+    discard,
     fault_of,
     file_name,
     locked,
     make_folder,
     publish,
-    schema_fault,
     stage,
     sync_folder,
-    writing_failed,
 )
 from lake.schema import schema_of
 from lake.store import MARKER, Lake
-from lake.tables import TABLE_BY_NAME, TABLES, GraspRow, Row, SimTraceRow, SimulationRow, TraceRow
-from models.errors import LakeError
+from lake.tables import TABLE_BY_NAME, TABLES, Row
+from lake.upgrades import forget_copies, older_files, read_upgraded
+from models.errors import FastError, LakeError, UsageError
 
 _LOG = logging.getLogger(__name__)
 QUARANTINE = "quarantine"
 _OF_FAST = frozenset({"outputs", ".state"})  # what people read, and what can be made again; no rows
 TARGET_BYTES = 16 * 2**20  # of a merged file, some thousand traces; files over half of it are left alone
+_NEEDS_SAMPLES = (
+    ("grasps", "traces", "grasp_id"),
+    ("simulations", "sim_traces", "simulation_id"),
+    ("calibrations", "posterior_draws", "calibration_id"),
+)
 _LEFTOVER_AGE_S = 3600.0  # a temporary file this old belongs to a process that died
 
-Kind = Literal["torn", "wrong_schema", "foreign", "leftover", "incomplete"]
+Kind = Literal[FaultKind, "foreign", "leftover", "incomplete"]
+_STAYS = frozenset({"unreadable", "newer", "incomplete"})  # what a person or another program can still read, or no file
 
 
 class Finding(NamedTuple):
@@ -49,6 +58,11 @@ class Finding(NamedTuple):
     path: Path
     message: str
     moved_to: Path | None = None
+
+    @property
+    def line(self) -> str:
+        """The message, and where the file is now."""
+        return f"{self.message} Now set aside: {self.moved_to}." if self.moved_to else self.message
 
 
 class TableStats(NamedTuple):
@@ -75,25 +89,29 @@ class Compaction(NamedTuple):
 def check(lake: Lake, *, quarantine: bool = False) -> list[Finding]:
     """Read every page of every file and name what does not belong.
 
-    Kinds: `torn` (not a whole Parquet file, or a wrong checksum), `wrong_schema`, `foreign` (not a file of
-    the lake), `leftover` (temporary file of a process that died), `incomplete` (a good grasp or simulation
-    without trace). With `quarantine`, files are moved to `quarantine/` in the lake; nothing is deleted.
+    Kinds: `torn` (not a whole Parquet file, or a wrong checksum), `wrong_schema`, `unreadable` (the system
+    refuses), `newer` (a newer program wrote it), `foreign` (not a file of the lake), `leftover` (temporary file
+    of a process that died), `incomplete` (a good grasp or simulation without trace, a calibration without draws).
+
+    With `quarantine`, files are moved to `quarantine/` in the lake, each beside a `.reason.json`; nothing is
+    deleted. What is `unreadable` or `newer` may be whole, and stays.
 
     Raises:
         UsageError: files are to be moved and the lake cannot be written.
+        LakeError: files are to be moved and the disk is full or broken; what was not moved is where it was.
     """
     findings = [*_foreign_entries(lake.root)]
     for row_type in TABLES:
         findings += _file_findings(lake.root / row_type.table, row_type)
     if quarantine:
-        findings = [_set_aside(lake.root, finding) for finding in findings]
-    if not any(finding.kind in ("torn", "wrong_schema") and finding.moved_to is None for finding in findings):
+        findings = [finding if finding.kind in _STAYS else _set_aside(lake.root, finding) for finding in findings]
+    if not any(finding.kind in get_args(FaultKind) and finding.moved_to is None for finding in findings):
         findings += _incomplete(lake)
     return findings
 
 
 def compact(lake: Lake, table: type[Row] | str, target_bytes: int = TARGET_BYTES) -> Compaction:
-    """Merge the small files of a table; every row stays, superseded ones too.
+    """Merge the small files of a table, rewrite those of older programs; every row stays, superseded ones too.
 
     The merged file is complete before the first small one goes, and rows that are in both count once, so
     a reader or a crash at any moment sees the same rows. Runs beside writers and readers.
@@ -106,8 +124,11 @@ def compact(lake: Lake, table: type[Row] | str, target_bytes: int = TARGET_BYTES
     folder = lake.root / row_type.table
     n_before = len(list_files(folder))
     n_rows = 0
-    for group in _groups(list_files(folder), target_bytes):
+    older = older_files(folder, row_type)
+    for group in _groups(list_files(folder), target_bytes, older):
         n_rows += _merge(lake.root, row_type, group)
+    if older:
+        forget_copies(lake.root, row_type)
     return Compaction(row_type.table, n_before, len(list_files(folder)), n_rows)
 
 
@@ -126,19 +147,19 @@ def _table_stats(lake: Lake, row_type: type[Row]) -> TableStats:
     return TableStats(table, len(files), row["n"] - old["n"], old["n"], size_mb, row["oldest"], row["newest"])
 
 
-def _groups(files: dict[str, Signature], target_bytes: int) -> Iterator[dict[str, Signature]]:
-    """Small files in groups of about the target size; a group of one is left alone."""
+def _groups(files: dict[str, Signature], target_bytes: int, older: set[str]) -> Iterator[dict[str, Signature]]:
+    """Small files in groups of about the target size, and older ones of any; a group of one new file is left alone."""
     group: dict[str, Signature] = {}
     size = 0
     for name, signature in sorted(files.items(), key=lambda item: item[1]):
-        if signature[1] >= target_bytes // 2:
+        if signature[1] >= target_bytes // 2 and name not in older:
             continue
         group[name] = signature
         size += signature[1]
         if size >= target_bytes:
             yield group
             group, size = {}, 0
-    if len(group) > 1:
+    if len(group) > 1 or older & set(group):
         yield group
 
 
@@ -162,27 +183,15 @@ def _merge(root: Path, row_type: type[Row], group: dict[str, Signature]) -> int:
 
 
 def _read_merged(folder: Path, row_type: type[Row], names: list[str]) -> pa.Table:
-    """All rows of the files by id and time, exact copies once, columns that a file lacks empty."""
+    """All rows of the files by id and time, with today's columns, exact copies once."""
     schema, key = schema_of(row_type), row_type.id_column()
-    tables = []
-    for name in names:
-        try:
-            with pq.ParquetFile(folder / name, page_checksum_verification=True) as file:
-                fault = schema_fault(file.schema_arrow, row_type)
-                tables.append(file.read(use_threads=False))
-        except FileNotFoundError:
-            raise
-        except (OSError, pa.ArrowException) as error:
-            fault = f"is not a whole Parquet file ({str(error).splitlines()[0]})"
-        if fault:
-            raise LakeError(f"{folder / name} {fault}; run `fast lake check --quarantine`, then compact again.")
-    rows = pa.concat_tables([schema.empty_table(), *tables], promote_options="default")
+    rows = pa.concat_tables([schema.empty_table(), *(read_upgraded(folder / name, row_type) for name in names)])
     with duckdb.connect(":memory:") as connection:
         connection.register("merged_rows", rows.select([key, "created_at"]).append_column("place", _places(rows)))
         places = connection.sql(
             f"SELECT min(place) AS place FROM merged_rows GROUP BY {key}, created_at ORDER BY {key}, created_at"
         ).to_arrow_table()
-    return rows.take(places["place"]).select(schema.names).cast(schema).combine_chunks()
+    return rows.take(places["place"]).combine_chunks()
 
 
 def _places(rows: pa.Table) -> pa.Array:
@@ -192,22 +201,36 @@ def _places(rows: pa.Table) -> pa.Array:
 def _foreign_entries(root: Path) -> Iterator[Finding]:
     known = {MARKER, LOCK_NAME, QUARANTINE, *_OF_FAST, *TABLE_BY_NAME}
     for entry in sorted(root.iterdir()):
-        if entry.name not in known and not entry.name.startswith(f".{MARKER}."):
+        if entry.name.startswith(f".{MARKER}."):
+            yield from _leftover(entry)
+        elif entry.name not in known:
             yield Finding("foreign", entry, f"{entry} is not part of the lake; move it elsewhere.")
 
 
 def _file_findings(folder: Path, row_type: type[Row]) -> Iterator[Finding]:
-    for path in sorted(folder.iterdir()) if folder.is_dir() else []:
+    try:
+        paths = sorted(folder.iterdir())
+    except FileNotFoundError:
+        return  # the table has no rows yet
+    except OSError as error:
+        fault = Fault("unreadable", f"cannot be read ({error.strerror})")
+        yield Finding(fault.kind, folder, f"{folder} {fault.sentence}; {fault.remedy}.")
+        return
+    for path in paths:
         if path.name.startswith(TEMPORARY_PREFIX):
-            if _age_s(path) > _LEFTOVER_AGE_S:
-                yield Finding("leftover", path, f"{path} was left by a process that died; its rows were never visible.")
+            yield from _leftover(path)
+        elif not os.path.lexists(path):
+            continue  # merged into another file since it was listed
         elif not path.is_file() or not (path.name.startswith(FILE_PREFIX) and path.name.endswith(FILE_SUFFIX)):
             yield Finding("foreign", path, f"{path} was not written by the lake, readers ignore it; move it elsewhere.")
-        else:
-            fault = fault_of(path, row_type, whole=True)
-            if fault:
-                kind: Kind = "torn" if fault[0] == "torn" else "wrong_schema"
-                yield Finding(kind, path, f"{path} {fault[1]}; set it aside with --quarantine, then redo its work.")
+        elif found := fault_of(path, row_type, whole=True):
+            then = "" if found.kind in _STAYS else ", then redo its work"
+            yield Finding(found.kind, path, f"{path} {found.sentence}; {found.remedy}{then}.")
+
+
+def _leftover(path: Path) -> Iterator[Finding]:
+    if _age_s(path) > _LEFTOVER_AGE_S:
+        yield Finding("leftover", path, f"{path} was left by a process that died; its rows were never visible.")
 
 
 def _age_s(path: Path) -> float:
@@ -218,26 +241,56 @@ def _age_s(path: Path) -> float:
 
 
 def _set_aside(root: Path, finding: Finding) -> Finding:
-    if finding.kind == "incomplete":
-        return finding
+    """Move a file to the quarantine, its reason first: what is there always says why."""
     target = root / QUARANTINE / finding.path.relative_to(root)
     try:
         make_folder(target.parent)
         while target.exists():
             target = target.with_name(f"{target.name}.again")
-        os.replace(finding.path, target)
+        reason = target.with_name(f"{target.name}.reason.json")
+        _write_reason(reason, finding)
+        try:
+            os.replace(finding.path, target)
+        except OSError:
+            discard([reason])
+            raise
         sync_folder(target.parent)
         sync_folder(finding.path.parent)
     except OSError as error:
-        raise writing_failed(root, error) from error
+        raise _not_set_aside(finding.path, error) from error
     return finding._replace(moved_to=target)
 
 
+def _write_reason(path: Path, finding: Finding) -> None:
+    content = {
+        "kind": finding.kind,
+        "message": finding.message,
+        "moved_from": str(finding.path),
+        "moved_at": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+    try:
+        with path.open("w", encoding="utf-8") as file:
+            file.write(json.dumps(content, indent=2) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError:
+        discard([path])
+        raise
+
+
+def _not_set_aside(path: Path, error: OSError) -> FastError:
+    stayed = f"{path} could not be set aside ({error.strerror}); it is where it was, nothing was lost: "
+    if error.errno in FORBIDDEN:
+        return UsageError(f"{stayed}change the permissions of the lake, then run the same command again.")
+    return LakeError(f"{stayed}free disk space or repair the disk, then run the same command again.")
+
+
 def _incomplete(lake: Lake) -> Iterator[Finding]:
-    pairs: tuple[tuple[type[Row], type[Row]], ...] = ((GraspRow, TraceRow), (SimulationRow, SimTraceRow))
-    for scalars, samples in pairs:
-        for row_id in sorted(lake.ids(scalars, status="ok") - lake.ids(samples)):
-            folder = lake.root / scalars.table
+    for scalars, samples, key in _NEEDS_SAMPLES:
+        # Of traces the index has the ids, and need not be read.
+        held = f"raw_{samples}" if TABLE_BY_NAME[samples].id_column() == key else samples
+        sql = f"SELECT {key} FROM {scalars} WHERE status = 'ok' EXCEPT SELECT {key} FROM {held} ORDER BY {key}"
+        for row_id in lake.query(sql).column(0).to_pylist():
             yield Finding(
-                "incomplete", folder, f"`{row_id}` of `{scalars.table}` has no row in `{samples.table}`; redo it."
+                "incomplete", lake.root / scalars, f"`{row_id}` of `{scalars}` has no row in `{samples}`; redo it."
             )

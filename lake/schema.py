@@ -14,11 +14,10 @@ import numpy as np
 import pyarrow as pa
 from pydantic import BaseModel
 
+from lake.migrations import VERSION_KEY, table_version
 from lake.provenance import ProvenanceColumns
 from lake.tables import Row
 from models.units import unit_of
-
-SCHEMA_VERSION = 1  # bump when a column changes its meaning; new nullable columns do not need it
 
 _SCALARS: dict[Any, pa.DataType] = {
     str: pa.string(),
@@ -40,7 +39,7 @@ def schema_of(row_type: type[Row]) -> pa.Schema:
     fields = [_field(row_type, row_type.id_column())]
     fields += [_field(row_type, name) for name in own if name != row_type.id_column()]
     fields += [_field(ProvenanceColumns, name) for name in ProvenanceColumns.model_fields if name not in own]
-    metadata = {"fast.table": row_type.table, "fast.schema_version": str(SCHEMA_VERSION)}
+    metadata = {"fast.table": row_type.table, VERSION_KEY: str(table_version(row_type.table))}
     return pa.schema(fields, metadata=metadata)
 
 

@@ -38,7 +38,7 @@ def run_sql(lake: Lake, sql: str) -> pa.Table:
             return connection.sql(sql).to_arrow_table()
         except duckdb.Error as error:
             if not _is_vanished_file(error) or attempt + 1 == _ATTEMPTS:
-                raise UsageError(_unknown_table(connection, error) or f"The query failed: {error}") from error
+                raise UsageError(_sentence(connection, error)) from error
         finally:
             connection.close()
     raise UsageError("The query was not answered; run it again.")
@@ -57,20 +57,42 @@ def check_reads_only(sql: str) -> None:
         raise UsageError(f"This is not SQL that DuckDB understands: {error}") from error
     if len(statements) != 1:
         raise UsageError(f"Give exactly one SELECT statement, not {len(statements)}.")
-    kind = statements[0].type
-    if kind not in _READING:
-        raise UsageError(f"{kind.name} is not allowed here, the lake is read-only to SQL: use a SELECT statement.")
+    if statements[0].type not in _READING:
+        raise UsageError(
+            f"{_first_word(statements[0].query)} is not allowed here, the lake is read-only to SQL: "
+            "use a SELECT statement."
+        )
 
 
-def _unknown_table(connection: duckdb.DuckDBPyConnection, error: duckdb.Error) -> str | None:
-    """The sentence for a table that is not there, with the lake's own names instead of DuckDB's."""
-    match = re.search(r"Table with name (\S+) does not exist", str(error))
-    if match is None:
-        return None
+def _first_word(sql: str) -> str:
+    """What the statement does, by its own first word; comments before it are skipped."""
+    match = re.match(r"(?:\s|--[^\n]*\n|/\*.*?\*/)*(\w+)", sql, flags=re.DOTALL)
+    return match[1].upper() if match else "This statement"
+
+
+def _sentence(connection: duckdb.DuckDBPyConnection, error: duckdb.Error) -> str:
+    """What is wrong with the query, where possible in the lake's own words instead of DuckDB's."""
+    text = str(error)
+    if isinstance(error, duckdb.PermissionException):
+        match = re.search(r'"([^"]+)"', text)
+        place = f" and not `{match[1]}`" if match else ""
+        return f"SQL reads the tables and views of the lake only{place}; `fast sql` alone lists them."
+    if isinstance(error, duckdb.TransactionException):
+        return "A statement that writes is not allowed here, the lake is read-only to SQL: use a SELECT statement."
+    if match := re.search(r"Table with name (\S+) does not exist", text):
+        return f"There is no table or view `{match[1]}`; {closest(match[1], _known_tables(connection))}"
+    if match := re.search(r'(?:Referenced|have a) column (?:named )?"([^"]+)"', text):
+        near = re.search(r"Candidate bindings: (.+)", text)
+        names = ", ".join(re.findall(r'"([^"]+)"', near[1])) if near else ""
+        hint = f"near names: {names}" if names else "`fast sql` alone lists the columns"
+        return f"There is no column `{match[1]}` in what is queried (text would be '{match[1]}'); {hint}."
+    return f"The query failed: {text}"
+
+
+def _known_tables(connection: duckdb.DuckDBPyConnection) -> list[str]:
     connection.execute("ROLLBACK")
     tables = connection.sql("SELECT table_name FROM information_schema.tables").fetchall()
-    known = [name for (name,) in tables if not name.endswith("_files")]
-    return f"There is no table or view `{match[1]}`; {closest(match[1], known)}"
+    return [name for (name,) in tables if not name.endswith("_files")]
 
 
 def _is_vanished_file(error: duckdb.Error) -> bool:

@@ -16,7 +16,7 @@ import pyarrow.dataset as pads
 from lake.engine import Engine, load_views, tables_used
 from lake.files import discard, file_name, locked, make_folder, publish, stage, writing_failed
 from lake.provenance import Provenance, stamped
-from lake.schema import SCHEMA_VERSION, has_samples, schema_of, to_arrow
+from lake.schema import has_samples, schema_of, to_arrow
 from lake.sql import check_reads_only
 from lake.tables import TABLE_BY_NAME, TABLES, Row, SimTraceRow, TraceRow
 from models.errors import LakeError, UsageError
@@ -24,6 +24,7 @@ from models.records import Trace
 
 _LOG = logging.getLogger(__name__)
 MARKER = "lake.json"
+LAYOUT_VERSION = 1  # of folders and files; the columns of a table have their own version in each file
 _NOT_CONTENT = frozenset({"created_at", "code_version", "code_dirty"})
 _QUERY_ATTEMPTS = 50  # a file of samples may be merged into another while a query runs
 
@@ -274,7 +275,7 @@ def _make_lake(root: Path) -> None:
             raise UsageError(f"{root} is not empty and not a lake; nothing was written: give a new folder with --lake.")
         make_folder(root)
         staged = root / f".{MARKER}.{os.getpid()}"
-        staged.write_text(json.dumps({"format": "fast-lake", "schema_version": SCHEMA_VERSION}) + "\n")
+        staged.write_text(json.dumps({"format": "fast-lake", "schema_version": LAYOUT_VERSION}) + "\n")
         publish(staged, root / MARKER)
     except OSError as error:
         raise writing_failed(root, error) from error
@@ -282,12 +283,12 @@ def _make_lake(root: Path) -> None:
 
 def _check_marker(marker: Path) -> None:
     try:
-        version = json.loads(marker.read_text())["schema_version"]
+        version = int(json.loads(marker.read_text())["schema_version"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise LakeError(f"{marker} is not readable as the marker of a lake; restore it from another lake.") from error
-    if version != SCHEMA_VERSION:
+    if version > LAYOUT_VERSION:
         raise LakeError(
-            f"The lake {marker.parent} has schema version {version}, this program reads {SCHEMA_VERSION}: "
+            f"The lake {marker.parent} has schema version {version}, this program reads up to {LAYOUT_VERSION}: "
             "update the program."
         )
 

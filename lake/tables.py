@@ -6,38 +6,15 @@ the Parquet schemas, `lake.store` adds the columns of `lake.provenance` to every
 
 from collections.abc import Mapping
 from datetime import datetime
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
-import numpy as np
-from pydantic import BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from lake.row import Channel, Row, Status
+from lake.tables_inference import CalibrationRow, EffectRow, GapFindingRow, PosteriorDrawsRow
 from models.design_space import PARAMETERS
 from models.ids import canonical_json, content_id
-from models.records import Design, GraspSetup, Record, SimulatorVersion, Trace
-
-
-def _finite_vector(values: Any) -> np.ndarray:
-    vector = np.array(values, dtype=np.float64)
-    if vector.ndim != 1 or not np.isfinite(vector).all():
-        raise ValueError("a channel of a trace must be one row of finite numbers")
-    vector.flags.writeable = False
-    return vector
-
-
-Channel = Annotated[np.ndarray, BeforeValidator(_finite_vector)]
-Status = Literal["ok", "failed"]
-
-
-class Row(Record):
-    """One row of a table; `table` names the folder, the first field is the id."""
-
-    model_config = ConfigDict(arbitrary_types_allowed=True)
-    table: ClassVar[str]
-
-    @classmethod
-    def id_column(cls) -> str:
-        """Name of the id column, the first field."""
-        return next(iter(cls.model_fields))
+from models.records import Design, GraspSetup, SimulatorVersion, Trace
 
 
 class CampaignRow(Row):
@@ -320,14 +297,35 @@ class EventRow(Row):
     payload_json: str = "{}"
 
 
+class FlowRunRow(Row):
+    """One process's run of a flow: written when it starts, again with the same id when it ends.
+
+    A run that was killed stays `running` until the next run of the flow finds it, and calls it `died`.
+    """
+
+    table: ClassVar[str] = "flow_runs"
+    flow_run_id: str = Field(description="id of the run in Prefect")
+    flow: str
+    name: str
+    campaign_id: str | None = None
+    status: Literal["running", "completed", "interrupted", "failed", "died"]
+    reason: str = ""
+    started_at: datetime
+    ended_at: datetime | None = None
+    host: str
+    process_id: int
+
+
 # Samples are written before the scalars that announce them: a crash in between leaves a trace without
 # a grasp, which redoing the grasp replaces, never a grasp without its trace.
 TABLES: tuple[type[Row], ...] = (
     TraceRow,
     SimTraceRow,
+    PosteriorDrawsRow,
     CampaignRow,
     ObjectRow,
     DesignRow,
+    EffectRow,
     SimulatorVersionRow,
     BatchRow,
     ProposalRow,
@@ -335,7 +333,10 @@ TABLES: tuple[type[Row], ...] = (
     SimulationRow,
     GraspRow,
     FitRow,
+    CalibrationRow,
+    GapFindingRow,
     EventRow,
+    FlowRunRow,
 )
 TABLE_BY_NAME: Mapping[str, type[Row]] = {row_type.table: row_type for row_type in TABLES}
 

@@ -17,6 +17,42 @@ CREATE MACRO work_j(lift_mm, force_n) AS
 CREATE MACRO peak_force_n(lift_mm, force_n) AS
     coalesce(list_max(force_n[lift_start(lift_mm):]), 0);
 
+-- Lift at the peak pull-off force, in mm; NULL when nothing was lifted.
+CREATE MACRO peak_lift_mm(lift_mm, force_n) AS
+    lift_mm[lift_start(lift_mm) - 1
+        + list_position(force_n[lift_start(lift_mm):], list_max(force_n[lift_start(lift_mm):]))];
+
+-- Force at a given lift, in N, between samples linear; NULL where the lift did not reach.
+CREATE MACRO force_at_n(lift_mm, force_n, at_mm) AS
+    list_transform(
+        [list_filter(range(lift_start(lift_mm), len(lift_mm) + 1), lambda k: lift_mm[k] >= at_mm)[1]],
+        lambda k: CASE
+            WHEN at_mm < 0 THEN NULL
+            WHEN k = lift_start(lift_mm) THEN force_n[k]
+            ELSE force_n[k - 1]
+                + (force_n[k] - force_n[k - 1]) * (at_mm - lift_mm[k - 1]) / (lift_mm[k] - lift_mm[k - 1]) END
+    )[1];
+
+-- Lift at separation, in mm: of the last sample that holds a tenth of the peak, and 0.5 N (noise) at least.
+-- NULL when the force never reached 0.5 N. The inner list holds the threshold, so that it is computed once.
+CREATE MACRO separation_lift_mm(lift_mm, force_n) AS
+    list_transform(
+        [greatest(peak_force_n(lift_mm, force_n) / 10, 0.5)],
+        lambda least_n: lift_mm[list_max(list_filter(
+            range(lift_start(lift_mm), len(lift_mm) + 1), lambda k: force_n[k] >= least_n
+        ))]
+    )[1];
+
+-- Lift over which the force stays above this fraction of its peak, in mm, all stretches together.
+CREATE MACRO lift_above_mm(lift_mm, force_n, fraction) AS
+    list_transform(
+        [peak_force_n(lift_mm, force_n) * fraction],
+        lambda least_n: coalesce(list_sum(list_transform(
+            range(lift_start(lift_mm), len(lift_mm)),
+            lambda k: CASE WHEN force_n[k] + force_n[k + 1] >= 2 * least_n THEN lift_mm[k + 1] - lift_mm[k] ELSE 0 END
+        )), 0)
+    )[1];
+
 -- Samples of one measured grasp: SELECT * FROM trace('K...').
 CREATE MACRO trace(wanted) AS TABLE
     SELECT unnest(time_s) AS time_s, unnest(lift_mm) AS lift_mm, unnest(force_n) AS force_n
@@ -27,6 +63,20 @@ CREATE MACRO sim_trace(wanted) AS TABLE
     SELECT unnest(time_s) AS time_s, unnest(lift_mm) AS lift_mm, unnest(force_n) AS force_n
     FROM sim_traces WHERE simulation_id = wanted;
 
+-- Joint draws of theta of one calibration: SELECT * FROM posterior('C...').
+CREATE MACRO posterior(wanted) AS TABLE
+    SELECT
+        chain, unnest(range(1, len(e) + 1)) AS draw,
+        unnest(e) AS young_modulus_mpa, unnest(f) AS friction, unnest(p) AS poisson_ratio
+    FROM (
+        SELECT
+            chain,
+            any_value(draws) FILTER (parameter = 'young_modulus_mpa') AS e,
+            any_value(draws) FILTER (parameter = 'friction') AS f,
+            any_value(draws) FILTER (parameter = 'poisson_ratio') AS p
+        FROM posterior_draws WHERE calibration_id = wanted GROUP BY chain
+    );
+
 -- One row per grasp attempt. `is_valid`: it succeeded, and no later attempt of the same grasp did.
 CREATE VIEW grasp_summary AS
     SELECT
@@ -36,6 +86,17 @@ CREATE VIEW grasp_summary AS
             OVER (PARTITION BY g.tool_id, g.object_id, g.repeat) AS is_valid,
         g.started_at, g.peak_force_n, g.work_j, g.initial_force_n, g.tare_force_n, g.setup_id, g.bench
     FROM grasps AS g LEFT JOIN objects AS o USING (object_id);
+
+-- One row per valid grasp, with what its samples tell. Only the features asked for are computed.
+CREATE VIEW grasp_features AS
+    SELECT
+        g.* EXCLUDE (status, reason, is_valid, attempt),
+        peak_lift_mm(t.lift_mm, t.force_n) AS peak_lift_mm,
+        separation_lift_mm(t.lift_mm, t.force_n) AS separation_lift_mm,
+        lift_above_mm(t.lift_mm, t.force_n, 0.5) AS half_peak_lift_mm,
+        lift_above_mm(t.lift_mm, t.force_n, 0.8) AS plateau_mm
+    FROM grasp_summary AS g JOIN traces AS t USING (grasp_id)
+    WHERE g.is_valid;
 
 -- One row per tool and object: mean over the repeats, and how far the repeats lie apart.
 CREATE VIEW tool_object AS

@@ -4,7 +4,8 @@ import logging
 from collections.abc import Callable
 from typing import Any
 
-from lake.tables import SimTraceRow, SimulationRow, SimulatorVersionRow, setup_columns
+from lake.simulators import missing_version_rows
+from lake.tables import SimTraceRow, SimulationRow, setup_columns
 from models.ids import canonical_json
 from models.records import Design, GraspSimulation
 from tasks.attempt import Attempt, GraspJob, answer, attempt_grasp
@@ -40,10 +41,10 @@ def simulate_design(
 
 
 def append_version(campaign: Campaign) -> None:
-    """Make sure that the lake describes the campaign's simulator."""
-    version = campaign.version
-    if not campaign.lake.has(SimulatorVersionRow, version.version_id):
-        campaign.lake.append([SimulatorVersionRow.of(version)], campaign.provenance())
+    """Make sure that the lake describes the campaign's simulator and its effects."""
+    rows = missing_version_rows(campaign.lake, campaign.version)
+    if rows:
+        campaign.lake.append(rows, campaign.provenance())
 
 
 def _job(campaign: Campaign, design: Design, object_id: int) -> GraspJob:

@@ -64,13 +64,13 @@ def check(
     quarantine: Annotated[bool, Parameter(negative="", help="Set bad files aside; nothing is deleted.")] = False,
     json: AsJson = False,
 ) -> None:
-    """Find torn, foreign and incomplete files; exit status 1 when there are any."""
+    """Find torn, unreadable, foreign and incomplete files; exit status 1 when there are any."""
     from lake.maintenance import check as check_lake
     from lake.store import Lake
 
-    findings = [finding._asdict() for finding in check_lake(Lake.open(lake), quarantine=quarantine)]
-    text = "\n".join(str(finding["message"]) for finding in findings) or "every file of the lake is whole."
-    show(findings, text, json)
+    findings = check_lake(Lake.open(lake), quarantine=quarantine)
+    text = "\n".join(finding.line for finding in findings) or "every file of the lake is whole."
+    show([finding._asdict() for finding in findings], text, json)
     if findings:
         sys.exit(1)
 

@@ -83,7 +83,7 @@ def simulate(
     show(data, _text(data), json)
     files = [] if out is None else write_outputs(out, chosen, met, data, result, recording)
     if export_calculix is not None:
-        from flows.cli.simulate_calculix import write_calculix
+        from flows.calculix import write_calculix
 
         files += write_calculix(export_calculix, chosen, met, simulator, setup)
     if files and not json:

@@ -2,38 +2,58 @@
 
 import io
 import json
+import sys
+import textwrap
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, table_text, tell
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text, tell
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from lake.catalogue import Entry
+
+_WIDTH = 110
+_STDIN = "-"
 
 Format = Literal["table", "csv", "json", "parquet"]
 
 
 def sql(
-    query: Annotated[str, Parameter(help='One SELECT statement, e.g. "FROM tool_quality".')],
+    query: Annotated[
+        str | None,
+        Parameter(
+            help='One SELECT statement, e.g. "FROM tool_quality"; - reads it from standard input; '
+            "without one: lists views, tables and macros.",
+            allow_leading_hyphen=True,
+        ),
+    ] = None,
     *,
     lake: LakePath = DEFAULT_LAKE,
     format: Annotated[Format | None, Parameter(help="How rows are written; default: table.")] = None,
     out: Annotated[Path | None, Parameter(help="File to write instead of the screen; needed for parquet.")] = None,
     json: AsJson = False,
 ) -> None:
-    """Run one SELECT over the lake's tables, views and macros; `SHOW TABLES` lists them."""
+    """Run one SELECT over the lake's tables, views and macros; without a query, list them."""
     from lake.sql import run_sql
     from lake.store import Lake
     from models.errors import UsageError
 
+    if query is None:
+        if format or out:
+            raise UsageError("--format and --out need a query; give one, or `-` to read it from standard input.")
+        _list_names(json)
+        return
     if json and format not in (None, "json"):
         raise UsageError(f"--json and --format {format} contradict each other; give one of them.")
     chosen: Format = "json" if json else format or "table"
     if chosen == "parquet" and out is None:
         raise UsageError("--format parquet is binary and needs a file; add --out FILE.parquet.")
-    table = run_sql(Lake.open(lake), query)
+    table = run_sql(Lake.open(lake), sys.stdin.read() if query == _STDIN else query)
     content = _formatted(table, chosen)
     if out is None:
         say(content.decode().rstrip("\n"))
@@ -43,6 +63,27 @@ def sql(
     except OSError as error:
         raise UsageError(f"--out `{out}` cannot be written: {error.strerror}; give another file.") from error
     tell(f"{table.num_rows} rows written to {out}")
+
+
+def _list_names(as_json: bool) -> None:
+    from lake.catalogue import catalogue
+
+    entries = catalogue()
+    groups = [
+        "\n".join([f"{kind}s", *(_entry_text(entry) for entry in group)])
+        for kind, group in groupby(entries, key=lambda entry: entry.kind)
+    ]
+    groups.append("Every table also has code_version, code_dirty, config_hash, seed, parents, created_at.")
+    show([entry.model_dump() for entry in entries], "\n\n".join(groups), as_json)
+
+
+def _entry_text(entry: "Entry") -> str:
+    columns = ", ".join(entry.columns)
+    name = f"{entry.name}({columns})" if entry.kind == "macro" else entry.name
+    lines = [f"  {name}: {entry.comment}"]
+    if entry.kind != "macro":
+        lines += textwrap.wrap(columns, _WIDTH, initial_indent=" " * 6, subsequent_indent=" " * 6)
+    return "\n".join(lines)
 
 
 def _formatted(table: "pa.Table", chosen: Format) -> bytes:

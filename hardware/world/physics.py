@@ -83,9 +83,11 @@ def simulate_request(request: PhysicsRequest) -> GraspSimulation:
     from models.fem.grasp import Numerics, simulate_grasp  # heavy: compiles on first use
     from models.objects.catalogue import get_object
 
-    version = SimulatorVersion(theta=request.theta, mesh=MeshSettings(edge_mm=request.mesh_edge_mm))
-    # The truth must not share the simulator's regularisation of contact.
-    contact = ContactLaw(normal_n_per_mm3=3.0, tangential_n_per_mm3=1.5, smoothing_mm=0.04)
+    # The truth must share neither the simulator's mesh nor its regularisation of contact. Softer than 4 N/mm3 it would
+    # differ by an artefact: rims sink in and hook (`models.fem.contact.ContactLaw`).
+    mesh = MeshSettings(edge_mm=request.mesh_edge_mm, layers=2)
+    version = SimulatorVersion(theta=request.theta, mesh=mesh)
+    contact = ContactLaw(normal_n_per_mm3=6.0, tangential_n_per_mm3=3.0, smoothing_mm=0.04)
     try:
         return simulate_grasp(
             request.design,

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from lake.store import Lake
-from lake.tables import EventRow, GraspRow, SimulationRow, ToolRow
+from lake.tables import EventRow, FlowRunRow, GraspRow, SimulationRow, ToolRow
 from models.errors import FastError
 from tasks.config import load_config
 from tasks.state import derive_state
@@ -102,6 +102,9 @@ def test_killed_twice_and_continued_gives_every_grasp_once(folder):
     assert_complete(folder)
     after = {r["grasp_id"]: r["created_at"] for r in Lake.open(folder / "lake").rows(GraspRow)}
     assert measured_before.items() <= after.items()  # nothing was measured again
+    runs = Lake.open(folder / "lake").rows(FlowRunRow, campaign_id="tiny")
+    assert sorted(row["status"] for row in runs if row["ended_at"] is not None) == ["completed"]
+    assert {row["status"] for row in runs if row["ended_at"] is None} <= {"died"}  # one may be killed before it starts
     assert "best tool" in output
     assert (folder / "lake" / "outputs" / "tiny" / "report" / "index.html").is_file()
     assert (folder / "lake" / "outputs" / "tiny" / "tiny.rrd").is_file()

@@ -143,7 +143,7 @@ def test_a_virtual_bench_ends_cleanly(number):
 
 def test_ctrl_c_is_one_sentence():
     code = "import os, signal, models.fem.grasp as g\n" \
-           "g.simulate_grasp = lambda *a: os.kill(os.getpid(), signal.SIGINT)\n" \
+           "g.simulate_grasp = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n" \
            "from flows.cli.main import main\nmain()"  # fmt: skip
     command = [sys.executable, "-c", code, "simulate", "--object", "2"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows.cli.simulate_calculix import write_calculix
+from flows.calculix import write_calculix
 from models.design_space import BEST_PUBLISHED
 from models.errors import UsageError
 from models.fem.export_calculix import contact_sides, read_base_forces

@@ -3,8 +3,9 @@ import pyarrow as pa
 import pytest
 from pydantic import ValidationError
 
+from lake.migrations import table_version
 from lake.provenance import Provenance, ProvenanceColumns, current_provenance, stamped
-from lake.schema import SCHEMA_VERSION, has_samples, schema_of, to_arrow
+from lake.schema import has_samples, schema_of, to_arrow
 from lake.tables import TABLE_BY_NAME, TABLES, DesignRow, FitRow, GraspRow, SimTraceRow, SimulatorVersionRow, TraceRow
 from models.design_space import BEST_PUBLISHED, PARAMETERS
 from models.records import SimulatorVersion
@@ -23,7 +24,12 @@ CONTRACT = {
     "grasps",
     "traces",
     "fits",
+    "calibrations",
+    "posterior_draws",
+    "effects",
+    "gap_findings",
     "events",
+    "flow_runs",
 }
 
 
@@ -38,7 +44,7 @@ def test_schema_starts_with_the_id_and_ends_with_provenance(row_type):
     assert len(set(schema.names)) == len(schema.names)
     assert set(ProvenanceColumns.model_fields) <= set(schema.names)
     assert schema.field("created_at").type == pa.timestamp("us", tz="UTC")
-    assert schema.metadata[b"fast.schema_version"] == str(SCHEMA_VERSION).encode()
+    assert schema.metadata[b"fast.schema_version"] == str(table_version(row_type.table)).encode()
 
 
 @pytest.mark.parametrize("row_type", TABLES, ids=lambda t: t.table)
@@ -56,7 +62,7 @@ def test_types_follow_the_annotations():
     assert schema.field("batch").type == pa.int64()
     assert schema.field("status").type == pa.string()
     assert schema_of(TraceRow).field("force_n").type == pa.list_(pa.float64())
-    assert [t.table for t in TABLES if has_samples(t)] == ["traces", "sim_traces"]
+    assert [t.table for t in TABLES if has_samples(t)] == ["traces", "sim_traces", "posterior_draws"]
 
 
 def test_samples_are_written_before_the_scalars_that_announce_them():

@@ -32,25 +32,6 @@ def _all_ids(tables: Iterable[str]) -> str:
     )
 
 
-def _all_stored() -> str:
-    """SELECT of every stored parent: table and id of the row, id of the parent."""
-    return " UNION ALL ".join(
-        f"SELECT '{table}' AS child_table, {key_of(table)} AS child, unnest(parents) AS parent FROM {table}"
-        for table in _SCALARS
-    )
-
-
-# A stored parent may be in any table, or in none.
-_STORED_PARENTS = f"""
-    SELECT here, near, coalesce([{", ".join(f"'{table}'" for table in _SCALARS)}][place + 1], '{UNKNOWN}') AS there,
-        parent AS far, '{_STORED}' AS link
-    FROM (SELECT here, near, parent FROM frontier JOIN ({_all_stored()}) ON child_table = here AND child = near)
-    LEFT JOIN (SELECT id, min(place) AS place FROM ({_all_ids(_SCALARS)}) GROUP BY id) ON id = parent"""
-_STORED_CHILDREN = f"""
-    SELECT here, near, child_table AS there, child AS far, '{_STORED}' AS link
-    FROM frontier JOIN ({_all_stored()}) ON parent = near"""
-
-
 class Node(NamedTuple):
     """One row of the lake, by table and id."""
 
@@ -148,8 +129,9 @@ def _root(lake: Lake, row_id: str) -> Node:
         if place is not None:
             return Node(_TABLES[place], row_id)
     near = lake.query(
-        f"SELECT DISTINCT place, id, contains(id, $id) AS has_it, levenshtein(id, $id) AS n_edits "
-        f"FROM ({_all_ids(_SCALARS)}) ORDER BY has_it DESC, n_edits, id LIMIT {_N_CLOSEST}",
+        "SELECT DISTINCT place, id, contains(id, $id) AS has_it, "
+        "levenshtein(id, $id) / greatest(length(id), length($id)) AS far "
+        f"FROM ({_all_ids(_SCALARS)}) ORDER BY has_it DESC, far, id LIMIT {_N_CLOSEST}",
         {"id": row_id},
     ).to_pylist()
     if not near:
@@ -161,8 +143,12 @@ def _root(lake: Lake, row_id: str) -> Node:
 def _step(lake: Lake, frontier: list[Node], forward: bool, limit: int | None) -> list[_Beside]:
     """Rows one step from the frontier, in the order of the frontier and of the tables."""
     place = {node: number for number, node in enumerate(frontier)}
+    tables = {node.table for node in frontier} - {UNKNOWN, *_SAMPLES}
     parts = _linked_parts({node.table for node in frontier}, forward)
-    parts.append(_STORED_CHILDREN if forward else _STORED_PARENTS)
+    if tables:
+        parts.append(_stored_children() if forward else _stored_parents(tables))
+    if not parts:
+        return []
     first = "list(far ORDER BY far)" if limit is None else f"min(far, {max(limit, _N_FIRST_IDS)})"
     found = lake.query(
         "WITH frontier AS (SELECT unnest($tables) AS here, unnest($ids) AS near) "
@@ -191,6 +177,31 @@ def _linked_parts(tables: Container[str], forward: bool) -> list[str]:
                 f"AND {near} IN (SELECT near FROM frontier WHERE here = '{here}')"
             )
     return parts
+
+
+def _stored_parents(tables: Container[str]) -> str:
+    """SELECT of the parents that rows of these tables store; one may be in any table, or in none."""
+    names = "[" + ", ".join(f"'{table}'" for table in _SCALARS) + "]"
+    rows = " UNION ALL ".join(
+        f"SELECT '{table}' AS here, {key_of(table)} AS near, unnest(parents) AS parent FROM {table} "
+        f"WHERE {key_of(table)} IN (SELECT near FROM frontier WHERE here = '{table}')"
+        for table in _SCALARS
+        if table in tables
+    )
+    return (
+        f"SELECT here, near, coalesce({names}[place + 1], '{UNKNOWN}') AS there, parent AS far, '{_STORED}' AS link "
+        f"FROM (WITH stored AS MATERIALIZED ({rows}) SELECT * FROM stored LEFT JOIN (SELECT id, min(place) AS place "
+        f"FROM ({_all_ids(_SCALARS)}) WHERE id IN (SELECT parent FROM stored) GROUP BY id) ON id = parent)"
+    )
+
+
+def _stored_children() -> str:
+    """SELECT of the rows that store a row of the frontier as their parent."""
+    rows = " UNION ALL ".join(
+        f"SELECT '{table}' AS there, {key_of(table)} AS far, unnest(parents) AS parent FROM {table}"
+        for table in _SCALARS
+    )
+    return f"SELECT here, near, there, far, '{_STORED}' AS link FROM frontier JOIN ({rows}) ON parent = near"
 
 
 def _read_rows(lake: Lake, nodes: Iterable[Node]) -> tuple[dict[Node, StoredRow | None], dict[Node, list[StoredRow]]]:

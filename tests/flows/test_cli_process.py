@@ -18,8 +18,8 @@ HEAVY = ("torch", "prefect", "pymc", "botorch", "matplotlib", "duckdb", "pyarrow
 COMMANDS = [
     "bench list", "bench run", "campaign abort", "campaign list", "campaign pause", "campaign run", "campaign status",
     "campaign stop", "doctor", "gantry faults", "gantry grasp", "gantry home", "gantry park", "gantry tare",
-    "lake check", "lake compact", "lake export", "lake import", "lake stats", "print confirm", "print sheet", "report",
-    "serve", "simulate", "sql", "view", "virtual start",
+    "lake check", "lake compact", "lake export", "lake import", "lake lineage", "lake stats", "print confirm",
+    "print sheet", "report", "serve", "simulate", "sql", "view", "virtual start",
 ]  # fmt: skip
 
 

@@ -28,7 +28,7 @@ WORK_OF_STRETCH = "SELECT sum(work_j(lift_mm, force_n)) AS joule FROM traces WHE
 WORK_OF_BATCHES = """
     SELECT sum(work_j(lift_mm, force_n)) AS joule FROM traces
     JOIN (SELECT grasp_id, created_at FROM grasps WHERE 1080 * batch <= ?) USING (grasp_id, created_at)
-"""  # a grasp and its trace are written at one time; with it DuckDB skips the files of other batches
+"""  # a grasp and its trace are written at one time; DuckDB may skip the files of other batches by it
 
 
 def measure_lake(options: Options) -> Tables:

@@ -45,6 +45,7 @@ _NEEDS_SAMPLES = (
     ("simulations", "sim_traces", "simulation_id"),
     ("calibrations", "posterior_draws", "calibration_id"),
 )
+_REMOVED_AT_ONCE = 100  # writers wait meanwhile
 _LEFTOVER_AGE_S = 3600.0  # a temporary file this old belongs to a process that died
 
 Kind = Literal[FaultKind, "foreign", "leftover", "incomplete"]
@@ -173,18 +174,21 @@ def _merge(root: Path, row_type: type[Row], group: dict[str, Signature]) -> int:
         return 0
     final = folder / file_name(merged)
     publish(stage(folder, merged, row_type.table), final)
-    with locked(root, exclusive=True):
-        now = list_files(folder)
-        merged_away = [name for name, signature in group.items() if now.get(name) == signature and name != final.name]
-        _remove(folder, merged_away)  # the others were written again since
+    merged_away = [name for name in group if name != final.name]
+    for first in range(0, len(merged_away), _REMOVED_AT_ONCE):
+        _remove(root, folder, {name: group[name] for name in merged_away[first : first + _REMOVED_AT_ONCE]})
     return merged.num_rows
 
 
-def _remove(folder: Path, names: list[str]) -> None:
+def _remove(root: Path, folder: Path, files: dict[str, Signature]) -> None:
+    """Remove files that were merged, but for those that were written again since."""
     try:
-        for name in names:
-            (folder / name).unlink(missing_ok=True)
-        sync_folder(folder)
+        with locked(root, exclusive=True):
+            now = list_files(folder)
+            for name, signature in files.items():
+                if now.get(name) == signature:
+                    (folder / name).unlink(missing_ok=True)
+            sync_folder(folder)
     except OSError as error:
         raise LakeError(
             f"Merged files of {folder} could not be removed ({error.strerror}); no row is lost, and those in two files "

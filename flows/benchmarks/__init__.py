@@ -40,6 +40,6 @@ BENCHMARKS: dict[str, Benchmark] = {
     "fanout": _sampled(measure_fanout, _SAMPLE | {"workers"}),
     "traces": _sampled(measure_traces, _SAMPLE | {"figure"}),
     "propose": _fixed(measure_propose),
-    "lake": _fixed(measure_lake),
+    "lake": _sampled(measure_lake, frozenset({"grasps"})),
     "bench": _fixed(measure_bench),
 }

@@ -23,7 +23,7 @@ class Options:
     """How much of a benchmark to run; None leaves the choice to the benchmark.
 
     `results` is a JSON-lines file that keeps every outcome, so that a benchmark can be stopped and continued;
-    `figure` is a picture to draw.
+    `figure` is a picture to draw; `grasps` are sizes of lakes.
     """
 
     designs: int | None = None
@@ -33,6 +33,7 @@ class Options:
     limit_minutes: float = math.inf
     workers: int | None = None
     figure: Path | None = None
+    grasps: tuple[int, ...] | None = None
     tell: Callable[[str], None] = _say_nothing
 
 

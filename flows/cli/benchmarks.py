@@ -26,6 +26,7 @@ def run(
     limit_minutes: Annotated[float | None, Parameter(help="Stop after this time; --results continues.")] = None,
     workers: Annotated[int | None, Parameter(help="Worker processes.")] = None,
     figure: Annotated[Path | None, Parameter(help="Picture to draw, e.g. traces.png.")] = None,
+    grasps: Annotated[str | None, Parameter(help="Sizes of lakes, in grasps, e.g. 8640,1000000.")] = None,
     json: AsJson = False,
 ) -> None:
     """Run one benchmark; figures are CPU seconds unless their name says otherwise."""
@@ -44,6 +45,7 @@ def run(
         "limit_minutes": limit_minutes,
         "workers": workers,
         "figure": figure,
+        "grasps": _sizes(grasps),
     }
     given = {option: value for option, value in chosen.items() if value is not None}
     _check_options(name, BENCHMARKS[name], given)
@@ -76,6 +78,20 @@ def _object_ids(text: str | None) -> tuple[int, ...] | None:
         return tuple(get_object(int(word)).object_id for word in text.split(","))
     except ValueError as error:
         raise UsageError(f"--objects `{text}` is no list of object ids; write it like 0,14,30.") from error
+
+
+def _sizes(text: str | None) -> tuple[int, ...] | None:
+    """Numbers of grasps from `8640,1000000`.
+
+    Raises:
+        UsageError: no whole number, or one below 1.
+    """
+    from models.errors import UsageError
+
+    words = text.split(",") if text is not None else []
+    if not all(word.strip().isdecimal() and int(word) > 0 for word in words):
+        raise UsageError(f"--grasps `{text}` is no list of numbers of grasps; write it like 8640,1000000.")
+    return tuple(int(word) for word in words) or None
 
 
 def _check_options(name: str, benchmark: "Benchmark", given: dict[str, Any]) -> None:

@@ -69,7 +69,7 @@ def publish(staged: Path, final: Path) -> None:
         discard([staged])
         raise LakeError(
             f"A file of {final.parent} could not be given its name for good ({error.strerror}); earlier rows are "
-            "untouched, those of this call may be missing: repair the disk or its permissions, then run the same "
+            "untouched, those of this call may be missing: free disk space or repair the disk, then run the same "
             "command again, which duplicates nothing."
         ) from error
 

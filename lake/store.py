@@ -47,7 +47,7 @@ class Lake:
         return Lake, (self.root,)
 
     @classmethod
-    def open(cls, root: Path, create: bool = False) -> "Lake":
+    def open(cls, root: Path | str, create: bool = False) -> "Lake":
         """Open the lake in the folder `root`; with `create`, make one there if there is none.
 
         Raises:

@@ -25,7 +25,7 @@ campaign: setup ## a small complete campaign on the virtual bench, with report a
 	$(BIN)/fast campaign run campaigns/quick.toml --auto-print
 
 test: setup     ## the test suite
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto
 
 check: setup    ## format, lint, types, import layers
 	$(BIN)/ruff format --check .

@@ -1,8 +1,10 @@
 -- Views and macros for people. The tables are those of lake/tables.py, without superseded rows.
 -- Each statement starts with CREATE VIEW or CREATE MACRO; the names are read from here.
 
--- Position of the last sample before the lift (1 is the first sample); NULL when nothing was lifted.
+-- Position of the first positive number of a list (1 is the first); NULL when there is none.
 CREATE MACRO first_positive(a) AS list_position(list_transform(a, lambda x: x > 0), true);
+
+-- Position of the last sample before the lift (1 is the first sample); NULL when nothing was lifted.
 CREATE MACRO lift_start(lift_mm) AS first_positive(lift_mm) - (first_positive(lift_mm) > 1)::INTEGER;
 
 -- Sum of the products of two lists of equal length.

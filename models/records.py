@@ -137,6 +137,7 @@ class GraspSimulation:
 
     `contact_force_n` is the closing-direction force on one side at the end of closing, the paper's
     proxy; `work_j` the area under force over lift. `setup_cpu_s` is the part of `cpu_s` before the first step.
+    `mesh_id` names the content of the mesh: not every mesher makes the same one twice.
     """
 
     trace: Trace
@@ -149,3 +150,4 @@ class GraspSimulation:
     cpu_s: float
     n_factorisations: int = 0
     setup_cpu_s: float = 0.0
+    mesh_id: str = ""

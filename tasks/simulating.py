@@ -86,5 +86,5 @@ def _result_row(key: dict[str, Any], result: GraspSimulation, details: dict[str,
         work_j=result.work_j,
         n_dof=result.n_dof,
         n_newton=result.n_newton,
-        details_json=canonical_json(details),
+        details_json=canonical_json(details | {"mesh_id": result.mesh_id}),
     )

@@ -186,6 +186,7 @@ def simulate_grasp(
         cpu_s=time.process_time() - started,
         n_factorisations=sum(f.n_factorisations for f in fingers),
         setup_cpu_s=meshed - started + sum(f.setup_cpu_s for f in fingers),
+        mesh_id=mesh.mesh_id,
     )
 
 

@@ -18,7 +18,15 @@ def result() -> Attempt:
     lift = np.linspace(0, 10, 11)
     trace = Trace(time_s=lift / 5, lift_mm=lift, force_n=np.sin(lift))
     simulation = GraspSimulation(
-        trace=trace, peak_force_n=1.0, contact_force_n=2.0, work_j=0.1, n_steps=3, n_newton=9, n_dof=30, cpu_s=0.5
+        trace=trace,
+        peak_force_n=1.0,
+        contact_force_n=2.0,
+        work_j=0.1,
+        n_steps=3,
+        n_newton=9,
+        n_dof=30,
+        cpu_s=0.5,
+        mesh_id="M1",
     )
     return Attempt(simulation, "", "", cpu_s=0.6, mesh_cpu_s=0.1, wall_s=0.7)
 
@@ -60,6 +68,7 @@ def test_results_and_failures_are_rows_with_their_reason(campaign):
     found = rows(campaign)
     assert (found[4]["status"], found[4]["peak_force_n"], found[4]["cpu_s"]) == ("ok", 1.0, 0.6)
     assert (found[7]["status"], found[7]["reason"], found[7]["peak_force_n"]) == ("failed", "no_convergence", None)
+    assert json.loads(found[4]["details_json"])["mesh_id"] == "M1"
     assert found[7]["cpu_s"] == 3.0
     assert json.loads(found[7]["details_json"]) == {"message": "No equilibrium.", "wall_s": 3.2}
     assert campaign.lake.trace(found[4]["simulation_id"], SimTraceRow).force_n[1] == pytest.approx(np.sin(1))

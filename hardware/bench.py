@@ -19,6 +19,7 @@ from hardware.laumas.driver import LaumasTransmitter
 from hardware.layout import BenchLayout
 from hardware.modbus import ModbusLink, rtu_link, tcp_link
 from hardware.pneumatics import Pneumatics
+from hardware.supervisor import Supervisor
 from hardware.tool_changer import ToolChanger
 from hardware.tools import MountedTool
 from hardware.transport import SerialTransport
@@ -62,6 +63,7 @@ class Bench:
     pneumatics: Pneumatics
     changer: ToolChanger
     force: ForceSensor
+    supervisor: Supervisor
     cell: GraspCell
     clock: Clock
     settings: BenchSettings
@@ -176,14 +178,17 @@ def _open(
         "supply_pressure_psi": settings.supply_pressure_psi,
         "force_rate_hz": settings.force_rate_hz,
     }
-    cell = GraspCell(gantry, plc, pneumatics, changer, force, clock, settings.layout, recorded)
+    supervisor = Supervisor(gantry, plc, pneumatics, clock, settings.layout.top_z_mm)
+    clock.listen(supervisor.hear, lambda: supervisor.is_ok)
+    cell = GraspCell(gantry, supervisor, pneumatics, changer, force, clock, settings.layout, recorded)
     with ExitStack() as stack:
         stack.callback(_close, force, plc, gantry)
         _connect({"PLC": plc.connect, "load cell": force.connect, "gantry": gantry.connect})
         _start_heartbeat(stack, clock, inner, plc)
+        supervisor.acknowledge("the person who opened the bench")
         _make_ready_to_home(pneumatics, may_vent)
         gantry.home()
-        yield Bench(gantry, plc, pneumatics, changer, force, cell, clock, settings, virtual)
+        yield Bench(gantry, plc, pneumatics, changer, force, supervisor, cell, clock, settings, virtual)
 
 
 def _transmitter_link(settings: BenchSettings) -> ModbusLink:

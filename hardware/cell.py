@@ -1,22 +1,20 @@
 """The grasp cell: measures a tool on a plan of objects, and leaves the bench safe whatever happens."""
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Literal
 
 import numpy as np
 
-from hardware.click.driver import ClickPlc
 from hardware.clock import Clock
 from hardware.force_sensor import Baseline, ForceSensor, OverloadError, SensorFaultError
 from hardware.gantry import Gantry
 from hardware.layout import BenchLayout
 from hardware.pneumatics import Pneumatics
 from hardware.recording import GraspRecorder
-from hardware.safety import BenchCondition, SafeAction, safe_actions
+from hardware.supervisor import Supervisor
 from hardware.tool_changer import ToolChanger
 from hardware.tools import MountedTool
 from models.errors import DeviceError, FastError, InterlockError, UsageError
@@ -62,7 +60,7 @@ class GraspCell:
     def __init__(
         self,
         gantry: Gantry,
-        plc: ClickPlc,
+        supervisor: Supervisor,
         pneumatics: Pneumatics,
         changer: ToolChanger,
         force: ForceSensor,
@@ -71,7 +69,7 @@ class GraspCell:
         recorded: Mapping[str, float | str] | None = None,
     ) -> None:
         self._gantry = gantry
-        self._plc = plc
+        self._supervisor = supervisor
         self._pneumatics = pneumatics
         self._changer = changer
         self._force = force
@@ -100,7 +98,7 @@ class GraspCell:
         tool = self._check_plan(slot, plan, setup)
         if not plan or should_stop():
             return
-        with self._safely():
+        with self._supervisor.guard():
             self._check_at_rest()
             self._pneumatics.open_supply()
             self._pneumatics.set_stroke(setup)
@@ -119,23 +117,9 @@ class GraspCell:
         self._pneumatics.close_supply()
 
     def recover(self) -> None:
-        """End the safe state after a person looked: drop what is left of the motion, vent, raise. Homed stays homed."""
-        if self._gantry.status().state != "Idle":
-            self._gantry.abort()
-        self._pneumatics.check_air()
-        if self._pneumatics.is_gripping():
-            self._pneumatics.vent()
+        """End the safe state after a person looked: drop what is left of the motion, lower, vent, raise."""
+        self._supervisor.end_safe_state("the person who asked to recover")
         self._gantry.move_to(z_mm=self._layout.top_z_mm)
-
-    def make_safe(self) -> tuple[SafeAction, ...]:
-        """Bring the bench into the safe state; a device that does not answer does not stop the others."""
-        actions = safe_actions(self._condition())
-        for action in actions:
-            try:
-                self._carry_out(action)
-            except FastError as error:
-                logger.error("Safe state: could not %s: %s", action.value, error)
-        return actions
 
     def _check_plan(self, slot: int, plan: Sequence[tuple[int, int]], setup: GraspSetup) -> MountedTool:
         tool = self._changer.tools.get(slot)
@@ -152,39 +136,6 @@ class GraspCell:
                 "The gripper is closed from an earlier grasp; an object may hang in it. Look, then run "
                 "`fast gantry park --vent` to vent, raise and park."
             )
-
-    @contextmanager
-    def _safely(self) -> Iterator[None]:
-        """Safe state on any exception, including Ctrl-C."""
-        try:
-            yield
-        except BaseException:
-            self.make_safe()
-            raise
-
-    def _condition(self) -> BenchCondition:
-        """What the devices still tell; unknown stays at the worse case."""
-        known: dict[str, bool] = {}
-        try:
-            known["is_moving"] = self._gantry.is_moving()
-        except FastError:
-            known["is_gantry_reachable"] = False
-        try:
-            known["is_gripping"] = self._pneumatics.is_gripping()
-            known["is_estop_pressed"] = self._pneumatics.is_estop_pressed()
-        except FastError:
-            known["is_plc_reachable"] = False
-        return BenchCondition(**known)
-
-    def _carry_out(self, action: SafeAction) -> None:
-        if action is SafeAction.HOLD_MOTION:
-            self._gantry.hold()
-        elif action is SafeAction.CLOSE_SUPPLY:
-            self._pneumatics.close_supply()
-        elif action is SafeAction.DROP_MOTOR_ENABLE:
-            self._plc.stop_heartbeat()
-        else:
-            logger.warning("Safe state: %s", action.value)
 
     def _measure(
         self,
@@ -226,6 +177,7 @@ class GraspCell:
         self._gantry.move_to(z_mm=self._layout.grasp_z_mm(tool.design, setup))
         z_mm = self._gantry.position_mm()[2]
         self._force.forget()
+        self._supervisor.rest_z_mm = z_mm
         self._pneumatics.grip()
         recorder = GraspRecorder(self._clock.now_s(), z_mm, grasp.baseline)
         grasp.recorder = recorder
@@ -290,6 +242,7 @@ class GraspCell:
         """Open, go up, and make sure that nothing came along."""
         grasp.details["pressure_psi"] = self._pneumatics.pressure_psi()
         self._pneumatics.vent()
+        self._supervisor.rest_z_mm = None
         self._raise(tool)
         left_n = self._force.baseline(BASELINE_S).net_n - grasp.baseline.net_n
         grasp.details["after_release_n"] = left_n

@@ -3,6 +3,7 @@
 from hardware.click import tags
 from hardware.click.driver import ClickPlc
 from hardware.clock import Clock
+from hardware.safety import EmergencyStopError
 from models.errors import DeviceError, InterlockError
 from models.records import GraspSetup
 
@@ -27,10 +28,10 @@ class Pneumatics:
         """Refuse to go on with the emergency stop pressed.
 
         Raises:
-            InterlockError: the emergency stop is not released.
+            EmergencyStopError: the emergency stop is not released.
         """
         if self.is_estop_pressed():
-            raise InterlockError(
+            raise EmergencyStopError(
                 "The emergency stop is pressed. Release it, acknowledge at the panel, then home and check the tool."
             )
 

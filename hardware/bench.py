@@ -24,6 +24,7 @@ from hardware.tool_changer import ToolChanger
 from hardware.tools import MountedTool
 from hardware.transport import SerialTransport
 from hardware.virtual.bench import Endpoints, VirtualBench
+from hardware.watches import AirWatch, GraspWatch, LadderWatch, ReleaseWatch, ZeroWatch
 from hardware.world.physics import Physics, simulate_request
 from hardware.world.spec import World
 from models.errors import DeviceError, FastError, InterlockError
@@ -178,16 +179,18 @@ def _open(
         "supply_pressure_psi": settings.supply_pressure_psi,
         "force_rate_hz": settings.force_rate_hz,
     }
-    supervisor = Supervisor(gantry, plc, pneumatics, clock, settings.layout.top_z_mm)
+    ladder = LadderWatch(plc, clock)
+    watch = GraspWatch(ladder, AirWatch(pneumatics, clock), ZeroWatch(force), ReleaseWatch(force, pneumatics, clock))
+    supervisor = Supervisor(gantry, plc, pneumatics, ladder, clock, settings.layout.top_z_mm)
     clock.listen(supervisor.hear, lambda: supervisor.is_ok)
-    cell = GraspCell(gantry, supervisor, pneumatics, changer, force, clock, settings.layout, recorded)
+    cell = GraspCell(gantry, supervisor, watch, pneumatics, changer, force, clock, settings.layout, recorded)
     with ExitStack() as stack:
         stack.callback(_close, force, plc, gantry)
         _connect({"PLC": plc.connect, "load cell": force.connect, "gantry": gantry.connect})
         _start_heartbeat(stack, clock, inner, plc)
         supervisor.acknowledge("the person who opened the bench")
         _make_ready_to_home(pneumatics, may_vent)
-        gantry.home()
+        supervisor.home()
         yield Bench(gantry, plc, pneumatics, changer, force, supervisor, cell, clock, settings, virtual)
 
 

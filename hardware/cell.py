@@ -17,6 +17,7 @@ from hardware.recording import GraspRecorder
 from hardware.supervisor import Supervisor
 from hardware.tool_changer import ToolChanger
 from hardware.tools import MountedTool
+from hardware.watches import GraspFaultError, GraspWatch
 from models.errors import DeviceError, FastError, InterlockError, UsageError
 from models.records import GraspSetup, Trace
 
@@ -28,7 +29,6 @@ CLOSED_SETTLE_S = 0.2  # between the end of closing and the lift
 POSITION_PERIOD_S = 0.1  # 10 Hz, what GRBL answers reliably in motion
 CARRYING_CHECK_PERIOD_S = 0.5
 FORCE_BACK_N = 0.25
-NOT_RELEASED_N = 1.0
 OVERLOAD_LOWER_MM = 5.0
 LIFT_MARGIN_S = 5.0
 
@@ -61,6 +61,7 @@ class GraspCell:
         self,
         gantry: Gantry,
         supervisor: Supervisor,
+        watch: GraspWatch,
         pneumatics: Pneumatics,
         changer: ToolChanger,
         force: ForceSensor,
@@ -70,6 +71,7 @@ class GraspCell:
     ) -> None:
         self._gantry = gantry
         self._supervisor = supervisor
+        self._watch = watch
         self._pneumatics = pneumatics
         self._changer = changer
         self._force = force
@@ -107,6 +109,7 @@ class GraspCell:
                 if should_stop():
                     logger.info("Stop asked: parking tool %s", tool.tool_id)
                     break
+                self._watch.before_grasp()
                 self._measure(tool, object_id, repeat, setup, on_grasp)
             self.park()
 
@@ -152,7 +155,7 @@ class GraspCell:
             self._approach(tool, grasp)
             try:
                 self._grip_and_lift(tool, setup, grasp)
-            except (SensorFaultError, OverloadError) as fault:
+            except (SensorFaultError, OverloadError, GraspFaultError) as fault:
                 grasp.reason = str(fault)
                 self._back_off(fault, grasp)
             self._retreat(tool, grasp)
@@ -172,6 +175,7 @@ class GraspCell:
         self._clock.sleep(SETTLE_S)
         self._force.tare()
         grasp.baseline = self._force.baseline(BASELINE_S)
+        grasp.details["zero_step_n"] = self._watch.zero.check(tool.tool_id, grasp.baseline)
 
     def _grip_and_lift(self, tool: MountedTool, setup: GraspSetup, grasp: "_GraspInProgress") -> None:
         self._gantry.move_to(z_mm=self._layout.grasp_z_mm(tool.design, setup))
@@ -184,6 +188,7 @@ class GraspCell:
         stroke_mm = max(setup.open_gap_mm - setup.closed_gap_mm, 0.0) / 2
         self._record_until(recorder, self._clock.now_s() + stroke_mm / setup.close_speed_mm_per_s + CLOSED_SETTLE_S)
         self._pneumatics.check_pressure()
+        self._watch.air.begin()
         recorder.add_position(self._clock.now_s(), z_mm)
         self._gantry.start_lift(setup.max_lift_mm, setup.lift_speed_mm_per_s)
         grasp.end = self._record_lift(recorder, setup)
@@ -223,6 +228,7 @@ class GraspCell:
                 return "separated"
             if self._clock.now_s() - check_s >= CARRYING_CHECK_PERIOD_S:
                 self._changer.check_carrying()
+                self._watch.lifting()
                 check_s = self._clock.now_s()
             self._record_until(recorder, self._clock.now_s() + POSITION_PERIOD_S)
         raise DeviceError(
@@ -231,12 +237,15 @@ class GraspCell:
         )
 
     def _back_off(self, fault: FastError, grasp: "_GraspInProgress") -> None:
-        """After a failed grasp: stop, give way under overload, so that venting is safe."""
+        """After a failed grasp: stop and give way, so that venting is safe."""
         logger.warning("Grasp on object %d failed: %s", grasp.object_id, fault)
         self._gantry.stop_lift()
-        if isinstance(fault, OverloadError) and grasp.recorder is not None:
-            z_mm = self._gantry.position_mm()[2]
-            self._gantry.move_to(z_mm=max(z_mm - OVERLOAD_LOWER_MM, grasp.recorder.z_mm))
+        if grasp.recorder is None or isinstance(fault, SensorFaultError):
+            return
+        rest_z_mm = grasp.recorder.z_mm
+        if isinstance(fault, OverloadError):
+            rest_z_mm = max(self._gantry.position_mm()[2] - OVERLOAD_LOWER_MM, rest_z_mm)
+        self._gantry.move_to(z_mm=rest_z_mm)
 
     def _retreat(self, tool: MountedTool, grasp: "_GraspInProgress") -> None:
         """Open, go up, and make sure that nothing came along."""
@@ -245,12 +254,7 @@ class GraspCell:
         self._supervisor.rest_z_mm = None
         self._raise(tool)
         left_n = self._force.baseline(BASELINE_S).net_n - grasp.baseline.net_n
-        grasp.details["after_release_n"] = left_n
-        if abs(left_n) > NOT_RELEASED_N:
-            raise InterlockError(
-                f"{left_n:.1f} N hang on the open gripper after object {grasp.object_id} (limit {NOT_RELEASED_N:g} N): "
-                "the object was not released. Take it out, then continue."
-            )
+        grasp.details["after_release_n"] = self._watch.release.check(grasp.object_id, left_n, grasp.baseline.net_n)
 
     def _raise(self, tool: MountedTool) -> None:
         z_mm = self._layout.travel_z_mm(tool.design)

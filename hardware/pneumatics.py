@@ -39,6 +39,10 @@ class Pneumatics:
         """Emergency-stop input."""
         return not self._plc.read_bit(tags.ESTOP_OK_INPUT)
 
+    def is_supply_ok(self) -> bool:
+        """Whether the air mains has its pressure."""
+        return self._plc.read_bit(tags.SUPPLY_OK_INPUT)
+
     def open_supply(self) -> None:
         """Set the pressure and open the supply valve."""
         self.check_air()

@@ -122,7 +122,7 @@ class VirtualGrbl:
         boots the controller again.
         Faults that happen once: `reset` the reset button; `unplug` the line hangs up; `lost_bytes(count)` the next
         bytes to the controller vanish; `lost_replies(count)` the next `ok`s vanish; `noise` rubbish on the line;
-        `nudge(axis, distance_mm)` steps are lost; `hold` somebody presses feed hold; `override(percent)` somebody
+        `nudge(axis, distance_mm)` steps are lost; `hold` somebody presses feed hold; `typed(line)` another program sends a line; `override(percent)` somebody
         turns the feed override; `settings` the EEPROM is half written.
 
         Raises:
@@ -174,6 +174,7 @@ class VirtualGrbl:
                 None,
             ),
             "hold": (lambda: machine.receive(b"!", self._clock.now_s()), None),
+            "typed": (lambda line="": machine.receive(f"{line}\n".encode(), self._clock.now_s()), None),
             "override": (lambda percent=50: machine.set_override(int(percent)), None),
             "settings": (lambda: machine.settings.update(GARBAGE_SETTINGS), None),
         }

@@ -221,10 +221,10 @@ def test_a_person_recovers_and_the_tool_on_the_head_is_known():
         assert bench.changer.current_slot() is None
 
 
-def test_low_air_opens_again_and_stops_the_batch():
+def test_a_stuck_valve_opens_again_and_stops_the_batch():
     with open_virtual_bench(QUIET, TOOLS, physics) as bench:
-        bench.virtual.state.inject("low_air")
-        grasps = run_into(bench, DeviceError, "has 20 psi 2 s after its valve opened, it needs 28 psi")
+        bench.virtual.state.inject("grip_valve_stuck")
+        grasps = run_into(bench, DeviceError, "has 0 psi 2 s after its valve opened, it needs 28 psi")
         assert [g.status for g in grasps] == ["failed"]
         assert not bench.pneumatics.is_gripping()
 

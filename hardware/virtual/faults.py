@@ -4,10 +4,12 @@ A name says what is wrong with the bench, not what the host should do; that is a
 `tests/hardware/test_scenarios.py`, one scenario for each.
 """
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from hardware.virtual.modbus import ModbusServerThread
 from models.errors import UsageError
 from models.validation import closest
 
@@ -43,11 +45,32 @@ def _world(meaning: str, name: str) -> BenchFault:
     return BenchFault(meaning, lambda bench: bench.state.inject(name), lambda bench: bench.state.clear(name))
 
 
-def _set_running(is_running: bool) -> Act:
-    def act(bench: "VirtualBench") -> None:
-        bench.plc.is_running = is_running
+def _switch_plc_to_stop(bench: "VirtualBench") -> None:
+    bench.plc.is_running = False
 
-    return act
+
+def _switch_plc_to_run(bench: "VirtualBench") -> None:
+    bench.plc.is_running = True
+
+
+def _restart_plc(bench: "VirtualBench") -> None:
+    bench.plc.restart()
+
+
+def _unplug(server: ModbusServerThread, is_lockstep: bool) -> None:
+    """Take a server from the network; its own thread may be the one that moves the world."""
+    if is_lockstep:
+        server.stop()
+    else:
+        threading.Thread(target=server.stop, name="unplug", daemon=True).start()
+
+
+def _unplug_plc(bench: "VirtualBench") -> None:
+    _unplug(bench.plc.server, bench.is_lockstep)
+
+
+def _unplug_transmitter(bench: "VirtualBench") -> None:
+    _unplug(bench.transmitter.server, bench.is_lockstep)
 
 
 def _press_estop(bench: "VirtualBench") -> None:
@@ -74,9 +97,9 @@ FAULTS: dict[str, BenchFault] = {
     "feed_hold": _grbl("somebody presses feed hold: the move never ends", "hold"),
     "lost_steps": _grbl("the carriage slips by half a millimetre", "nudge", axis="x", distance_mm=0.5),
     # PLC
-    "plc_unplugged": BenchFault("the PLC is gone from the network", lambda bench: bench.plc.server.stop()),
-    "plc_stop": BenchFault("the PLC's switch is turned to STOP", _set_running(False), _set_running(True)),
-    "plc_restart": BenchFault("the PLC loses its power for a moment", lambda bench: bench.plc.restart()),
+    "plc_unplugged": BenchFault("the PLC is gone from the network", _unplug_plc),
+    "plc_stop": BenchFault("the PLC's switch is turned to STOP", _switch_plc_to_stop, _switch_plc_to_run),
+    "plc_restart": BenchFault("the PLC loses its power for a moment", _restart_plc),
     # Air
     "low_air": _world("the mains has 20 psi and its pressure switch opens", "low_air"),
     "leak": _world("the closed gripper loses 3 psi/s", "leak"),
@@ -97,9 +120,7 @@ FAULTS: dict[str, BenchFault] = {
     "overload": _world("250 N pull the gripper down", "overload"),
     "zero_drift": _world("the free-hanging reading creeps by 0.02 N/s", "zero_drift"),
     "transmitter_frozen": _world("the readings stand still", "transmitter_frozen"),
-    "transmitter_unplugged": BenchFault(
-        "the transmitter is gone from the network", lambda bench: bench.transmitter.server.stop()
-    ),
+    "transmitter_unplugged": BenchFault("the transmitter is gone from the network", _unplug_transmitter),
     # People
     "estop": BenchFault(
         "the emergency stop is pressed: PLC input and power of the gantry", _press_estop, _release_estop

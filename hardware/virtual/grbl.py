@@ -122,8 +122,8 @@ class VirtualGrbl:
         boots the controller again.
         Faults that happen once: `reset` the reset button; `unplug` the line hangs up; `lost_bytes(count)` the next
         bytes to the controller vanish; `lost_replies(count)` the next `ok`s vanish; `noise` rubbish on the line;
-        `nudge(axis, distance_mm)` steps are lost; `hold` somebody presses feed hold; `typed(line)` another program sends a line; `override(percent)` somebody
-        turns the feed override; `settings` the EEPROM is half written.
+        `nudge(axis, distance_mm)` steps are lost; `hold` somebody presses feed hold; `typed(line)` another program
+        sends a line; `override(percent)` somebody turns the feed override; `settings` the EEPROM is half written.
 
         Raises:
             UsageError: there is no such fault.

@@ -143,7 +143,13 @@ class Supervisor:
                 if error.code not in HOMING_ALARMS:
                     raise
                 logger.warning("%s Homing once more.", error)
-                self._gantry.home()
+                self._home_again(error)
+
+    def _home_again(self, first: GrblAlarmError) -> None:
+        try:
+            self._gantry.home()
+        except InterlockError as refused:  # a switch that the failed homing left closed
+            raise first from refused
 
     # Into the safe state
 
@@ -155,24 +161,27 @@ class Supervisor:
         self.cause = str(error) or type(error).__name__
         self._latch = self._latch.step(is_fault=True)
         self._held_since_s = self._clock.now_s()
-        known: dict[str, bool] = {
-            "must_freeze": _must_freeze(error),
+        known = {
             "is_estop_pressed": isinstance(error, EmergencyStopError),
+            "must_freeze": isinstance(error, FreezeError),
         }
-        known |= self._look_at_gantry()
+        known |= self._look_at_gantry(error)
         self._carry_out_all(action for action in safe_actions(BenchCondition(**known)) if action in _MOTION)
         known |= self._look_at_plc()
         actions = safe_actions(BenchCondition(**known))
         self._carry_out_all(action for action in actions if action not in _MOTION)
         return known["is_estop_pressed"]
 
-    def _look_at_gantry(self) -> dict[str, bool]:
+    def _look_at_gantry(self, error: BaseException) -> dict[str, bool]:
+        alarm = error if isinstance(error, GrblAlarmError) else None
         try:
-            return {"is_moving": self._gantry.is_moving()}
-        except (GrblAlarmError, ControllerResetError, MoveAbortedError):
-            return {"is_moving": False}  # it answers, and each of these has stopped it
+            known = {"is_moving": self._gantry.is_moving()}
+        except (GrblAlarmError, ControllerResetError, MoveAbortedError) as reason:
+            alarm = alarm or (reason if isinstance(reason, GrblAlarmError) else None)
+            known = {"is_moving": False}  # it answers, and each of these has stopped it
         except FastError:
-            return {"is_gantry_reachable": False}
+            known = {"is_gantry_reachable": False}
+        return known | ({"must_freeze": True} if alarm is not None and alarm.code == HARD_LIMIT else {})
 
     def _look_at_plc(self) -> dict[str, bool]:
         try:
@@ -260,8 +269,3 @@ class Supervisor:
     def _vent(self) -> None:
         self._pneumatics.vent()
         self.rest_z_mm = None
-
-
-def _must_freeze(error: BaseException) -> bool:
-    is_hard_limit = isinstance(error, GrblAlarmError) and error.code == HARD_LIMIT
-    return is_hard_limit or isinstance(error, FreezeError)

@@ -1,4 +1,4 @@
-"""What people ask of a running campaign (pause, stop, abort), kept in the lake; and who may run it."""
+"""What people ask of a running campaign (`hardware.safety.Verb`), kept in the lake; and who may run it."""
 
 import fcntl
 import os
@@ -6,17 +6,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, TextIO
+from typing import TextIO
 
+from hardware.safety import EmergencyStopError, StopAskedError, Verb
 from lake.files import writing_failed
 from lake.store import Lake
 from lake.tables import EventRow
 from models.errors import FastError
 from models.ids import canonical_json, content_id
 from tasks.campaign import stored_provenance
-
-Verb = Literal["pause", "stop", "abort"]
-VERBS: tuple[Verb, ...] = ("pause", "stop", "abort")
 
 
 def append_event(lake: Lake, campaign_id: str, kind: str, message: str, **payload: object) -> None:
@@ -33,12 +31,37 @@ def append_event(lake: Lake, campaign_id: str, kind: str, message: str, **payloa
 
 
 def requested_verb(lake: Lake, campaign_id: str) -> Verb | None:
-    """The latest request that came after the campaign was last started, if any."""
-    events = [r for r in lake.rows(EventRow, campaign_id=campaign_id) if r["kind"] in (*VERBS, "started")]
+    """The latest verb that came after the campaign was last started, if any; the bench itself notes an e-stop."""
+    events = [r for r in lake.rows(EventRow, campaign_id=campaign_id) if r["kind"] in (*Verb, "started")]
     if not events:
         return None
     latest = max(events, key=lambda row: row["created_at"])["kind"]
-    return latest if latest in VERBS else None
+    return None if latest == "started" else Verb(latest)
+
+
+def require_acknowledgement(lake: Lake, campaign_id: str, is_acknowledged: bool) -> None:
+    """A campaign that an emergency stop ended goes on only after a person has acknowledged it.
+
+    Raises:
+        FastError: nobody has.
+    """
+    if requested_verb(lake, campaign_id) is Verb.ESTOP and not is_acknowledged:
+        raise FastError(
+            f"campaign {campaign_id} was ended by the emergency stop and does not go on by itself. Release the button, "
+            "look at gripper, lock and tool, then add --acknowledge; nothing was moved."
+        )
+
+
+@contextmanager
+def verbs_noted(lake: Lake, campaign_id: str) -> Iterator[None]:
+    """Bench work: a person's stop or abort is a normal end, an emergency stop is noted before it goes up."""
+    try:
+        yield
+    except StopAskedError as asked:
+        append_event(lake, campaign_id, "bench_safe", str(asked))
+    except EmergencyStopError as error:
+        append_event(lake, campaign_id, Verb.ESTOP, str(error))
+        raise
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from hardware.cell import MeasuredGrasp
 from models.records import Design
 from tasks import measuring, printing, proposing, simulating
 from tasks.campaign import Campaign
-from tasks.control import append_event, exclusive
+from tasks.control import append_event, exclusive, verbs_noted
 from tasks.observing import observe, observed_rows
 from tasks.pool import WorkerPool
 from tasks.state import ProposedTool
@@ -112,10 +112,13 @@ def measure_batch(
 ) -> None:
     """Measure the tools of a batch one after the other; only one process may hold the bench of a lake.
 
+    A person's stop or abort ends it with the bench in its safe state.
+
     Raises:
         DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
     """
-    with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), open_bench(tools) as bench:
+    noted = verbs_noted(campaign.lake, campaign.campaign_id)
+    with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), noted, open_bench(tools) as bench:
         for tool in tools:
             if should_stop():
                 return

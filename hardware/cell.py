@@ -20,7 +20,7 @@ from hardware.safety import BenchCondition, SafeAction, safe_actions
 from hardware.tool_changer import ToolChanger
 from hardware.tools import MountedTool
 from models.errors import DeviceError, FastError, InterlockError, UsageError
-from models.records import GraspSetup, Trace
+from models.records import BENCH_FAULT, GraspSetup, Trace
 
 logger = logging.getLogger(__name__)
 
@@ -206,7 +206,7 @@ class GraspCell:
                 self._back_off(fault, grasp)
             self._retreat(tool, grasp)
         except FastError as error:
-            grasp.reason = grasp.reason or str(error)
+            grasp.reason, grasp.end = grasp.reason or str(error), BENCH_FAULT
             on_grasp(grasp.result())
             raise
         on_grasp(grasp.result())

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable
+from itertools import count
 from typing import Literal
 
 from hardware.bench import Bench
@@ -10,7 +11,7 @@ from lake.tables import GraspRow, TraceRow
 from models.features import initial_force_n, peak_force_n, work_j
 from models.ids import canonical_json
 from tasks.campaign import Campaign
-from tasks.state import Cell, ProposedTool
+from tasks.state import ProposedTool, tuples
 
 BenchKind = Literal["virtual", "real"]
 
@@ -37,18 +38,22 @@ def measure_tool(
     missing = state.missing_grasps(tool, plan, campaign.config.execution.max_grasp_attempts)
     if not missing:
         return
-    first_order = len(campaign.lake.rows(GraspRow, campaign_id=campaign.campaign_id))
-    recorded: list[Cell] = []
+    orders = count(_first_order(campaign))
 
     def record(grasp: MeasuredGrasp) -> None:
-        cell = (grasp.object_id, grasp.repeat)
-        attempt = state.attempts(tool.tool_id, cell)
-        order = first_order + len(recorded)
+        attempt = state.next_attempt(tool.tool_id, (grasp.object_id, grasp.repeat))
+        order = next(orders)
         _append(campaign, tool, grasp, attempt=attempt, order=order, bench_kind=bench_kind, world_hash=world_hash)
-        recorded.append(cell)
         on_grasp(grasp)
 
     bench.cell.measure_tool(tool.slot, missing, campaign.config.grasp, record, should_stop)
+
+
+def _first_order(campaign: Campaign) -> int:
+    """Place of the next grasp in its campaign: after the last, also of those that were replaced since."""
+    sql = 'SELECT coalesce(max("order") + 1, 0) AS next FROM raw_grasps WHERE campaign_id = ?'
+    ((order,),) = tuples(campaign.lake, sql, campaign.campaign_id)
+    return int(order)
 
 
 def _order_seed(campaign: Campaign, tool: ProposedTool) -> int:

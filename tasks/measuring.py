@@ -1,9 +1,10 @@
-"""Measure one tool on the bench: every grasp goes to the lake the moment it is made."""
+"""Measure tools on the bench: every grasp goes to the lake the moment it is made."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from functools import partial
 from itertools import count
-from typing import Literal
 
 from hardware.bench import Bench
 from hardware.cell import MeasuredGrasp
@@ -11,11 +12,38 @@ from lake.tables import GraspRow, TraceRow
 from models.features import initial_force_n, peak_force_n, work_j
 from models.ids import canonical_json
 from tasks.campaign import Campaign
+from tasks.control import append_event, exclusive
 from tasks.state import ProposedTool, tuples
 
-BenchKind = Literal["virtual", "real"]
+OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
+MeasureTool = Callable[[Bench, ProposedTool, Callable[[MeasuredGrasp], None]], None]
 
 logger = logging.getLogger(__name__)
+
+
+def measure_batch(
+    campaign: Campaign,
+    tools: Sequence[ProposedTool],
+    open_bench: OpenBench,
+    measure: MeasureTool,
+    *,
+    should_stop: Callable[[], bool],
+    on_grasp: Callable[[ProposedTool, MeasuredGrasp], None],
+) -> None:
+    """Have the tools of a batch measured one after the other; only one process may hold the bench of a lake.
+
+    Raises:
+        FastError: another process holds the bench of this lake.
+        DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
+    """
+    with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), open_bench(tools) as bench:
+        for tool in tools:
+            if should_stop():
+                return
+            measure(bench, tool, partial(on_grasp, tool))
+    batch = tools[0].batch
+    if not should_stop():
+        append_event(campaign.lake, campaign.campaign_id, "batch_measured", f"B{batch:02d} measured", batch=batch)
 
 
 def measure_tool(
@@ -23,12 +51,13 @@ def measure_tool(
     bench: Bench,
     tool: ProposedTool,
     *,
-    bench_kind: BenchKind,
     world_hash: str | None,
     should_stop: Callable[[], bool],
     on_grasp: Callable[[MeasuredGrasp], None],
 ) -> None:
     """Make the missing grasps of a tool; those in the lake already are not repeated.
+
+    `world_hash` names the world of a virtual bench; None is a real one.
 
     Raises:
         DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
@@ -43,7 +72,7 @@ def measure_tool(
     def record(grasp: MeasuredGrasp) -> None:
         attempt = state.next_attempt(tool.tool_id, (grasp.object_id, grasp.repeat))
         order = next(orders)
-        _append(campaign, tool, grasp, attempt=attempt, order=order, bench_kind=bench_kind, world_hash=world_hash)
+        _append(campaign, tool, grasp, attempt=attempt, order=order, world_hash=world_hash)
         on_grasp(grasp)
 
     bench.cell.measure_tool(tool.slot, missing, campaign.config.grasp, record, should_stop)
@@ -68,7 +97,6 @@ def _append(
     *,
     attempt: int,
     order: int,
-    bench_kind: BenchKind,
     world_hash: str | None,
 ) -> None:
     grasp_id = GraspRow.make_id(tool.tool_id, grasp.object_id, grasp.repeat, attempt)
@@ -95,7 +123,7 @@ def _append(
         tare_force_n=grasp.tare_force_n,
         setup_id=setup.setup_id,
         setup_json=canonical_json(setup.model_dump()),
-        bench=bench_kind,
+        bench="real" if world_hash is None else "virtual",
         world_hash=world_hash,
         details_json=canonical_json(grasp.details),
     )

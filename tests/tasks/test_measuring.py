@@ -74,7 +74,7 @@ def measure(campaign: Campaign, cell: Cell, tool: ProposedTool) -> Callable[...,
 
     def run(max_grasps: int = 99) -> None:
         made: list[MeasuredGrasp] = []
-        options = {"bench_kind": "virtual", "world_hash": "w"}
+        options = {"world_hash": "w"}
         bench = SimpleNamespace(cell=cell)
         stop = lambda: len(made) >= max_grasps  # noqa: E731 - read beside what it counts
         measure_tool(campaign, bench, tool, **options, should_stop=stop, on_grasp=made.append)

@@ -13,7 +13,7 @@ from models.features import initial_force_n, peak_force_n, work_j
 from models.ids import canonical_json
 from tasks.campaign import Campaign
 from tasks.control import append_event, exclusive
-from tasks.state import ProposedTool, tuples
+from tasks.state import Cell, ProposedTool, tuples
 
 OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
 MeasureTool = Callable[[Bench, ProposedTool, Callable[[MeasuredGrasp], None]], None]
@@ -30,18 +30,22 @@ def measure_batch(
     should_stop: Callable[[], bool],
     on_grasp: Callable[[ProposedTool, MeasuredGrasp], None],
 ) -> None:
-    """Have the tools of a batch measured one after the other; only one process may hold the bench of a lake.
+    """Have tools of one batch measured one after the other; only one process may hold the bench of a lake.
+
+    `open_bench` is given all tools that stand on the rack.
 
     Raises:
         FastError: another process holds the bench of this lake.
         DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
     """
-    with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), open_bench(tools) as bench:
+    batch, state = tools[0].batch, campaign.state()
+    # All that stands on the rack, since a finished tool may still be on the head.
+    mounted = [tool for tool in state.tools_of(batch) if state.confirmed.get(tool.tool_id) == "printed"]
+    with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), open_bench(mounted) as bench:
         for tool in tools:
             if should_stop():
                 return
             measure(bench, tool, partial(on_grasp, tool))
-    batch = tools[0].batch
     if not should_stop():
         append_event(campaign.lake, campaign.campaign_id, "batch_measured", f"B{batch:02d} measured", batch=batch)
 
@@ -62,9 +66,8 @@ def measure_tool(
     Raises:
         DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
     """
-    state = campaign.state()
-    plan = campaign.config.objects.cells(_order_seed(campaign, tool))
-    missing = state.missing_grasps(tool, plan, campaign.config.execution.max_grasp_attempts)
+    state, limit = campaign.state(), campaign.config.execution.max_grasp_attempts
+    missing = state.missing_grasps(tool, planned_cells(campaign, tool), limit)
     if not missing:
         return
     orders = count(_first_order(campaign))
@@ -76,6 +79,11 @@ def measure_tool(
         on_grasp(grasp)
 
     bench.cell.measure_tool(tool.slot, missing, campaign.config.grasp, record, should_stop)
+
+
+def planned_cells(campaign: Campaign, tool: ProposedTool) -> list[Cell]:
+    """All (object, repeat) of a tool in the order in which they are made, the same after every restart."""
+    return campaign.config.objects.cells(_order_seed(campaign, tool))
 
 
 def _first_order(campaign: Campaign) -> int:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from hardware.click import tags
 from hardware.click.codec import BANKS, Space, Value, pack_value, parse_address, unpack_value
 from hardware.virtual.modbus import ModbusServerThread
+from hardware.virtual.pdu import ALL_FUNCTIONS
 from hardware.world.state import WorldState, slots_full
 from models.records import GraspSetup
 
@@ -45,6 +46,8 @@ class VirtualClick:
 
     `lock` is the clock's; `refresh` brings the world up to date before a read, under that lock.
     """
+
+    functions = ALL_FUNCTIONS
 
     def __init__(
         self, world: WorldState, lock: threading.RLock, now_s: float, refresh: Callable[[], None] = lambda: None
@@ -166,7 +169,7 @@ class VirtualClick:
             self._memory.update({("coil", wire): int(value) for wire, value in zip(wires, values, strict=True)})
         return True
 
-    def write_registers(self, address: int, values: list[int], function_code: int) -> bool:
+    def write_registers(self, address: int, values: list[int]) -> bool:
         """Holding registers; writing the job label starts the world's next grasp."""
         wires = range(address, address + len(values))
         if any(wire not in _LEGAL["holding"] for wire in wires):

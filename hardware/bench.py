@@ -19,10 +19,12 @@ from hardware.laumas.driver import LaumasTransmitter
 from hardware.layout import BenchLayout
 from hardware.modbus import ModbusLink, rtu_link, tcp_link
 from hardware.pneumatics import Pneumatics
+from hardware.supervisor import Supervisor
 from hardware.tool_changer import ToolChanger
 from hardware.tools import MountedTool
 from hardware.transport import SerialTransport
 from hardware.virtual.bench import Endpoints, VirtualBench
+from hardware.watches import AirWatch, GraspWatch, LadderWatch, ReleaseWatch, ZeroWatch
 from hardware.world.physics import Physics, simulate_request
 from hardware.world.spec import World
 from models.errors import DeviceError, FastError, InterlockError
@@ -62,6 +64,7 @@ class Bench:
     pneumatics: Pneumatics
     changer: ToolChanger
     force: ForceSensor
+    supervisor: Supervisor
     cell: GraspCell
     clock: Clock
     settings: BenchSettings
@@ -176,14 +179,19 @@ def _open(
         "supply_pressure_psi": settings.supply_pressure_psi,
         "force_rate_hz": settings.force_rate_hz,
     }
-    cell = GraspCell(gantry, plc, pneumatics, changer, force, clock, settings.layout, recorded)
+    ladder = LadderWatch(plc, clock)
+    watch = GraspWatch(ladder, AirWatch(pneumatics, clock), ZeroWatch(force), ReleaseWatch(force, pneumatics, clock))
+    supervisor = Supervisor(gantry, plc, pneumatics, ladder, clock, settings.layout.top_z_mm)
+    clock.listen(supervisor.hear, lambda: supervisor.is_ok)
+    cell = GraspCell(gantry, supervisor, watch, pneumatics, changer, force, clock, settings.layout, recorded)
     with ExitStack() as stack:
         stack.callback(_close, force, plc, gantry)
         _connect({"PLC": plc.connect, "load cell": force.connect, "gantry": gantry.connect})
         _start_heartbeat(stack, clock, inner, plc)
+        supervisor.acknowledge("the person who opened the bench")
         _make_ready_to_home(pneumatics, may_vent)
-        gantry.home()
-        yield Bench(gantry, plc, pneumatics, changer, force, cell, clock, settings, virtual)
+        supervisor.home()
+        yield Bench(gantry, plc, pneumatics, changer, force, supervisor, cell, clock, settings, virtual)
 
 
 def _transmitter_link(settings: BenchSettings) -> ModbusLink:

@@ -67,6 +67,18 @@ class VirtualClick:
         self._write_recipe(GraspSetup())
         self._show_inputs()
 
+    def restart(self) -> None:
+        """Power off and on: everything a host wrote is gone; the two bistable valves stay as they are."""
+        with self._lock:
+            lock, grip = self._get(tags.LOCK_OUTPUT), self._get(tags.GRIP_OUTPUT)
+            self._memory.clear()
+            self._n_scans = self._last_heartbeat = 0
+            self._set(tags.LOCK_OUTPUT, lock)
+            self._set(tags.GRIP_OUTPUT, grip)
+            self._set(tags.SUPPLY_SETPOINT_REGISTER, 30.0)
+            self._write_recipe(self._world.setup)
+            self._show_inputs()
+
     # The ladder
 
     def scan(self, now_s: float) -> None:
@@ -86,6 +98,8 @@ class VirtualClick:
         self._set(tags.GRIP_OUTPUT, grip)
         self._set(tags.SUPPLY_OUTPUT, supply)
         self._set(tags.MOTOR_ENABLE_OUTPUT, is_host_alive and is_estop_ok)
+        # Until the first host the relay stays closed, so that the machine can be set up from a terminal.
+        self._world.is_motor_enabled = is_estop_ok and (is_host_alive or self._heartbeat_at_s is None)
         self._set(tags.SCAN_COUNTER_REGISTER, self._n_scans)
         self._set(tags.FAULT_REGISTER, _NO_HEARTBEAT * (not is_host_alive) + _ESTOP * (not is_estop_ok))
         self._world.set_outputs(lock, grip, supply, float(self._get(tags.SUPPLY_SETPOINT_REGISTER)))
@@ -120,6 +134,7 @@ class VirtualClick:
         self._set(tags.TOOL_PRESENT_INPUT, world.is_tool_present)
         self._set(tags.PRESSURE_OK_INPUT, world.is_pressure_ok)
         self._set(tags.ESTOP_OK_INPUT, "estop_pressed" not in world.faults)
+        self._set(tags.SUPPLY_OK_INPUT, world.is_supply_ok)
         self._set(tags.HEAD_IN_DOCK_INPUT, world.dock_slot is not None)
         self._set(tags.PRESSURE_REGISTER, world.pressure_psi)
         first = parse_address(tags.FIRST_DOCK_INPUT).wire

@@ -95,17 +95,35 @@ class VirtualGrbl:
             self._machine.advance(self._clock.now_s())
             return self._machine.state
 
+    @property
+    def is_motor_enabled(self) -> bool:
+        """Whether the motors have power."""
+        with self._clock.lock:
+            return self._machine.carriage.is_enabled
+
+    def set_motor_enable(self, is_enabled: bool) -> None:
+        """Give the motors power or take it, as the safety relay of the bench does (thread-safe, at once).
+
+        Without power the carriage stays where it is, in the middle of a move too, while the firmware counts on and
+        knows nothing: the position is lost until the next homing.
+        """
+        with self._clock.lock:
+            self._machine.advance(self._clock.now_s())
+            self._machine.set_motor_enable(is_enabled)
+        self._wake()
+
     # Faults
 
     def inject(self, fault: str, **how: float | str) -> None:
         """Start a named fault.
 
         Faults that last until `clear`: `limit(axis)` a limit switch is closed; `limit_dead(axis)` one never closes;
-        `silent` nothing gets out, nothing gets in; `power_cut` clearing it boots the controller again.
+        `motors_off` the motors have no power; `silent` nothing gets out, nothing gets in; `power_cut` clearing it
+        boots the controller again.
         Faults that happen once: `reset` the reset button; `unplug` the line hangs up; `lost_bytes(count)` the next
         bytes to the controller vanish; `lost_replies(count)` the next `ok`s vanish; `noise` rubbish on the line;
-        `nudge(axis, distance_mm)` steps are lost; `hold` somebody presses feed hold; `override(percent)` somebody
-        turns the feed override; `settings` the EEPROM is half written.
+        `nudge(axis, distance_mm)` steps are lost; `hold` somebody presses feed hold; `typed(line)` another program
+        sends a line; `override(percent)` somebody turns the feed override; `settings` the EEPROM is half written.
 
         Raises:
             UsageError: there is no such fault.
@@ -143,6 +161,7 @@ class VirtualGrbl:
                 lambda axis="x": machine.carriage.dead_switches.add(AXIS_NAMES.index(axis)),
                 lambda axis="x": machine.carriage.dead_switches.discard(AXIS_NAMES.index(axis)),
             ),
+            "motors_off": (lambda: machine.set_motor_enable(False), lambda: machine.set_motor_enable(True)),
             "silent": (lambda: self._set_silent(True), lambda: self._set_silent(False)),
             "power_cut": (machine.power_off, machine.power_on),
             "reset": (machine.power_on, None),
@@ -151,10 +170,11 @@ class VirtualGrbl:
             "lost_replies": (self._lose_replies, None),
             "noise": (self._make_noise, None),
             "nudge": (
-                lambda axis="x", distance_mm=0.5: machine.carriage.nudge(AXIS_NAMES.index(axis), distance_mm),
+                lambda axis="x", distance_mm=0.5: machine.nudge(AXIS_NAMES.index(axis), distance_mm),
                 None,
             ),
             "hold": (lambda: machine.receive(b"!", self._clock.now_s()), None),
+            "typed": (lambda line="": machine.receive(f"{line}\n".encode(), self._clock.now_s()), None),
             "override": (lambda percent=50: machine.set_override(int(percent)), None),
             "settings": (lambda: machine.settings.update(GARBAGE_SETTINGS), None),
         }

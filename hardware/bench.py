@@ -22,8 +22,9 @@ from hardware.pneumatics import Pneumatics
 from hardware.supervisor import Supervisor
 from hardware.tool_changer import ToolChanger
 from hardware.tools import MountedTool
-from hardware.transport import SerialTransport
+from hardware.transport import SerialTransport, Transport
 from hardware.virtual.bench import Endpoints, VirtualBench
+from hardware.virtual.memory import MemoryTransport, memory_link
 from hardware.watches import AirWatch, GraspWatch, LadderWatch, ReleaseWatch, ZeroWatch
 from hardware.world.physics import Physics, simulate_request
 from hardware.world.spec import World
@@ -92,11 +93,13 @@ def open_virtual_bench(
     clock: Literal["lockstep", "real"] = "lockstep",
     speed_up: float = 1.0,
     layout: BenchLayout | None = None,
+    wires: Literal["lines", "memory"] = "lines",
 ) -> Iterator[Bench]:
     """A virtual bench with its drivers connected and homed; stopped at the end of the `with`.
 
     `physics` answers one grasp (it is cached here); `clock` "real" runs by itself, `speed_up` times faster than the
-    wall, "lockstep" moves only while drivers wait.
+    wall, "lockstep" moves only while drivers wait. `wires` "memory" hands the bytes of pty and sockets over directly,
+    which only lockstep allows and makes a grasp several times cheaper.
     """
     inner: Clock = VirtualClock() if clock == "lockstep" else ScaledClock(speed_up)
     with open_virtual_servers(world, tools, physics, inner, layout) as virtual:
@@ -114,7 +117,7 @@ def open_virtual_bench(
             pressure_time_out_s=2.0 if clock == "lockstep" else _PHYSICS_PATIENCE_S * speed_up,
             layout=layout or BenchLayout(),
         )
-        with _open(settings, tools, inner, virtual) as bench:
+        with _open(settings, tools, inner, virtual, is_in_memory=wires == "memory") as bench:
             yield bench
 
 
@@ -165,13 +168,14 @@ def _open(
     inner: Clock,
     virtual: VirtualBench | None,
     may_vent: bool = False,
+    is_in_memory: bool = False,
 ) -> Iterator[Bench]:
     clock = BeatingClock(inner)
-    plc_link = tcp_link("CLICK PLC", settings.plc_host, settings.plc_port, time_out_s=settings.modbus_time_out_s)
-    plc = ClickPlc(plc_link, clock)
-    transmitter = LaumasTransmitter(_transmitter_link(settings), clock)
+    wires = _memory_wires(virtual) if virtual is not None and is_in_memory else _lines(settings)
+    plc = ClickPlc(wires.plc, clock)
+    transmitter = LaumasTransmitter(wires.transmitter, clock)
     force = ForceSensor(transmitter, clock, settings.force_rate_hz, settings.stale_after_s)
-    gantry = Gantry(SerialTransport(settings.serial_port), clock)
+    gantry = Gantry(wires.gantry, clock)
     pneumatics = Pneumatics(plc, clock, settings.supply_pressure_psi, settings.pressure_time_out_s)
     changer = ToolChanger(gantry, plc, force, clock, tools, settings.layout)
     recorded = {
@@ -192,6 +196,27 @@ def _open(
         _make_ready_to_home(pneumatics, may_vent)
         supervisor.home()
         yield Bench(gantry, plc, pneumatics, changer, force, supervisor, cell, clock, settings, virtual)
+
+
+@dataclass(frozen=True)
+class _Wires:
+    """The three lines of a bench."""
+
+    plc: ModbusLink
+    transmitter: ModbusLink
+    gantry: Transport
+
+
+def _lines(settings: BenchSettings) -> _Wires:
+    time_out_s = settings.modbus_time_out_s
+    plc = tcp_link("CLICK PLC", settings.plc_host, settings.plc_port, time_out_s=time_out_s)
+    return _Wires(plc, _transmitter_link(settings), SerialTransport(settings.serial_port))
+
+
+def _memory_wires(virtual: VirtualBench) -> _Wires:
+    plc = memory_link("CLICK PLC in memory", virtual.plc.server)
+    transmitter = memory_link("Weight transmitter in memory", virtual.transmitter.server)
+    return _Wires(plc, transmitter, MemoryTransport(virtual.grbl))
 
 
 def _transmitter_link(settings: BenchSettings) -> ModbusLink:

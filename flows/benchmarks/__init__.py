@@ -42,6 +42,6 @@ BENCHMARKS: dict[str, Benchmark] = {
     "traces": _sampled(measure_traces, _SAMPLE | {"figure"}),
     "propose": _fixed(measure_propose),
     "lake": _sampled(measure_lake, frozenset({"grasps"})),
-    "bench": _fixed(measure_bench),
+    "bench": _sampled(measure_bench, _SAMPLE),
     "kills": _sampled(measure_kills, frozenset({"n"})),
 }

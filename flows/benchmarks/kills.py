@@ -11,18 +11,17 @@ import signal
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 from flows.benchmarks.base import Options, Tables
-from flows.benchmarks.fingerprints import Label, fingerprint, fingerprint_world, label_problem
-from hardware.bench import Bench, open_virtual_bench
+from flows.benchmarks.fingerprints import Label, fingerprint_world, label_problem
+from flows.benchmarks.made_up_batch import CAMPAIGN_ID, Batch, measure_missing
 from hardware.cell import MeasuredGrasp
-from hardware.tools import MountedTool
 from hardware.world.spec import World
 from lake.maintenance import check
 from lake.store import Lake
@@ -30,11 +29,8 @@ from lake.tables import EventRow, GraspRow, Row, TraceRow
 from models.errors import FastError
 from models.features import peak_force_n
 from tasks.campaign import Campaign
-from tasks.config import CampaignConfig
 from tasks.control import append_event
-from tasks.measuring import measure_batch, measure_tool, planned_cells
-from tasks.printing import PrintConfirmation, confirm_print
-from tasks.proposing import propose_initial
+from tasks.measuring import planned_cells
 from tasks.state import ProposedTool
 
 N_KILLS = 200
@@ -42,46 +38,14 @@ N_TIMED = 3  # grasps of the first life, which nobody kills
 LIFE_GRASPS = 1.5  # a life lasts at most as long as opening the bench and this many grasps
 N_REPEATS = 2
 N_TOOLS = 10
-CAMPAIGN_ID = "kills"
 SEED = 20261121
 
 
-@dataclass(frozen=True)
-class Batch:
-    """What is measured: one tray of tools, each on these objects."""
-
-    n_tools: int
-    object_ids: tuple[int, ...]
-
-    @classmethod
-    def of_about(cls, n_grasps: int) -> "Batch":
-        """A batch of at least `n_grasps`."""
-        n_tools = min(N_TOOLS, max(2, n_grasps // 6))
-        n_objects = min(36, -(-n_grasps // (n_tools * N_REPEATS)))
-        return cls(n_tools, tuple((7 * k) % 36 for k in range(n_objects)))
-
-    @property
-    def config(self) -> CampaignConfig:
-        """The campaign of this batch alone."""
-        return CampaignConfig.model_validate(
-            {
-                "name": CAMPAIGN_ID,
-                "schedule": {
-                    "initial_tools": self.n_tools,
-                    "tools_per_batch": self.n_tools,
-                    "initial_simulations": 0,
-                    "guided_batches": 0,
-                },
-                "objects": {"ids": self.object_ids, "repeats": N_REPEATS, "order": "random"},
-                "bench": {"world": ""},
-            }
-        )
-
-    @property
-    def labels(self) -> list[Label]:
-        """Every grasp that the batch needs."""
-        tools = [f"{CAMPAIGN_ID}/B01T{slot}" for slot in range(self.n_tools)]
-        return [(tool, o, repeat) for tool in tools for o in self.object_ids for repeat in range(N_REPEATS)]
+def batch_of_about(n_grasps: int) -> Batch:
+    """A batch of at least `n_grasps`."""
+    n_tools = min(N_TOOLS, max(2, n_grasps // 6))
+    n_objects = min(36, -(-n_grasps // (n_tools * N_REPEATS)))
+    return Batch(n_tools, tuple((7 * k) % 36 for k in range(n_objects)), N_REPEATS)
 
 
 @dataclass
@@ -124,7 +88,7 @@ def kill_and_continue(folder: Path, n_kills: int, tell: Callable[[str], None] = 
     Raises:
         FastError: a life ended by itself before the batch was complete.
     """
-    batch, told = Batch.of_about(n_kills), Told(folder / "told.txt")
+    batch, told = batch_of_about(n_kills), Told(folder / "told.txt")
     tell(f"a batch of {len(batch.labels)} grasps, killed {n_kills} times")
     killer = multiprocessing.get_context("spawn").Process(target=_kill_often, args=(folder, batch, n_kills))
     started = time.monotonic()
@@ -142,7 +106,7 @@ def kill_and_continue(folder: Path, n_kills: int, tell: Callable[[str], None] = 
 def _kill_often(folder: Path, batch: Batch, n_kills: int) -> None:
     """Time one life, then start and kill others; the last one ends the batch. Opens no lake: it only forks."""
     random_, told, world = random.Random(SEED), Told(folder / "told.txt"), fingerprint_world(batch.labels)
-    _wait(_fork(folder, lambda: _set_up(folder, batch)))
+    _wait(_fork(folder, lambda: batch.make(folder / "lake")))
     started = time.monotonic()
     _wait(_fork(folder, lambda: _live(folder, batch, world, N_TIMED)))
     first_s = float(told.lines("grasp")[0][0]) - started
@@ -159,7 +123,7 @@ def _kill_often(folder: Path, batch: Batch, n_kills: int) -> None:
     _wait(_fork(folder, lambda: _live(folder, batch, world)))
 
 
-def _fork(folder: Path, work: Callable[[], None]) -> int:
+def _fork(folder: Path, work: Callable[[], object]) -> int:
     pid = os.fork()
     if pid:
         return pid
@@ -185,40 +149,19 @@ def _wait(pid: int, *, may_be_killed: bool = False) -> bool:
     return is_killed
 
 
-def _set_up(folder: Path, batch: Batch) -> None:
-    campaign = Campaign(Lake.open(folder / "lake", create=True), batch.config)
-    propose_initial(campaign)
-    confirm_print(campaign.lake, CAMPAIGN_ID, 1, PrintConfirmation(operator="nobody", confirmed_by="auto"))
-
-
 def _live(folder: Path, batch: Batch, world: World, max_grasps: int | None = None) -> None:
-    """What the same command does each time: go on with the batch where the lake says it stands."""
-    told = Told(folder / "told.txt")
-    campaign = Campaign(Lake.open(folder / "lake"), batch.config)
+    """What the same command does each time."""
+    told, campaign, n_made = Told(folder / "told.txt"), batch.open(folder / "lake"), count(1)
     append_event(campaign.lake, CAMPAIGN_ID, "started", "started or continued")
     told.tell("started")
-    state = campaign.state()
-    plan = campaign.config.objects.cells(0)
-    tools = [tool for tool in state.tools_of(1) if state.missing_grasps(tool, plan, 2)]
-    if not tools:
-        return
-    made: list[MeasuredGrasp] = []
-
-    def open_bench(mounted: Iterable[ProposedTool]) -> AbstractContextManager[Bench]:
-        rack = {tool.slot: MountedTool(tool.tool_id, tool.design) for tool in mounted}
-        return open_virtual_bench(world, rack, physics=fingerprint)
-
-    def should_stop() -> bool:
-        return max_grasps is not None and len(made) >= max_grasps
-
-    def measure(bench: Bench, tool: ProposedTool, on_grasp: Callable[[MeasuredGrasp], None]) -> None:
-        measure_tool(campaign, bench, tool, world_hash=world.world_hash, should_stop=should_stop, on_grasp=on_grasp)
+    is_enough = Event()
 
     def on_grasp(tool: ProposedTool, grasp: MeasuredGrasp) -> None:
-        made.append(grasp)
         told.tell("grasp", time.monotonic(), tool.tool_id, grasp.object_id, grasp.repeat)
+        if next(n_made) == max_grasps:
+            is_enough.set()
 
-    measure_batch(campaign, tools, open_bench, measure, should_stop=should_stop, on_grasp=on_grasp)
+    measure_missing(campaign, world, on_grasp, is_enough.is_set)
 
 
 # The judge

@@ -16,6 +16,7 @@ from models.records import Design
 from models.surrogate.posterior import Surrogate
 from tasks import proposing, steps
 from tasks.campaign import Campaign
+from tasks.measuring import OpenBench
 from tasks.observing import observe, observed_rows
 from tasks.pool import WorkerPool
 from tasks.state import CampaignState, ProposedTool
@@ -28,7 +29,7 @@ class Session:
 
     campaign: Campaign
     pool: WorkerPool
-    open_bench: steps.OpenBench
+    open_bench: OpenBench
     world_hash: str | None
     auto_print: bool
     on_grasp: Callable[[ProposedTool, MeasuredGrasp], None]

@@ -90,7 +90,7 @@ def _open_bench(
     mounted = {tool.slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
     if isinstance(setup, BenchSettings):
         return open_real_bench(setup, mounted)
-    return open_virtual_bench(setup, mounted, physics=functools.partial(_solve_in_worker, physics))
+    return open_virtual_bench(setup, mounted, physics=functools.partial(_solve_in_worker, physics), wires="memory")
 
 
 def _solve_in_worker(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulation:

@@ -19,7 +19,7 @@ from hardware.tool_changer import ToolChanger
 from hardware.tools import MountedTool
 from hardware.watches import GraspFaultError, GraspWatch
 from models.errors import DeviceError, FastError, InterlockError, UsageError
-from models.records import GraspSetup, Trace
+from models.records import BENCH_FAULT, GraspSetup, Trace
 
 logger = logging.getLogger(__name__)
 
@@ -160,8 +160,9 @@ class GraspCell:
                 grasp.reason = str(fault)
                 self._back_off(fault, grasp)
             self._retreat(tool, grasp)
-        except FastError as error:
-            grasp.reason = grasp.reason or str(error)
+        except (FastError, KeyboardInterrupt, SystemExit) as error:
+            self._supervisor.trip(error)  # before the data is kept, which may take its time
+            grasp.reason, grasp.end = grasp.reason or self._supervisor.cause, BENCH_FAULT
             on_grasp(grasp.result())
             raise
         on_grasp(grasp.result())

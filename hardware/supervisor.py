@@ -65,6 +65,8 @@ class Supervisor:
         self._held_since_s: float | None = None
         self._asked: Verb | None = None
         self._guarded_thread: int | None = None
+        self._tripped_by: BaseException | None = None
+        self._was_pressed = False
 
     # Latch
 
@@ -123,9 +125,7 @@ class Supervisor:
         except BaseException as error:
             is_pressed = self.trip(error)
             if is_pressed and isinstance(error, FastError) and not isinstance(error, EmergencyStopError):
-                raise EmergencyStopError(
-                    f"The emergency stop was pressed ({error}) Release it, acknowledge, then home and check the tool."
-                ) from error
+                raise EmergencyStopError(self.cause) from error
             raise
         finally:
             self._guarded_thread = before
@@ -157,10 +157,22 @@ class Supervisor:
         """Latch, and bring the bench into the safe state; says whether the emergency stop is pressed.
 
         Motion comes first, before the PLC is asked anything. A device that does not answer does not stop the others.
+        Called again with the same error, on its way up, it does nothing.
         """
-        self.cause = str(error) or type(error).__name__
-        self._latch = self._latch.step(is_fault=True)
-        self._held_since_s = self._clock.now_s()
+        if error is not self._tripped_by:
+            self._tripped_by = error
+            self._latch = self._latch.step(is_fault=True)
+            self._held_since_s = self._clock.now_s()
+            self._was_pressed = self._make_safe(error)
+            self.cause = str(error) or type(error).__name__
+            if self._was_pressed and not isinstance(error, EmergencyStopError):
+                self.cause = (
+                    f"The emergency stop was pressed ({self.cause}) Release it, acknowledge, then home and check the "
+                    "tool."
+                )
+        return self._was_pressed
+
+    def _make_safe(self, error: BaseException) -> bool:
         known = {
             "is_estop_pressed": isinstance(error, EmergencyStopError),
             "must_freeze": isinstance(error, FreezeError),

@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -12,9 +13,11 @@ from hardware.safety import EmergencyStopError, StopAskedError, Verb
 from lake.files import writing_failed
 from lake.store import Lake
 from lake.tables import EventRow
-from models.errors import FastError
+from models.errors import FastError, LakeError
 from models.ids import canonical_json, content_id
 from tasks.campaign import stored_provenance
+
+LEAST_FREE_MB = 100.0  # some thousand grasps of 30 kB
 
 
 def append_event(lake: Lake, campaign_id: str, kind: str, message: str, **payload: object) -> None:
@@ -92,6 +95,22 @@ def _open_lock(path: Path) -> TextIO:
         return path.open("a+")
     except OSError as error:
         raise writing_failed(path.parent, error) from error
+
+
+def require_room(lake: Lake) -> None:
+    """Asked before each grasp, so that none is made that cannot be kept.
+
+    Raises:
+        LakeError: less than `LEAST_FREE_MB` are left on the disk of the lake.
+    """
+    folder = lock_path(lake, "gantry").parent
+    folder.mkdir(parents=True, exist_ok=True)
+    free_mb = shutil.disk_usage(folder).free / 1e6
+    if free_mb < LEAST_FREE_MB:
+        raise LakeError(
+            f"The disk of the lake {lake.root} has {free_mb:.0f} MB left, limit {LEAST_FREE_MB:g} MB; the bench "
+            "stopped before the next grasp. Make room, then give the same command again."
+        )
 
 
 def is_held(lake: Lake, name: str) -> bool:

@@ -86,9 +86,7 @@ def stop(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: As
 @app.command
 def abort(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """As stop, and the campaign counts as failed (exit status 1); `fast campaign run` can still continue it."""
-    _request(
-        "abort", "the bench goes to its safe state at once and it counts as failed", campaign, lake, json
-    )
+    _request("abort", "the bench goes to its safe state at once and it counts as failed", campaign, lake, json)
 
 
 def _request(verb: str, effect: str, campaign: str | None, lake: Path, as_json: bool) -> None:

@@ -65,6 +65,7 @@ class VirtualGrbl:
         self.port = os.ttyname(self._slave)
         self._wake_read, self._wake_write = os.pipe()
         self._unsent = b""
+        self._listener: Callable[[bytes], None] | None = None
         with clock.lock:
             self._flush()
         clock.add_listener(self._follow)
@@ -76,6 +77,20 @@ class VirtualGrbl:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    # Wires in memory
+
+    def listen(self, listener: Callable[[bytes], None] | None) -> None:
+        """Have `listener` hear what the controller says, instead of the pty; None gives it back to the pty."""
+        with self._clock.lock:
+            self._listener = listener
+
+    def receive(self, data: bytes) -> None:
+        """Bytes for the controller, as if they had come by the pty."""
+        with self._clock.lock:
+            self._take(data)
+            self._machine.advance(self._clock.now_s())
+            self._flush()
 
     # For the world
 
@@ -281,6 +296,10 @@ class VirtualGrbl:
             self._lost_replies -= 1
         self._unsent += said
         if not self._unsent:
+            return
+        if self._listener is not None:
+            heard, self._unsent = self._unsent, b""
+            self._listener(heard)
             return
         try:
             n_written = os.write(self._master, self._unsent)

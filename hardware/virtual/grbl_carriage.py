@@ -43,6 +43,8 @@ class Carriage:
         self._since_s = -math.inf
         self._frozen_mm: Vector | None = None
         self._past: deque[_Past] = deque(maxlen=HISTORY_LEGS)
+        ranges = [self.switch_range_mm(axis) for axis in range(len(true_mm))]
+        self._end_stops_mm = [(low - END_STOP_MM, high + END_STOP_MM) for low, high in ranges]
 
     # Ends
 
@@ -86,11 +88,8 @@ class Carriage:
 
     def _stopped(self, count_mm: Vector, slip_mm: Vector) -> Vector:
         """True position for a count: the end stops let nothing pass."""
-        places = []
-        for axis, (count, slip) in enumerate(zip(count_mm, slip_mm, strict=True)):
-            low, high = self.switch_range_mm(axis)
-            places.append(min(max(count + slip, low - END_STOP_MM), high + END_STOP_MM))
-        return tuple(places)
+        ways = zip(count_mm, slip_mm, self._end_stops_mm, strict=True)
+        return tuple(min(max(count + slip, low), high) for count, slip, (low, high) in ways)
 
     def start(self, leg: Leg) -> None:
         """Begin a leg from the present count."""

@@ -157,6 +157,21 @@ class WorldState:
     # What sensors see
 
     @property
+    def input_state(self) -> tuple[object, ...]:
+        """All that the inputs of the PLC follow from: equal states give equal inputs."""
+        is_lock_moving = self._lock_moves_until_s is not None
+        tool_id = self.tool.tool_id if self.tool is not None else None
+        return (
+            self.dock_slot,
+            self.is_locked,
+            is_lock_moving,
+            tool_id,
+            len(self.docked),
+            self.pressure_psi,
+            frozenset(self.faults),
+        )
+
+    @property
     def is_lock_closed(self) -> bool:
         """Lock-closed input."""
         return self.is_locked and self._lock_moves_until_s is None and "lock_sensor_dead" not in self.faults

@@ -147,13 +147,37 @@ def test_ctrl_c_in_a_lift_ends_in_the_safe_state():
     def press():
         raise KeyboardInterrupt
 
+    grasps = []
     with open_virtual_bench(WORLD, TOOLS, physics) as bench:
         when(bench, is_pulling, press)
         with pytest.raises(KeyboardInterrupt):
-            run(bench, [])
+            run(bench, grasps)
+        assert [(grasp.status, grasp.reason) for grasp in grasps] == [("failed", "KeyboardInterrupt")]
         assert bench.supervisor.cause == "KeyboardInterrupt"
         assert not bench.gantry.is_moving()
         assert bench.virtual.state.outputs == (True, True, False)
+
+
+def test_the_bench_is_safe_before_the_data_is_kept():
+    moving = []
+    with open_virtual_bench(WORLD, TOOLS, physics) as bench:
+        when(bench, is_pulling, lambda: bench.virtual.inject("lock_sensor_dead"))
+        with pytest.raises(InterlockError):
+            run(bench, grasps := Kept(lambda: moving.append(bench.gantry.is_moving())))
+    assert moving == [False]
+    assert len(grasps) == 1
+
+
+class Kept(list):
+    """A list that does something on every append."""
+
+    def __init__(self, act):
+        super().__init__()
+        self._act = act
+
+    def append(self, grasp):
+        self._act()
+        super().append(grasp)
 
 
 def test_low_air_before_a_grasp_waits_and_goes_on():

@@ -63,7 +63,7 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
         return markdown_table(outcome[0].tools) + f"\n\nReport: `{outcome[0].report}`"
 
     try:
-        is_complete = run_flow(session, finish, functools.partial(_interrupts, session, voice))
+        is_complete = run_flow(session, finish, functools.partial(interrupts, session, voice))
     finally:
         simulations.close()
         physics.close()
@@ -118,7 +118,7 @@ def _announce_print(campaign: Campaign, voice: Voice, batch: int, sheet: Path) -
 
 
 @contextmanager
-def _interrupts(session: Session, voice: Voice) -> Iterator[None]:
+def interrupts(session: Session, voice: Voice) -> Iterator[None]:
     """Ctrl-C or SIGTERM: the first pauses, the second stops (safe state at once), the third is the default."""
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -30,7 +30,7 @@ from hardware.virtual.memory import MemoryTransport, memory_link
 from hardware.watches import AirWatch, GraspWatch, LadderWatch, ReleaseWatch, ZeroWatch
 from hardware.world.physics import Physics, simulate_request
 from hardware.world.spec import World
-from models.errors import DeviceError, FastError, InterlockError
+from models.errors import DeviceError, FastError
 from models.records import Record
 
 logger = logging.getLogger(__name__)
@@ -197,7 +197,7 @@ def _open(
         _connect({"PLC": plc.connect, "load cell": force.connect, "gantry": gantry.connect})
         _start_heartbeat(stack, clock, inner, plc)
         supervisor.acknowledge("the person who opened the bench")
-        _make_ready_to_home(pneumatics, may_vent)
+        supervisor.make_ready_to_home(may_vent)
         supervisor.home()
         yield Bench(gantry, plc, pneumatics, changer, force, supervisor, cell, clock, settings, virtual)
 
@@ -270,19 +270,6 @@ def _connect(connects: Mapping[str, Callable[[], object]]) -> None:
             first = first or error
     if failures:
         raise DeviceError(" ".join(failures)) from first
-
-
-def _make_ready_to_home(pneumatics: Pneumatics, may_vent: bool) -> None:
-    """Homing lifts the head: a gripper that an earlier host left closed would pull its object along."""
-    pneumatics.check_air()
-    if not pneumatics.is_gripping():
-        return
-    if not may_vent:
-        raise InterlockError(
-            "The gripper is closed from an earlier session, an object may hang in it; nothing was moved. Look, then "
-            "let it open with `fast gantry home --vent`."
-        )
-    pneumatics.vent()
 
 
 def _close(force: ForceSensor, plc: ClickPlc, gantry: Gantry) -> None:

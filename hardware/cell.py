@@ -116,9 +116,10 @@ class GraspCell:
 
     def park(self) -> None:
         """Dock the tool on the head (if any) and close the air supply."""
-        self._gantry.move_to(z_mm=self._layout.top_z_mm)
-        self._changer.dock()
-        self._pneumatics.close_supply()
+        with self._supervisor.guard():
+            self._gantry.move_to(z_mm=self._layout.top_z_mm)
+            self._changer.dock()
+            self._pneumatics.close_supply()
 
     def recover(self) -> None:
         """End the safe state after a person looked: drop what is left of the motion, lower, vent, raise."""

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from hardware.click import tags
 from hardware.click.driver import ClickPlc
 from hardware.clock import Clock
 from hardware.gantry import Gantry
@@ -227,6 +228,31 @@ class Supervisor:
             for action in actions:
                 self._carry_out(action)
         return actions
+
+    def make_ready_to_home(self, may_vent: bool) -> None:
+        """Homing lifts the head: a gripper that an earlier host left closed would pull its object along.
+
+        `may_vent`: a person has looked, and holds what hangs in it.
+
+        Raises:
+            EmergencyStopError: pressed.
+            InterlockError: the gripper is closed and nobody has looked; nothing was moved.
+        """
+        self._pneumatics.check_air()
+        if not self._pneumatics.is_gripping():
+            return
+        if not may_vent:
+            raise InterlockError(
+                f"The gripper is closed from an earlier session ({self._pneumatics.pressure_psi():.0f} psi, "
+                f"{self._told_tool()}, height of the head unknown), an object may hang in it; nothing was moved. Look, "
+                "hold the object, then let the gripper open with `fast gantry home --vent`."
+            )
+        self.end_safe_state("the person who has looked", is_load_taken=True)
+
+    def _told_tool(self) -> str:
+        is_closed, _, is_present, *_ = self._plc.read_bits(tags.FIRST_INPUT, tags.N_INPUTS)
+        tool = "a tool" if is_present else "no tool"
+        return f"{tool} on the head, lock {'closed' if is_closed else 'NOT closed'}"
 
     def reminder(self) -> SafeAction | None:
         """What to tell the person while the bench waits in its safe state; None while it is OK."""

@@ -87,7 +87,7 @@ def test_a_host_that_is_ended_in_a_lift_drops_nothing_and_the_next_one_asks_firs
     with host(virtual) as process:
         status, lines, (says,) = end(process)
     assert (status, lines) == (1, [])
-    assert "The gripper is closed from an earlier session" in says
+    assert "The gripper is closed from an earlier session (30 psi, a tool on the head, lock closed" in says
     assert "nothing was moved" in says
     assert virtual.grbl.position_mm() == pytest.approx(rest_mm, abs=0.01)
     assert virtual.state.outputs[1], "still kept"

@@ -198,7 +198,7 @@ def _start_heartbeat(stack: ExitStack, clock: BeatingClock, inner: Clock, plc: C
         clock.start(plc)
         stack.callback(clock.stop)
     else:
-        heartbeat = HeartbeatThread(plc, inner)
+        heartbeat = HeartbeatThread(plc, clock)
         heartbeat.start()
         stack.callback(heartbeat.stop)
 

@@ -1,7 +1,8 @@
-"""Keeps the PLC's watchdog content while the host works.
+"""Keeps the PLC's watchdog content while the host works, and tells the host when the PLC's program stops or restarts.
 
 With a clock that moves by itself a thread beats. In lockstep virtual time nothing happens between two waits, so the
-beats are made by the waits themselves: drivers get a clock that beats while it sleeps.
+beats are made by the waits themselves: drivers get a clock that beats while it sleeps. Either way a lost heartbeat
+is raised once, in the sleep of whoever works with the bench, and no more beats are sent: the ladder's watchdog acts.
 """
 
 import logging
@@ -20,6 +21,7 @@ class BeatingClock:
     def __init__(self, inner: Clock) -> None:
         self.inner = inner
         self._plc: ClickPlc | None = None
+        self._lost: DeviceError | None = None
 
     def start(self, plc: ClickPlc) -> None:
         """Beat from now on."""
@@ -28,6 +30,10 @@ class BeatingClock:
     def stop(self) -> None:
         """Stop beating."""
         self._plc = None
+
+    def report_lost(self, error: DeviceError) -> None:
+        """Raise `error` in the next sleep, once: the heartbeat thread's way to be heard."""
+        self._lost = error
 
     @property
     def lock(self) -> threading.RLock:
@@ -39,10 +45,17 @@ class BeatingClock:
         return self.inner.now_s()
 
     def sleep(self, duration_s: float) -> None:
-        """Sleep on the inner clock, in pieces no longer than a heartbeat."""
+        """Sleep on the inner clock, in pieces no longer than a heartbeat.
+
+        Raises:
+            DeviceError: the heartbeat was lost; raised once.
+        """
         plc = self._plc
         if plc is None:
             self.inner.sleep(duration_s)
+            lost, self._lost = self._lost, None
+            if lost is not None:
+                raise lost
             return
         end_s = self.inner.now_s() + duration_s
         remaining_s = duration_s
@@ -67,7 +80,7 @@ class BeatingClock:
 class HeartbeatThread:
     """Beats from a thread of its own, for clocks that move by themselves."""
 
-    def __init__(self, plc: ClickPlc, clock: Clock) -> None:
+    def __init__(self, plc: ClickPlc, clock: BeatingClock) -> None:
         self._plc = plc
         self._clock = clock
         self._stopping = threading.Event()
@@ -89,3 +102,4 @@ class HeartbeatThread:
                 self._plc.beat_if_due()
             except DeviceError as error:
                 logger.warning("Heartbeat lost: %s", error)
+                self._clock.report_lost(error)

@@ -4,6 +4,7 @@ Documented addresses count from 1 (Y001 is 8193), the wire counts from 0 (8192).
 each word big-endian: the opposite of the Laumas transmitter. Source: notes/hardware.md section 2.1.
 """
 
+import math
 import re
 import struct
 from dataclasses import dataclass
@@ -148,15 +149,21 @@ def address_at(space: Space, wire: int) -> Address | None:
 
 
 def pack_value(kind: Kind, value: Value) -> list[int]:
-    """Registers of one value, low word first. Text is at most two characters, the first in the low byte."""
-    if kind == "text":
-        low, high = str(value).ljust(2, "\0").encode("ascii")
-        return [low | high << 8]
-    number = float(value) if kind == "float32" else int(value)
+    """Registers of one value, low word first. Text is at most two characters, the first in the low byte.
+
+    Raises:
+        UsageError: the value does not fit its type, or is not finite.
+    """
     try:
+        if kind == "text":
+            low, high = str(value).ljust(2, "\0").encode("ascii")
+            return [low | high << 8]
+        number = float(value) if kind == "float32" else int(value)
+        if not math.isfinite(number):
+            raise ValueError("not finite")
         data = struct.pack(_FORMATS[kind], number)
-    except struct.error as error:
-        raise UsageError(f"{value} does not fit the CLICK type {kind}; use a number in its range.") from error
+    except (struct.error, ValueError, OverflowError) as error:
+        raise UsageError(f"{value} does not fit the CLICK type {kind}; use a value in its range.") from error
     return [word for (word,) in struct.iter_unpack("<H", data)]
 
 

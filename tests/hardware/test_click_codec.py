@@ -1,3 +1,5 @@
+import contextlib
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -98,3 +100,40 @@ def test_text_round_trips(text):
 def test_a_value_that_does_not_fit_is_refused():
     with pytest.raises(UsageError, match="40000 does not fit the CLICK type int16"):
         pack_value("int16", 40000)
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [
+        ("float32", float("nan")),
+        ("float32", float("inf")),
+        ("float32", 1e39),
+        ("int32", float("nan")),
+        ("int32", 2**31),
+        ("uint16", -1),
+        ("text", "abc"),
+        ("text", "\u00e9"),
+    ],
+)
+def test_every_value_that_does_not_fit_is_refused_in_words(kind, value):
+    with pytest.raises(UsageError, match=f"does not fit the CLICK type {kind}"):
+        pack_value(kind, value)
+
+
+WORD = st.integers(0, 0xFFFF)
+
+
+@given(st.sampled_from(["int16", "uint16", "text"]), WORD)
+def test_any_register_reads_as_something(kind, word):
+    unpack_value(kind, [word])
+
+
+@given(st.sampled_from(["int32", "float32"]), WORD, WORD)
+def test_any_pair_of_registers_reads_as_something(kind, low, high):
+    unpack_value(kind, [low, high])
+
+
+@given(st.text(max_size=8))
+def test_any_text_is_an_address_or_a_sentence(name):
+    with contextlib.suppress(UsageError):
+        assert parse_address(name).wire >= 0

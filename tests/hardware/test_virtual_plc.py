@@ -1,13 +1,14 @@
 import pytest
 
 from hardware.click import tags
-from hardware.click.driver import ClickPlc
+from hardware.click.driver import ClickPlc, LadderError
 from hardware.clock import VirtualClock
 from hardware.laumas.codec import Scale
 from hardware.laumas.driver import LaumasTransmitter
 from hardware.layout import BenchLayout
 from hardware.modbus import rtu_link, tcp_link
 from hardware.tools import MountedTool
+from hardware.transport import LinkLostError
 from hardware.virtual.click import VirtualClick
 from hardware.virtual.laumas import VirtualLaumas
 from hardware.virtual.pdu import answer_pdu
@@ -39,7 +40,8 @@ class Rig:
         for server in self.servers:
             server.start()
         self.clock.add_listener(self.advance)
-        self.plc = ClickPlc(tcp_link("PLC", "127.0.0.1", self.servers[0].port, time_out_s=5.0), self.clock)
+        self.plc_link = tcp_link("PLC", "127.0.0.1", self.servers[0].port, time_out_s=5.0)
+        self.plc = ClickPlc(self.plc_link, self.clock)
         link = tcp_link("Transmitter", "127.0.0.1", self.servers[1].port, time_out_s=5.0)
         self.transmitter = LaumasTransmitter(link, self.clock)
 
@@ -81,6 +83,130 @@ def test_a_ladder_in_stop_is_found_at_connect(rig):
         rig.plc.connect()
 
 
+def test_scans_jitter_around_ten_milliseconds(rig):
+    counts = []
+    for _ in range(200):
+        rig.clock.sleep(0.01)
+        counts.append(rig.plc.read_int(tags.SCAN_COUNTER_REGISTER))
+    steps = {after - before for before, after in zip(counts, counts[1:], strict=False)}
+    assert steps == {0, 1, 2}, "some polls see no scan, some see two"
+    assert counts[-1] == pytest.approx(200, abs=8)
+
+
+def test_a_request_shorter_than_a_scan_is_missed(rig):
+    rig.plc.connect()
+    rig.plc.write_bit(tags.GRIP_REQUEST, True)
+    rig.plc.write_bit(tags.GRIP_REQUEST, False)
+    rig.clock.sleep(0.05)
+    assert not rig.plc.read_bit(tags.GRIP_OUTPUT)
+
+
+def test_in_stop_the_port_answers_outputs_are_off_and_a_beat_says_so(rig):
+    rig.plc.connect()
+    rig.plc.request(tags.GRIP_REQUEST, {tags.GRIP_OUTPUT: True}, 1.0, "Grip")
+    rig.plc.write_bit(tags.SUPPLY_REQUEST, True)
+    rig.clock.sleep(0.45)
+    rig.plc.beat_if_due()
+    psi = rig.plc.read_float(tags.PRESSURE_REGISTER)
+    rig.virtual_plc.is_running = False
+    rig.clock.sleep(0.5)
+    assert not any(rig.plc.read_bits("Y1", 6))
+    assert rig.world.pressure_psi == pytest.approx(psi, abs=0.5), "the gripper's valve is bistable"
+    with pytest.raises(LadderError, match="counter DS3 stands still: the PLC is in STOP"):
+        for _ in range(2):  # the first beat still sees the scans before the switch
+            rig.plc.beat_if_due()
+            rig.clock.sleep(0.5)
+    rig.clock.sleep(5.0)
+    rig.plc.beat_if_due()  # silent after the one error, until the next connect
+    rig.virtual_plc.is_running = True
+    rig.clock.sleep(0.05)
+    assert rig.plc.read_bit(tags.GRIP_OUTPUT), "taken over from the pressure switch"
+    assert not rig.plc.read_bit(tags.SUPPLY_REQUEST), "requests are forgotten"
+    rig.plc.connect()
+
+
+@pytest.mark.parametrize("is_retentive", [True, False])
+def test_a_restart_is_found_by_the_next_beat_whatever_the_plc_remembers(rig, is_retentive):
+    rig.plc.connect()
+    rig.clock.sleep(0.5)
+    rig.plc.beat_if_due()
+    rig.virtual_plc.restart(is_retentive)
+    rig.clock.sleep(0.5)
+    with pytest.raises(LadderError, match="DS5 is 0 instead of 1.: its program was restarted"):
+        rig.plc.beat_if_due()
+    rig.plc.connect()
+    rig.clock.sleep(0.5)
+    rig.plc.beat_if_due()
+
+
+def test_a_second_host_is_found(rig):
+    rig.plc.connect()
+    other = ClickPlc(tcp_link("PLC", "127.0.0.1", rig.servers[0].port, time_out_s=5.0), rig.clock)
+    other.connect()
+    other.close()
+    rig.clock.sleep(0.5)
+    with pytest.raises(LadderError, match="another host took it over"):
+        rig.plc.beat_if_due()
+
+
+def test_the_plc_drops_an_idle_connection_and_the_driver_comes_back(rig):
+    for value in (True, False):
+        rig.plc.write_bit("C100", value)
+        for _ in range(7):
+            assert rig.servers[0].n_connections == 1
+            rig.clock.sleep(10.0)
+        assert rig.servers[0].n_connections == 0
+        assert rig.plc.read_bit("C100") == value, "reads come back on a new connection"
+        for _ in range(7):
+            rig.clock.sleep(10.0)
+        rig.plc.write_bit("C101", value)
+        assert rig.plc.read_bit("C101") == value, "so do writes"
+
+
+def test_a_connection_that_is_used_is_never_dropped(rig):
+    for _ in range(8):
+        rig.plc.read_bit("X1")
+        rig.clock.sleep(20.0)
+    assert rig.plc_link.n_reconnects == 0
+
+
+def test_three_connections_are_served_and_a_fourth_host_is_told(rig):
+    rig.plc.connect()
+    others = [ClickPlc(tcp_link("PLC", "127.0.0.1", rig.servers[0].port, time_out_s=5.0), rig.clock) for _ in range(3)]
+    try:
+        for other in others[:2]:
+            assert other.read_bit("X5")
+        rig.clock.sleep(0.02)
+        assert rig.plc.read_bit("SC92")
+        with pytest.raises(LinkLostError, match="A CLICK serves three connections"):
+            others[2].connect()
+    finally:
+        for other in others:
+            other.close()
+
+
+def test_a_lost_write_is_read_back_before_it_is_repeated(rig):
+    link = tcp_link("PLC", "127.0.0.1", rig.servers[0].port, time_out_s=0.15)
+    plc = ClickPlc(link, rig.clock)
+    try:
+        rig.servers[0].n_to_swallow = 1
+        plc.write_bit("C7", True)  # did not arrive: written once more
+        assert plc.read_bit("C7")
+        rig.servers[0].n_to_leave = 1
+        plc.write_many("DS20", [5])  # arrived, the answer did not
+        assert plc.read_int("DS20") == 5
+        n_writes = sum(entry.data[7] in (5, 16) for entry in link.log.entries() if entry.direction == "sent")
+        assert n_writes == 3
+    finally:
+        plc.close()
+
+
+def test_a_pressure_that_is_no_number_is_refused(rig):
+    rig.plc_link.write_registers(28672 + 100, [0, 0x7FC0])
+    with pytest.raises(DeviceError, match="holds nan in DF51"):
+        rig.plc.read_float("DF51")
+
+
 def test_without_a_heartbeat_the_supply_closes_and_lock_and_grip_hold(rig):
     rig.plc.connect()
     rig.plc.write_bit(tags.SUPPLY_REQUEST, True)
@@ -90,6 +216,7 @@ def test_without_a_heartbeat_the_supply_closes_and_lock_and_grip_hold(rig):
     for _ in range(5):
         rig.clock.sleep(1.0)
         rig.plc.beat_if_due()
+    rig.clock.sleep(0.02)
     assert rig.plc.read_bit(tags.SUPPLY_OUTPUT)
     assert rig.plc.read_int(tags.HEARTBEAT_ECHO_REGISTER) > 0
     rig.clock.sleep(2.5)

@@ -149,20 +149,17 @@ class ClickPlc:
         )
 
     def _write_proven(self, send: Callable[[], None], is_there: Callable[[], bool], what: str) -> None:
-        for _ in range(2):
-            lost: LinkLostError | None = None
-            try:
-                send()
-            except LinkLostError as error:
-                lost = error
+        try:
+            send()
+        except LinkLostError as error:
             if is_there():
                 return
-            if lost is None:
-                raise DeviceError(
-                    f"{self._link.name} accepted {what}: the ladder drives it. Write the request bit instead."
-                )
-            logger.warning("%s It did not arrive and is written once more.", lost)
-        raise lost
+            logger.warning("%s It did not arrive and is written once more.", error)
+            send()
+        if not is_there():
+            raise DeviceError(
+                f"{self._link.name} accepted {what}: the ladder drives it. Write the request bit instead."
+            )
 
     def beat(self) -> None:
         """Look at what the ladder made of the last heartbeat, and send the next.

@@ -59,7 +59,7 @@ class VirtualBench:
         self.plc = VirtualClick(self.state, clock.lock, now_s, self._refresh)
         if not self.is_lockstep:  # a faster clock does not make the host's threads faster
             self.plc.host_time_out_s *= max(1.0, 1.0 / clock.wall_s(1.0))
-        self.transmitter = VirtualLaumas(self.state, clock.lock, refresh=self._refresh)
+        self.transmitter = VirtualLaumas(self.state, clock.lock, refresh=self._refresh, now_s=now_s)
 
     def start(self, plc_port: int = 0, transmitter_port: int = 0) -> Endpoints:
         """Start everything; ports 0 are free ones.
@@ -107,7 +107,7 @@ class VirtualBench:
         """Bring world, ladder and transmitter to `now_s`; the caller holds the clock's lock."""
         self.state.step(now_s)
         self.plc.scan(now_s)
-        self.transmitter.step()
+        self.transmitter.step(now_s)
 
     def _refresh(self) -> None:
         if not self.is_lockstep:

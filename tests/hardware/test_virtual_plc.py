@@ -48,7 +48,7 @@ class Rig:
     def advance(self, now_s):
         self.world.step(now_s)
         self.virtual_plc.scan(now_s)
-        self.virtual_transmitter.step()
+        self.virtual_transmitter.step(now_s)
 
     @staticmethod
     def no_physics(request):

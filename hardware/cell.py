@@ -226,6 +226,7 @@ class GraspCell:
         self._gantry.move_to(z_mm=self._layout.grasp_z_mm(tool.design, setup))
         z_mm = self._gantry.position_mm()[2]
         self._force.forget()
+        self._force.watch_peak()
         self._pneumatics.grip()
         recorder = GraspRecorder(self._clock.now_s(), z_mm, grasp.baseline)
         grasp.recorder = recorder
@@ -238,6 +239,7 @@ class GraspCell:
         self._gantry.stop_lift()
         sample = self._gantry.sample()
         recorder.add_position(sample.time_s, sample.z_mm)
+        grasp.details.update(self._force.peak_details())
         if not recorder.is_contact_seen(FORCE_BACK_N):
             grasp.reason = (
                 f"No force above {FORCE_BACK_N:g} N on object {grasp.object_id}: it is missing or moved. The grasp is "
@@ -250,7 +252,8 @@ class GraspCell:
         next_s = max(recorder.last_force_s + period_s, self._clock.now_s())
         while next_s <= end_s + 1e-9:
             self._clock.sleep(next_s - self._clock.now_s())
-            recorder.add_force(self._force.read())
+            for reading in self._force.read_new():
+                recorder.add_force(reading)
             next_s = max(next_s + period_s, self._clock.now_s())
 
     def _record_lift(self, recorder: GraspRecorder, setup: GraspSetup) -> str:

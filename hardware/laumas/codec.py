@@ -23,7 +23,7 @@ DIVISIONS = (
     100, 50, 20, 10, 5, 2, 1, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005, 0.0002, 0.0001,
 )  # fmt: skip
 UNITS = ("kg", "g", "t", "lb", "N", "l", "bar", "atm", "pieces", "Nm", "kgm", "other")
-_PLAIN_DIVISIONS = frozenset({1, 0.1, 0.01, 0.001, 0.0001})
+PLAIN_DIVISIONS = frozenset({1, 0.1, 0.01, 0.001, 0.0001})  # those on whose scale all drivers in the field agree
 
 # Digital filter by its keypad setting, 0 to 4: time until a step is shown, and how often the display is renewed. It is
 # in no known register. Settings 3 and 4 from a note that quotes the manual, the others from memory (section 3.2).
@@ -117,7 +117,7 @@ def decode_scale(register: int) -> Scale:
             "does not list; check that this is a Laumas instrument with the register map of docs/hardware."
         )
     division = DIVISIONS[division_code]
-    if division not in _PLAIN_DIVISIONS:
+    if division not in PLAIN_DIVISIONS:
         raise DeviceError(
             f"The weight transmitter is set to a division of {division:g} {UNITS[unit_code]}, whose scale is ambiguous "
             "over Modbus; set it to 0.001 kg or 0.01 N on the keypad."

@@ -9,6 +9,7 @@ import re
 from dataclasses import dataclass
 
 N_CHARACTERS = 6
+LEAST_BAUD_RATES = ((80.0, 9600), (100.0, 19200), (300.0, 38400))  # up to so many strings a second
 MAX_BUFFER = 256  # bytes kept without a line end: more cannot be a string
 _WEIGHT = re.compile(r"[ 0]*(-?) *(\d+)(?:[.,](\d+))? *")
 _CHECKED = re.compile(r"T(.{6})P(.{6})", re.DOTALL)
@@ -98,3 +99,8 @@ def _characters(string: WeightString) -> bytes:
     if string.alarm:
         return string.alarm.encode("ascii")[:N_CHARACTERS].center(N_CHARACTERS)
     return b"%06d" % string.counts
+
+
+def least_baud_rate(rate_hz: float) -> int:
+    """Baud rate that so many strings a second need, as the manual says."""
+    return next((baud for most_hz, baud in LEAST_BAUD_RATES if rate_hz <= most_hz), LEAST_BAUD_RATES[-1][1])

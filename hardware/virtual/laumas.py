@@ -10,6 +10,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
+from hardware.clock import Clock
 from hardware.laumas.codec import (
     COMMAND_REGISTER,
     FILTER_REFRESH_HZ,
@@ -21,7 +22,8 @@ from hardware.laumas.codec import (
     Status,
     encode_measured,
 )
-from hardware.laumas.strings import WeightString
+from hardware.laumas.strings import WeightString, encode_plain
+from hardware.virtual.laumas_strings import StringServerThread
 from hardware.virtual.modbus import ModbusServerThread
 from hardware.virtual.pdu import READ_HOLDING, WRITE_REGISTERS
 from hardware.virtual.rtu import RtuServerThread
@@ -79,7 +81,8 @@ class VirtualLaumas:
     """A weight transmitter hanging in the virtual world; `scale` is its keypad setting.
 
     `lock` is the clock's; `refresh` brings the world up to date before a read, under that lock. `now_s` is its present
-    time; `filter_setting` 0 to 4 is the digital filter.
+    time; `filter_setting` 0 to 4 is the digital filter. With a `strings_clock` the serial port is in continuous mode
+    and sends the world's readings by that clock, else it speaks Modbus RTU.
     """
 
     functions = FUNCTIONS
@@ -92,9 +95,15 @@ class VirtualLaumas:
         refresh: Callable[[], None] = lambda: None,
         filter_setting: int = 0,
         now_s: float = 0.0,
+        strings_clock: Clock | None = None,
     ) -> None:
         self.server = ModbusServerThread("weight transmitter", self)
-        self.rtu_server = RtuServerThread("weight transmitter", self)
+        self.serial_server: RtuServerThread | StringServerThread
+        if strings_clock is None:
+            self.serial_server = RtuServerThread("weight transmitter", self)
+        else:
+            rate_hz = world.world.sensor.rate_hz
+            self.serial_server = StringServerThread("weight transmitter", self.send_string, rate_hz, strings_clock)
         self.scale = scale or Scale(0.001, "kg")
         self._world = world
         self._lock = lock
@@ -104,6 +113,7 @@ class VirtualLaumas:
         self._peak_counts = 0
         self._is_net = False
         self._filter = DigitalFilter(filter_setting, world.gross_n, now_s)
+        self.encode_string = encode_plain
 
     def set_filter(self, setting: int, now_s: float) -> None:
         """Change the filter on the keypad."""
@@ -115,14 +125,13 @@ class VirtualLaumas:
         self._filter.add(self._world.gross_n, now_s)
         self._peak_counts = max(self._peak_counts, self._gross_counts() - self._tare_counts)
 
-    def string(self) -> WeightString:
+    def send_string(self) -> bytes:
         """What the display shows, as the continuous mode sends it: the gross, or an alarm."""
         with self._lock:
             self._refresh()
             faults = self._faults()
-            if faults:
-                return WeightString(alarm=_alarm_text(faults))
-            return WeightString(self._gross_counts())
+            string = WeightString(alarm=_alarm_text(faults)) if faults else WeightString(self._gross_counts())
+        return self.encode_string(string)
 
     def read_bits(self, space: str, address: int, count: int) -> list[bool] | None:
         """The instrument has no bits."""

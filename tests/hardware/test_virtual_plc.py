@@ -285,7 +285,7 @@ def test_the_transmitter_refuses_the_short_write_and_long_reads(rig):
 
 
 def test_the_transmitter_speaks_rtu_on_a_pty(rig):
-    server = rig.virtual_transmitter.rtu_server
+    server = rig.virtual_transmitter.serial_server
     server.start()
     link = rtu_link("Transmitter", server.port, baud_rate=115200, time_out_s=5.0)
     transmitter = LaumasTransmitter(link, rig.clock)

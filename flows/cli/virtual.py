@@ -38,6 +38,9 @@ def start(
     transmitter_port: Annotated[
         int, Parameter(help="Port of the load-cell transmitter; 0 takes a free one.", validator=PORT)
     ] = 0,
+    continuous: Annotated[
+        bool, Parameter(negative="", help="The transmitter's serial port sends strings instead of Modbus RTU.")
+    ] = False,
     json: AsJson = False,
 ) -> None:
     """Serve a world's gantry, PLC and load cell on a pty and two loopback ports until Ctrl-C."""
@@ -49,7 +52,7 @@ def start(
     spec, tools, clock = read_world(world), rack(design), ScaledClock(speed_up)
     asked = watch_signals()
     with open_virtual_servers(
-        spec, tools, simulate_request, clock, plc_port=plc_port, transmitter_port=transmitter_port
+        spec, tools, simulate_request, clock, None, plc_port, transmitter_port, continuous
     ) as bench:
         addresses = asdict(bench.endpoints)
         if json:

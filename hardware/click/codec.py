@@ -43,13 +43,18 @@ class Bank:
         return 2 if self.kind in ("int32", "float32") else 1
 
     @property
+    def step(self) -> int:
+        """Native numbers from one value to the next: a register of TXT holds two characters, so TXT1, TXT3, ..."""
+        return 2 if self.kind == "text" else 1
+
+    @property
     def is_sparse(self) -> bool:
         """True for X and Y, whose numbers have gaps between the slots."""
         return len(self.ranges) > 1
 
     def contains(self, number: int) -> bool:
         """Whether this bank has that native number."""
-        return any(first <= number <= last for first, last in self.ranges)
+        return any(first <= number <= last and (number - first) % self.step == 0 for first, last in self.ranges)
 
     def can_write(self, number: int) -> bool:
         """Whether a Modbus client may write that number."""
@@ -58,7 +63,7 @@ class Bank:
     def wire_of(self, number: int) -> int:
         """0-based wire address of a native number."""
         if not self.is_sparse:
-            return self.base + self.width * (number - self.ranges[0][0])
+            return self.base + self.width * (number - self.ranges[0][0]) // self.step
         if 21 <= number <= 36:  # second slot of the CPU module
             return self.base + 16 + (number - 21)
         return self.base + 32 * (number // 100) + number % 100 - 1
@@ -69,7 +74,7 @@ class Bank:
         if offset < 0:
             return None
         if not self.is_sparse:
-            number = self.ranges[0][0] + offset // self.width
+            number = self.ranges[0][0] + offset // self.width * self.step
             return number if offset % self.width == 0 and self.contains(number) else None
         slot, bit = divmod(offset, 32)
         number = 21 + bit - 16 if slot == 0 and bit >= 16 else 100 * slot + bit + 1
@@ -134,6 +139,8 @@ def parse_address(name: str) -> Address:
     if bank is None:
         raise UsageError(f"CLICK has no memory bank `{match[1]}`; {closest(match[1], list(BANKS))}")
     number = int(match[2])
+    if bank.step > 1 and bank.contains(number - 1):
+        raise UsageError(f"{name} is the second character in the register of {bank.name}{number - 1}; read that.")
     if not bank.contains(number):
         spans = ", ".join(f"{first}-{last}" for first, last in bank.ranges)
         raise UsageError(f"CLICK address {bank.name}{number} does not exist; {bank.name} has {spans}.")

@@ -281,7 +281,7 @@ def _next_count(count: int) -> int:
 
 
 def _check_span(address: Address, count: int) -> None:
-    last = address.number + count - 1
+    last = address.number + address.bank.step * (count - 1)
     spans = address.bank.ranges
     if count < 1 or not any(low <= address.number and last <= high for low, high in spans):
         raise UsageError(f"{count} values from {address} leave one range of bank {address.bank.name}; read fewer.")

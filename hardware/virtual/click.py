@@ -47,7 +47,7 @@ def _wires(space: Space, only_writable: bool = False) -> frozenset[int]:
         for bank in BANKS.values()
         if bank.space == space
         for first, last in bank.ranges
-        for number in range(first, last + 1)
+        for number in range(first, last + 1, bank.step)
         if bank.can_write(number) or not only_writable
         for word in range(bank.width)
     )

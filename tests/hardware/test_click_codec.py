@@ -32,6 +32,8 @@ from models.errors import UsageError
         ("DF1", 28672),
         ("DF500", 29670),
         ("TXT1", 36864),
+        ("TXT3", 36865),
+        ("TXT999", 37363),
         ("TD1", 45056),
         ("CTD2", 49154),
         ("XD0", 57344),
@@ -47,7 +49,7 @@ def test_every_address_maps_to_the_wire_and_back_without_collision():
     seen: set[tuple[str, int]] = set()
     for bank in BANKS.values():
         for first, last in bank.ranges:
-            for number in range(first, last + 1):
+            for number in range(first, last + 1, bank.step):
                 wire = bank.wire_of(number)
                 assert (bank.space, wire) not in seen, f"{bank.name}{number} shares its wire address"
                 seen.update((bank.space, wire + word) for word in range(bank.width))
@@ -65,6 +67,11 @@ def test_gaps_and_second_words_have_no_address():
 def test_numbers_that_do_not_exist_are_named(name):
     with pytest.raises(UsageError, match=f"{name} does not exist"):
         parse_address(name)
+
+
+def test_a_register_of_text_has_one_address():
+    with pytest.raises(UsageError, match="TXT2 is the second character in the register of TXT1"):
+        parse_address("TXT2")
 
 
 def test_unknown_bank_gets_a_suggestion():

@@ -163,8 +163,8 @@ class ForceSensor:
 
         The instrument sees every conversion, the host only what it polled. Its peak is the largest since power-up
         (there is no confirmed command to reset it): if it rose during the lift it must be the largest reading, else it
-        must be above. Manuals do not say whether it follows gross or net, so the nearer one is compared. Empty in
-        continuous mode, where the peak is not on the line.
+        must be above. Manuals do not say whether it follows gross or net: the larger one that it can be is compared.
+        Empty in continuous mode, where the peak is not on the line.
         """
         if self._peak_n is None:
             return {}
@@ -235,20 +235,19 @@ class _PeakWatch:
     def contradiction(self, peak_n: float, tolerance_n: float, resolution_n: float) -> str:
         """What does not fit, in words, or an empty text."""
         before_n = self._peak_before_n
-        largest_n = (self._largest_gross_n, self._largest_net_n)
-        if before_n is None or math.inf in largest_n or -math.inf in largest_n:
+        seen_n = (self._largest_gross_n, self._largest_net_n)
+        if before_n is None or -math.inf in seen_n:
             return ""
-        nearest_n = min(largest_n, key=lambda value_n: abs(peak_n - value_n))
-        if peak_n > before_n + resolution_n / 2:
-            if abs(peak_n - nearest_n) <= tolerance_n:
-                return ""
+        possible_n = [value_n for value_n in seen_n if value_n <= peak_n + tolerance_n]
+        if not possible_n:
             return (
-                f"The transmitter's peak rose to {peak_n:.2f} N in this lift, the largest reading taken is "
-                f"{nearest_n:.2f} N (noise allows {tolerance_n:.2f} N): readings were missed or the peak is another's."
+                f"The largest reading of this lift is {min(seen_n):.2f} N, the transmitter's peak since power-up only "
+                f"{peak_n:.2f} N (noise allows {tolerance_n:.2f} N): one of them is wrong."
             )
-        if min(largest_n) <= peak_n + tolerance_n:
+        is_from_this_lift = peak_n > before_n + resolution_n / 2
+        if not is_from_this_lift or peak_n - max(possible_n) <= tolerance_n:
             return ""
         return (
-            f"The largest reading of this lift is {min(largest_n):.2f} N, the transmitter's peak since power-up only "
-            f"{peak_n:.2f} N (noise allows {tolerance_n:.2f} N): one of them is wrong."
+            f"The transmitter's peak rose to {peak_n:.2f} N in this lift, the largest reading taken is "
+            f"{max(possible_n):.2f} N (noise allows {tolerance_n:.2f} N): readings were missed."
         )

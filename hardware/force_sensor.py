@@ -6,7 +6,7 @@ import statistics
 from dataclasses import dataclass
 
 from hardware.clock import Clock
-from hardware.laumas.codec import FILTER_REFRESH_HZ, FILTER_RESPONSE_S, SHARPEST_FILTERS, Reading
+from hardware.laumas.codec import FILTER_REFRESH_HZ, FILTER_RESPONSE_S, OVERLOAD_MASK, SHARPEST_FILTERS, Reading
 from hardware.laumas.source import WeightSource
 from models.errors import DeviceError
 from models.units import force_n_from_kg
@@ -15,6 +15,7 @@ logger = logging.getLogger(__name__)
 
 FULL_SCALE_N = force_n_from_kg(20.0)  # 20 kg cell
 SILENT_AFTER_S = 0.5  # a transmitter that sends by itself and pauses this long has stopped
+HIGH_SHARE = 0.8  # of the full scale: warned of
 PEAK_NOISE_SDS = 5.0  # two extremes of the same noise hardly differ by more
 
 
@@ -72,6 +73,7 @@ class ForceSensor:
         self._noise_sd_n = 0.0
         self._peak_n: float | None = None
         self._watch = _PeakWatch(None)
+        self._is_high = False
 
     def connect(self) -> None:
         """Connect the transmitter and take one reading; warns of a filter that flattens the peak of a lift."""
@@ -177,6 +179,11 @@ class ForceSensor:
 
     def _force(self, reading: Reading) -> ForceReading:
         newton = self._transmitter.newton_per_unit
+        if reading.status & OVERLOAD_MASK:
+            raise OverloadError(
+                f"The load cell is overloaded: {reading.fault}. The lift was stopped; lower the head by hand control "
+                "and look at the gripper."
+            )
         if reading.fault:
             raise SensorFaultError(
                 f"The load cell reports a fault: {reading.fault}. The grasp is abandoned; check the cell's cable and "
@@ -190,9 +197,16 @@ class ForceSensor:
                 f"The load cell carries {gross_n:.0f} N, its full scale is {FULL_SCALE_N:.0f} N. The lift was "
                 "stopped; lower the head by hand control and look at the gripper."
             )
+        self._warn_of_high(gross_n)
         force = ForceReading(reading.time_s, gross_n, net_n - self._offset_n)
         self._check_stale(force)
         return force
+
+    def _warn_of_high(self, gross_n: float) -> None:
+        is_high = abs(gross_n) >= HIGH_SHARE * FULL_SCALE_N
+        if is_high and not self._is_high:
+            logger.warning("The load cell carries %.0f N, its full scale is %.0f N.", gross_n, FULL_SCALE_N)
+        self._is_high = is_high
 
     def _warn_of_filter(self) -> None:
         setting = self.filter_setting

@@ -53,6 +53,9 @@ class ClickPlc:
     def connect(self) -> None:
         """Open the connection, prove that the ladder scans, begin a session, and start the heartbeat.
 
+        Requests that a crashed host left behind are taken back first: with the heartbeat the ladder would obey them.
+        No valve moves by that, except that an open air supply closes.
+
         Raises:
             LinkLostError: no answer.
             LadderError: the PLC answers but its program does not run.
@@ -67,6 +70,7 @@ class ClickPlc:
                 "those of crashed hosts expire after about 60 s."
             ) from error
         self._wait_for_scan()
+        self._take_requests_back()
         self._session = _next_count(session)
         self.write_many(tags.SESSION_REGISTER, [self._session])
         self._beat_count = beat
@@ -231,6 +235,14 @@ class ClickPlc:
             if self.read_int(tags.SCAN_COUNTER_REGISTER) != self._scan_count:
                 return
         raise self._stopped()
+
+    def _take_requests_back(self) -> None:
+        are_on = self.read_bits(tags.REQUESTS[0], len(tags.REQUESTS))
+        for request, is_on in zip(tags.REQUESTS, are_on, strict=True):
+            if is_on:
+                logger.warning("%s: request %s was left on by an earlier host and is taken back.",
+                               self._link.name, request)  # fmt: skip
+                self.write_bit(request, False)
 
     def _send_beat(self) -> None:
         self._beat_count = _next_count(self._beat_count)

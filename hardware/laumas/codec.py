@@ -57,7 +57,7 @@ class Status(IntFlag):
     NEAR_ZERO = 1 << 12
 
 
-FAULT_MASK = Status(0x003F)
+OVERLOAD_MASK = Status.MAXIMUM_PASSED | Status.GROSS_OVER_FULL_SCALE
 _FAULT_WORDS = {
     Status.CELL_ERROR: "load cell error (cable or cell)",
     Status.CONVERTER_FAULT: "converter fault",

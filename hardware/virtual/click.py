@@ -36,7 +36,6 @@ _OUTPUTS = (
     tags.UNLOCK_OUTPUT,
     tags.VENT_OUTPUT,
 )
-_REQUESTS = (tags.LOCK_REQUEST, tags.UNLOCK_REQUEST, tags.GRIP_REQUEST, tags.VENT_REQUEST, tags.SUPPLY_REQUEST)
 
 _Memory = dict[tuple[Space, int], int]
 
@@ -172,7 +171,7 @@ class VirtualClick:
         self._last_heartbeat = int(self._get(tags.HEARTBEAT_REGISTER))
         self._heartbeat_at_s = None
         self._set(tags.SESSION_REGISTER, 0)
-        for request in _REQUESTS:
+        for request in tags.REQUESTS:
             self._set(request, False)
         self._set(tags.LOCK_OUTPUT, bool(self._get(tags.LOCK_CLOSED_INPUT)))
         self._set(tags.GRIP_OUTPUT, bool(self._get(tags.PRESSURE_OK_INPUT)))

@@ -5,7 +5,7 @@ import statistics
 import pytest
 
 from hardware.clock import VirtualClock
-from hardware.force_sensor import ForceSensor, SensorFaultError
+from hardware.force_sensor import FULL_SCALE_N, ForceSensor, OverloadError, SensorFaultError
 from hardware.laumas.codec import FILTER_REFRESH_HZ, FILTER_RESPONSE_S, Reading, Scale, Status
 from hardware.laumas.driver import LaumasTransmitter
 from hardware.layout import BenchLayout
@@ -229,6 +229,20 @@ def test_a_frozen_and_an_unplugged_instrument_are_faults(make):
     rig.world.inject("cell_unplugged")
     with pytest.raises(SensorFaultError, match="load cell error .cable or cell."):
         rig.gross_n(1, 1 / 80)
+
+
+def test_overload_is_warned_of_then_raised_by_force_and_by_status(make, caplog):
+    rig = make()
+    rig.extra_n = 0.85 * FULL_SCALE_N - HEAD_N
+    with caplog.at_level("WARNING"):
+        rig.gross_n(5, 1 / 80)
+    assert caplog.text.count("carries 167 N, its full scale is 196 N") == 1
+    rig.extra_n = FULL_SCALE_N
+    with pytest.raises(OverloadError, match="carries 204 N"):
+        rig.gross_n(5, 1 / 80)
+    rig.extra_n = 1.2 * FULL_SCALE_N
+    with pytest.raises(OverloadError, match="overloaded: gross above 110 % of full scale"):
+        rig.gross_n(5, 1 / 80)
 
 
 def test_readings_carry_the_middle_of_their_request_as_time(make):

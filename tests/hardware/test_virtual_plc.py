@@ -2,7 +2,8 @@ import pytest
 
 from hardware.click import tags
 from hardware.click.driver import ClickPlc, LadderError
-from hardware.clock import VirtualClock
+from hardware.clock import ScaledClock, VirtualClock
+from hardware.heartbeat import BeatingClock, HeartbeatThread
 from hardware.laumas.codec import Scale
 from hardware.laumas.driver import LaumasTransmitter
 from hardware.layout import BenchLayout
@@ -136,6 +137,17 @@ def test_a_restart_is_found_by_the_next_beat_whatever_the_plc_remembers(rig, is_
     rig.plc.connect()
     rig.clock.sleep(0.5)
     rig.plc.beat_if_due()
+
+
+def test_requests_of_a_crashed_host_are_taken_back_before_the_ladder_obeys_them(rig):
+    rig.plc.write_bit(tags.SUPPLY_REQUEST, True)
+    rig.plc.write_bit(tags.LOCK_REQUEST, True)
+    rig.clock.sleep(0.05)
+    rig.plc.connect()
+    rig.clock.sleep(0.05)
+    assert not rig.plc.read_bit(tags.SUPPLY_OUTPUT)
+    assert not any(rig.plc.read_bits("C1", 5))
+    assert rig.plc.read_bit(tags.MOTOR_ENABLE_OUTPUT), "the host is alive"
 
 
 def test_a_second_host_is_found(rig):
@@ -310,6 +322,45 @@ def test_a_scale_set_wrongly_on_the_keypad_is_refused(rig):
     rig.virtual_transmitter.scale = Scale(0.5, "kg")
     with pytest.raises(DeviceError, match="ambiguous"):
         rig.transmitter.connect()
+
+
+def sleep_often(clock):
+    for _ in range(100):
+        clock.sleep(1.0)
+
+
+def test_a_lost_heartbeat_is_raised_once_in_whatever_waits_and_then_the_watchdog_acts():
+    clock = ScaledClock(20.0)
+    now_s = clock.now_s()
+    world = WorldState(World(), {}, None, LAYOUT, lambda _now: (0.0, 0.0, 175.0), now_s)
+
+    def refresh():
+        world.step(clock.now_s())
+        virtual.scan(clock.now_s())
+
+    virtual = VirtualClick(world, clock.lock, now_s, refresh)
+    virtual.host_time_out_s = 20.0  # a faster clock does not make this thread faster
+    virtual.server.start()
+    beating = BeatingClock(clock)
+    plc = ClickPlc(tcp_link("PLC", "127.0.0.1", virtual.server.port, time_out_s=5.0), beating)
+    heartbeat = HeartbeatThread(plc, beating)
+    try:
+        plc.connect()
+        heartbeat.start()
+        beating.sleep(4.0)
+        with clock.lock:
+            virtual.is_running = False
+        with pytest.raises(LadderError, match="in STOP"):
+            sleep_often(beating)
+        beating.sleep(4.0)
+        with clock.lock:
+            virtual.is_running = True
+        beating.sleep(30.0)
+        assert not plc.read_bit(tags.MOTOR_ENABLE_OUTPUT), "nobody beats until the next connect"
+    finally:
+        heartbeat.stop()
+        plc.close()
+        virtual.server.stop()
 
 
 def test_fault_names_are_checked(rig):

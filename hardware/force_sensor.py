@@ -15,6 +15,7 @@ logger = logging.getLogger(__name__)
 
 FULL_SCALE_N = force_n_from_kg(20.0)  # 20 kg cell
 SILENT_AFTER_S = 0.5  # a transmitter that sends by itself and pauses this long has stopped
+FEWEST_SAME = 8  # readings alike before the instrument counts as frozen: a slow host takes few, and noise repeats
 HIGH_SHARE = 0.8  # of the full scale: warned of
 PEAK_NOISE_SDS = 5.0  # two extremes of the same noise hardly differ by more
 
@@ -48,7 +49,7 @@ class Baseline:
 class ForceSensor:
     """Load cell and transmitter.
 
-    `stale_after_s`: identical readings for this long mean a frozen transmitter (a live one has noise); None switches
+    `stale_after_s`: at least `FEWEST_SAME` identical readings for this long mean a frozen transmitter (a live one has noise); None switches
     the check off. `rate_hz` is what the instrument updates at: polling faster gives duplicates without a time stamp.
     `filter_setting` is the digital filter on the keypad, which no register tells; None is unknown.
     """
@@ -68,6 +69,7 @@ class ForceSensor:
         self._stale_after_s = stale_after_s
         self._last: tuple[float, float] | None = None
         self._changed_at_s = 0.0
+        self._n_same = 0
         self._heard_at_s = 0.0
         self._offset_n = 0.0
         self._noise_sd_n = 0.0
@@ -227,8 +229,11 @@ class ForceSensor:
     def _check_stale(self, force: ForceReading) -> None:
         values = (force.gross_n, force.net_n)
         if values != self._last:
-            self._last, self._changed_at_s = values, force.time_s
-        elif self._stale_after_s is not None and force.time_s - self._changed_at_s > self._stale_after_s:
+            self._last, self._changed_at_s, self._n_same = values, force.time_s, 1
+            return
+        self._n_same += 1
+        is_long = self._stale_after_s is not None and force.time_s - self._changed_at_s > self._stale_after_s
+        if is_long and self._n_same >= FEWEST_SAME:
             raise SensorFaultError(
                 f"The weight transmitter repeats {force.net_n:.2f} N for {self._stale_after_s:g} s: it is frozen. The "
                 "grasp is abandoned; restart the transmitter."

@@ -185,6 +185,7 @@ class GraspCell:
         z_mm = self._gantry.position_mm()[2]
         self._force.forget()
         self._supervisor.rest_z_mm = z_mm
+        self._force.watch_peak()
         self._pneumatics.grip()
         recorder = GraspRecorder(self._clock.now_s(), z_mm, grasp.baseline)
         grasp.recorder = recorder
@@ -198,6 +199,7 @@ class GraspCell:
         self._gantry.stop_lift()
         sample = self._gantry.sample()
         recorder.add_position(sample.time_s, sample.z_mm)
+        grasp.details.update(self._force.peak_details())
         if not recorder.is_contact_seen(max(FORCE_BACK_N, CONTACT_SDS * grasp.baseline.sd_n)):
             grasp.reason = (
                 f"No force above {FORCE_BACK_N:g} N on object {grasp.object_id}: it is missing or moved. The grasp is "
@@ -210,7 +212,8 @@ class GraspCell:
         next_s = max(recorder.last_force_s + period_s, self._clock.now_s())
         while next_s <= end_s + 1e-9:
             self._clock.sleep(next_s - self._clock.now_s())
-            recorder.add_force(self._force.read())
+            for reading in self._force.read_new():
+                recorder.add_force(reading)
             next_s = max(next_s + period_s, self._clock.now_s())
 
     def _record_lift(self, recorder: GraspRecorder, setup: GraspSetup) -> str:

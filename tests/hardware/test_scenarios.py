@@ -6,6 +6,7 @@ typed error with its sentence, and the grasps that were kept.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -171,6 +172,11 @@ def check_place(place, found_mm, before_mm, now_mm):
 def test_every_named_fault_has_its_scenario():
     assert {row.fault for row in TABLE} | set(ELSEWHERE) == set(FAULTS)
     assert set(ELSEWHERE.values()) <= set(globals())
+
+
+def test_every_named_fault_is_told_to_people():
+    page = (Path(__file__).parents[2] / "docs" / "safety.md").read_text(encoding="utf-8")
+    assert [fault for fault in FAULTS if f"`{fault}`" not in page] == []
 
 
 def test_an_unknown_fault_is_refused():

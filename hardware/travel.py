@@ -10,6 +10,7 @@ from hardware.layout import N_SLOTS, BenchLayout
 
 Point = tuple[float, float]
 
+_TIE_S_PER_MM = 1e-6  # a diagonal step takes as long as a straight one: of equal times the shorter way
 _LEAST_GAIN_S = 1e-9  # rounding must not let two orders swap for ever
 
 
@@ -17,8 +18,8 @@ def shortest_tour(object_ids: Sequence[int], layout: BenchLayout | None = None) 
     """The objects in the order of a short round trip from the middle of the dock and back.
 
     From nearest neighbours, and from columns up and down, stretches are reversed (2-opt, Croes 1958) and single objects
-    moved until neither shortens the way; the shorter of both is taken. Deterministic, the same for every tool, and independent of the order of `object_ids`. On the
-    full 6 x 6 grid it is the optimum: every step between objects is one pitch.
+    moved until neither shortens the way; the better of both is taken. Deterministic, the same for every tool, and
+    independent of the order of `object_ids`. On the full 6 x 6 grid it is the optimum: one pitch from object to object.
     """
     return _tour(tuple(sorted(object_ids)), layout or BenchLayout())
 
@@ -35,7 +36,7 @@ def _tour(object_ids: tuple[int, ...], layout: BenchLayout) -> tuple[int, ...]:
     dock = ((first[0] + last[0]) / 2, first[1])
     places = [dock, *(layout.object_xy_mm(object_id) for object_id in object_ids)]
     profile = GrblProfile()
-    leg_s = [[_leg_s(a, b, profile) for b in places] for a in places]
+    leg_s = [[_leg_s(a, b, profile) + _TIE_S_PER_MM * math.dist(a, b) for b in places] for a in places]
     best = min((_improve(order, leg_s) for order in (_nearest_first(leg_s), _up_and_down(places))), key=_length(leg_s))
     return tuple(object_ids[place - 1] for place in best[1:])
 

@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from pydantic import Field
@@ -15,6 +16,7 @@ from hardware.clock import Clock, RealClock, ScaledClock, VirtualClock
 from hardware.force_sensor import ForceSensor
 from hardware.gantry import Gantry
 from hardware.heartbeat import BeatingClock, HeartbeatThread
+from hardware.journal import Journal
 from hardware.laumas.driver import LaumasTransmitter
 from hardware.layout import BenchLayout
 from hardware.modbus import ModbusLink, rtu_link, tcp_link
@@ -51,6 +53,7 @@ class BenchSettings(Record):
     pressure_time_out_s: float = Field(default=2.0, gt=0)
     tool_mass_kg: dict[int, float] = Field(default_factory=dict, description="weighed tools by slot; others estimated")
     layout: BenchLayout = BenchLayout()
+    journal: str | None = Field(default=None, description="file of the tool changer's journal; default beside this one")
 
 
 @dataclass(frozen=True)
@@ -170,7 +173,8 @@ def _open(
     force = ForceSensor(transmitter, clock, settings.force_rate_hz, settings.stale_after_s)
     gantry = Gantry(SerialTransport(settings.serial_port), clock)
     pneumatics = Pneumatics(plc, clock, settings.supply_pressure_psi, settings.pressure_time_out_s)
-    changer = ToolChanger(gantry, plc, force, clock, tools, settings.layout)
+    journal = Journal(Path(settings.journal) if settings.journal is not None else None)
+    changer = ToolChanger(gantry, plc, force, clock, tools, settings.layout, journal)
     recorded = {
         "transmitter_filter": float(settings.transmitter_filter),
         "supply_pressure_psi": settings.supply_pressure_psi,
@@ -181,6 +185,7 @@ def _open(
         stack.callback(_close, force, plc, gantry)
         _connect({"PLC": plc.connect, "load cell": force.connect, "gantry": gantry.connect})
         _start_heartbeat(stack, clock, inner, plc)
+        changer.check_before_homing()
         _make_ready_to_home(pneumatics, may_vent)
         gantry.home()
         yield Bench(gantry, plc, pneumatics, changer, force, cell, clock, settings, virtual)

@@ -30,7 +30,7 @@ logger = logging.getLogger(__name__)
 
 SETTLE_S = 0.3  # after travelling, before the tare: the tool swings
 BASELINE_S = 0.6  # longer than the time after which identical readings mean a frozen transmitter
-RELEASE_CHECK_S = 0.25  # 20 readings: their mean is ten times better than NOT_RELEASED_N asks
+RELEASE_CHECK_S = 0.15  # 12 readings: their mean is ten times better than NOT_RELEASED_N asks
 DEAD_WEIGHT_S = 2.0  # readings with the weight on, and after it was taken off
 CLOSED_SETTLE_S = 0.2  # between the end of closing and the lift
 POSITION_PERIOD_S = 0.1  # 10 Hz, what GRBL answers reliably in motion

@@ -14,7 +14,7 @@ from models.records import Trace
 WINDOW_MM = 4.0  # lift over which a drifted zero must stand still; over its second half the force must be back
 FORCE_BACK_N = 0.25  # from zero: what counts as no force
 DRIFT_LIMIT_N = 1.0  # a zero that moved further during one lift is a fault, not a drift
-TOP_MARGIN_MM = 2.0  # of the tips over the object's top: mounting scatter and bent tips
+TOP_MARGIN_MM = 1.0  # of the tips over the object's top: five times the scatter of its mounting
 
 # In units of the scatter of a free gripper, whose noise has some 0.05 s of memory: the mean over 2 mm (0.4 s) scatters
 # by a half of it, the mean over 0.2 s by 0.6, the change of a line over 4 mm by 1.2.

@@ -19,9 +19,10 @@ logger = logging.getLogger(__name__)
 
 MASS_TOLERANCE = 0.05  # of the tool's mass
 DAY_DRIFT_N = 0.3  # of the load cell's zero between two sessions
+SWING_S = 0.2  # the tool swings out
 SENSOR_S = 0.05  # a few scans of the PLC
 _LOCK_TIME_OUT_S = 2.0
-_WEIGH_S = 2.0  # averages the cell's noise well below the tolerance
+WEIGH_S = 2.0  # averages the cell's noise well below the tolerance
 
 
 class ToolChanger:
@@ -283,8 +284,8 @@ class ToolChanger:
         self._plc.request(tags.LOCK_REQUEST, confirm, _LOCK_TIME_OUT_S, f"Locking the tool of slot {slot}")
 
     def _weigh(self) -> float:
-        self._clock.sleep(0.2)  # the tool swings out
-        return self._force.baseline(_WEIGH_S).gross_n
+        self._clock.sleep(SWING_S)
+        return self._force.baseline(WEIGH_S).gross_n
 
     def _check_mass(self, tool: MountedTool, gained_n: float, limit_n: float) -> None:
         expected_n = force_n_from_kg(tool.expected_mass_kg)

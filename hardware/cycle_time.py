@@ -92,12 +92,16 @@ def plan_time(
     setup: GraspSetup,
     layout: BenchLayout | None = None,
     profile: GrblProfile | None = None,
+    from_slot: int | None = None,
 ) -> PlanTime:
-    """Time to pick a tool, make the items in order, and dock it, starting and ending over its slot."""
+    """Time to pick a tool, make the items in order, and dock it.
+
+    Starts over the slot of the tool before (`from_slot`), or over its own, and ends over its own.
+    """
     if not items:
         return PlanTime(0.0, (), {})
     model = _Model(tool, layout or BenchLayout(), profile or GrblProfile())
-    change_s = model.pick(slot)
+    change_s = model.pick(slot, slot if from_slot is None else from_slot)
     spent = [model.item(item, setup) for item in items]
     change_s += model.dock(slot)
     total = Parts(tool_change=change_s)
@@ -131,12 +135,13 @@ class _Model:
         self._design, self._layout, self._profile = tool.design, layout, profile
         self._at: Point = (0.0, 0.0, layout.top_z_mm)
 
-    def pick(self, slot: int) -> float:
-        """From over the slot with an empty head."""
-        self._at = (*self._layout.dock_xy_mm(slot), self._layout.top_z_mm)
+    def pick(self, slot: int, from_slot: int) -> float:
+        """From over another slot, or the same, with an empty head."""
+        self._at = (*self._layout.dock_xy_mm(from_slot), self._layout.top_z_mm)
+        travel_s = self._to_xy(self._layout.dock_xy_mm(slot))
         weigh_s = tool_changer.WEIGH_S + tool_changer.SWING_S
         down_and_up_s = self._to_z(self._layout.dock_z_mm) + self._to_z(self._layout.top_z_mm)
-        return 2 * weigh_s + down_and_up_s + _LOCK_S + 2 * tool_changer.SENSOR_S
+        return travel_s + 2 * weigh_s + down_and_up_s + _LOCK_S + 2 * tool_changer.SENSOR_S
 
     def dock(self, slot: int) -> float:
         """From the last grasp."""

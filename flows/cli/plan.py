@@ -76,7 +76,10 @@ def _times(objects: "ObjectPlan", setup: Any, n_tools: int, design: list[Path] |
     from hardware.cycle_time import plan_time
 
     mounted = list(rack(design).values())
-    return [plan_time(mounted[slot % len(mounted)], slot, objects.cells(slot), setup) for slot in range(n_tools)]
+    return [
+        plan_time(mounted[slot % len(mounted)], slot, objects.cells(slot), setup, from_slot=max(slot - 1, 0))
+        for slot in range(n_tools)
+    ]
 
 
 def _text(data: dict[str, Any]) -> str:

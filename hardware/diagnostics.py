@@ -75,7 +75,8 @@ class DiagnosticRun(Record):
 class DiagnosticPlan(Record):
     """Which diagnostic experiments are made with a tool; the section `[diagnostics]` of a config.
 
-    An empty list leaves an experiment out. With everything at its default the protocol takes about an hour.
+    An empty list leaves an experiment out. A batch makes reference grasps, and the whole protocol with one tool, only
+    where `reference_every` and `protocol_slot` ask for it.
     """
 
     objects: tuple[int, ...] = Field(default=(2, 14, 24), description="objects of dwell, lift speed and pressure runs")
@@ -87,6 +88,9 @@ class DiagnosticPlan(Record):
     dead_weights_kg: tuple[float, ...] = Field(default=(), description="masses that a person hangs on the gripper")
     reference_every: int = Field(default=0, ge=0, description="ordinary grasps between reference grasps; 0 is none")
     reference_object: int = Field(default=14, ge=0, le=35)
+    protocol_slot: int | None = Field(
+        default=None, ge=0, le=9, description="slot whose tool makes all experiments after its grasps, in every batch"
+    )
 
     def runs(self, seed: int) -> list[DiagnosticRun]:
         """The experiments in order: weights up and down first (a person stands by), empty, then all others shuffled.

@@ -10,6 +10,7 @@ from lake.tables import GraspRow, TraceRow
 from models.features import initial_force_n, peak_force_n, work_j
 from models.ids import canonical_json
 from tasks.campaign import Campaign
+from tasks.diagnosing import append_diagnostic, plan_items
 from tasks.state import Cell, ProposedTool
 
 BenchKind = Literal["virtual", "real"]
@@ -39,8 +40,22 @@ def measure_tool(
         return
     first_order = len(campaign.lake.rows(GraspRow, campaign_id=campaign.campaign_id))
     recorded: list[Cell] = []
+    n_made = len(plan) - len(missing)
+    seed = _order_seed(campaign, tool)
 
     def record(grasp: MeasuredGrasp) -> None:
+        if grasp.diagnostic is not None:
+            append_diagnostic(
+                campaign.lake,
+                campaign.provenance(seed, [tool.tool_id, tool.design.design_id]),
+                tool,
+                grasp,
+                campaign_id=campaign.campaign_id,
+                n_grasps_before=n_made + len(recorded),
+                world_hash=world_hash,
+            )
+            on_grasp(grasp)
+            return
         cell = (grasp.object_id, grasp.repeat)
         attempt = state.attempts(tool.tool_id, cell)
         order = first_order + len(recorded)
@@ -48,7 +63,8 @@ def measure_tool(
         recorded.append(cell)
         on_grasp(grasp)
 
-    bench.cell.measure_tool(tool.slot, missing, campaign.config.grasp, record, should_stop)
+    items = plan_items(campaign.config.diagnostics, tool.slot, missing, n_made, seed)
+    bench.cell.measure_tool(tool.slot, items, campaign.config.grasp, record, should_stop)
 
 
 def _order_seed(campaign: Campaign, tool: ProposedTool) -> int:

@@ -60,8 +60,8 @@ class MeasuredGrasp:
     status: Literal["ok", "failed"]
     reason: str
     tare_force_n: float
-    setup: GraspSetup
     details: dict[str, float | str] = field(default_factory=dict)
+    setup: GraspSetup = GraspSetup()
     diagnostic: DiagnosticRun | None = None
 
 
@@ -393,8 +393,8 @@ class _GraspInProgress:
             status="failed" if self.reason else "ok",
             reason=self.reason,
             tare_force_n=self.baseline.gross_n,
-            setup=self.setup,
             details=self.details,
+            setup=self.setup,
             diagnostic=self.run,
         )
 

@@ -4,11 +4,13 @@ import statistics
 from dataclasses import dataclass
 
 from hardware.clock import Clock
+from hardware.laumas.codec import FAULT_MASK, Status
 from hardware.laumas.driver import LaumasTransmitter
 from models.errors import DeviceError
 from models.units import force_n_from_kg
 
 FULL_SCALE_N = force_n_from_kg(20.0)  # 20 kg cell
+_OVERLOAD = Status.MAXIMUM_PASSED | Status.GROSS_OVER_FULL_SCALE
 
 
 class SensorFaultError(DeviceError):
@@ -78,13 +80,13 @@ class ForceSensor:
         reading = self._transmitter.read()
         now_s = self._clock.now_s()
         newton = self._transmitter.newton_per_unit
-        if reading.fault:
+        force = ForceReading(now_s, reading.gross * newton, reading.net * newton)
+        if reading.status & FAULT_MASK & ~_OVERLOAD:
             raise SensorFaultError(
                 f"The load cell reports a fault: {reading.fault}. The grasp is abandoned; check the cell's cable and "
                 "the transmitter's display."
             )
-        force = ForceReading(now_s, reading.gross * newton, reading.net * newton)
-        if abs(force.gross_n) >= FULL_SCALE_N:
+        if abs(force.gross_n) >= FULL_SCALE_N or reading.status & _OVERLOAD:
             raise OverloadError(
                 f"The load cell carries {force.gross_n:.0f} N, its full scale is {FULL_SCALE_N:.0f} N. The lift was "
                 "stopped; lower the head by hand control and look at the gripper."

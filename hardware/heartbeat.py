@@ -6,6 +6,7 @@ beats are made by the waits themselves: drivers get a clock that beats while it 
 
 import logging
 import threading
+from collections.abc import Callable
 
 from hardware.click.driver import ClickPlc
 from hardware.clock import Clock, Listener
@@ -15,11 +16,20 @@ logger = logging.getLogger(__name__)
 
 
 class BeatingClock:
-    """A clock that passes everything on to another, and beats whenever a beat falls due in a `sleep`."""
+    """A clock that passes everything on to another, and beats whenever a beat falls due in a `sleep`.
+
+    Every wait of every driver goes through it, so it is also where a person's wish to stop is heard (`listen`).
+    """
 
     def __init__(self, inner: Clock) -> None:
         self.inner = inner
         self._plc: ClickPlc | None = None
+        self._hear: Callable[[], None] = lambda: None
+        self._is_ok: Callable[[], bool] = lambda: True
+
+    def listen(self, hear: Callable[[], None], is_ok: Callable[[], bool]) -> None:
+        """Call `hear` after every wait; it may raise. While not `is_ok()` a lost beat stops nothing."""
+        self._hear, self._is_ok = hear, is_ok
 
     def start(self, plc: ClickPlc) -> None:
         """Beat from now on."""
@@ -40,16 +50,25 @@ class BeatingClock:
 
     def sleep(self, duration_s: float) -> None:
         """Sleep on the inner clock, in pieces no longer than a heartbeat."""
-        plc = self._plc
-        if plc is None:
-            self.inner.sleep(duration_s)
-            return
         end_s = self.inner.now_s() + duration_s
         remaining_s = duration_s
         while remaining_s > 1e-9:
-            self.inner.sleep(min(remaining_s, plc.heartbeat_period_s))
-            plc.beat_if_due()
+            self.inner.sleep(min(remaining_s, ClickPlc.heartbeat_period_s))
+            self._beat()
+            self._hear()
             remaining_s = end_s - self.inner.now_s()
+
+    def _beat(self) -> None:
+        plc = self._plc
+        if plc is None:
+            return
+        try:
+            plc.beat_if_due()
+        except DeviceError as error:
+            if self._is_ok():
+                raise
+            logger.warning("Heartbeat lost in the safe state, the ladder's watchdog takes over: %s", error)
+            plc.stop_heartbeat()
 
     def wall_s(self, duration_s: float) -> float:
         """Real seconds of the inner clock."""

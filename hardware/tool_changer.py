@@ -10,6 +10,7 @@ from hardware.force_sensor import ForceSensor
 from hardware.gantry import Gantry
 from hardware.journal import Journal, Transaction
 from hardware.layout import BenchLayout
+from hardware.safety import EmergencyStopError, FreezeError
 from hardware.tool_status import HeadSensors, ToolStatus, WayOn, judge
 from hardware.tools import MountedTool
 from models.errors import InterlockError
@@ -232,15 +233,16 @@ class ToolChanger:
         """Prove that lock and tool are still there.
 
         Raises:
-            InterlockError: lock or tool sensor off while a tool is carried.
+            EmergencyStopError: pressed.
+            FreezeError: lock or tool sensor off while a tool is carried.
         """
         bits = self._plc.read_bits(tags.FIRST_INPUT, tags.N_INPUTS)
         is_closed, _, is_present, _, is_estop_ok, _ = bits
         if not is_estop_ok:
-            raise InterlockError("The emergency stop was pressed. Release it, then home and check the tool.")
+            raise EmergencyStopError("The emergency stop was pressed. Release it, then home and check the tool.")
         if not (is_closed and is_present):
             missing = "lock" if not is_closed else "tool"
-            raise InterlockError(
+            raise FreezeError(
                 f"The {missing} sensor went off while a tool is on the head. Motion is held; don't switch anything, "
                 "look at the head."
             )

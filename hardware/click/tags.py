@@ -26,6 +26,7 @@ PRESSURE_OK_INPUT = "X4"
 ESTOP_OK_INPUT = "X5"
 HEAD_IN_DOCK_INPUT = "X6"
 FIRST_INPUT, N_INPUTS = LOCK_CLOSED_INPUT, 6
+SUPPLY_OK_INPUT = "X7"  # pressure switch of the air mains, before the supply valve
 
 # Dock slots 0 to 9 have a presence sensor each, on the CPU's second slot (X021-X030)
 FIRST_DOCK_INPUT, N_DOCK_SLOTS = "X21", 10
@@ -36,6 +37,7 @@ HEARTBEAT_REGISTER = "DS1"
 HEARTBEAT_ECHO_REGISTER = "DS2"
 SCAN_COUNTER_REGISTER = "DS3"
 FAULT_REGISTER = "DS4"
+SESSION_REGISTER = "DS5"  # the host's mark; the ladder wipes it in its first scan, so that a restart shows
 HOST_TIME_OUT_S = 2.0
 
 # Job label, shown on the panel: which object is gripped, for which time

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from hardware.click import tags
 from hardware.click.codec import BANKS, Space, Value, pack_value, parse_address, unpack_value
 from hardware.virtual.modbus import ModbusServerThread
+from hardware.virtual.pdu import ALL_FUNCTIONS
 from hardware.world.state import WorldState, slots_full
 from models.records import GraspSetup
 
@@ -46,6 +47,8 @@ class VirtualClick:
     `lock` is the clock's; `refresh` brings the world up to date before a read, under that lock.
     """
 
+    functions = ALL_FUNCTIONS
+
     def __init__(
         self, world: WorldState, lock: threading.RLock, now_s: float, refresh: Callable[[], None] = lambda: None
     ) -> None:
@@ -60,22 +63,45 @@ class VirtualClick:
         self._last_scan_s = now_s
         self._last_heartbeat = 0
         self._heartbeat_at_s: float | None = None
+        self._n_writes = 0
+        self._last_seen: tuple[object, ...] = ()
         self._set(tags.SUPPLY_SETPOINT_REGISTER, 30.0)
         self._write_recipe(GraspSetup())
         self._show_inputs()
 
+    def restart(self) -> None:
+        """Power off and on: everything a host wrote is gone; the two bistable valves stay as they are."""
+        with self._lock:
+            lock, grip = self._get(tags.LOCK_OUTPUT), self._get(tags.GRIP_OUTPUT)
+            self._memory.clear()
+            self._n_writes += 1
+            self._n_scans = self._last_heartbeat = 0
+            self._set(tags.LOCK_OUTPUT, lock)
+            self._set(tags.GRIP_OUTPUT, grip)
+            self._set(tags.SUPPLY_SETPOINT_REGISTER, 30.0)
+            self._write_recipe(self._world.setup)
+            self._show_inputs()
+
     # The ladder
 
     def scan(self, now_s: float) -> None:
-        """Run the scans due until `now_s`; inputs are the same for all of them, so one is enough."""
+        """Run the scans due until `now_s`; inputs are the same for all of them, so one is enough.
+
+        Of the next scan only the counter is, if it would see the same: the ladder is at rest after one scan.
+        """
         n_due = int((now_s - self._last_scan_s) / SCAN_PERIOD_S + 1e-9)
         if n_due < 1 or not self.is_running:
             return
         first_due_s = self._last_scan_s + SCAN_PERIOD_S
         self._last_scan_s += n_due * SCAN_PERIOD_S
         self._n_scans = (self._n_scans + n_due) % 30000
+        self._set(tags.SCAN_COUNTER_REGISTER, self._n_scans)
+        seen = (self._n_writes, self._is_host_alive(now_s), *self._world.input_state)
+        if seen == self._last_seen:
+            return
         self._show_inputs()
         is_host_alive = self._watch_heartbeat(first_due_s, now_s)
+        self._last_seen = (self._n_writes, is_host_alive, *self._world.input_state)
         is_estop_ok = bool(self._get(tags.ESTOP_OK_INPUT))
         lock, grip = self._ladder_lock(), self._ladder_grip(is_estop_ok)
         supply = bool(self._get(tags.SUPPLY_REQUEST)) and is_host_alive and is_estop_ok
@@ -83,7 +109,8 @@ class VirtualClick:
         self._set(tags.GRIP_OUTPUT, grip)
         self._set(tags.SUPPLY_OUTPUT, supply)
         self._set(tags.MOTOR_ENABLE_OUTPUT, is_host_alive and is_estop_ok)
-        self._set(tags.SCAN_COUNTER_REGISTER, self._n_scans)
+        # Until the first host the relay stays closed, so that the machine can be set up from a terminal.
+        self._world.is_motor_enabled = is_estop_ok and (is_host_alive or self._heartbeat_at_s is None)
         self._set(tags.FAULT_REGISTER, _NO_HEARTBEAT * (not is_host_alive) + _ESTOP * (not is_estop_ok))
         self._world.set_outputs(lock, grip, supply, float(self._get(tags.SUPPLY_SETPOINT_REGISTER)))
 
@@ -108,6 +135,9 @@ class VirtualClick:
         if beat != self._last_heartbeat:
             self._last_heartbeat, self._heartbeat_at_s = beat, first_due_s
             self._set(tags.HEARTBEAT_ECHO_REGISTER, beat)
+        return self._is_host_alive(now_s)
+
+    def _is_host_alive(self, now_s: float) -> bool:
         return self._heartbeat_at_s is not None and now_s - self._heartbeat_at_s <= self.host_time_out_s
 
     def _show_inputs(self) -> None:
@@ -117,6 +147,7 @@ class VirtualClick:
         self._set(tags.TOOL_PRESENT_INPUT, world.is_tool_present)
         self._set(tags.PRESSURE_OK_INPUT, world.is_pressure_ok)
         self._set(tags.ESTOP_OK_INPUT, "estop_pressed" not in world.faults)
+        self._set(tags.SUPPLY_OK_INPUT, world.is_supply_ok)
         self._set(tags.HEAD_IN_DOCK_INPUT, world.dock_slot is not None)
         self._set(tags.PRESSURE_REGISTER, world.pressure_psi)
         first = parse_address(tags.FIRST_DOCK_INPUT).wire
@@ -163,15 +194,17 @@ class VirtualClick:
         if any(wire not in _LEGAL["coil"] or wire in _LEGAL["discrete"] for wire in wires):
             return False
         with self._lock:
+            self._n_writes += 1
             self._memory.update({("coil", wire): int(value) for wire, value in zip(wires, values, strict=True)})
         return True
 
-    def write_registers(self, address: int, values: list[int], function_code: int) -> bool:
+    def write_registers(self, address: int, values: list[int]) -> bool:
         """Holding registers; writing the job label starts the world's next grasp."""
         wires = range(address, address + len(values))
         if any(wire not in _LEGAL["holding"] for wire in wires):
             return False
         with self._lock:
+            self._n_writes += 1
             self._memory.update({("holding", wire): value for wire, value in zip(wires, values, strict=True)})
             if parse_address(tags.FIRST_RECIPE_REGISTER).wire in wires:
                 self._world.setup = self._read_recipe()

@@ -13,6 +13,7 @@ from hardware.laumas.codec import (
     encode_measured,
 )
 from hardware.virtual.modbus import ModbusServerThread
+from hardware.virtual.pdu import READ_HOLDING, WRITE_REGISTERS
 from hardware.virtual.rtu import RtuServerThread
 from hardware.world.state import WorldState
 from models.units import mass_kg_from_n
@@ -20,7 +21,7 @@ from models.units import mass_kg_from_n
 IDENTITY = (105, 2, 2024, 4711, 1)  # firmware, type, year, serial number, program type
 CAPACITY_KG = 20.0
 N_REGISTERS = 80
-_WRITE_FUNCTION = 16  # FC06 is refused, as some models do
+FUNCTIONS = frozenset({READ_HOLDING, WRITE_REGISTERS})  # FC06 is refused, as some models do
 
 
 class VirtualLaumas:
@@ -28,6 +29,8 @@ class VirtualLaumas:
 
     `lock` is the clock's; `refresh` brings the world up to date before a read, under that lock.
     """
+
+    functions = FUNCTIONS
 
     def __init__(
         self,
@@ -71,9 +74,9 @@ class VirtualLaumas:
         """The instrument has no coils."""
         return False
 
-    def write_registers(self, address: int, values: list[int], function_code: int) -> bool:
-        """Commands, by FC16 only; unknown commands are ignored as the instrument does."""
-        if address != COMMAND_REGISTER or function_code != _WRITE_FUNCTION:
+    def write_registers(self, address: int, values: list[int]) -> bool:
+        """Commands; unknown ones are ignored as the instrument does."""
+        if address != COMMAND_REGISTER:
             return False
         with self._lock:
             if values[0] == Command.TARE:
@@ -96,6 +99,8 @@ class VirtualLaumas:
             status |= Status.NET_SHOWN
         if "cell_unplugged" in self._world.faults:
             status |= Status.CELL_ERROR
+        if "cell_saturated" in self._world.faults:
+            status |= Status.GROSS_OUT_OF_RANGE
         if self._world.has_sensor_fault:
             status |= Status.CONVERTER_FAULT
         if abs(gross) * self.scale.division > 1.1 * CAPACITY_KG:

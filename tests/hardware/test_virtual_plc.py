@@ -10,6 +10,7 @@ from hardware.modbus import rtu_link, tcp_link
 from hardware.tools import MountedTool
 from hardware.virtual.click import VirtualClick
 from hardware.virtual.laumas import VirtualLaumas
+from hardware.virtual.pdu import answer_pdu
 from hardware.virtual.rtu import with_crc
 from hardware.world.spec import World
 from hardware.world.state import HEAD_MASS_KG, WorldState
@@ -152,7 +153,7 @@ def test_the_transmitter_refuses_the_short_write_and_long_reads(rig):
             link.read_registers(3, 0, 33)
         with pytest.raises(DeviceError, match="illegal address"):
             link.write_registers(100, [7])
-        assert rig.virtual_transmitter.write_registers(5, [7], function_code=6) is False
+        assert answer_pdu(rig.virtual_transmitter, bytes.fromhex("0600050007")) == bytes([0x86, 1]), "FC06 is unknown"
     finally:
         link.close()
 

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from pydantic import Field, model_validator
@@ -17,6 +18,7 @@ from hardware.clock import Clock, RealClock, ScaledClock, VirtualClock
 from hardware.force_sensor import ForceSensor
 from hardware.gantry import Gantry
 from hardware.heartbeat import BeatingClock, HeartbeatThread
+from hardware.journal import Journal
 from hardware.laumas.codec import PLAIN_DIVISIONS, Scale
 from hardware.laumas.continuous import ContinuousTransmitter
 from hardware.laumas.driver import LaumasTransmitter
@@ -68,6 +70,7 @@ class BenchSettings(Record):
     pressure_time_out_s: float = Field(default=2.0, gt=0)
     tool_mass_kg: dict[int, float] = Field(default_factory=dict, description="weighed tools by slot; others estimated")
     layout: BenchLayout = BenchLayout()
+    journal: str | None = Field(default=None, description="file of the tool changer's journal; default beside this one")
 
     @model_validator(mode="after")
     def _check_continuous_mode(self) -> "BenchSettings":
@@ -218,7 +221,8 @@ def _open(
     )
     gantry = Gantry(wires.gantry, clock)
     pneumatics = Pneumatics(plc, clock, settings.supply_pressure_psi, settings.pressure_time_out_s)
-    changer = ToolChanger(gantry, plc, force, clock, tools, settings.layout)
+    journal = Journal(Path(settings.journal) if settings.journal is not None else None)
+    changer = ToolChanger(gantry, plc, force, clock, tools, settings.layout, journal)
     recorded: dict[str, float | str] = {
         "transmitter_mode": settings.transmitter_mode,
         "transmitter_filter": float(settings.transmitter_filter),
@@ -235,6 +239,7 @@ def _open(
         _connect({"PLC": plc.connect, "load cell": force.connect, "gantry": gantry.connect})
         _start_heartbeat(stack, clock, inner, plc)
         supervisor.acknowledge("the person who opened the bench")
+        changer.check_before_homing()
         supervisor.make_ready_to_home(may_vent)
         supervisor.home()
         yield Bench(gantry, plc, pneumatics, changer, force, supervisor, cell, clock, settings, virtual)

@@ -161,7 +161,7 @@ def check_place(place, found_mm, before_mm, now_mm):
         assert now_mm[2] == pytest.approx(found_mm[2], abs=6.0), "it came to rest where the fault found it"
         assert now_mm == pytest.approx(before_mm, abs=0.01), "and stays"
     elif place == "free":
-        assert now_mm[2] > REST_Z_MM + 50.0
+        assert now_mm[2] > REST_Z_MM + 48.0
         assert now_mm == pytest.approx(before_mm, abs=0.01)
     elif place == "rest":
         assert now_mm[2] == pytest.approx(REST_Z_MM, abs=0.01)

@@ -7,6 +7,7 @@ is raised once, in the sleep of whoever works with the bench, and no more beats 
 
 import logging
 import threading
+from collections.abc import Callable
 
 from hardware.click.driver import ClickPlc
 from hardware.clock import Clock, Listener
@@ -16,12 +17,21 @@ logger = logging.getLogger(__name__)
 
 
 class BeatingClock:
-    """A clock that passes everything on to another, and beats whenever a beat falls due in a `sleep`."""
+    """A clock that passes everything on to another, and beats whenever a beat falls due in a `sleep`.
+
+    Every wait of every driver goes through it, so it is also where a person's wish to stop is heard (`listen`).
+    """
 
     def __init__(self, inner: Clock) -> None:
         self.inner = inner
         self._plc: ClickPlc | None = None
         self._lost: DeviceError | None = None
+        self._hear: Callable[[], None] = lambda: None
+        self._is_ok: Callable[[], bool] = lambda: True
+
+    def listen(self, hear: Callable[[], None], is_ok: Callable[[], bool]) -> None:
+        """Call `hear` after every wait; it may raise. While not `is_ok()` a lost beat stops nothing."""
+        self._hear, self._is_ok = hear, is_ok
 
     def start(self, plc: ClickPlc) -> None:
         """Beat from now on."""
@@ -50,19 +60,25 @@ class BeatingClock:
         Raises:
             DeviceError: the heartbeat was lost; raised once.
         """
-        plc = self._plc
-        if plc is None:
-            self.inner.sleep(duration_s)
-            lost, self._lost = self._lost, None
-            if lost is not None:
-                raise lost
-            return
         end_s = self.inner.now_s() + duration_s
         remaining_s = duration_s
         while remaining_s > 1e-9:
-            self.inner.sleep(min(remaining_s, plc.heartbeat_period_s))
-            plc.beat_if_due()
+            self.inner.sleep(min(remaining_s, ClickPlc.heartbeat_period_s))
+            self._beat()
+            self._hear()
             remaining_s = end_s - self.inner.now_s()
+
+    def _beat(self) -> None:
+        try:
+            lost, self._lost = self._lost, None
+            if lost is not None:
+                raise lost
+            if self._plc is not None:
+                self._plc.beat_if_due()
+        except DeviceError as error:
+            if self._is_ok():
+                raise
+            logger.warning("Heartbeat lost in the safe state, the ladder's watchdog takes over: %s", error)
 
     def wall_s(self, duration_s: float) -> float:
         """Real seconds of the inner clock."""

@@ -29,6 +29,7 @@ PRESSURE_OK_INPUT = "X4"
 ESTOP_OK_INPUT = "X5"
 HEAD_IN_DOCK_INPUT = "X6"
 FIRST_INPUT, N_INPUTS = LOCK_CLOSED_INPUT, 6
+SUPPLY_OK_INPUT = "X7"  # pressure switch of the air mains, before the supply valve
 
 # Dock slots 0 to 9 have a presence sensor each, on the CPU's second slot (X021-X030)
 FIRST_DOCK_INPUT, N_DOCK_SLOTS = "X21", 10

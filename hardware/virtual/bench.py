@@ -11,6 +11,7 @@ from hardware.clock import Clock
 from hardware.layout import BenchLayout
 from hardware.tools import MountedTool
 from hardware.virtual.click import VirtualClick
+from hardware.virtual.faults import find_fault
 from hardware.virtual.grbl import VirtualGrbl
 from hardware.virtual.laumas import VirtualLaumas
 from hardware.world.physics import Physics, PhysicsCache, PhysicsRequest
@@ -58,6 +59,8 @@ class VirtualBench:
         self._worker: ThreadPoolExecutor | None = None
         self._ticker = threading.Thread(target=self._tick, name="virtual-world", daemon=True)
         self._stopping = threading.Event()
+        self._started_at_s = clock.now_s()
+        self._due: list[tuple[float, str]] = []
         self.grbl = VirtualGrbl(clock)
         solve = self._solve_now if self.is_lockstep else self._solve_later
         now_s = clock.now_s()
@@ -98,6 +101,24 @@ class VirtualBench:
         serial_port = self.transmitter.serial_server.port
         return Endpoints(self.grbl.port, plc.host, plc.port, transmitter.host, transmitter.port, serial_port)
 
+    def inject(self, fault: str) -> None:
+        """Start a fault of `hardware.virtual.faults.FAULTS`, now.
+
+        Raises:
+            UsageError: unknown name.
+        """
+        logger.info("Virtual bench: fault %s begins", fault)
+        find_fault(fault).inject(self)
+
+    def clear(self, fault: str) -> None:
+        """End a fault; one that happens once is left alone. Raises UsageError for an unknown name."""
+        find_fault(fault).clear(self)
+
+    def inject_at(self, fault: str, time_s: float) -> None:
+        """Start a fault when the bench has been up for `time_s`. Raises UsageError for an unknown name."""
+        find_fault(fault)
+        self._due.append((self._started_at_s + time_s, fault))
+
     def stop(self) -> None:
         """Stop everything; safe to call twice."""
         self._stopping.set()
@@ -117,9 +138,18 @@ class VirtualBench:
 
     def _advance(self, now_s: float) -> None:
         """Bring world, ladder and transmitter to `now_s`; the caller holds the clock's lock."""
+        self._inject_due(now_s)
         self.state.step(now_s)
         self.plc.scan(now_s)
         self.transmitter.step(now_s)
+        if self.state.is_motor_enabled != self.grbl.is_motor_enabled:
+            self.grbl.set_motor_enable(self.state.is_motor_enabled)
+
+    def _inject_due(self, now_s: float) -> None:
+        due = [entry for entry in self._due if entry[0] <= now_s]
+        for entry in due:
+            self._due.remove(entry)
+            self.inject(entry[1])
 
     def _refresh(self) -> None:
         if not self.is_lockstep:

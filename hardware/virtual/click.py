@@ -38,6 +38,7 @@ _OUTPUTS = (
 )
 
 _Memory = dict[tuple[Space, int], int]
+_SCAN_COUNTER: tuple[Space, int] = ("holding", parse_address(tags.SCAN_COUNTER_REGISTER).wire)
 
 
 def _wires(space: Space, only_writable: bool = False) -> frozenset[int]:
@@ -93,6 +94,8 @@ class VirtualClick:
         self._lock_valve = self._grip_valve = False
         self._last_heartbeat = 0
         self._heartbeat_at_s: float | None = None
+        self._n_writes = 0
+        self._last_seen: tuple[object, ...] = ()
         self._set(tags.SUPPLY_SETPOINT_REGISTER, 30.0)
         self._write_recipe(GraspSetup())
         self._show_inputs()
@@ -125,6 +128,7 @@ class VirtualClick:
     def _switch_outputs_off(self) -> None:
         for output in _OUTPUTS:
             self._set(output, False)
+        self._world.is_motor_enabled = False
         self._drive(supply=False)
 
     def _drive(self, supply: bool) -> None:
@@ -135,7 +139,10 @@ class VirtualClick:
     # The ladder
 
     def scan(self, now_s: float) -> None:
-        """Run the scans due until `now_s`; inputs are the same for all of them, so one is enough."""
+        """Run the scans due until `now_s`; inputs are the same for all of them, so one is enough.
+
+        Of the next scan only the counter is, if it would see the same: the ladder is at rest after one scan.
+        """
         if now_s >= self._next_idle_look_s:
             self._next_idle_look_s = now_s + _IDLE_LOOK_S
             self.server.drop_idle(now_s, IDLE_TIME_OUT_S)
@@ -145,11 +152,16 @@ class VirtualClick:
             n_due += 1
         if n_due < 1 or not self._is_running:
             return
+        self._n_scans = (self._n_scans + n_due) % _COUNTER_END
+        self._memory[_SCAN_COUNTER] = self._n_scans
+        seen = self._sees(now_s)
+        if seen == self._last_seen and not self._is_first_scan:
+            return
         self._show_inputs()
         if self._is_first_scan:
             self._begin()
-        self._n_scans = (self._n_scans + n_due) % _COUNTER_END
         is_host_alive = self._watch_heartbeat(first_due_s, now_s)
+        self._last_seen = self._sees(now_s)
         is_estop_ok = bool(self._get(tags.ESTOP_OK_INPUT))
         self._lock_valve, self._grip_valve = self._ladder_lock(), self._ladder_grip(is_estop_ok)
         supply = bool(self._get(tags.SUPPLY_REQUEST)) and is_host_alive and is_estop_ok
@@ -159,15 +171,22 @@ class VirtualClick:
         self._set(tags.VENT_OUTPUT, not self._grip_valve)
         self._set(tags.SUPPLY_OUTPUT, supply)
         self._set(tags.MOTOR_ENABLE_OUTPUT, is_host_alive and is_estop_ok)
-        self._set(tags.SCAN_COUNTER_REGISTER, self._n_scans)
+        # Until the first host the relay stays closed, so that the machine can be set up from a terminal.
+        self._world.is_motor_enabled = is_estop_ok and (is_host_alive or self._heartbeat_at_s is None)
         self._set(tags.FAULT_REGISTER, _NO_HEARTBEAT * (not is_host_alive) + _ESTOP * (not is_estop_ok))
         self._set(CONNECTION_LIMIT_BIT, self.server.n_connections >= MOST_CONNECTIONS)
         self._drive(supply)
+
+    def _sees(self, now_s: float) -> tuple[object, ...]:
+        """All that the outcome of a scan depends on."""
+        n_connections = self.server.n_connections
+        return (self._n_writes, n_connections, self._is_host_alive(now_s), *self._world.input_state)
 
     def _begin(self) -> None:
         """The first scan after power-up or STOP: forget the session and all requests, move no valve."""
         self._is_first_scan = False
         self._n_scans = 0
+        self._set(tags.SCAN_COUNTER_REGISTER, 0)
         self._last_heartbeat = int(self._get(tags.HEARTBEAT_REGISTER))
         self._heartbeat_at_s = None
         self._set(tags.SESSION_REGISTER, 0)
@@ -197,6 +216,9 @@ class VirtualClick:
         if beat != self._last_heartbeat:
             self._last_heartbeat, self._heartbeat_at_s = beat, first_due_s
             self._set(tags.HEARTBEAT_ECHO_REGISTER, beat)
+        return self._is_host_alive(now_s)
+
+    def _is_host_alive(self, now_s: float) -> bool:
         return self._heartbeat_at_s is not None and now_s - self._heartbeat_at_s <= self.host_time_out_s
 
     def _show_inputs(self) -> None:
@@ -206,6 +228,7 @@ class VirtualClick:
         self._set(tags.TOOL_PRESENT_INPUT, world.is_tool_present)
         self._set(tags.PRESSURE_OK_INPUT, world.is_pressure_ok)
         self._set(tags.ESTOP_OK_INPUT, "estop_pressed" not in world.faults)
+        self._set(tags.SUPPLY_OK_INPUT, world.is_supply_ok)
         self._set(tags.HEAD_IN_DOCK_INPUT, world.dock_slot is not None)
         self._set(tags.PRESSURE_REGISTER, world.pressure_psi)
         first = parse_address(tags.FIRST_DOCK_INPUT).wire
@@ -253,6 +276,7 @@ class VirtualClick:
         if None in keys:
             return False
         with self._lock:
+            self._n_writes += 1
             self._memory.update({key: int(value) for key, value in zip(keys, values, strict=True) if key is not None})
         return True
 
@@ -267,6 +291,7 @@ class VirtualClick:
         if any(wire not in _WRITABLE["holding"] for wire in wires):
             return False
         with self._lock:
+            self._n_writes += 1
             self._memory.update({("holding", wire): value for wire, value in zip(wires, values, strict=True)})
             if parse_address(tags.FIRST_RECIPE_REGISTER).wire in wires:
                 self._world.setup = self._read_recipe()

@@ -181,6 +181,8 @@ class VirtualLaumas:
         status = Status(0)
         if "cell_unplugged" in self._world.faults:
             status |= Status.CELL_ERROR
+        if "cell_saturated" in self._world.faults:
+            status |= Status.GROSS_OUT_OF_RANGE
         if self._world.has_sensor_fault:
             status |= Status.CONVERTER_FAULT
         if abs(self._gross_counts()) * self.scale.division > 1.1 * CAPACITY_KG:

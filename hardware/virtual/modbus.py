@@ -6,6 +6,7 @@ import logging
 import struct
 import threading
 from collections.abc import Callable
+from typing import Protocol
 
 from hardware.virtual.pdu import RegisterMap, answer_pdu
 from models.errors import DeviceError, UsageError
@@ -16,6 +17,13 @@ HIGHEST_PORT = 65535
 _HEADER = struct.Struct(">HHHB")  # transaction, protocol (0), bytes that follow, unit
 _LONGEST_PDU = 253
 _START_TIME_OUT_S = 10.0
+
+
+class Asker(Protocol):
+    """Who gets the answer to a request."""
+
+    def send(self, answer: bytes) -> None:
+        """Take the whole frame of an answer."""
 
 
 class _Connection(asyncio.Protocol):
@@ -153,8 +161,8 @@ class ModbusServerThread:
         """Forget a connection. Runs in the server's thread."""
         self._connections.discard(connection)
 
-    def handle(self, connection: _Connection, transaction: int, unit: int, pdu: bytes) -> None:
-        """Answer one request, after the injected faults. Runs in the server's thread."""
+    def handle(self, connection: Asker, transaction: int, unit: int, pdu: bytes) -> None:
+        """Answer one request, after the injected faults. Runs in the thread of the server, or of who asks in memory."""
         if self.is_silent or (self.unit_ids is not None and unit not in self.unit_ids):
             return
         if self.n_to_swallow > 0:

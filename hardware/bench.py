@@ -191,6 +191,7 @@ def _open(
     with ExitStack() as stack:
         stack.callback(_close, force, plc, gantry)
         _connect({"PLC": plc.connect, "load cell": force.connect, "gantry": gantry.connect})
+        plc.clear_requests()
         _start_heartbeat(stack, clock, inner, plc)
         supervisor.acknowledge("the person who opened the bench")
         _make_ready_to_home(pneumatics, may_vent)

@@ -1,5 +1,6 @@
 """Driver of a CLICK PLC: read and write native addresses over one shared Modbus connection."""
 
+import logging
 import threading
 
 from hardware.click import tags
@@ -15,6 +16,8 @@ from hardware.click.codec import (
 from hardware.clock import Clock
 from hardware.modbus import ModbusLink
 from models.errors import DeviceError, InterlockError, UsageError
+
+logger = logging.getLogger(__name__)
 
 _READ_FUNCTION = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
 
@@ -142,6 +145,17 @@ class ClickPlc:
             self.wait_for(confirm, time_out_s, meaning)
         finally:
             self.write_bit(request, False)
+
+    def clear_requests(self) -> None:
+        """Take back what an earlier host was asking for when it died: the ladder would obey it for ever.
+
+        A lock request left on keeps the tool from being docked, a grip request closes the jaws after each vent.
+        Outputs stay as they are but for the supply, which closes.
+        """
+        for request in tags.REQUESTS:
+            if self.read_bit(request):
+                logger.warning("%s: an earlier host left request %s on; it is taken back", self._link.name, request)
+                self.write_bit(request, False)
 
     def wait_for(self, confirm: dict[str, bool], time_out_s: float, meaning: str) -> None:
         """Wait until every address of `confirm` reads its value, polling every 20 ms of the bench's clock."""

@@ -10,6 +10,7 @@ UNLOCK_REQUEST = "C2"  # the ladder obeys only while the head sits in a dock
 GRIP_REQUEST = "C3"
 VENT_REQUEST = "C4"
 SUPPLY_REQUEST = "C5"  # level
+REQUESTS = (LOCK_REQUEST, UNLOCK_REQUEST, GRIP_REQUEST, VENT_REQUEST, SUPPLY_REQUEST)
 
 # Outputs, driven by the ladder
 LOCK_OUTPUT = "Y1"  # bistable lock: on = closed

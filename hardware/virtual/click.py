@@ -20,6 +20,7 @@ _NO_HEARTBEAT = 1
 _ESTOP = 2
 
 _Memory = dict[tuple[Space, int], int]
+_SCAN_COUNTER: tuple[Space, int] = ("holding", parse_address(tags.SCAN_COUNTER_REGISTER).wire)
 
 
 def _wires(space: Space) -> frozenset[int]:
@@ -95,7 +96,7 @@ class VirtualClick:
         first_due_s = self._last_scan_s + SCAN_PERIOD_S
         self._last_scan_s += n_due * SCAN_PERIOD_S
         self._n_scans = (self._n_scans + n_due) % 30000
-        self._set(tags.SCAN_COUNTER_REGISTER, self._n_scans)
+        self._memory[_SCAN_COUNTER] = self._n_scans
         seen = (self._n_writes, self._is_host_alive(now_s), *self._world.input_state)
         if seen == self._last_seen:
             return

@@ -253,6 +253,8 @@ class SensorNoise:
 
     def advance(self, n_readings: int) -> float:
         """Noise in N, `n_readings` after the last call."""
+        if self._sd_n == 0.0:
+            return 0.0
         rho = self._rho**n_readings
         step = float(np.sqrt(1.0 - rho * rho)) * self._sd_n
         self._value_n = rho * self._value_n + step * float(self._rng.standard_normal())

@@ -54,12 +54,12 @@ def judge(root: Path, batch: Batch, world: World, told: Told) -> Found:
     lake, n_killed = Lake.open(root), len(told.lines("killed"))
     grasps = sorted(lake.rows(GraspRow, campaign_id=CAMPAIGN_ID), key=lambda row: row["order"])
     good = [grasp for grasp in grasps if grasp["status"] == "ok"]
-    n_written = _count(lake, GraspRow)
+    n_written, mislabelled = _count(lake, GraspRow), _content_problems(lake, world, good)
     problems = [
         *_set_problems(batch, good),
         *_failure_problems(grasps),
         *_order_problems(Campaign(lake, batch.config), grasps),
-        *_content_problems(lake, world, good),
+        *mislabelled,
         *_story_problems(lake.rows(EventRow, campaign_id=CAMPAIGN_ID), told),
         *(finding.message for finding in check(lake)),
     ]
@@ -74,6 +74,7 @@ def judge(root: Path, batch: Batch, world: World, told: Told) -> Found:
         "persons_called": len(told.lines("person")),
         "missing": len(set(batch.labels) - {_label(grasp) for grasp in good}),
         "made_twice": len(good) - len({_label(grasp) for grasp in good}),
+        "mislabelled": len(mislabelled),
         "problems": len(problems),
     }
     return Found(row, problems)

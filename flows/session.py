@@ -20,6 +20,7 @@ from flows.report.build import write_report
 from flows.viewer.rerun import write_recording
 from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_bench
 from hardware.cell import MeasuredGrasp
+from hardware.safety import Verb
 from hardware.tools import MountedTool
 from hardware.world.physics import PhysicsCache, PhysicsRequest, simulate_request
 from hardware.world.physics_files import PhysicsFiles
@@ -31,6 +32,11 @@ from tasks.control import append_event
 from tasks.pool import WorkerPool
 from tasks.state import ProposedTool
 from tasks.summary import markdown_table, ranked_tools
+
+_INTERRUPTS = (
+    (Verb.PAUSE, "Finishing the current grasp and the simulations that run; the same command continues later."),
+    (Verb.STOP, "Stopping: the bench goes to its safe state at once; the data is kept."),
+)
 
 
 def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print: bool, voice: Voice) -> Outcome:
@@ -58,7 +64,7 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
         return markdown_table(outcome[0].tools) + f"\n\nReport: `{outcome[0].report}`"
 
     try:
-        is_complete = run_flow(session, finish, functools.partial(_interrupts, session, voice))
+        is_complete = run_flow(session, finish, functools.partial(interrupts, session, voice))
     finally:
         simulations.close()
         physics.close()
@@ -66,11 +72,10 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
         APILogWorker.drain_all(timeout=10)
     event = "completed" if is_complete else "interrupted"
     append_event(campaign.lake, campaign.campaign_id, event, f"campaign {event}")
-    return (
-        outcome[0]
-        if outcome
-        else Outcome(campaign.campaign_id, False, ranked_tools(campaign.lake, campaign.campaign_id))
-    )
+    if outcome:
+        return outcome[0]
+    tools = ranked_tools(campaign.lake, campaign.campaign_id)
+    return Outcome(campaign.campaign_id, False, tools, ended_by=session.asked)
 
 
 def _emit(voice: Voice, line: str) -> None:
@@ -120,18 +125,21 @@ def _announce_print(campaign: Campaign, voice: Voice, batch: int, sheet: Path) -
 
 
 @contextmanager
-def _interrupts(session: Session, voice: Voice) -> Iterator[None]:
-    """The first Ctrl-C or SIGTERM finishes the grasp, parks the tool and ends; the second one is the default."""
+def interrupts(session: Session, voice: Voice) -> Iterator[None]:
+    """Ctrl-C or SIGTERM: the first pauses, the second stops (safe state at once), the third is the default."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    verbs = iter(_INTERRUPTS)
 
-    def stop(signal_number: int, frame: object) -> None:
-        session.stopping.set()
-        voice.announce("Finishing the current grasp and the simulations that run; the same command continues later.")
-        restore()
+    def hear(signal_number: int, frame: object) -> None:
+        verb, words = next(verbs)
+        session.ask(verb)
+        voice.announce(words)
+        if verb is Verb.STOP:
+            restore()
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, hear) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def restore() -> None:
         for number, handler in before.items():

@@ -2,6 +2,8 @@
 
 import logging
 import math
+import signal
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -28,11 +30,12 @@ from hardware.virtual.memory import MemoryTransport, memory_link
 from hardware.watches import AirWatch, GraspWatch, LadderWatch, ReleaseWatch, ZeroWatch
 from hardware.world.physics import Physics, simulate_request
 from hardware.world.spec import World
-from models.errors import DeviceError, FastError, InterlockError
+from models.errors import DeviceError, FastError
 from models.records import Record
 
 logger = logging.getLogger(__name__)
 
+_EXIT_OF_A_SIGNAL = 128  # plus its number, as shells say it
 _PHYSICS_PATIENCE_S = 1800.0  # real seconds a virtual gripper may wait for its physics
 
 
@@ -189,12 +192,13 @@ def _open(
     clock.listen(supervisor.hear, lambda: supervisor.is_ok)
     cell = GraspCell(gantry, supervisor, watch, pneumatics, changer, force, clock, settings.layout, recorded)
     with ExitStack() as stack:
+        stack.enter_context(_terminable())
         stack.callback(_close, force, plc, gantry)
         _connect({"PLC": plc.connect, "load cell": force.connect, "gantry": gantry.connect})
         plc.clear_requests()
         _start_heartbeat(stack, clock, inner, plc)
         supervisor.acknowledge("the person who opened the bench")
-        _make_ready_to_home(pneumatics, may_vent)
+        supervisor.make_ready_to_home(may_vent)
         supervisor.home()
         yield Bench(gantry, plc, pneumatics, changer, force, supervisor, cell, clock, settings, virtual)
 
@@ -218,6 +222,24 @@ def _memory_wires(virtual: VirtualBench) -> _Wires:
     plc = memory_link("CLICK PLC in memory", virtual.plc.server)
     transmitter = memory_link("Weight transmitter in memory", virtual.transmitter.server)
     return _Wires(plc, transmitter, MemoryTransport(virtual.grbl))
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """SIGTERM ends like Ctrl-C, in the safe state, where nobody else has taken it: by itself it would end nothing."""
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+
+    def terminate(number: int, frame: object) -> None:
+        raise SystemExit(_EXIT_OF_A_SIGNAL + number)
+
+    signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _transmitter_link(settings: BenchSettings) -> ModbusLink:
@@ -249,19 +271,6 @@ def _connect(connects: Mapping[str, Callable[[], object]]) -> None:
             first = first or error
     if failures:
         raise DeviceError(" ".join(failures)) from first
-
-
-def _make_ready_to_home(pneumatics: Pneumatics, may_vent: bool) -> None:
-    """Homing lifts the head: a gripper that an earlier host left closed would pull its object along."""
-    pneumatics.check_air()
-    if not pneumatics.is_gripping():
-        return
-    if not may_vent:
-        raise InterlockError(
-            "The gripper is closed from an earlier session, an object may hang in it; nothing was moved. Look, then "
-            "let it open with `fast gantry home --vent`."
-        )
-    pneumatics.vent()
 
 
 def _close(force: ForceSensor, plc: ClickPlc, gantry: Gantry) -> None:

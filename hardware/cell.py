@@ -29,6 +29,7 @@ CLOSED_SETTLE_S = 0.2  # between the end of closing and the lift
 POSITION_PERIOD_S = 0.1  # 10 Hz, what GRBL answers reliably in motion
 CARRYING_CHECK_PERIOD_S = 0.5
 FORCE_BACK_N = 0.25
+CONTACT_SDS = 3.0  # of one reading: five of the mean that is looked at, with the noise of a filter
 OVERLOAD_LOWER_MM = 5.0
 LIFT_MARGIN_S = 5.0
 
@@ -115,9 +116,10 @@ class GraspCell:
 
     def park(self) -> None:
         """Dock the tool on the head (if any) and close the air supply."""
-        self._gantry.move_to(z_mm=self._layout.top_z_mm)
-        self._changer.dock()
-        self._pneumatics.close_supply()
+        with self._supervisor.guard():
+            self._gantry.move_to(z_mm=self._layout.top_z_mm)
+            self._changer.dock()
+            self._pneumatics.close_supply()
 
     def recover(self) -> None:
         """End the safe state after a person looked: drop what is left of the motion, lower, vent, raise."""
@@ -159,8 +161,9 @@ class GraspCell:
                 grasp.reason = str(fault)
                 self._back_off(fault, grasp)
             self._retreat(tool, grasp)
-        except FastError as error:
-            grasp.reason, grasp.end = grasp.reason or str(error), BENCH_FAULT
+        except (FastError, KeyboardInterrupt, SystemExit) as error:
+            self._supervisor.trip(error)  # before the data is kept, which may take its time
+            grasp.reason, grasp.end = grasp.reason or self._supervisor.cause, BENCH_FAULT
             on_grasp(grasp.result())
             raise
         on_grasp(grasp.result())
@@ -195,7 +198,7 @@ class GraspCell:
         self._gantry.stop_lift()
         sample = self._gantry.sample()
         recorder.add_position(sample.time_s, sample.z_mm)
-        if not recorder.is_contact_seen(FORCE_BACK_N):
+        if not recorder.is_contact_seen(max(FORCE_BACK_N, CONTACT_SDS * grasp.baseline.sd_n)):
             grasp.reason = (
                 f"No force above {FORCE_BACK_N:g} N on object {grasp.object_id}: it is missing or moved. The grasp is "
                 "not counted; look at the mount."
@@ -237,10 +240,10 @@ class GraspCell:
         )
 
     def _back_off(self, fault: FastError, grasp: "_GraspInProgress") -> None:
-        """After a failed grasp: stop and give way, so that venting is safe."""
+        """After a failed grasp: stop and lower, so that nothing falls when the gripper opens."""
         logger.warning("Grasp on object %d failed: %s", grasp.object_id, fault)
         self._gantry.stop_lift()
-        if grasp.recorder is None or isinstance(fault, SensorFaultError):
+        if grasp.recorder is None:
             return
         rest_z_mm = grasp.recorder.z_mm
         if isinstance(fault, OverloadError):

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from hardware.click import tags
 from hardware.click.driver import ClickPlc
 from hardware.clock import Clock
 from hardware.gantry import Gantry
@@ -65,6 +66,8 @@ class Supervisor:
         self._held_since_s: float | None = None
         self._asked: Verb | None = None
         self._guarded_thread: int | None = None
+        self._tripped_by: BaseException | None = None
+        self._was_pressed = False
 
     # Latch
 
@@ -123,9 +126,7 @@ class Supervisor:
         except BaseException as error:
             is_pressed = self.trip(error)
             if is_pressed and isinstance(error, FastError) and not isinstance(error, EmergencyStopError):
-                raise EmergencyStopError(
-                    f"The emergency stop was pressed ({error}) Release it, acknowledge, then home and check the tool."
-                ) from error
+                raise EmergencyStopError(self.cause) from error
             raise
         finally:
             self._guarded_thread = before
@@ -143,7 +144,13 @@ class Supervisor:
                 if error.code not in HOMING_ALARMS:
                     raise
                 logger.warning("%s Homing once more.", error)
-                self._gantry.home()
+                self._home_again(error)
+
+    def _home_again(self, first: GrblAlarmError) -> None:
+        try:
+            self._gantry.home()
+        except InterlockError as refused:  # a switch that the failed homing left closed
+            raise first from refused
 
     # Into the safe state
 
@@ -151,28 +158,43 @@ class Supervisor:
         """Latch, and bring the bench into the safe state; says whether the emergency stop is pressed.
 
         Motion comes first, before the PLC is asked anything. A device that does not answer does not stop the others.
+        Called again with the same error, on its way up, it does nothing.
         """
-        self.cause = str(error) or type(error).__name__
-        self._latch = self._latch.step(is_fault=True)
-        self._held_since_s = self._clock.now_s()
-        known: dict[str, bool] = {
-            "must_freeze": _must_freeze(error),
+        if error is not self._tripped_by:
+            self._tripped_by = error
+            self._latch = self._latch.step(is_fault=True)
+            self._held_since_s = self._clock.now_s()
+            self._was_pressed = self._make_safe(error)
+            self.cause = str(error) or type(error).__name__
+            if self._was_pressed and not isinstance(error, EmergencyStopError):
+                self.cause = (
+                    f"The emergency stop was pressed ({self.cause}) Release it, acknowledge, then home and check the "
+                    "tool."
+                )
+        return self._was_pressed
+
+    def _make_safe(self, error: BaseException) -> bool:
+        known = {
             "is_estop_pressed": isinstance(error, EmergencyStopError),
+            "must_freeze": isinstance(error, FreezeError),
         }
-        known |= self._look_at_gantry()
+        known |= self._look_at_gantry(error)
         self._carry_out_all(action for action in safe_actions(BenchCondition(**known)) if action in _MOTION)
         known |= self._look_at_plc()
         actions = safe_actions(BenchCondition(**known))
         self._carry_out_all(action for action in actions if action not in _MOTION)
         return known["is_estop_pressed"]
 
-    def _look_at_gantry(self) -> dict[str, bool]:
+    def _look_at_gantry(self, error: BaseException) -> dict[str, bool]:
+        alarm = error if isinstance(error, GrblAlarmError) else None
         try:
-            return {"is_moving": self._gantry.is_moving()}
-        except (GrblAlarmError, ControllerResetError, MoveAbortedError):
-            return {"is_moving": False}  # it answers, and each of these has stopped it
+            known = {"is_moving": self._gantry.is_moving()}
+        except (GrblAlarmError, ControllerResetError, MoveAbortedError) as reason:
+            alarm = alarm or (reason if isinstance(reason, GrblAlarmError) else None)
+            known = {"is_moving": False}  # it answers, and each of these has stopped it
         except FastError:
-            return {"is_gantry_reachable": False}
+            known = {"is_gantry_reachable": False}
+        return known | ({"must_freeze": True} if alarm is not None and alarm.code == HARD_LIMIT else {})
 
     def _look_at_plc(self) -> dict[str, bool]:
         try:
@@ -206,6 +228,31 @@ class Supervisor:
             for action in actions:
                 self._carry_out(action)
         return actions
+
+    def make_ready_to_home(self, may_vent: bool) -> None:
+        """Homing lifts the head: a gripper that an earlier host left closed would pull its object along.
+
+        `may_vent`: a person has looked, and holds what hangs in it.
+
+        Raises:
+            EmergencyStopError: pressed.
+            InterlockError: the gripper is closed and nobody has looked; nothing was moved.
+        """
+        self._pneumatics.check_air()
+        if not self._pneumatics.is_gripping():
+            return
+        if not may_vent:
+            raise InterlockError(
+                f"The gripper is closed from an earlier session ({self._pneumatics.pressure_psi():.0f} psi, "
+                f"{self._told_tool()}, height of the head unknown), an object may hang in it; nothing was moved. Look, "
+                "hold the object, then let the gripper open with `fast gantry home --vent`."
+            )
+        self.end_safe_state("the person who has looked", is_load_taken=True)
+
+    def _told_tool(self) -> str:
+        is_closed, _, is_present, *_ = self._plc.read_bits(tags.FIRST_INPUT, tags.N_INPUTS)
+        tool = "a tool" if is_present else "no tool"
+        return f"{tool} on the head, lock {'closed' if is_closed else 'NOT closed'}"
 
     def reminder(self) -> SafeAction | None:
         """What to tell the person while the bench waits in its safe state; None while it is OK."""
@@ -260,8 +307,3 @@ class Supervisor:
     def _vent(self) -> None:
         self._pneumatics.vent()
         self.rest_z_mm = None
-
-
-def _must_freeze(error: BaseException) -> bool:
-    is_hard_limit = isinstance(error, GrblAlarmError) and error.code == HARD_LIMIT
-    return is_hard_limit or isinstance(error, FreezeError)

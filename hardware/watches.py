@@ -97,6 +97,9 @@ class AirWatch:
         Raises:
             LowAirError: not within `AIR_WAIT_S`.
         """
+        if self._pneumatics.is_supply_ok():
+            return
+        logger.warning("Low air: the next grasp waits up to %g s for the mains", AIR_WAIT_S)
         until_s = self._clock.now_s() + AIR_WAIT_S
         while not self._pneumatics.is_supply_ok():
             if self._clock.now_s() >= until_s:
@@ -104,7 +107,6 @@ class AirWatch:
                     f"The air mains has been too low for {AIR_WAIT_S:g} s, so no grasp was begun and none is lost. "
                     "Look at the compressor, then continue the batch."
                 )
-            logger.warning("Low air: the next grasp waits for the mains")
             self._clock.sleep(AIR_POLL_S)
 
     def begin(self) -> None:

@@ -12,7 +12,7 @@ from lake.tables import GraspRow, TraceRow
 from models.features import initial_force_n, peak_force_n, work_j
 from models.ids import canonical_json
 from tasks.campaign import Campaign
-from tasks.control import append_event, exclusive
+from tasks.control import append_event, exclusive, require_room, verbs_noted
 from tasks.state import Cell, ProposedTool, tuples
 
 OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
@@ -32,7 +32,8 @@ def measure_batch(
 ) -> None:
     """Have tools of one batch measured one after the other; only one process may hold the bench of a lake.
 
-    `open_bench` is given all tools that stand on the rack.
+    `open_bench` is given all tools that stand on the rack. A person's stop or abort ends it with the bench in its safe
+    state.
 
     Raises:
         FastError: another process holds the bench of this lake.
@@ -41,7 +42,8 @@ def measure_batch(
     batch, state = tools[0].batch, campaign.state()
     # All that stands on the rack, since a finished tool may still be on the head.
     mounted = [tool for tool in state.tools_of(batch) if state.confirmed.get(tool.tool_id) == "printed"]
-    with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), open_bench(mounted) as bench:
+    noted = verbs_noted(campaign.lake, campaign.campaign_id)
+    with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), noted, open_bench(mounted) as bench:
         for tool in tools:
             if should_stop():
                 return
@@ -65,6 +67,7 @@ def measure_tool(
 
     Raises:
         DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
+        LakeError: the disk is nearly full; no grasp was begun that could not be kept.
     """
     state, limit = campaign.state(), campaign.config.execution.max_grasp_attempts
     missing = state.missing_grasps(tool, planned_cells(campaign, tool), limit)
@@ -78,7 +81,11 @@ def measure_tool(
         _append(campaign, tool, grasp, attempt=attempt, order=order, world_hash=world_hash)
         on_grasp(grasp)
 
-    bench.cell.measure_tool(tool.slot, missing, campaign.config.grasp, record, should_stop)
+    def may_not_go_on() -> bool:
+        require_room(campaign.lake)
+        return should_stop()
+
+    bench.cell.measure_tool(tool.slot, missing, campaign.config.grasp, record, may_not_go_on)
 
 
 def planned_cells(campaign: Campaign, tool: ProposedTool) -> list[Cell]:

@@ -93,8 +93,9 @@ FAULTS: dict[str, BenchFault] = {
     "hard_limit": _grbl("a limit switch closes in motion (ALARM:1)", "limit", lasts=True),
     "soft_limit": _grbl("a move beyond the box reaches the controller (ALARM:2)", "typed", line="G90 G0 X20"),
     "dead_switch": _grbl("a homing switch does not answer (ALARM:9)", "limit_dead", lasts=True),
-    "bad_line": _grbl("the head of the next line to the controller is lost (error:N)", "lost_bytes", count=4),
+    "bad_line": _grbl("the head of the next line to the controller is lost (error:N)", "cut_line", count=1),
     "feed_hold": _grbl("somebody presses feed hold: the move never ends", "hold"),
+    "stray_move": _grbl("another program moves the carriage by a millimetre", "typed", line="G91 G1 X1 F6000"),
     "lost_steps": _grbl("the carriage slips by half a millimetre", "nudge", axis="x", distance_mm=0.5),
     # PLC
     "plc_unplugged": BenchFault("the PLC is gone from the network", _unplug_plc),

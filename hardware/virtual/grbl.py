@@ -30,6 +30,7 @@ READ_BYTES = 4096
 AXIS_NAMES = "xyz"
 MAX_WAIT_S = 3600.0
 NOISE = b"\xff\x00~k\xe9<Idl\r\n"
+_REAL_TIME_BYTES = b"?!~\x18" + bytes(range(0x80, 0x100))
 GARBAGE_SETTINGS = {0: 255.0, 132: 2147483.648}  # seen after a reset during the first boot (hardware notes, 1.6.16)
 
 
@@ -55,6 +56,7 @@ class VirtualGrbl:
         self._faults = self._fault_table()
         self._is_silent = False
         self._lost_bytes = 0
+        self._cut_bytes = 0
         self._lost_replies = 0
         self._is_closed = False
         self._master, self._slave = pty.openpty()
@@ -136,9 +138,10 @@ class VirtualGrbl:
         `motors_off` the motors have no power; `silent` nothing gets out, nothing gets in; `power_cut` clearing it
         boots the controller again.
         Faults that happen once: `reset` the reset button; `unplug` the line hangs up; `lost_bytes(count)` the next
-        bytes to the controller vanish; `lost_replies(count)` the next `ok`s vanish; `noise` rubbish on the line;
-        `nudge(axis, distance_mm)` steps are lost; `hold` somebody presses feed hold; `typed(line)` another program
-        sends a line; `override(percent)` somebody turns the feed override; `settings` the EEPROM is half written.
+        bytes to the controller vanish; `cut_line(count)` the head of its next line does; `lost_replies(count)` the next
+        `ok`s vanish; `noise` rubbish on the line; `nudge(axis, distance_mm)` steps are lost; `hold` somebody presses
+        feed hold; `typed(line)` another program sends a line; `override(percent)` somebody turns the feed override;
+        `settings` the EEPROM is half written.
 
         Raises:
             UsageError: there is no such fault.
@@ -182,6 +185,7 @@ class VirtualGrbl:
             "reset": (machine.power_on, None),
             "unplug": (self._unplug, None),
             "lost_bytes": (self._lose_bytes, None),
+            "cut_line": (self._cut_next_line, None),
             "lost_replies": (self._lose_replies, None),
             "noise": (self._make_noise, None),
             "nudge": (
@@ -199,6 +203,9 @@ class VirtualGrbl:
 
     def _lose_bytes(self, count: float = 1) -> None:
         self._lost_bytes = int(count)
+
+    def _cut_next_line(self, count: float = 1) -> None:
+        self._cut_bytes = int(count)
 
     def _lose_replies(self, count: float = 1) -> None:
         self._lost_replies = int(count)
@@ -274,6 +281,8 @@ class VirtualGrbl:
     def _take(self, data: bytes) -> None:
         if self._is_silent:
             return
+        if self._cut_bytes and data.endswith(b"\n"):
+            data, self._cut_bytes = _cut_line(data, self._cut_bytes), 0
         lost, self._lost_bytes = data[: self._lost_bytes], max(self._lost_bytes - len(data), 0)
         self._machine.receive(data[len(lost) :], self._clock.now_s())
 
@@ -297,3 +306,9 @@ class VirtualGrbl:
         except BlockingIOError:
             return
         self._unsent = self._unsent[n_written:]
+
+
+def _cut_line(data: bytes, count: int) -> bytes:
+    """A line without its first `count` bytes; real-time bytes before it are kept."""
+    line = data.lstrip(_REAL_TIME_BYTES)
+    return data[: len(data) - len(line)] + line[count:]

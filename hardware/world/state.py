@@ -149,6 +149,11 @@ class WorldState:
         """Switch a named fault off; unknown or absent faults are ignored."""
         self.faults.discard(fault)
 
+    @property
+    def outputs(self) -> tuple[bool, bool, bool]:
+        """Lock, grip and supply valve as the ladder drives them."""
+        return self._lock_output, self._grip_output, self._supply_output
+
     # What sensors see
 
     @property

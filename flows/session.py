@@ -22,7 +22,8 @@ from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_b
 from hardware.cell import MeasuredGrasp
 from hardware.safety import Verb
 from hardware.tools import MountedTool
-from hardware.world.physics import PhysicsRequest, simulate_request
+from hardware.world.physics import PhysicsCache, PhysicsRequest, simulate_request
+from hardware.world.physics_files import PhysicsFiles
 from hardware.world.spec import World
 from models.features import peak_force_n
 from models.records import GraspSimulation
@@ -47,7 +48,7 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
     session = Session(
         campaign=campaign,
         pool=simulations,
-        open_bench=functools.partial(_open_bench, setup, physics),
+        open_bench=functools.partial(_open_bench, setup, _kept_physics(campaign, physics)),
         world_hash=setup.world_hash if isinstance(setup, World) else None,
         auto_print=auto_print,
         on_grasp=functools.partial(_tell_grasp, progress),
@@ -85,12 +86,18 @@ def _emit(voice: Voice, line: str) -> None:
 
 
 def _open_bench(
-    setup: World | BenchSettings, physics: WorkerPool, tools: Sequence[ProposedTool]
+    setup: World | BenchSettings, physics: PhysicsCache, tools: Sequence[ProposedTool]
 ) -> AbstractContextManager[Bench]:
     mounted = {tool.slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
     if isinstance(setup, BenchSettings):
         return open_real_bench(setup, mounted)
-    return open_virtual_bench(setup, mounted, physics=functools.partial(_solve_in_worker, physics), wires="memory")
+    return open_virtual_bench(setup, mounted, physics=physics, wires="memory")
+
+
+def _kept_physics(campaign: Campaign, pool: WorkerPool) -> PhysicsCache:
+    """The physics of the campaign's world, solved in the pool, once, and kept beside the lake's tables."""
+    files = PhysicsFiles(campaign.lake.root / ".state" / "physics")
+    return PhysicsCache(functools.partial(_solve_in_worker, pool), files)
 
 
 def _solve_in_worker(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulation:

@@ -210,14 +210,10 @@ def _open(
     is_in_memory: bool = False,
 ) -> Iterator[Bench]:
     clock = BeatingClock(inner)
-    wires = _memory_wires(virtual) if virtual is not None and is_in_memory else _lines(settings)
+    wires = _memory_wires(virtual, clock) if virtual is not None and is_in_memory else _lines(settings, clock)
     plc = ClickPlc(wires.plc, clock)
     force = ForceSensor(
-        _transmitter(settings, wires.transmitter, clock),
-        clock,
-        settings.force_rate_hz,
-        settings.stale_after_s,
-        settings.transmitter_filter,
+        wires.transmitter, clock, settings.force_rate_hz, settings.stale_after_s, settings.transmitter_filter
     )
     gantry = Gantry(wires.gantry, clock)
     pneumatics = Pneumatics(plc, clock, settings.supply_pressure_psi, settings.pressure_time_out_s)
@@ -229,7 +225,7 @@ def _open(
         "supply_pressure_psi": settings.supply_pressure_psi,
         "force_rate_hz": settings.force_rate_hz,
     }
-    watch = GraspWatch(AirWatch(pneumatics, clock), ZeroWatch(force), ReleaseWatch(force, pneumatics, clock))
+    watch = GraspWatch(plc, AirWatch(pneumatics, clock), ZeroWatch(force), ReleaseWatch(force, pneumatics, clock))
     supervisor = Supervisor(gantry, plc, pneumatics, clock, settings.layout.top_z_mm)
     clock.listen(supervisor.hear, lambda: supervisor.is_ok)
     cell = GraspCell(gantry, supervisor, watch, pneumatics, changer, force, clock, settings.layout, recorded)
@@ -247,23 +243,23 @@ def _open(
 
 @dataclass(frozen=True)
 class _Wires:
-    """The three lines of a bench."""
+    """The three lines of a bench, the transmitter's with its driver."""
 
     plc: ModbusLink
-    transmitter: ModbusLink
+    transmitter: WeightSource
     gantry: Transport
 
 
-def _lines(settings: BenchSettings) -> _Wires:
-    s = settings
-    plc = tcp_link("CLICK PLC", s.plc_host, s.plc_port, s.plc_device_id, s.modbus_time_out_s)
-    return _Wires(plc, _transmitter_link(settings), SerialTransport(settings.serial_port))
+def _lines(settings: BenchSettings, clock: Clock) -> _Wires:
+    time_out_s = settings.modbus_time_out_s
+    plc = tcp_link("CLICK PLC", settings.plc_host, settings.plc_port, settings.plc_device_id, time_out_s)
+    return _Wires(plc, _transmitter(settings, clock), SerialTransport(settings.serial_port))
 
 
-def _memory_wires(virtual: VirtualBench) -> _Wires:
+def _memory_wires(virtual: VirtualBench, clock: Clock) -> _Wires:
     plc = memory_link("CLICK PLC in memory", virtual.plc.server)
     transmitter = memory_link("Weight transmitter in memory", virtual.transmitter.server)
-    return _Wires(plc, transmitter, MemoryTransport(virtual.grbl))
+    return _Wires(plc, LaumasTransmitter(transmitter, clock), MemoryTransport(virtual.grbl))
 
 
 @contextmanager
@@ -284,12 +280,12 @@ def _terminable() -> Iterator[None]:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-def _transmitter(settings: BenchSettings, link: ModbusLink, clock: Clock) -> WeightSource:
+def _transmitter(settings: BenchSettings, clock: Clock) -> WeightSource:
     if settings.transmitter_mode == "continuous":
         transport = SerialTransport(str(settings.transmitter_serial_port), settings.transmitter_baud_rate)
         scale = Scale(settings.transmitter_division, settings.transmitter_unit)
         return ContinuousTransmitter(transport, clock, scale, settings.force_rate_hz)
-    return LaumasTransmitter(link, clock)
+    return LaumasTransmitter(_transmitter_link(settings), clock)
 
 
 def _transmitter_link(settings: BenchSettings) -> ModbusLink:

@@ -51,8 +51,7 @@ class ForceSensor:
 
     `stale_after_s`: at least `FEWEST_SAME` identical readings for this long mean a frozen transmitter (a live one has
     noise); None switches the check off. `rate_hz` is what the instrument updates at: polling faster gives duplicates
-    without a time stamp.
-    `filter_setting` is the digital filter on the keypad, which no register tells; None is unknown.
+    without a time stamp. `filter_setting` is the filter on the keypad; None is unknown, no register tells it.
     """
 
     def __init__(
@@ -182,12 +181,8 @@ class ForceSensor:
 
     def _force(self, reading: Reading) -> ForceReading:
         newton = self._transmitter.newton_per_unit
-        if reading.status & OVERLOAD_MASK:
-            raise OverloadError(
-                f"The load cell is overloaded: {reading.fault}. The lift was stopped; lower the head by hand control "
-                "and look at the gripper."
-            )
-        if reading.fault:
+        status = reading.status.value
+        if reading.fault and not status & OVERLOAD_MASK:
             raise SensorFaultError(
                 f"The load cell reports a fault: {reading.fault}. The grasp is abandoned; check the cell's cable and "
                 "the transmitter's display."
@@ -195,10 +190,11 @@ class ForceSensor:
         gross_n, net_n = reading.gross * newton, reading.net * newton
         self._peak_n = None if reading.peak is None else reading.peak * newton
         self._watch.add(gross_n, net_n)
-        if abs(gross_n) >= FULL_SCALE_N:
+        if abs(gross_n) >= FULL_SCALE_N or status & OVERLOAD_MASK:
             raise OverloadError(
-                f"The load cell carries {gross_n:.0f} N, its full scale is {FULL_SCALE_N:.0f} N. The lift was "
-                "stopped; lower the head by hand control and look at the gripper."
+                f"The load cell carries {gross_n:.0f} N, its full scale is {FULL_SCALE_N:.0f} N"
+                f"{f' ({reading.fault})' if reading.fault else ''}. The lift was stopped; lower the head by hand "
+                "control and look at the gripper."
             )
         self._warn_of_high(gross_n)
         force = ForceReading(reading.time_s, gross_n, net_n - self._offset_n)

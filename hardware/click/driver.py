@@ -27,8 +27,8 @@ _SCANNED_AFTER_S = 0.1  # ten scans: by then a running ladder has counted and ec
 _HIGHEST_COUNT = 30_000  # of heartbeat and session, inside int16
 
 
-class LadderError(DeviceError):
-    """The PLC answers, but its program does not run or has been restarted: what it held is gone or unknown."""
+class PlcRestartedError(DeviceError):
+    """The PLC answers, but was restarted or stands in STOP: nothing it was told holds any more."""
 
 
 class ClickPlc:
@@ -47,23 +47,25 @@ class ClickPlc:
         self._beat_lock = threading.Lock()
         self._beat_count = 0
         self._scan_count = 0
+        self._scanned_at_s = 0.0
         self._session = 0
         self._last_beat_s: float | None = None
 
     def connect(self) -> None:
         """Open the connection, prove that the ladder scans, begin a session, and start the heartbeat.
 
-        Requests that a crashed host left behind are taken back first: with the heartbeat the ladder would obey them.
-        No valve moves by that, except that an open air supply closes.
+        Requests that a crashed host left on are taken back first: the ladder would obey them for ever. A lock request
+        keeps the tool from being docked, a grip request closes the jaws after each vent. No valve moves by that, except
+        that an open air supply closes.
 
         Raises:
             LinkLostError: no answer.
-            LadderError: the PLC answers but its program does not run.
+            PlcRestartedError: the PLC answers but its program does not run.
         """
         self._last_beat_s = None
         try:
             self._link.connect()
-            beat, _, self._scan_count, _, session = self._read_heartbeat()
+            _, _, self._scan_count, _, session = self._read_heartbeat()
         except LinkLostError as error:
             raise LinkLostError(
                 f"{error} A CLICK serves three connections at a time: programming software and panels take one each, "
@@ -71,9 +73,14 @@ class ClickPlc:
             ) from error
         self._wait_for_scan()
         self._take_requests_back()
-        self._session = _next_count(session)
-        self.write_many(tags.SESSION_REGISTER, [self._session])
-        self._beat_count = beat
+        self.begin_session(_next_count(session))
+
+    def begin_session(self, session: int) -> None:
+        """Leave this host's mark, above 0, which the ladder wipes in its first scan after a restart; then beat."""
+        self._last_beat_s = None
+        self.write_many(tags.SESSION_REGISTER, [session])
+        self._beat_count, _, self._scan_count, _, self._session = self._read_heartbeat()
+        self._scanned_at_s = self._clock.now_s()
         self._send_beat()
 
     def close(self) -> None:
@@ -171,11 +178,21 @@ class ClickPlc:
         A PLC that stops is found by the second beat after it, a restarted one by the first.
 
         Raises:
-            LadderError: the PLC has stopped or restarted since, or another host took it over.
+            PlcRestartedError: the PLC has stopped or restarted since, or another host took it over.
+        """
+        with self._beat_lock:
+            if self._last_beat_s is not None:
+                self._check_ladder()
+            self._send_beat()
+
+    def check_ladder(self) -> None:
+        """Prove that the ladder scans and is the one that this host's session began with.
+
+        Raises:
+            PlcRestartedError: as `beat`.
         """
         with self._beat_lock:
             self._check_ladder()
-            self._send_beat()
 
     def beat_if_due(self) -> None:
         """Beat when the last one is `heartbeat_period_s` old.
@@ -255,28 +272,28 @@ class ClickPlc:
             self._link.write_registers(wire, [self._beat_count])
 
     def _check_ladder(self) -> None:
-        if self._last_beat_s is None or self._clock.now_s() - self._last_beat_s < _SCANNED_AFTER_S:
-            return
+        now_s = self._clock.now_s()
         _, echo, scans, _, session = self._read_heartbeat()
         if session != self._session:
             happened = "its program was restarted" if session == 0 else "another host took it over"
-            raise LadderError(
+            raise PlcRestartedError(
                 f"{self._link.name} has lost this session ({tags.SESSION_REGISTER} is {session} instead of "
-                f"{self._session}): {happened}. Look at the bench, then connect again; outputs may have changed."
+                f"{self._session}): {happened}, what it was told is void. Look at valves and lock, then acknowledge."
             )
-        if scans == self._scan_count:
+        if scans != self._scan_count:
+            self._scan_count, self._scanned_at_s = scans, now_s
+        elif now_s - self._scanned_at_s > _SCANNED_AFTER_S:
             raise self._stopped()
-        if echo != self._beat_count:
-            raise LadderError(
+        if echo != self._beat_count and self._last_beat_s is not None and now_s - self._last_beat_s > _SCANNED_AFTER_S:
+            raise PlcRestartedError(
                 f"{self._link.name} scans, but echoes heartbeat {echo} in {tags.HEARTBEAT_ECHO_REGISTER} instead of "
                 f"{self._beat_count}; its program is not the one of docs/bench.md, or a second host writes to it."
             )
-        self._scan_count = scans
 
-    def _stopped(self) -> LadderError:
-        return LadderError(
-            f"{self._link.name} answers, but its scan counter {tags.SCAN_COUNTER_REGISTER} stands still: "
-            "the PLC is in STOP. Switch it to RUN and connect again."
+    def _stopped(self) -> PlcRestartedError:
+        return PlcRestartedError(
+            f"{self._link.name} answers, but its scan counter {tags.SCAN_COUNTER_REGISTER} stands still: it is in "
+            "STOP. Switch it to RUN, look at valves and lock, then acknowledge."
         )
 
     def _read_bits(self, address: Address, count: int) -> list[bool]:

@@ -38,6 +38,7 @@ _OUTPUTS = (
 )
 
 _Memory = dict[tuple[Space, int], int]
+_SCAN_COUNTER: tuple[Space, int] = ("holding", parse_address(tags.SCAN_COUNTER_REGISTER).wire)
 
 
 def _wires(space: Space, only_writable: bool = False) -> frozenset[int]:
@@ -153,16 +154,16 @@ class VirtualClick:
             n_due += 1
         if n_due < 1 or not self._is_running:
             return
-        seen = (self._n_writes, self._is_host_alive(now_s), *self._world.input_state)
+        self._n_scans = (self._n_scans + n_due) % _COUNTER_END
+        self._memory[_SCAN_COUNTER] = self._n_scans
+        seen = self._sees(now_s)
         if seen == self._last_seen and not self._is_first_scan:
-            self._count_scans(n_due)
             return
         self._show_inputs()
         if self._is_first_scan:
             self._begin()
-        self._count_scans(n_due)
         is_host_alive = self._watch_heartbeat(first_due_s, now_s)
-        self._last_seen = (self._n_writes, is_host_alive, *self._world.input_state)
+        self._last_seen = self._sees(now_s)
         is_estop_ok = bool(self._get(tags.ESTOP_OK_INPUT))
         self._lock_valve, self._grip_valve = self._ladder_lock(), self._ladder_grip(is_estop_ok)
         supply = bool(self._get(tags.SUPPLY_REQUEST)) and is_host_alive and is_estop_ok
@@ -178,14 +179,16 @@ class VirtualClick:
         self._set(CONNECTION_LIMIT_BIT, self.server.n_connections >= MOST_CONNECTIONS)
         self._drive(supply)
 
-    def _count_scans(self, n_scans: int) -> None:
-        self._n_scans = (self._n_scans + n_scans) % _COUNTER_END
-        self._set(tags.SCAN_COUNTER_REGISTER, self._n_scans)
+    def _sees(self, now_s: float) -> tuple[object, ...]:
+        """All that the outcome of a scan depends on."""
+        n_connections = self.server.n_connections
+        return (self._n_writes, n_connections, self._is_host_alive(now_s), *self._world.input_state)
 
     def _begin(self) -> None:
         """The first scan after power-up or STOP: forget the session and all requests, move no valve."""
         self._is_first_scan = False
         self._n_scans = 0
+        self._set(tags.SCAN_COUNTER_REGISTER, 0)
         self._last_heartbeat = int(self._get(tags.HEARTBEAT_REGISTER))
         self._heartbeat_at_s = None
         self._set(tags.SESSION_REGISTER, 0)

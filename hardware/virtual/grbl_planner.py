@@ -75,6 +75,11 @@ class Planner:
         self._block = None
         self.switch_s = math.inf
 
+    def forget_queue(self) -> None:
+        """Drop the blocks that wait, and the rest of the one under way."""
+        self._queue.clear()
+        self._block = None
+
     def reset_overrides(self) -> None:
         """Back to 100 %."""
         self.feed_percent = self.rapid_percent = 100

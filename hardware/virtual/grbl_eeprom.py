@@ -58,9 +58,12 @@ class Eeprom:
         return _changed_bytes(struct.pack("<f", old), struct.pack("<f", value)) * BYTE_WRITE_S
 
     def store_startup(self, index: int, line: str) -> float:
-        """Keep a start-up line that the parser has accepted; returns how long the write takes, s."""
+        """Keep a start-up line that the parser has accepted; returns how long the write takes, s.
+
+        The firmware takes any index and writes beyond its lines; here such a line is taken and forgotten.
+        """
         if index >= STARTUP_LINES:
-            raise GcodeError(3)
+            return BYTE_WRITE_S
         old, self.startup[index] = self.startup[index], line
         size = max(len(old), len(line))
         return _changed_bytes(old.encode().ljust(size, b"\0"), line.encode().ljust(size, b"\0")) * BYTE_WRITE_S

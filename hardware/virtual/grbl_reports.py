@@ -42,7 +42,7 @@ def modal_text(modal: Modal) -> str:
     """Text of the answer to `$G`."""
     return (
         f"{modal.motion} {modal.work_offset} G17 {modal.units} {modal.distance} G94 M5 M9 T0 "
-        f"F{modal.feed_mm_per_min:g} S0"
+        f"F{modal.feed_mm_per_min:.0f} S0"
     )
 
 

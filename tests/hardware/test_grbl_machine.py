@@ -13,6 +13,7 @@ from hardware.grbl.profile import GrblProfile
 from hardware.virtual.grbl_gcode import GcodeError, Modal, Move, parse_jog, parse_line
 from hardware.virtual.grbl_machine import GrblMachine
 from hardware.virtual.grbl_motion import Leg, stopping, trapezoid
+from hardware.virtual.grbl_planner import HOLD_LATENCY_S
 
 LOCK = Feedback("MSG", "'$H'|'$X' to unlock")
 ORIGIN = (0.0, 0.0, 0.0)
@@ -143,7 +144,7 @@ def test_hold_decelerates_then_rests_and_reset_keeps_the_position(homed):
     homed.say(b"!")
     report = homed.report()
     assert (report.state, report.sub_state) == ("Hold", 1)
-    homed.wait(0.31)
+    homed.wait(0.31 + HOLD_LATENCY_S)
     report = homed.report()
     assert (report.state, report.sub_state) == ("Hold", 0)
     assert homed.say(b"$G\n", 1) == []
@@ -291,6 +292,15 @@ def test_trapezoids_cover_their_length_and_end_at_rest(length_mm, cruise, accele
     assert leg.position_at(leg.end_s + 1)[1] == pytest.approx(length_mm, rel=1e-6)
     if speed == 0:
         assert leg.end_s - 5 == pytest.approx(move_duration_s(length_mm, cruise, acceleration), rel=1e-6)
+
+
+@given(_positive, st.floats(0.1, 300), st.floats(1, 2000), st.floats(0, 1), st.floats(0, 1))
+def test_phases_ahead_cover_what_the_leg_covers(length_mm, cruise, acceleration, part, duration_part):
+    leg = Leg(5.0, ORIGIN, (1.0, 0.0, 0.0), trapezoid(length_mm, 0.0, cruise, acceleration))
+    total_s = leg.end_s - leg.start_s
+    now_s, duration_s = leg.start_s + part * total_s, duration_part * total_s
+    ahead_mm = sum(phase.length_mm for phase in leg.phases_ahead(now_s, duration_s))
+    assert ahead_mm == pytest.approx(leg.way_at(now_s + duration_s) - leg.way_at(now_s), abs=1e-6 * length_mm + 1e-9)
 
 
 @given(_positive, st.floats(0.1, 300), st.floats(1, 2000), st.floats(0, 1))

@@ -291,9 +291,13 @@ class GrblController:
         self._planner.watch_switches(self._now_s)
 
     def nudge(self, axis: int, distance_mm: float) -> None:
-        """Push the carriage without the firmware noticing: lost steps."""
+        """Push the carriage without the firmware noticing (lost steps), unless that closes or opens a switch."""
+        before = self._pins()
         self.carriage.nudge(axis, distance_mm)
         self._planner.watch_switches(self._now_s)
+        if self._is_powered and self._pins() != before:
+            self._hard_limit()
+        self._go_on()
 
     def lose_alarm(self) -> None:
         """An edge on a limit wire whose alarm flag got lost: a banner comes unasked, without ALARM (notes, 1.6.8)."""

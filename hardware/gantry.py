@@ -11,9 +11,9 @@ from hardware.clock import Clock
 from hardware.grbl.driver import GrblDriver
 from hardware.grbl.messages import StatusReport
 from hardware.grbl.profile import GrblProfile
-from hardware.grbl.workspace import Workspace
+from hardware.grbl.workspace import AXIS_NAMES, Workspace
 from hardware.transport import Transport, WireLog
-from models.errors import InterlockError
+from models.errors import InterlockError, UsageError
 
 Place = tuple[float, float, float]
 """x, y, z in the workspace, mm."""
@@ -71,6 +71,23 @@ class Gantry:
         homed_mm = self._driver.home()
         self._workspace = Workspace.from_homed(self._profile, homed_mm)
         return self._to_place(homed_mm)
+
+    def recover_from_limit(self, axis: str, direction: str) -> Place:
+        """After a hard limit with a closed switch, once a person has looked: back off 5 mm, then home.
+
+        Args:
+            axis: `x`, `y` or `z`, the axis whose switch is closed.
+            direction: `+` or `-`, the way out of the switch as the person sees it.
+
+        Raises:
+            UsageError: another axis or direction.
+            InterlockError: that switch is not closed, or stays closed.
+            DeviceError: backing off or homing went wrong.
+        """
+        if axis not in AXIS_NAMES or len(axis) != 1 or direction not in ("+", "-"):
+            raise UsageError(f"Cannot back off in axis {axis!r}, direction {direction!r}; say x, y or z and + or -.")
+        self._driver.back_off(AXIS_NAMES.index(axis), 1 if direction == "+" else -1)
+        return self.home()
 
     # Looking
 

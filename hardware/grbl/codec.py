@@ -26,7 +26,7 @@ REAL_TIME_CHARACTERS = "?!~"
 REAL_SETTINGS = (11, 12, 24, 25, 27)  # junction deviation, arc tolerance, homing feed, seek, pull-off
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)"
-_BANNER = re.compile(r"Grbl\S* (\S+) \['\$' for help\]", re.IGNORECASE)
+_BANNER = re.compile(r"Grbl\S* (\S+) \['\$'.* for help\]", re.IGNORECASE)
 _SETTING = re.compile(rf"\$(\d{{1,5}})=({_NUMBER})(?:\s.*)?")
 _STARTUP_LINE = re.compile(r"\$N(\d{1,3})=(.*)")
 _STARTUP_RAN = re.compile(r">(.*):(ok|error:\d{1,5})")

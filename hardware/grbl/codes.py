@@ -20,11 +20,14 @@ class AlarmMeaning:
     next_step: str
 
 
+HARD_LIMIT = 1
 _HOME_AGAIN = "home again"
 _CHECK_SWITCH = "check the limit switches and the motors, then home again"
 
 ALARMS = {
-    1: AlarmMeaning("a hard limit was hit", False, True, "look at the machine, free the switch, then home again"),
+    HARD_LIMIT: AlarmMeaning(
+        "a hard limit was hit", False, True, "look at the machine, free the switch, then home again"
+    ),
     2: AlarmMeaning("a target lay beyond the soft limits", True, True, "correct the plan; stop the campaign"),
     3: AlarmMeaning("it was reset while moving", False, False, _HOME_AGAIN),
     4: AlarmMeaning("the probe was already in its end state", True, False, "check the probe"),
@@ -82,6 +85,14 @@ ERRORS = {
     37: "G43.1 axis",
     38: "tool number too large",
 }
+
+
+LOSES_POSITION = frozenset({7})  # default settings: other steps per mm
+
+
+def error_keeps_position(code: int) -> bool:
+    """Whether MPos is still true after `error:code`: a refused line moves nothing; an unknown code counts as no."""
+    return code in ERRORS and code not in LOSES_POSITION
 
 
 def error_text(code: int) -> str:

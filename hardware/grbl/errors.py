@@ -1,6 +1,6 @@
 """What can go wrong with a GRBL controller; each error says what it means for the position."""
 
-from hardware.grbl.codes import alarm_meaning, error_text
+from hardware.grbl.codes import alarm_meaning, error_keeps_position, error_text
 from models.errors import DeviceError, InterlockError
 
 
@@ -20,10 +20,11 @@ class GrblReplyError(DeviceError):
 
     def __init__(self, code: int, line: str) -> None:
         super().__init__(
-            f"Line {line!r} was answered error:{code} ({error_text(code)}); the line was dropped, "
-            "stop the campaign and compare plan and machine."
+            f"Line {line!r} was answered error:{code} ({error_text(code)}); the line was dropped, the position is "
+            f"{'kept' if error_keeps_position(code) else 'lost'}; stop the campaign and compare plan and machine."
         )
         self.code = code
+        self.keeps_position = error_keeps_position(code)
         self.line = line
 
 

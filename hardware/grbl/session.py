@@ -24,7 +24,9 @@ from hardware.transport import Transport
 logger = logging.getLogger(__name__)
 
 REPLY_TIMEOUT_S = 1.0  # real; a line or `?` is answered within some 20 ms
-STATUS_ASKS = 4  # within the reply time-out: one swallowed `?` is no reason for a reset
+STATUS_ASKS = 3  # one swallowed `?` is no reason for a reset
+STATUS_REPLY_S = 0.25  # real
+ASK_AGAIN_S = 0.3  # clock; after a limit in motion the firmware is deaf for `$1` ms before it says ALARM
 BANNER_REPLY_S = 0.3  # real; a live controller says its banner within some 20 ms
 BANNER_TIMEOUT_S = 2.0  # clock; longer than the bootloader
 BANNER_POLL_S = 0.1
@@ -163,7 +165,10 @@ class GrblSession:
         self.link.wait(lambda: ticket.is_settled or ticket.alarm is not None, REPLY_TIMEOUT_S)
         self.check(doing, epoch)
         if isinstance(ticket.reply, ErrorReply):
-            raise GrblReplyError(ticket.reply.code, line)
+            error = GrblReplyError(ticket.reply.code, line)
+            if not error.keeps_position:
+                self.distrust()
+            raise error
         if ticket.reply is None:
             self.distrust()
             raise SilentControllerError(
@@ -185,21 +190,28 @@ class GrblSession:
 
         Raises:
             GrblAlarmError, ControllerResetError, MoveAbortedError: why there is none.
-            SilentControllerError: no answer for 1 s; one soft reset was tried.
+            SilentControllerError: no answer to three questions in 1.4 s; one soft reset was tried.
         """
         epoch = self._known_epoch if epoch is None else epoch
         self.check(doing, epoch)
-        report = None
-        for _ in range(STATUS_ASKS):
-            report = self.link.request_report(REPLY_TIMEOUT_S / STATUS_ASKS)
-            self.check(doing, epoch)
-            if report is not None:
-                break
-        else:
+        report = self._ask(doing, epoch)
+        if report is None:
             self._rouse(doing)
         if report is None or report.machine_mm is None or len(report.machine_mm) < N_AXES_MIN:
             raise SilentControllerError(f"The status report lacks a position while {doing}; set $10 of the controller.")
         return report
+
+    def _ask(self, doing: str, epoch: int) -> StatusReport | None:
+        """A status report, asked for up to three times."""
+        for n in range(STATUS_ASKS):
+            if n:
+                self.clock.sleep(ASK_AGAIN_S)
+                self.check(doing, epoch)
+            report = self.link.request_report(STATUS_REPLY_S)
+            self.check(doing, epoch)
+            if report is not None:
+                return report
+        return None
 
     def check(self, doing: str, epoch: int) -> None:
         """Raise what has come up since `epoch` began: a restart, an abort, an alarm."""
@@ -213,13 +225,13 @@ class GrblSession:
             raise GrblAlarmError(self.link.alarm, doing)
 
     def _rouse(self, doing: str) -> None:
-        """Silent for a second: it may be deaf in a critical alarm whose line was lost. One reset, then it is gone."""
+        """Silent: it may be deaf in a critical alarm whose line was lost. One reset, then it is gone."""
         self.distrust()
         self._is_prepared = False
         self.reset(doing)
         raise SilentControllerError(
-            f"The gantry controller was silent for {REPLY_TIMEOUT_S:g} s while {doing} and was reset; the position is "
-            "unknown, home again."
+            f"The gantry controller answered none of {STATUS_ASKS} questions while {doing} and was reset; the position "
+            "is unknown, home again."
         )
 
     # Stopping

@@ -31,6 +31,7 @@ AXIS_NAMES = "xyz"
 MAX_WAIT_S = 3600.0
 NOISE = b"\xff\x00~k\xe9<Idl\r\n"
 _REAL_TIME_BYTES = b"?!~\x18" + bytes(range(0x80, 0x100))
+REPORTS_PER_S = 40  # ceiling of the firmware at 115200 baud (hardware notes, 1.8)
 GARBAGE_SETTINGS = {0: 255.0, 132: 2147483.648}  # seen after a reset during the first boot (hardware notes, 1.6.16)
 
 
@@ -52,7 +53,9 @@ class VirtualGrbl:
         self._clock = clock
         self.profile = profile or GrblProfile()
         self._workspace = Workspace.nominal(self.profile)
-        self._machine = GrblMachine(self.profile, clock.now_s(), self._workspace.to_machine(start_mm))
+        report_gap_s = 0.0 if math.isinf(clock.wall_s(1.0)) else 1 / REPORTS_PER_S
+        start_machine_mm = self._workspace.to_machine(start_mm)
+        self._machine = GrblMachine(self.profile, clock.now_s(), start_machine_mm, report_gap_s)
         self._faults = self._fault_table()
         self._is_silent = False
         self._lost_bytes = 0
@@ -141,6 +144,7 @@ class VirtualGrbl:
         bytes to the controller vanish; `cut_line(count)` the head of its next line does; `lost_replies(count)` the next
         `ok`s vanish; `noise` rubbish on the line; `nudge(axis, distance_mm)` steps are lost; `hold` somebody presses
         feed hold; `typed(line)` another program sends a line; `override(percent)` somebody turns the feed override;
+        `lost_alarm` an edge on a limit wire restarts the firmware without an ALARM;
         `settings` the EEPROM is half written.
 
         Raises:
@@ -195,6 +199,7 @@ class VirtualGrbl:
             "hold": (lambda: machine.receive(b"!", self._clock.now_s()), None),
             "typed": (lambda line="": machine.receive(f"{line}\n".encode(), self._clock.now_s()), None),
             "override": (lambda percent=50: machine.set_override(int(percent)), None),
+            "lost_alarm": (machine.lose_alarm, None),
             "settings": (lambda: machine.settings.update(GARBAGE_SETTINGS), None),
         }
 

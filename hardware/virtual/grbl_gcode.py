@@ -1,7 +1,8 @@
 """The part of GRBL's G-code that a gantry needs, parsed as the firmware does: one line, all or nothing.
 
-Known: G0 G1 G4 G17 G20 G21 G53 G54..G59 G80 G90 G91 G92 G92.1 G94, M2 M5 M9 M30, axis words, F, N, P, S, T.
-Arcs, probing, G10, G28, G30 and M0 are answered `error:20`, although the firmware knows them.
+Known: G0 G1 G4 G17 G20 G21 G53 G54..G59 G80 G90 G91 G92 G92.1 G94, M2 M30, axis words, F, N, P, S, T.
+Accepted without effect: G18 G19 G40 G49 G61, M3 M4 M5 M7 M8 M9.
+Arcs, probing, G10, G28, G30, G43.1, G93 and M0 are answered `error:20`, although the firmware knows them.
 """
 
 import re
@@ -14,17 +15,24 @@ AXES = "XYZ"
 MODAL_GROUPS = (
     ("motion", ("G0", "G1", "G80")),
     ("non-modal", ("G4", "G53", "G92", "G92.1")),
-    ("plane", ("G17",)),
+    ("plane", ("G17", "G18", "G19")),
+    ("cutter", ("G40",)),
+    ("tool length", ("G49",)),
+    ("path", ("G61",)),
     ("units", ("G20", "G21")),
     ("distance", ("G90", "G91")),
     ("feed mode", ("G94",)),
     ("work offset", ("G54", "G55", "G56", "G57", "G58", "G59")),
     ("stop", ("M2", "M30")),
-    ("spindle", ("M5",)),
-    ("coolant", ("M9",)),
+    ("spindle", ("M3", "M4", "M5")),
+    ("coolant", ("M7", "M8", "M9")),
 )
 GROUP_OF_WORD = {word: group for group, words in MODAL_GROUPS for word in words}
-VALUE_LETTERS = "XYZFNPST"
+VALUE_LETTERS = "XYZFIJKLNPRST"
+UNUSED_LETTERS = "IJKLPR"
+WITH_DECIMALS = ("G92.1",)
+AXIS_COMMANDS = ("G0", "G1", "G92")
+MAX_LINE_NUMBER = 10_000_000
 JOG_WORDS = ("G20", "G21", "G53", "G90", "G91")
 
 
@@ -63,7 +71,12 @@ class Dwell:
     duration_s: float
 
 
-Action = Move | Dwell | None
+@dataclass(frozen=True)
+class End:
+    """M2 or M30: overrides back to 100 %."""
+
+
+Action = Move | Dwell | End | None
 
 
 def split_words(line: str) -> tuple[list[str], dict[str, float]]:
@@ -96,9 +109,15 @@ def split_words(line: str) -> tuple[list[str], dict[str, float]]:
 
 
 def _groups(commands: list[str], known: tuple[str, ...] | None = None) -> dict[str, str]:
-    """Command of each modal group; 20 unknown, 21 two of one group."""
+    """Command of each modal group; 20 unknown, 21 two of one group, 23 decimals, 24 two that move or name axes."""
     groups: dict[str, str] = {}
+    n_axis_commands = 0
     for command in commands:
+        if "." in command and command not in WITH_DECIMALS:
+            raise GcodeError(23)
+        n_axis_commands += command in AXIS_COMMANDS
+        if n_axis_commands > 1:
+            raise GcodeError(24)
         group = GROUP_OF_WORD.get(command)
         if group is None:
             raise GcodeError(20)
@@ -138,6 +157,8 @@ def parse_line(line: str, modal: Modal, position_mm: Vector) -> tuple[Modal, Act
     if any(values.get(letter, 0) < 0 for letter in "FNST"):
         raise GcodeError(4)
     groups = _groups(commands)
+    if values.get("N", 0) > MAX_LINE_NUMBER:
+        raise GcodeError(27)
     units = groups.get("units", modal.units)
     distance = groups.get("distance", modal.distance)
     scale = MM_PER_INCH if units == "G20" else 1.0
@@ -155,14 +176,13 @@ def parse_line(line: str, modal: Modal, position_mm: Vector) -> tuple[Modal, Act
         if "P" not in values:
             raise GcodeError(28)
         return new, Dwell(values["P"])
-    if "P" in values:
-        raise GcodeError(36)
+    _refuse_unused(values)
     if once in ("G92", "G92.1"):
         return _shifted(new, values, position_mm, scale, once), None
+    if "stop" in groups:
+        return replace(new, motion="G1", distance="G90", work_offset="G54"), End()
     if not has_axes:
-        if once == "G53":
-            raise GcodeError(30)
-        return (Modal(offset_mm=new.offset_mm) if "stop" in groups else new), None
+        return new, None
     if new.motion == "G80":
         raise GcodeError(31)
     offset_mm = (0.0, 0.0, 0.0) if once == "G53" else new.offset_mm
@@ -173,6 +193,11 @@ def parse_line(line: str, modal: Modal, position_mm: Vector) -> tuple[Modal, Act
     if new.feed_mm_per_min == 0:
         raise GcodeError(22)
     return new, Move(target_mm, new.feed_mm_per_min)
+
+
+def _refuse_unused(values: dict[str, float]) -> None:
+    if any(letter in values for letter in UNUSED_LETTERS):
+        raise GcodeError(36)
 
 
 def _shifted(modal: Modal, values: dict[str, float], position_mm: Vector, scale: float, word: str) -> Modal:
@@ -191,16 +216,19 @@ def _shifted(modal: Modal, values: dict[str, float], position_mm: Vector, scale:
 def parse_jog(line: str, modal: Modal, position_mm: Vector) -> Move:
     """Move of a `$J=` line (given without the `$J=`); the parser state is untouched.
 
+    Without axis words it goes to machine zero, as the firmware does.
+
     Raises:
-        GcodeError: 16 words that a jog cannot have or no axis word, 22 no feed of its own.
+        GcodeError: 16 commands that a jog cannot have, 22 no feed of its own, 36 unused words.
     """
     commands, values = split_words(line)
     groups = _groups(commands, JOG_WORDS)
-    if not any(letter in values for letter in AXES) or not values.keys() <= set("XYZFN"):
-        raise GcodeError(16)
     if values.get("F", 0) <= 0:
         raise GcodeError(22)
+    _refuse_unused(values)
     scale = MM_PER_INCH if groups.get("units", modal.units) == "G20" else 1.0
+    if not any(letter in values for letter in AXES):
+        return Move((0.0, 0.0, 0.0), values["F"] * scale)
     is_machine = groups.get("non-modal") == "G53"
     is_relative = groups.get("distance", modal.distance) == "G91" and not is_machine
     offset_mm = (0.0, 0.0, 0.0) if is_machine else modal.offset_mm

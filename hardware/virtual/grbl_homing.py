@@ -12,7 +12,8 @@ SEARCH_TRAVELS = 1.5
 LOCATE_PULL_OFFS = 5.0
 NOT_OPENED, NOT_FOUND = 8, 9  # alarms
 
-Wait = Generator[Callable[[], bool], None, None]
+Condition = Callable[[], bool]
+Wait = Generator[Condition, None, None]
 """Part of the firmware: yields the condition it waits for."""
 
 
@@ -77,6 +78,7 @@ class HomingCycle:
 
     def _approach(self, axes: tuple[int, ...], search_mm: float, speed: float) -> Wait:
         """Drive all axes to their switches, each stopping at its own."""
+        self._count_from_zero(axes)
         left_mm = search_mm
         while moving := [axis for axis in axes if not self._carriage.is_switch_closed(axis, self._now_s())]:
             if left_mm <= 0:
@@ -86,6 +88,12 @@ class HomingCycle:
             left_mm -= way_mm
         yield from self._delay(self._settings[26] / 1000)
 
+    def _count_from_zero(self, axes: tuple[int, ...]) -> None:
+        """Each pass counts from zero, which a report after a failed homing shows."""
+        count = self._carriage.count_mm(self._now_s())
+        fresh = tuple(0.0 if axis in axes else place for axis, place in enumerate(count))
+        self._carriage.recount(fresh, self._now_s())
+
     def _way_to_switch(self, axis: int) -> float:
         """How far an axis must go to close its home switch; infinite if it never will."""
         if axis in self._carriage.dead_switches:
@@ -94,6 +102,7 @@ class HomingCycle:
         return (self._carriage.home_switch_mm(axis) - place_mm) * self._sign(axis)
 
     def _pull_off(self, axes: tuple[int, ...], pull_off_mm: float, speed: float) -> Wait:
+        self._count_from_zero(axes)
         yield from self._go(axes, -1, pull_off_mm, speed)
         yield from self._delay(self._settings[26] / 1000)
         if any(self._carriage.is_switch_closed(axis, self._now_s()) for axis in axes):

@@ -69,6 +69,17 @@ class Leg:
             elapsed -= phase.duration_s
         return 0.0
 
+    def phases_ahead(self, now_s: float, duration_s: float) -> tuple[Phase, ...]:
+        """What it will do from `now_s` on for `duration_s`, or until its end."""
+        ahead, begin_s = [], self.start_s
+        for phase in self.phases:
+            skipped_s = min(max(now_s - begin_s, 0.0), phase.duration_s)
+            part_s = min(begin_s + phase.duration_s, now_s + duration_s) - begin_s - skipped_s
+            if part_s > 0:
+                ahead.append(Phase(part_s, phase.speed + phase.acceleration * skipped_s, phase.acceleration))
+            begin_s += phase.duration_s
+        return tuple(ahead)
+
     def position_at(self, now_s: float) -> Vector:
         """Position at a time, mm."""
         way = self.way_at(now_s)

@@ -11,6 +11,7 @@ from hardware.virtual.grbl_motion import Leg, Phase, stopping, trapezoid
 
 PLANNER_BLOCKS = 35
 ROUNDING_MM = 1e-9
+HOLD_LATENCY_S = 0.085  # step segments prepared ahead run on; measured 0.08..0.10 with the firmware, 5..100 mm/s
 LEAST_FEED_PERCENT, MOST_FEED_PERCENT = 10, 200
 SECONDS_PER_MINUTE = 60.0
 
@@ -75,6 +76,11 @@ class Planner:
         self._block = None
         self.switch_s = math.inf
 
+    def forget_queue(self) -> None:
+        """Drop the blocks that wait, and the rest of the one under way."""
+        self._queue.clear()
+        self._block = None
+
     def reset_overrides(self) -> None:
         """Back to 100 %."""
         self.feed_percent = self.rapid_percent = 100
@@ -124,14 +130,15 @@ class Planner:
         self.switch_s = math.inf
 
     def slow_down(self, now_s: float) -> None:
-        """Feed hold: replace the present leg by its shortest stop."""
+        """Feed hold: go on for what the firmware has prepared, then stop as fast as allowed."""
         leg = self._carriage.leg
-        if leg is None or not any(leg.direction):
+        if leg is None or not any(leg.direction) or leg.end_s <= now_s + HOLD_LATENCY_S:
             return
-        speed = leg.speed_at(now_s)
+        ahead = leg.phases_ahead(now_s, HOLD_LATENCY_S)
+        speed = leg.speed_at(now_s + HOLD_LATENCY_S)
         acceleration = limit_along(leg.direction, self.vector(120))
         self.finish_leg(now_s)
-        self.start_leg(now_s, leg.direction, stopping(speed, acceleration))
+        self.start_leg(now_s, leg.direction, (*ahead, *stopping(speed, acceleration)))
 
     def replan(self, now_s: float) -> None:
         """Carry on at the speed that the overrides now ask for."""

@@ -1,12 +1,49 @@
-"""Which optional fields a status report of the virtual GRBL carries: offsets and overrides come now and then."""
+"""What the virtual GRBL tells about itself: answers to queries, and when a report carries its optional fields."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
-from hardware.grbl.messages import StatusReport, Vector
+from hardware.grbl.codec import format_vector
+from hardware.grbl.messages import Feedback, Message, Setting, StatusReport, Vector
+from hardware.virtual.grbl_gcode import Modal
+from hardware.virtual.grbl_planner import PLANNER_BLOCKS
 
+VERSION = "1.1g"
+BUILD = "1.1g.20180813.Mega:"
+RX_BYTES = 255
 OFFSET_EVERY_BUSY, OFFSET_EVERY_IDLE = 30, 10
 OVERRIDES_EVERY_BUSY, OVERRIDES_EVERY_IDLE = 20, 10
 BUSY_STATES = ("Run", "Jog", "Home", "Hold")
+
+
+def setting_messages(settings: Mapping[int, float]) -> list[Message]:
+    """Answer to `$$`."""
+    return [Setting(number, value) for number, value in sorted(settings.items())]
+
+
+def offset_messages(offset_mm: Vector) -> list[Message]:
+    """Answer to `$#` when only G92 was used."""
+    zero = format_vector((0.0, 0.0, 0.0))
+    names = ("G54", "G55", "G56", "G57", "G58", "G59", "G28", "G30")
+    return [
+        *(Feedback(name, zero) for name in names),
+        Feedback("G92", format_vector(offset_mm)),
+        Feedback("TLO", "0.000"),
+        Feedback("PRB", f"{zero}:0"),
+    ]
+
+
+def build_messages() -> list[Message]:
+    """Answer to `$I`."""
+    return [Feedback("VER", BUILD), Feedback("OPT", f"VNM+,{PLANNER_BLOCKS},{RX_BYTES}")]
+
+
+def modal_text(modal: Modal) -> str:
+    """Text of the answer to `$G`."""
+    return (
+        f"{modal.motion} {modal.work_offset} G17 {modal.units} {modal.distance} G94 M5 M9 T0 "
+        f"F{modal.feed_mm_per_min:.0f} S0"
+    )
 
 
 class ReportCadence:

@@ -103,12 +103,14 @@ def _real_bench(config: CampaignConfig, config_path: Path, confirm: ConfirmReal)
 
 
 def read_bench(path: Path) -> BenchSettings:
-    """Read and check the file with the addresses of a real bench.
+    """Read and check the file with the addresses of a real bench; its journal lies beside it.
 
     Raises:
         ConfigError: the file is missing, or has a wrong value or key.
     """
-    return load_record(BenchSettings, read_toml(path, "bench file"), str(path))
+    settings = load_record(BenchSettings, read_toml(path, "bench file"), str(path))
+    journal = path.parent / settings.journal if settings.journal else path.with_suffix(".journal.jsonl")
+    return settings.model_copy(update={"journal": str(journal.resolve())})
 
 
 def read_world(path: Path) -> World:

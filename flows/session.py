@@ -106,7 +106,8 @@ def _solve_in_worker(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulati
 
 def _tell_grasp(progress: ProgressReporter, tool: ProposedTool, grasp: MeasuredGrasp) -> None:
     result = f"{peak_force_n(grasp.trace):.1f} N" if grasp.status == "ok" else f"failed ({grasp.reason})"
-    progress.line(f"{tool.label} object {grasp.object_id} repeat {grasp.repeat}: {result}")
+    what = f"object {grasp.object_id} repeat {grasp.repeat}" if grasp.diagnostic is None else grasp.diagnostic.text()
+    progress.line(f"{tool.label} {what}: {result}")
 
 
 def _tell_simulated(progress: ProgressReporter, label: str, n_failed: int) -> None:

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from pydantic import Field, model_validator
@@ -17,6 +18,7 @@ from hardware.clock import Clock, RealClock, ScaledClock, VirtualClock
 from hardware.force_sensor import ForceSensor
 from hardware.gantry import Gantry
 from hardware.heartbeat import BeatingClock, HeartbeatThread
+from hardware.journal import Journal
 from hardware.laumas.codec import PLAIN_DIVISIONS, Scale
 from hardware.laumas.continuous import ContinuousTransmitter
 from hardware.laumas.driver import LaumasTransmitter
@@ -68,6 +70,7 @@ class BenchSettings(Record):
     pressure_time_out_s: float = Field(default=2.0, gt=0)
     tool_mass_kg: dict[int, float] = Field(default_factory=dict, description="weighed tools by slot; others estimated")
     layout: BenchLayout = BenchLayout()
+    journal: str | None = Field(default=None, description="file of the tool changer's journal; default beside this one")
 
     @model_validator(mode="after")
     def _check_continuous_mode(self) -> "BenchSettings":
@@ -207,21 +210,26 @@ def _open(
     is_in_memory: bool = False,
 ) -> Iterator[Bench]:
     clock = BeatingClock(inner)
-    wires = _memory_wires(virtual, clock) if virtual is not None and is_in_memory else _lines(settings, clock)
+    wires = _memory_wires(virtual) if virtual is not None and is_in_memory else _lines(settings)
     plc = ClickPlc(wires.plc, clock)
     force = ForceSensor(
-        wires.transmitter, clock, settings.force_rate_hz, settings.stale_after_s, settings.transmitter_filter
+        _transmitter(settings, wires.transmitter, clock),
+        clock,
+        settings.force_rate_hz,
+        settings.stale_after_s,
+        settings.transmitter_filter,
     )
     gantry = Gantry(wires.gantry, clock)
     pneumatics = Pneumatics(plc, clock, settings.supply_pressure_psi, settings.pressure_time_out_s)
-    changer = ToolChanger(gantry, plc, force, clock, tools, settings.layout)
+    journal = Journal(Path(settings.journal) if settings.journal is not None else None)
+    changer = ToolChanger(gantry, plc, force, clock, tools, settings.layout, journal)
     recorded: dict[str, float | str] = {
         "transmitter_mode": settings.transmitter_mode,
         "transmitter_filter": float(settings.transmitter_filter),
         "supply_pressure_psi": settings.supply_pressure_psi,
         "force_rate_hz": settings.force_rate_hz,
     }
-    watch = GraspWatch(plc, AirWatch(pneumatics, clock), ZeroWatch(force), ReleaseWatch(force, pneumatics, clock))
+    watch = GraspWatch(AirWatch(pneumatics, clock), ZeroWatch(force), ReleaseWatch(force, pneumatics, clock))
     supervisor = Supervisor(gantry, plc, pneumatics, clock, settings.layout.top_z_mm)
     clock.listen(supervisor.hear, lambda: supervisor.is_ok)
     cell = GraspCell(gantry, supervisor, watch, pneumatics, changer, force, clock, settings.layout, recorded)
@@ -231,6 +239,7 @@ def _open(
         _connect({"PLC": plc.connect, "load cell": force.connect, "gantry": gantry.connect})
         _start_heartbeat(stack, clock, inner, plc)
         supervisor.acknowledge("the person who opened the bench")
+        changer.check_before_homing()
         supervisor.make_ready_to_home(may_vent)
         supervisor.home()
         yield Bench(gantry, plc, pneumatics, changer, force, supervisor, cell, clock, settings, virtual)
@@ -238,23 +247,23 @@ def _open(
 
 @dataclass(frozen=True)
 class _Wires:
-    """The three lines of a bench, the transmitter's with its driver."""
+    """The three lines of a bench."""
 
     plc: ModbusLink
-    transmitter: WeightSource
+    transmitter: ModbusLink
     gantry: Transport
 
 
-def _lines(settings: BenchSettings, clock: Clock) -> _Wires:
-    time_out_s = settings.modbus_time_out_s
-    plc = tcp_link("CLICK PLC", settings.plc_host, settings.plc_port, settings.plc_device_id, time_out_s)
-    return _Wires(plc, _transmitter(settings, clock), SerialTransport(settings.serial_port))
+def _lines(settings: BenchSettings) -> _Wires:
+    s = settings
+    plc = tcp_link("CLICK PLC", s.plc_host, s.plc_port, s.plc_device_id, s.modbus_time_out_s)
+    return _Wires(plc, _transmitter_link(settings), SerialTransport(settings.serial_port))
 
 
-def _memory_wires(virtual: VirtualBench, clock: Clock) -> _Wires:
+def _memory_wires(virtual: VirtualBench) -> _Wires:
     plc = memory_link("CLICK PLC in memory", virtual.plc.server)
     transmitter = memory_link("Weight transmitter in memory", virtual.transmitter.server)
-    return _Wires(plc, LaumasTransmitter(transmitter, clock), MemoryTransport(virtual.grbl))
+    return _Wires(plc, transmitter, MemoryTransport(virtual.grbl))
 
 
 @contextmanager
@@ -275,12 +284,12 @@ def _terminable() -> Iterator[None]:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-def _transmitter(settings: BenchSettings, clock: Clock) -> WeightSource:
+def _transmitter(settings: BenchSettings, link: ModbusLink, clock: Clock) -> WeightSource:
     if settings.transmitter_mode == "continuous":
         transport = SerialTransport(str(settings.transmitter_serial_port), settings.transmitter_baud_rate)
         scale = Scale(settings.transmitter_division, settings.transmitter_unit)
         return ContinuousTransmitter(transport, clock, scale, settings.force_rate_hz)
-    return LaumasTransmitter(_transmitter_link(settings), clock)
+    return LaumasTransmitter(link, clock)
 
 
 def _transmitter_link(settings: BenchSettings) -> ModbusLink:

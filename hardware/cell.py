@@ -1,6 +1,7 @@
 """The grasp cell: measures a tool on a plan of objects, and leaves the bench safe whatever happens."""
 
 import logging
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -9,29 +10,37 @@ from typing import Literal
 import numpy as np
 
 from hardware.clock import Clock
+from hardware.diagnostics import NO_OBJECT, Cell, DiagnosticRun
 from hardware.force_sensor import Baseline, ForceSensor, OverloadError, SensorFaultError
 from hardware.gantry import Gantry
 from hardware.layout import BenchLayout
 from hardware.pneumatics import Pneumatics
 from hardware.recording import GraspRecorder
+from hardware.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
 from hardware.supervisor import Supervisor
 from hardware.tool_changer import ToolChanger
 from hardware.tools import MountedTool
 from hardware.watches import GraspFaultError, GraspWatch
 from models.errors import DeviceError, FastError, InterlockError, UsageError
+from models.objects.catalogue import get_object
 from models.records import BENCH_FAULT, GraspSetup, Trace
 
 logger = logging.getLogger(__name__)
 
-SETTLE_S = 0.3  # after a move, before the tare
+SETTLE_S = 0.3  # after travelling, before the tare: the tool swings
 BASELINE_S = 0.6  # longer than the time after which identical readings mean a frozen transmitter
+RELEASE_CHECK_S = 0.15  # 12 readings: their mean is ten times better than NOT_RELEASED_N asks
+DEAD_WEIGHT_S = 2.0  # readings with the weight on, and after it was taken off
 CLOSED_SETTLE_S = 0.2  # between the end of closing and the lift
 POSITION_PERIOD_S = 0.1  # 10 Hz, what GRBL answers reliably in motion
 CARRYING_CHECK_PERIOD_S = 0.5
-FORCE_BACK_N = 0.25
 CONTACT_SDS = 3.0  # of one reading: five of the mean that is looked at, with the noise of a filter
 OVERLOAD_LOWER_MM = 5.0
+SAME_PLACE_MM = 0.5
 LIFT_MARGIN_S = 5.0
+
+Hang = Callable[[float], None]
+"""Called with a mass in kg: returns when it hangs still on the open gripper (0: when nothing hangs there)."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +48,8 @@ class MeasuredGrasp:
     """One grasp as the bench measured it.
 
     `tare_force_n`: gross force of the free-hanging gripper that was taken as zero. A failed grasp keeps what was
-    recorded until then.
+    recorded until then. `setup` is the one it was made with. `diagnostic`: the experiment it belongs to (`object_id` is
+    then `NO_OBJECT` if it needs none), None for an ordinary grasp.
     """
 
     object_id: int
@@ -50,6 +60,8 @@ class MeasuredGrasp:
     reason: str
     tare_force_n: float
     details: dict[str, float | str] = field(default_factory=dict)
+    setup: GraspSetup = GraspSetup()
+    diagnostic: DiagnosticRun | None = None
 
 
 class GraspCell:
@@ -79,39 +91,41 @@ class GraspCell:
         self._clock = clock
         self._layout = layout
         self._recorded = dict(recorded or {})
+        self._stroke: GraspSetup | None = None
 
     def measure_tool(
         self,
         slot: int,
-        plan: Sequence[tuple[int, int]],
+        plan: Sequence[Cell | DiagnosticRun],
         setup: GraspSetup,
         on_grasp: Callable[[MeasuredGrasp], None],
         should_stop: Callable[[], bool],
+        hang: Hang | None = None,
     ) -> None:
         """Pick the tool of `slot`, measure the planned (object, repeat) grasps in order, park the tool.
 
         `on_grasp` gets each grasp as soon as it is measured; `should_stop` is asked before each grasp and ends the
         plan early, with the tool parked. A grasp that fails by itself (load cell fault, overload) is reported as failed
-        and the plan goes on.
+        and the plan goes on. Diagnostic runs may stand anywhere in the plan; dead weights need `hang`.
 
         Raises:
             UsageError: plan or setup cannot be carried out; nothing has moved.
             DeviceError: the bench cannot go on; it is in the safe state and the tool may still be on the head.
         """
-        tool = self._check_plan(slot, plan, setup)
+        tool = self._check_plan(slot, plan, setup, hang)
         if not plan or should_stop():
             return
         with self._supervisor.guard():
             self._check_at_rest()
             self._pneumatics.open_supply()
-            self._pneumatics.set_stroke(setup)
+            self._stroke = None
             self._changer.pick(slot)
-            for object_id, repeat in plan:
+            for item in plan:
                 if should_stop():
                     logger.info("Stop asked: parking tool %s", tool.tool_id)
                     break
                 self._watch.before_grasp()
-                self._measure(tool, object_id, repeat, setup, on_grasp)
+                self._measure(tool, self._begin(item, setup), on_grasp, hang)
             self.park()
 
     def park(self) -> None:
@@ -126,13 +140,20 @@ class GraspCell:
         self._supervisor.end_safe_state("the person who asked to recover")
         self._gantry.move_to(z_mm=self._layout.top_z_mm)
 
-    def _check_plan(self, slot: int, plan: Sequence[tuple[int, int]], setup: GraspSetup) -> MountedTool:
+    def _check_plan(
+        self, slot: int, plan: Sequence[Cell | DiagnosticRun], setup: GraspSetup, hang: Hang | None
+    ) -> MountedTool:
         tool = self._changer.tools.get(slot)
         if tool is None:
             raise UsageError(f"Slot {slot} has no tool; mounted are slots {sorted(self._changer.tools)}.")
         self._layout.grasp_z_mm(tool.design, setup)
-        for object_id, _ in plan:
-            self._layout.object_xy_mm(object_id)
+        for item in plan:
+            grasp = self._begin(item, setup)
+            self._place_mm(grasp)
+            if grasp.run is not None and grasp.run.mass_kg is not None and hang is None:
+                raise UsageError(
+                    "The plan has dead weights, which a person hangs on the gripper; use `fast gantry diagnose`."
+                )
         return tool
 
     def _check_at_rest(self) -> None:
@@ -142,21 +163,22 @@ class GraspCell:
                 "`fast gantry park --vent` to vent, raise and park."
             )
 
+    def _begin(self, item: Cell | DiagnosticRun, setup: GraspSetup) -> "_GraspInProgress":
+        if isinstance(item, DiagnosticRun):
+            return _GraspInProgress(item.object_id, item.repeat, item.setup_of(setup), item, dict(self._recorded))
+        return _GraspInProgress(*item, setup, None, dict(self._recorded))
+
     def _measure(
-        self,
-        tool: MountedTool,
-        object_id: int,
-        repeat: int,
-        setup: GraspSetup,
-        on_grasp: Callable[[MeasuredGrasp], None],
+        self, tool: MountedTool, grasp: "_GraspInProgress", on_grasp: Callable[[MeasuredGrasp], None], hang: Hang | None
     ) -> None:
         """One grasp, reported whatever its end; re-raises what the bench cannot go on with."""
-        started_at = datetime.now(UTC)
-        grasp = _GraspInProgress(object_id, repeat, started_at, details=dict(self._recorded))
         try:
             self._approach(tool, grasp)
             try:
-                self._grip_and_lift(tool, setup, grasp)
+                if grasp.run is not None and grasp.run.mass_kg is not None and hang is not None:
+                    self._weigh(grasp, grasp.run.mass_kg, hang)
+                else:
+                    self._grip_and_lift(tool, grasp)
             except (SensorFaultError, OverloadError, GraspFaultError) as fault:
                 grasp.reason = str(fault)
                 self._back_off(fault, grasp)
@@ -168,39 +190,67 @@ class GraspCell:
             raise
         on_grasp(grasp.result())
 
+    def _place_mm(self, grasp: "_GraspInProgress") -> tuple[float, float]:
+        if grasp.object_id == NO_OBJECT:
+            return self._layout.free_xy_mm
+        return self._layout.object_xy_mm(grasp.object_id)
+
     def _approach(self, tool: MountedTool, grasp: "_GraspInProgress") -> None:
-        """Travel over the object and tare hanging free."""
-        x_mm, y_mm = self._layout.object_xy_mm(grasp.object_id)
-        self._raise(tool)
-        self._gantry.move_to(x_mm=x_mm, y_mm=y_mm)
+        """Travel over the object, unless the head is there from the last repeat, and tare hanging free."""
+        x_mm, y_mm = self._place_mm(grasp)
+        here_x_mm, here_y_mm, _ = self._gantry.position_mm()
+        if math.hypot(x_mm - here_x_mm, y_mm - here_y_mm) > SAME_PLACE_MM:
+            self._raise(tool)
+            self._gantry.move_to(x_mm=x_mm, y_mm=y_mm)
+            self._clock.sleep(SETTLE_S)
         self._changer.check_carrying()
+        self._prepare_air(grasp)
         self._pneumatics.label_job(grasp.object_id, grasp.repeat)
-        self._clock.sleep(SETTLE_S)
         self._force.tare()
         grasp.baseline = self._force.baseline(BASELINE_S)
         grasp.details["zero_step_n"] = self._watch.zero.check(tool.tool_id, grasp.baseline)
 
-    def _grip_and_lift(self, tool: MountedTool, setup: GraspSetup, grasp: "_GraspInProgress") -> None:
+    def _prepare_air(self, grasp: "_GraspInProgress") -> None:
+        """Stroke recipe and supply pressure of this grasp, where they differ from those of the last one."""
+        if grasp.setup != self._stroke:
+            self._pneumatics.set_stroke(grasp.setup)
+            self._stroke = grasp.setup
+        psi = grasp.run.supply_pressure_psi if grasp.run is not None else None
+        self._pneumatics.set_supply_pressure(psi)
+        grasp.details["supply_pressure_psi"] = self._pneumatics.supply_pressure_psi
+
+    def _weigh(self, grasp: "_GraspInProgress", mass_kg: float, hang: Hang) -> None:
+        """Readings with a known weight on the open gripper, and after it was taken off."""
+        hang(mass_kg)
+        self._force.forget()
+        recorder = grasp.recorder = GraspRecorder(self._clock.now_s(), self._gantry.position_mm()[2], grasp.baseline)
+        self._record_until(recorder, self._clock.now_s() + DEAD_WEIGHT_S)
+        grasp.details["dead_weight_n"] = float(recorder.recent_force_n(DEAD_WEIGHT_S).mean())
+        hang(0.0)
+        self._record_until(recorder, self._clock.now_s() + DEAD_WEIGHT_S)
+        grasp.end = "weighed"
+
+    def _grip_and_lift(self, tool: MountedTool, grasp: "_GraspInProgress") -> None:
+        setup = grasp.setup
         self._gantry.move_to(z_mm=self._layout.grasp_z_mm(tool.design, setup))
         z_mm = self._gantry.position_mm()[2]
         self._force.forget()
-        self._force.watch_peak()
         self._supervisor.rest_z_mm = z_mm
+        self._force.watch_peak()
         self._pneumatics.grip()
-        recorder = GraspRecorder(self._clock.now_s(), z_mm, grasp.baseline)
-        grasp.recorder = recorder
-        stroke_mm = max(setup.open_gap_mm - setup.closed_gap_mm, 0.0) / 2
-        self._record_until(recorder, self._clock.now_s() + stroke_mm / setup.close_speed_mm_per_s + CLOSED_SETTLE_S)
+        recorder = grasp.recorder = GraspRecorder(self._clock.now_s(), z_mm, grasp.baseline)
+        self._record_until(recorder, self._clock.now_s() + closing_s(setup) + CLOSED_SETTLE_S + grasp.dwell_s)
         self._pneumatics.check_pressure()
         self._watch.air.begin()
         recorder.add_position(self._clock.now_s(), z_mm)
         self._gantry.start_lift(setup.max_lift_mm, setup.lift_speed_mm_per_s)
-        grasp.end = self._record_lift(recorder, setup)
+        grasp.end = self._record_lift(recorder, grasp)
         self._gantry.stop_lift()
         sample = self._gantry.sample()
         recorder.add_position(sample.time_s, sample.z_mm)
         grasp.details.update(self._force.peak_details())
-        if not recorder.is_contact_seen(max(FORCE_BACK_N, CONTACT_SDS * grasp.baseline.sd_n)):
+        least_contact_n = max(FORCE_BACK_N, CONTACT_SDS * grasp.baseline.sd_n)
+        if grasp.object_id != NO_OBJECT and not recorder.is_contact_seen(least_contact_n):
             grasp.reason = (
                 f"No force above {FORCE_BACK_N:g} N on object {grasp.object_id}: it is missing or moved. The grasp is "
                 "not counted; look at the mount."
@@ -216,13 +266,11 @@ class GraspCell:
                 recorder.add_force(reading)
             next_s = max(next_s + period_s, self._clock.now_s())
 
-    def _record_lift(self, recorder: GraspRecorder, setup: GraspSetup) -> str:
-        """Read force and position until the fingers have left the object; says how it ended.
-
-        The tips must have passed the tallest object's top first: a waisted object lets go in between.
-        """
+    def _record_lift(self, recorder: GraspRecorder, grasp: "_GraspInProgress") -> str:
+        """Read force and position until the fingers have left the object; says how it ended."""
+        setup = grasp.setup
         speed = setup.lift_speed_mm_per_s
-        least_lift_mm = min(setup.tip_below_mm + self._layout.object_height_mm, setup.max_lift_mm)
+        least_mm = least_lift_mm(grasp.object_id, setup, self._layout)
         start_s = check_s = self._clock.now_s()
         deadline_s = start_s + setup.max_lift_mm / speed + LIFT_MARGIN_S
         while self._clock.now_s() < deadline_s:
@@ -230,7 +278,8 @@ class GraspCell:
             recorder.add_position(sample.time_s, sample.z_mm)
             if recorder.lift_mm >= setup.max_lift_mm - 0.01:
                 return "max_lift"
-            if recorder.lift_mm >= least_lift_mm and recorder.is_force_back(FORCE_BACK_N, speed):
+            is_over = recorder.lift_mm >= least_mm
+            if is_over and is_free(recorder.recent_force_n(WINDOW_MM / speed), grasp.baseline.sd_n):
                 return "separated"
             if self._clock.now_s() - check_s >= CARRYING_CHECK_PERIOD_S:
                 self._changer.check_carrying()
@@ -254,12 +303,14 @@ class GraspCell:
         self._gantry.move_to(z_mm=rest_z_mm)
 
     def _retreat(self, tool: MountedTool, grasp: "_GraspInProgress") -> None:
-        """Open, go up, and make sure that nothing came along."""
+        """Open, go up if the tips are not over the object yet, and make sure that nothing came along."""
         grasp.details["pressure_psi"] = self._pneumatics.pressure_psi()
-        self._pneumatics.vent()
+        if self._pneumatics.is_gripping():
+            self._pneumatics.vent()
         self._supervisor.rest_z_mm = None
-        self._raise(tool)
-        left_n = self._force.baseline(BASELINE_S).net_n - grasp.baseline.net_n
+        if grasp.end != "separated":
+            self._raise(tool)
+        left_n = self._force.baseline(RELEASE_CHECK_S).net_n - grasp.baseline.net_n
         grasp.details["after_release_n"] = self._watch.release.check(grasp.object_id, left_n, grasp.baseline.net_n)
 
     def _raise(self, tool: MountedTool) -> None:
@@ -274,18 +325,28 @@ class _GraspInProgress:
 
     object_id: int
     repeat: int
-    started_at: datetime
+    setup: GraspSetup
+    run: DiagnosticRun | None
+    details: dict[str, float | str]
+    started_at: datetime = field(default_factory=lambda: datetime.now(UTC))
     baseline: Baseline = Baseline(0.0, 0.0, 0.0)
     recorder: GraspRecorder | None = None
     reason: str = ""
     end: str = ""
-    details: dict[str, float | str] = field(default_factory=dict)
+
+    @property
+    def dwell_s(self) -> float:
+        """Wait between closing and lift, on top of what every grasp waits."""
+        return (self.run.dwell_s or 0.0) if self.run is not None else 0.0
 
     def result(self) -> MeasuredGrasp:
         """The grasp as measured; failed when a reason was noted."""
         empty = np.zeros(0)
         trace = self.recorder.trace() if self.recorder is not None else Trace(empty, empty, empty)
         self.details.update(end=self.end, baseline_sd_n=self.baseline.sd_n, baseline_net_n=self.baseline.net_n)
+        separation = find_separation(trace, self.baseline.sd_n) if self.end == "separated" else None
+        if separation is not None:
+            self.details.update(separation_mm=separation.lift_mm, zero_drift_n=separation.zero_drift_n)
         return MeasuredGrasp(
             object_id=self.object_id,
             repeat=self.repeat,
@@ -295,4 +356,20 @@ class _GraspInProgress:
             reason=self.reason,
             tare_force_n=self.baseline.gross_n,
             details=self.details,
+            setup=self.setup,
+            diagnostic=self.run,
         )
+
+
+def closing_s(setup: GraspSetup) -> float:
+    """Time the jaws take to their stop."""
+    return max(setup.open_gap_mm - setup.closed_gap_mm, 0.0) / 2 / setup.close_speed_mm_per_s
+
+
+def least_lift_mm(object_id: int, setup: GraspSetup, layout: BenchLayout) -> float:
+    """Lift at which the tips have passed the top of an object, without one of the tallest.
+
+    Before that a lift is not over: a waisted object lets go in between.
+    """
+    height_mm = layout.object_height_mm if object_id == NO_OBJECT else get_object(object_id).height_mm
+    return min(setup.tip_below_mm + height_mm + TOP_MARGIN_MM, setup.max_lift_mm)

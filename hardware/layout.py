@@ -28,6 +28,7 @@ class BenchLayout(Record):
     object_height_mm: float = Field(default=50.0, gt=0, description="of the tallest object")
     head_offset_mm: float = Field(default=60.0, description="base of the fingers above the sheet at z = 0")
     clearance_mm: float = Field(default=10.0, gt=0, description="tips over the tallest object while travelling")
+    free_xy_mm: tuple[float, float] = Field(default=(150.0, 600.0), description="place without an object")
     dock_first_x_mm: float = 165.0
     dock_pitch_mm: float = Field(default=130.0, gt=60)
     dock_y_mm: float = 1420.0

@@ -20,6 +20,7 @@ class Pneumatics:
         self, plc: ClickPlc, clock: Clock, supply_pressure_psi: float = 30.0, pressure_time_out_s: float = 2.0
     ) -> None:
         self.supply_pressure_psi = supply_pressure_psi
+        self._usual_pressure_psi = supply_pressure_psi
         self._plc = plc
         self._clock = clock
         self._time_out_s = pressure_time_out_s
@@ -49,6 +50,13 @@ class Pneumatics:
         self._plc.write_many(tags.SUPPLY_SETPOINT_REGISTER, [self.supply_pressure_psi])
         self._plc.write_bit(tags.SUPPLY_REQUEST, True)
         self._plc.wait_for({tags.SUPPLY_OUTPUT: True}, 1.0, "Opening the air supply")
+
+    def set_supply_pressure(self, psi: float | None) -> None:
+        """Set the pressure for the next grasps, with the supply open; None is the bench's usual one."""
+        wanted_psi = self._usual_pressure_psi if psi is None else psi
+        if wanted_psi != self.supply_pressure_psi:
+            self.supply_pressure_psi = wanted_psi
+            self.open_supply()
 
     def close_supply(self) -> None:
         """Close the supply valve; a closed gripper keeps its pressure behind the check valve."""
@@ -85,7 +93,7 @@ class Pneumatics:
             raise InterlockError("The tool lock is not closed; the gripper stays open. Look at the head.")
         self._plc.request(tags.GRIP_REQUEST, {tags.GRIP_OUTPUT: True}, 1.0, "Switching the gripper valve on")
         deadline_s = self._clock.now_s() + self._time_out_s
-        while not self._plc.read_bit(tags.PRESSURE_OK_INPUT):
+        while not self._is_pressure_up():
             if self._clock.now_s() >= deadline_s:
                 psi = self.pressure_psi()
                 self.vent()
@@ -116,6 +124,12 @@ class Pneumatics:
         confirm = {tags.GRIP_OUTPUT: False, tags.PRESSURE_OK_INPUT: False}
         self._plc.request(tags.VENT_REQUEST, confirm, 2.0, "Venting the gripper")
         self._clock.sleep(0.3)  # the jaws need the rest of the air out
+
+    def _is_pressure_up(self) -> bool:
+        """The switch is set for the usual pressure; below it, the measured pressure must do."""
+        if self.supply_pressure_psi >= self._usual_pressure_psi:
+            return self._plc.read_bit(tags.PRESSURE_OK_INPUT)
+        return self.pressure_psi() >= self._lowest_psi
 
     @property
     def _lowest_psi(self) -> float:

@@ -7,7 +7,6 @@ import numpy as np
 from hardware.force_sensor import Baseline, ForceReading
 from models.records import Trace
 
-WINDOW_MM = 2.0  # lift over which the force must be back at zero
 AT_REST_MM = 0.005  # below the place tolerance of the Z axis: the lift has not begun
 CONTACT_READINGS = 20  # a quarter of a second: averages the noise, keeps the narrowest contact
 
@@ -47,13 +46,11 @@ class GraspRecorder:
         """Lift at the last position."""
         return self._lift_mm[-1] if self._lift_mm else 0.0
 
-    def is_force_back(self, threshold_n: float, speed_mm_per_s: float) -> bool:
-        """Whether the mean force over the last `WINDOW_MM` of lift is within `threshold_n` of zero."""
+    def recent_force_n(self, duration_s: float) -> np.ndarray:
+        """Readings of the last `duration_s`, tared, in N."""
         if not self._force_s:
-            return False
-        first = bisect_left(self._force_s, self._force_s[-1] - WINDOW_MM / speed_mm_per_s)
-        recent = self._force_n[first:]
-        return abs(sum(recent) / len(recent)) < threshold_n
+            return np.zeros(0)
+        return np.array(self._force_n[bisect_left(self._force_s, self._force_s[-1] - duration_s) :])
 
     def is_contact_seen(self, threshold_n: float) -> bool:
         """Whether the mean force over any `CONTACT_READINGS` in a row leaves `threshold_n` around zero."""

@@ -1,4 +1,4 @@
-"""What is watched around every grasp, and the limits (notes/hardware.md 4.1): ladder, air, zero of the load cell, mass.
+"""What is watched around every grasp, and the limits (notes/hardware.md 4.1): air, zero of the load cell, mass.
 
 A `GraspFaultError` costs the grasp: the gripper is lowered and opened, and the batch goes on. Every other error ends in
 the safe state.
@@ -7,7 +7,6 @@ the safe state.
 import logging
 from collections import deque
 
-from hardware.click.driver import ClickPlc
 from hardware.clock import Clock
 from hardware.force_sensor import Baseline, ForceSensor
 from hardware.pneumatics import Pneumatics
@@ -170,18 +169,15 @@ class ReleaseWatch:
 class GraspWatch:
     """All watches of one bench, by when they look."""
 
-    def __init__(self, plc: ClickPlc, air: AirWatch, zero: ZeroWatch, release: ReleaseWatch) -> None:
-        self._plc = plc
+    def __init__(self, air: AirWatch, zero: ZeroWatch, release: ReleaseWatch) -> None:
         self.air = air
         self.zero = zero
         self.release = release
 
     def before_grasp(self) -> None:
-        """Ladder scanning, air there. Raises PlcRestartedError or LowAirError; no grasp has begun."""
-        self._plc.check_ladder()
+        """Air there. Raises LowAirError; no grasp has begun."""
         self.air.wait_for_mains()
 
     def lifting(self) -> None:
-        """Twice a second in a lift. Raises PlcRestartedError or GraspFaultError."""
-        self._plc.check_ladder()
+        """Twice a second in a lift. Raises GraspFaultError."""
         self.air.check()

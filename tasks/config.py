@@ -6,6 +6,7 @@ from typing import Any
 
 from pydantic import Field
 
+from hardware.diagnostics import DiagnosticPlan
 from models.errors import ConfigError
 from models.ids import canonical_json, content_id
 from models.records import GraspSetup, Record
@@ -28,6 +29,7 @@ class CampaignConfig(Record):
     schedule: Schedule = Schedule()
     objects: ObjectPlan = ObjectPlan()
     grasp: GraspSetup = GraspSetup()
+    diagnostics: DiagnosticPlan = DiagnosticPlan()
     simulator: SimulatorSettings = SimulatorSettings()
     scientist: ScientistSettings = ScientistSettings()
     bench: BenchChoice

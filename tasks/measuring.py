@@ -13,6 +13,7 @@ from models.features import initial_force_n, peak_force_n, work_j
 from models.ids import canonical_json
 from tasks.campaign import Campaign
 from tasks.control import append_event, exclusive, require_room, verbs_noted
+from tasks.diagnosing import append_diagnostic, plan_items
 from tasks.state import Cell, ProposedTool, tuples
 
 OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
@@ -74,8 +75,17 @@ def measure_tool(
     if not missing:
         return
     orders = count(_first_order(campaign))
+    diagnostics, seed = campaign.config.diagnostics, _order_seed(campaign, tool)
+    made_before = campaign.config.objects.n_grasps - len(missing)
+    n_made = made_before
 
     def record(grasp: MeasuredGrasp) -> None:
+        nonlocal n_made
+        if grasp.diagnostic is not None:
+            _append_run(campaign, tool, grasp, n_made, world_hash)
+            on_grasp(grasp)
+            return
+        n_made += 1
         attempt = state.next_attempt(tool.tool_id, (grasp.object_id, grasp.repeat))
         order = next(orders)
         _append(campaign, tool, grasp, attempt=attempt, order=order, world_hash=world_hash)
@@ -85,7 +95,18 @@ def measure_tool(
         require_room(campaign.lake)
         return should_stop()
 
-    bench.cell.measure_tool(tool.slot, missing, campaign.config.grasp, record, may_not_go_on)
+    items = plan_items(diagnostics, tool.slot, missing, made_before, seed)
+    bench.cell.measure_tool(tool.slot, items, campaign.config.grasp, record, may_not_go_on)
+
+
+def _append_run(
+    campaign: Campaign, tool: ProposedTool, grasp: MeasuredGrasp, n_made: int, world_hash: str | None
+) -> None:
+    provenance = campaign.provenance(_order_seed(campaign, tool), [tool.tool_id, tool.design.design_id])
+    name = campaign.campaign_id
+    append_diagnostic(
+        campaign.lake, provenance, tool, grasp, campaign_id=name, n_grasps_before=n_made, world_hash=world_hash
+    )
 
 
 def planned_cells(campaign: Campaign, tool: ProposedTool) -> list[Cell]:

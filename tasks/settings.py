@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator
 
+from hardware.travel import shortest_tour
 from models.records import EffectValue, MeshSettings, Record, SimulatorVersion, Theta
 
 N_OBJECTS = 36
@@ -15,7 +16,12 @@ class ObjectPlan(Record):
 
     ids: Literal["all"] | tuple[int, ...] = "all"
     repeats: int = Field(default=3, ge=1, le=20)
-    order: Literal["fixed", "random"] = "fixed"
+    order: Literal["fixed", "random"] = Field(
+        default="random", description="the shortest way for every tool, or drawn for each tool"
+    )
+    repeats_order: Literal["together", "interleaved"] = Field(
+        default="together", description="an object's repeats one after the other, or one pass over all objects each"
+    )
 
     @field_validator("ids", mode="before")
     @classmethod
@@ -47,11 +53,21 @@ class ObjectPlan(Record):
         return len(self.object_ids) * self.repeats
 
     def cells(self, seed: int) -> list[tuple[int, int]]:
-        """(object id, repeat) in the order of measurement: repeats together, objects fixed or shuffled by `seed`."""
+        """(object id, repeat) in the order of measurement.
+
+        A fixed order aliases the object with the number of grasps a tool has made; a random one, drawn from `seed`
+        (for each pass, when interleaved), breaks that and costs travel (`fast gantry plan`).
+        """
+        if self.repeats_order == "together":
+            return [(object_id, repeat) for object_id in self._pass(seed) for repeat in range(self.repeats)]
+        return [(object_id, repeat) for repeat in range(self.repeats) for object_id in self._pass(seed + repeat)]
+
+    def _pass(self, seed: int) -> list[int]:
+        if self.order == "fixed":
+            return list(shortest_tour(self.object_ids))
         objects = list(self.object_ids)
-        if self.order == "random":
-            random.Random(seed).shuffle(objects)
-        return [(object_id, repeat) for object_id in objects for repeat in range(self.repeats)]
+        random.Random(seed).shuffle(objects)
+        return objects
 
 
 class SimulatorSettings(Record):

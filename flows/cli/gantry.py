@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from hardware.tools import MountedTool
 
 app = App(name="gantry", help="Move the bench by hand: home, park, tare, grasp, faults. All of them home first.")
+app.command("flows.cli.diagnose:diagnose", name="diagnose", help="Experiments that tell hidden effects apart.")
+app.command("flows.cli.diagnose:tool_place", name="tool", help="Where the tool is, and the one safe way on.")
+app.command("flows.cli.plan:plan", name="plan", help="How long a batch takes, and what the time goes into.")
 
 WorldFile = Annotated[Path, Parameter(help="World of the virtual bench.")]
 RealFile = Annotated[Path | None, Parameter(help="Bench file: drive real hardware, after a typed confirmation.")]

@@ -38,13 +38,13 @@ def start(
     transmitter_port: Annotated[
         int, Parameter(help="Port of the load-cell transmitter; 0 takes a free one.", validator=PORT)
     ] = 0,
-    continuous: Annotated[
-        bool, Parameter(negative="", help="The transmitter's serial port sends strings instead of Modbus RTU.")
-    ] = False,
     fault: Annotated[
         list[str] | None,
         Parameter(negative="", help="NAME@SECONDS: a fault that begins then, e.g. low_air@30; may be repeated."),
     ] = None,
+    continuous: Annotated[
+        bool, Parameter(negative="", help="The transmitter's serial port sends strings instead of Modbus RTU.")
+    ] = False,
     json: AsJson = False,
 ) -> None:
     """Serve a world's gantry, PLC and load cell on a pty and two loopback ports until Ctrl-C."""

@@ -94,6 +94,7 @@ class VirtualClick:
         self._lock_valve = self._grip_valve = False
         self._last_heartbeat = 0
         self._heartbeat_at_s: float | None = None
+        self._had_host = False
         self._n_writes = 0
         self._last_seen: tuple[object, ...] = ()
         self._set(tags.SUPPLY_SETPOINT_REGISTER, 30.0)
@@ -122,6 +123,7 @@ class VirtualClick:
             if not is_retentive:
                 self._memory.clear()
             self._is_first_scan = True
+            self._n_writes += 1
             self._show_inputs()
         self.server.drop_all()
 
@@ -172,7 +174,7 @@ class VirtualClick:
         self._set(tags.SUPPLY_OUTPUT, supply)
         self._set(tags.MOTOR_ENABLE_OUTPUT, is_host_alive and is_estop_ok)
         # Until the first host the relay stays closed, so that the machine can be set up from a terminal.
-        self._world.is_motor_enabled = is_estop_ok and (is_host_alive or self._heartbeat_at_s is None)
+        self._world.is_motor_enabled = is_estop_ok and (is_host_alive or not self._had_host)
         self._set(tags.FAULT_REGISTER, _NO_HEARTBEAT * (not is_host_alive) + _ESTOP * (not is_estop_ok))
         self._set(CONNECTION_LIMIT_BIT, self.server.n_connections >= MOST_CONNECTIONS)
         self._drive(supply)
@@ -214,7 +216,7 @@ class VirtualClick:
         """Whether the host is alive; what changed since the last scan was seen by the first scan that was due."""
         beat = int(self._get(tags.HEARTBEAT_REGISTER))
         if beat != self._last_heartbeat:
-            self._last_heartbeat, self._heartbeat_at_s = beat, first_due_s
+            self._last_heartbeat, self._heartbeat_at_s, self._had_host = beat, first_due_s, True
             self._set(tags.HEARTBEAT_ECHO_REGISTER, beat)
         return self._is_host_alive(now_s)
 

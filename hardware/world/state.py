@@ -22,7 +22,7 @@ from hardware.world.physics import (
 )
 from hardware.world.spec import World
 from models.errors import SimulationFailed, UsageError
-from models.records import GraspSetup, GraspSimulation
+from models.records import EffectValue, GraspSetup, GraspSimulation
 from models.units import force_n_from_kg
 from models.validation import closest
 
@@ -34,6 +34,7 @@ AIR_TIME_CONSTANT_S = 0.05
 PRESSURE_OK_SHARE = 0.9  # of the set-point, where the pressure switch closes
 RESTING_PRESSURE_PSI = 1.0
 SETTLED_PSI = 1e-3  # closer to its end than a sensor tells, the pressure is there, and the inputs are at rest
+USUAL_PRESSURE_PSI = 30.0  # the paper's; the pressure switch and the world's effects are set for it
 
 FAULTS = (
     "cell_unplugged",  # status bit 0 of the transmitter
@@ -102,6 +103,7 @@ class WorldState:
         self.supply_psi = 0.0
         self.job = (-1, 0)
         self.setup = GraspSetup()
+        self.hung_kg = 0.0  # dead weight on the open gripper
         self.gross_n = 0.0
         self.n_readings = 0
         self.is_motor_enabled = True
@@ -205,7 +207,7 @@ class WorldState:
     @property
     def is_pressure_ok(self) -> bool:
         """Pressure switch of the gripper line, set to 90 % of 30 psi."""
-        return self.pressure_psi >= PRESSURE_OK_SHARE * 30.0
+        return self.pressure_psi >= PRESSURE_OK_SHARE * USUAL_PRESSURE_PSI
 
     @property
     def has_sensor_fault(self) -> bool:
@@ -224,8 +226,13 @@ class WorldState:
             return 0.0
         share = self._closing_share(grasp)
         force_n = grasp.curve.lift_force_at(lift_mm) if share >= 1.0 else grasp.curve.closing_force_at(share)
-        held = min(self.pressure_psi / (PRESSURE_OK_SHARE * 30.0), 1.0)  # opening jaws let go
+        held = min(self.pressure_psi / self._closing_psi, 1.0)  # opening jaws let go
         return force_n * held
+
+    @property
+    def _closing_psi(self) -> float:
+        """Pressure at which the jaws move, at this setting of the supply."""
+        return PRESSURE_OK_SHARE * max(min(self.supply_psi, USUAL_PRESSURE_PSI), RESTING_PRESSURE_PSI)
 
     # Time
 
@@ -281,7 +288,7 @@ class WorldState:
         if grasp.answer is not None and grasp.answer.done():
             self._take_answer(grasp, grasp.answer)
             grasp.answer = None
-        if grasp.closing_since_s is None and self.is_pressure_ok:
+        if grasp.closing_since_s is None and self.pressure_psi >= self._closing_psi:
             grasp.closing_since_s = now_s
 
     def _closing_share(self, grasp: _Grasp) -> float:
@@ -300,7 +307,8 @@ class WorldState:
         if tip_below_mm < -self.layout.object_height_mm:
             return _Grasp(None, None, self.setup, z_mm)  # closed in the air over the object
         setup = self.setup.model_copy(update={"tip_below_mm": tip_below_mm})
-        request = build_request(self.world, self.tool.tool_id, self.tool.design, object_id, setup)
+        world = at_pressure(self.world, self.supply_psi / USUAL_PRESSURE_PSI)
+        request = build_request(world, self.tool.tool_id, self.tool.design, object_id, setup)
         return _Grasp(self._solver(request), request, setup, z_mm)
 
     def _take_answer(self, grasp: _Grasp, answer: "Future[GraspSimulation]") -> None:
@@ -329,11 +337,24 @@ class WorldState:
 
     def _hanging_kg(self) -> float:
         """Mass of head, tool, and what hangs on it."""
-        mass_kg = HEAD_MASS_KG
+        mass_kg = HEAD_MASS_KG + self.hung_kg
         if self.tool is not None and self.dock_slot is None:
             mass_kg += self.tool.expected_mass_kg * (HEAVY_SHARE if "tool_heavy" in self.faults else 1.0)
             mass_kg -= PART_KG if "part_dropped" in self.faults else 0.0
         return mass_kg + (OBJECT_KG if "object_sticks" in self.faults else 0.0)
+
+
+def at_pressure(world: World, share: float) -> World:
+    """The world at this share of the usual supply pressure: a cylinder's force goes with its pressure."""
+    if abs(share - 1.0) < 1e-6:
+        return world
+    hidden = tuple(
+        EffectValue(effect=value.effect, parameters={"max_force_n": value.parameters["max_force_n"] * share})
+        if value.effect == "force_limited_closing"
+        else value
+        for value in world.hidden
+    )
+    return world.model_copy(update={"hidden": hidden})
 
 
 def slots_full(state: WorldState) -> list[bool]:

@@ -48,6 +48,11 @@ class RigidObject(Record):
         low, high = bounds(rows)
         return moved(rows, -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]]))
 
+    @property
+    def height_mm(self) -> float:
+        """Top of the object over its mount, in mm."""
+        return float(bounds(self.primitives)[1][2])
+
 
 def get_object(object_id: int) -> RigidObject:
     """The object with this number.

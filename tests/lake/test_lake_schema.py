@@ -28,6 +28,7 @@ CONTRACT = {
     "posterior_draws",
     "effects",
     "gap_findings",
+    "diagnostics",
     "events",
     "flow_runs",
 }
@@ -62,7 +63,7 @@ def test_types_follow_the_annotations():
     assert schema.field("batch").type == pa.int64()
     assert schema.field("status").type == pa.string()
     assert schema_of(TraceRow).field("force_n").type == pa.list_(pa.float64())
-    assert [t.table for t in TABLES if has_samples(t)] == ["traces", "sim_traces", "posterior_draws"]
+    assert [t.table for t in TABLES if has_samples(t)] == ["traces", "sim_traces", "diagnostics", "posterior_draws"]
 
 
 def test_samples_are_written_before_the_scalars_that_announce_them():

@@ -1,0 +1,232 @@
+"""`fast gantry diagnose`: experiments that tell hidden effects apart; `fast gantry tool`: where the tool is."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from flows.cli.common import AsJson, show, table_text, tell
+from flows.cli.virtual import Designs, rack
+
+if TYPE_CHECKING:
+    from hardware.bench import Bench
+    from hardware.cell import Hang, MeasuredGrasp
+    from hardware.diagnostics import DiagnosticPlan, DiagnosticRun
+    from hardware.tools import MountedTool
+    from lake.store import Lake
+    from tasks.state import ProposedTool
+
+Kind = Literal["dwell", "lift_speed", "supply_pressure", "closed_empty", "dead_weight", "reference"]
+WorldFile = Annotated[Path, Parameter(help="World of the virtual bench.")]
+RealFile = Annotated[Path | None, Parameter(help="Bench file: drive real hardware, after a typed confirmation.")]
+Slot = Annotated[int, Parameter(help="Slot of the tool in the rack, 0 to 9.", validator=Number(gte=0, lte=9))]
+DEFAULT_WORLD = Path("worlds/quick.toml")
+HANGING_STILL_S = 2.0
+
+
+def diagnose(
+    *,
+    only: Annotated[tuple[Kind, ...], Parameter(help="Kinds of experiments to make; default all.", negative="")] = (),
+    config: Annotated[Path | None, Parameter(help="Campaign config with [diagnostics] and [grasp].")] = None,
+    weight_kg: Annotated[
+        tuple[float, ...], Parameter(help="Dead weights to hang on the gripper; repeat for more.", negative="")
+    ] = (),
+    slot: Slot = 0,
+    tool: Annotated[
+        str | None, Parameter(help="Tool of the lake (CAMPAIGN/B01T0) that stands in its slot: rows are written.")
+    ] = None,
+    lake: Annotated[Path, Parameter(name="--lake", env_var="FAST_LAKE", help="Folder of the lake.")] = Path(
+        "lake-data"
+    ),
+    design: Designs = None,
+    world: WorldFile = DEFAULT_WORLD,
+    real: RealFile = None,
+    json: AsJson = False,
+) -> None:
+    """Make the diagnostic experiments with one tool: dwell, lift speed, pressure, empty runs, dead weights.
+
+    Nothing is an ordinary grasp: with --tool the runs go to the lake's table `diagnostics`, else nowhere.
+    """
+    plan, setup, seed = _what(config, weight_kg)
+    runs = [run for run in plan.runs(seed) if not only or run.kind in only]
+    if "reference" in only:
+        runs += _references(plan)
+    made: list[MeasuredGrasp] = []
+    store, mounted, slot = _target(lake, tool, slot, design)
+    write = _writer(store, world if real is None else None)
+
+    def record(grasp: "MeasuredGrasp") -> None:
+        write(grasp)
+        made.append(grasp)
+        tell(f"{len(made)} of {len(runs)}: {grasp.diagnostic.text() if grasp.diagnostic else ''}: {_outcome(grasp)}")
+
+    with open_bench(world, real, mounted) as bench:
+        bench.cell.measure_tool(slot, runs, setup, record, lambda: False, _hang(bench))
+    rows = [_row(grasp) for grasp in made]
+    show(rows, table_text(rows), json)
+
+
+def tool_place(
+    *,
+    on_head: Annotated[
+        int | None, Parameter(help="A person looked: the tool of this slot is on the head.", validator=Number(gte=0))
+    ] = None,
+    head_empty: Annotated[bool, Parameter(negative="", help="A person looked: there is no tool on the head.")] = False,
+    person: Annotated[str, Parameter(help="Who looked.")] = "",
+    design: Designs = None,
+    world: WorldFile = DEFAULT_WORLD,
+    real: RealFile = None,
+    json: AsJson = False,
+) -> None:
+    """Where the tool is, from the journal and the sensors, and the one safe way on. Homes first; moves no tool."""
+    from models.errors import UsageError
+
+    says = on_head is not None or head_empty
+    if says and (not person or (on_head is not None and head_empty)):
+        raise UsageError("say either --on-head SLOT or --head-empty, and who looked with --person NAME.")
+    with open_bench(world, real, rack(design)) as bench:
+        changer = bench.changer
+        status = changer.tell(on_head, person) if says else changer.status()
+    data = {"slot": status.slot, "sentence": status.sentence, "way_on": status.way.value}
+    show(data, f"{status.sentence} Way on: {status.way.value}.", json)
+
+
+@contextmanager
+def open_bench(world: Path, real: Path | None, mounted: "Mapping[int, MountedTool]") -> "Iterator[Bench]":
+    """The bench asked for, connected and homed.
+
+    Raises:
+        UsageError: a wrong file, or the real bench was not confirmed.
+    """
+    from flows.cli.campaign import typed_confirmation
+    from flows.launch import read_bench, read_world
+    from hardware.bench import open_real_bench, open_virtual_bench
+    from models.errors import UsageError
+
+    if real is None:
+        with open_virtual_bench(read_world(world), mounted) as bench:
+            yield bench
+        return
+    settings = read_bench(real)
+    if not typed_confirmation("move", str(real)):
+        raise UsageError("--real was not confirmed; nothing was moved.")
+    with open_real_bench(settings, mounted) as bench:
+        yield bench
+
+
+def _what(config: Path | None, weights_kg: tuple[float, ...]) -> "tuple[DiagnosticPlan, Any, int]":
+    from hardware.diagnostics import DiagnosticPlan
+    from models.records import GraspSetup
+    from tasks.config import load_config
+
+    plan, setup, seed = DiagnosticPlan(), GraspSetup(), 0
+    if config is not None:
+        loaded = load_config(config)
+        plan, setup, seed = loaded.diagnostics, loaded.grasp, loaded.seed
+    return plan.model_copy(update={"dead_weights_kg": weights_kg or plan.dead_weights_kg}), setup, seed
+
+
+def _references(plan: "DiagnosticPlan") -> "list[DiagnosticRun]":
+    from hardware.diagnostics import DiagnosticRun
+
+    return [
+        DiagnosticRun(kind="reference", object_id=plan.reference_object, repeat=repeat)
+        for repeat in range(plan.repeats)
+    ]
+
+
+def _target(
+    root: Path, tool_id: str | None, slot: int, design: list[Path] | None
+) -> "tuple[tuple[Lake, ProposedTool] | None, dict[int, MountedTool], int]":
+    """The tool to use, the rack, and its slot; with the lake and the tool's row if one was named.
+
+    Raises:
+        UsageError: no such tool, or an empty slot.
+    """
+    from hardware.tools import MountedTool
+    from lake.store import Lake
+    from lake.tables import ToolRow
+    from models.errors import UsageError
+    from tasks.state import ProposedTool, load_designs
+
+    if tool_id is None:
+        mounted = rack(design)
+        if slot not in mounted:
+            raise UsageError(f"slot {slot} has no tool; mounted are slots {min(mounted)} to {max(mounted)}.")
+        return None, mounted, slot
+    lake = Lake.open(root)
+    rows = lake.rows(ToolRow, tool_id=tool_id)
+    if not rows or rows[-1]["status"] != "printed":
+        raise UsageError(f'`{tool_id}` is no printed tool of {root}; list them with `fast sql "FROM tools"`.')
+    batch, designs = rows[-1]["batch"], load_designs(lake)
+    beside = lake.rows(ToolRow, campaign_id=rows[-1]["campaign_id"], batch=batch, status="printed")
+    mounted = {row["slot"]: MountedTool(row["tool_id"], designs[row["design_id"]]) for row in beside}
+    slot = rows[-1]["slot"]
+    return (lake, ProposedTool(tool_id, batch, slot, mounted[slot].design)), mounted, slot
+
+
+def _writer(store: "tuple[Lake, ProposedTool] | None", world: Path | None) -> "Callable[[MeasuredGrasp], None]":
+    """What writes each run to the lake, or does nothing."""
+    if store is None:
+        return lambda grasp: None
+    from flows.launch import read_world
+    from lake.tables import GraspRow
+    from tasks.campaign import stored_provenance
+    from tasks.diagnosing import append_diagnostic
+
+    lake, tool = store
+    campaign_id = tool.tool_id.partition("/")[0]
+    provenance = stored_provenance(lake, campaign_id, [tool.tool_id, tool.design.design_id])
+    n_before = len(lake.rows(GraspRow, tool_id=tool.tool_id, status="ok"))
+    world_hash = None if world is None else read_world(world).world_hash
+
+    def write(grasp: "MeasuredGrasp") -> None:
+        append_diagnostic(
+            lake, provenance, tool, grasp, campaign_id=campaign_id, n_grasps_before=n_before, world_hash=world_hash
+        )
+
+    return write
+
+
+def _hang(bench: "Bench") -> "Hang":
+    """A person hangs weights on a real gripper; on a virtual one they appear."""
+
+    def by_person(mass_kg: float) -> None:
+        what = f"Hang {mass_kg:g} kg on the open gripper" if mass_kg else "Take the weight off"
+        tell(f"{what}, keep clear, then press Enter.")
+        input()
+        bench.clock.sleep(HANGING_STILL_S)
+
+    def by_itself(mass_kg: float) -> None:
+        if bench.virtual is not None:
+            bench.virtual.state.hung_kg = mass_kg
+        bench.clock.sleep(HANGING_STILL_S)
+
+    return by_person if bench.virtual is None else by_itself
+
+
+def _row(grasp: "MeasuredGrasp") -> dict[str, Any]:
+    from models.features import peak_force_n
+
+    run = grasp.diagnostic
+    return {
+        "kind": run.kind if run else "",
+        "setting": ", ".join(f"{name} {value:g}" for name, value in run.parameters.items()) if run else "",
+        "object_id": grasp.object_id,
+        "repeat": grasp.repeat,
+        "status": grasp.status,
+        "peak_force_n": peak_force_n(grasp.trace),
+        "separation_mm": grasp.details.get("separation_mm"),
+        "dead_weight_n": grasp.details.get("dead_weight_n"),
+        "reason": grasp.reason,
+    }
+
+
+def _outcome(grasp: "MeasuredGrasp") -> str:
+    row = _row(grasp)
+    if row["status"] != "ok":
+        return f"failed: {row['reason']}"
+    return f"{row['peak_force_n'] if row['dead_weight_n'] is None else row['dead_weight_n']:.2f} N"

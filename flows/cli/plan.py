@@ -1,0 +1,101 @@
+"""`fast gantry plan`: how long a batch takes, what the time goes into, and what the order of the grasps costs."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from flows.cli.common import AsJson, show
+from flows.cli.virtual import Designs, rack
+
+if TYPE_CHECKING:
+    from hardware.cycle_time import PlanTime
+    from tasks.settings import ObjectPlan
+
+PAPER_GRASPS_PER_HOUR = 240
+
+Config = Annotated[Path | None, Parameter(help="Campaign config with the objects, their order and the grasp setup.")]
+
+
+def plan(
+    *,
+    tools: Annotated[int, Parameter(help="Tools of the batch.", validator=Number(gte=1, lte=10))] = 10,
+    order: Annotated[Literal["fixed", "random"] | None, Parameter(help="Instead of the config's.")] = None,
+    repeats_order: Annotated[
+        Literal["together", "interleaved"] | None, Parameter(help="Instead of the config's.")
+    ] = None,
+    config: Config = None,
+    design: Designs = None,
+    grasp_s: Annotated[
+        float | None, Parameter(help="Measured mean time of a grasp, which scales the model's.", validator=Number(gt=0))
+    ] = None,
+    json: AsJson = False,
+) -> None:
+    """Time per tool and batch, grasps per hour beside the paper's 240, and the parts that dominate. Nothing moves."""
+    from hardware.cycle_time import total_parts
+
+    objects, setup = _what(config)
+    asked = {"order": order, "repeats_order": repeats_order}
+    objects = objects.model_copy(update={name: value for name, value in asked.items() if value is not None})
+    times = _times(objects, setup, tools, design)
+    n_grasps = sum(len(time.item_s) for time in times)
+    modelled_s = sum(time.total_s for time in times) / n_grasps
+    factor = 1.0 if grasp_s is None else grasp_s / modelled_s
+    fixed = objects.model_copy(update={"order": "fixed", "repeats_order": "together"})
+    shortest_s = sum(time.total_s for time in _times(fixed, setup, tools, design)) / n_grasps
+    data = {
+        "tools": tools,
+        "grasps": n_grasps,
+        "order": objects.order,
+        "repeats_order": objects.repeats_order,
+        "grasp_s": factor * modelled_s,
+        "grasps_per_hour": 3600 / (factor * modelled_s),
+        "paper_grasps_per_hour": PAPER_GRASPS_PER_HOUR,
+        "tool_s": [factor * time.total_s for time in times],
+        "batch_s": factor * sum(time.total_s for time in times),
+        "order_costs_s_per_grasp": factor * (modelled_s - shortest_s),
+        "parts_s_per_grasp": {name: factor * s / n_grasps for name, s in total_parts(times).items()},
+    }
+    show(data, _text(data), json)
+
+
+def _what(config: Path | None) -> "tuple[ObjectPlan, Any]":
+    from models.records import GraspSetup
+    from tasks.config import load_config
+    from tasks.settings import ObjectPlan
+
+    if config is None:
+        return ObjectPlan(), GraspSetup()
+    loaded = load_config(config)
+    return loaded.objects, loaded.grasp
+
+
+def _times(objects: "ObjectPlan", setup: Any, n_tools: int, design: list[Path] | None) -> "list[PlanTime]":
+    """One plan per tool, each with its own order; fewer designs than tools are used again."""
+    from hardware.cycle_time import plan_time
+
+    mounted = list(rack(design).values())
+    return [
+        plan_time(mounted[slot % len(mounted)], slot, objects.cells(slot), setup, from_slot=max(slot - 1, 0))
+        for slot in range(n_tools)
+    ]
+
+
+def _text(data: dict[str, Any]) -> str:
+    parts = [f"  {name.replace('_', ' '):<16} {s:6.2f} s" for name, s in data["parts_s_per_grasp"].items()]
+    slowest, fastest = max(data["tool_s"]), min(data["tool_s"])
+    return "\n".join([
+        f"{data['grasps']} grasps with {data['tools']} tools, order {data['order']}, repeats {data['repeats_order']}",
+        f"batch {_duration(data['batch_s'])}; a tool {_duration(fastest)} to {_duration(slowest)}",
+        f"{data['grasp_s']:.2f} s a grasp: {data['grasps_per_hour']:.0f} an hour in theory "
+        f"(the paper: {data['paper_grasps_per_hour']}); "
+        f"the order costs {data['order_costs_s_per_grasp']:.2f} s of it",
+        "of a grasp's time:",
+        *parts,
+    ])  # fmt: skip
+
+
+def _duration(seconds: float) -> str:
+    minutes = round(seconds / 60)
+    return f"{minutes // 60} h {minutes % 60:02d} min" if minutes >= 60 else f"{minutes} min"

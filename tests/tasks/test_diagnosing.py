@@ -1,0 +1,95 @@
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from hardware.cell import MeasuredGrasp
+from hardware.diagnostics import DiagnosticPlan, DiagnosticRun
+from lake.tables import DiagnosticRow, GraspRow
+from models.errors import UsageError
+from models.records import GraspSetup, Trace
+from tasks.diagnosing import append_diagnostic, plan_items
+from tasks.printing import PrintConfirmation, confirm_print
+from tasks.proposing import propose_initial
+from tests.tasks.test_state import append_grasp
+
+CELLS = [(object_id, repeat) for object_id in (4, 7, 9) for repeat in range(2)]
+
+
+def made(diagnostic, minute=0):
+    object_id = 4 if diagnostic is None else diagnostic.object_id
+    setup = GraspSetup() if diagnostic is None else diagnostic.setup_of(GraspSetup())
+    trace = Trace(np.arange(4.0), np.arange(4.0), np.full(4, 99.0))
+    started_at = datetime(2030, 1, 1, 12, minute, tzinfo=UTC)
+    return MeasuredGrasp(object_id, 0, started_at, trace, "ok", "", 8.2, {"pressure_psi": 30.0}, setup, diagnostic)
+
+
+@pytest.fixture
+def tool(campaign):
+    """A tool with one ordinary grasp of 10 N."""
+    propose_initial(campaign)
+    confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada"))
+    first = campaign.state().tools_of(1)[0]
+    append_grasp(campaign, first, 4, 0, 10.0)
+    return first
+
+
+def write(campaign, tool, grasp):
+    append_diagnostic(
+        campaign.lake, campaign.provenance(), tool, grasp,
+        campaign_id="small", n_grasps_before=1, world_hash="W1",
+    )  # fmt: skip
+
+
+def test_a_diagnostic_run_enters_neither_tool_quality_nor_progress(campaign, tool):
+    before = campaign.lake.query("FROM tool_quality").to_pylist(), campaign.state()
+    runs = [
+        DiagnosticRun(kind="reference", object_id=4),
+        DiagnosticRun(kind="lift_speed", object_id=4, lift_speed_mm_per_s=20.0),
+        DiagnosticRun(kind="closed_empty"),
+    ]
+    for minute, run in enumerate(runs):
+        write(campaign, tool, made(run, minute))
+    assert (campaign.lake.query("FROM tool_quality").to_pylist(), campaign.state()) == before
+    assert len(campaign.lake.rows(GraspRow)) == 1
+    for view in ("grasp_summary", "tool_object", "object_profile", "grasp_features"):
+        assert campaign.lake.query(f"FROM {view} WHERE peak_force_n = 99").num_rows == 0
+
+
+def test_kind_knobs_and_samples_are_kept(campaign, tool):
+    write(campaign, tool, made(DiagnosticRun(kind="lift_speed", object_id=4, lift_speed_mm_per_s=20.0)))
+    write(campaign, tool, made(DiagnosticRun(kind="closed_empty"), 1))
+    sql = """SELECT kind, object_id, parameters_json::JSON ->> 'lift_speed_mm_per_s' AS speed,
+        setup_json::JSON ->> 'lift_speed_mm_per_s' AS setup_speed, len(force_n) AS n, bench, n_grasps_before
+        FROM diagnostics ORDER BY started_at"""
+    fast, empty = campaign.lake.query(sql).to_pylist()
+    assert fast == {
+        "kind": "lift_speed", "object_id": 4, "speed": "20.0", "setup_speed": "20.0", "n": 4, "bench": "virtual",
+        "n_grasps_before": 1,
+    }  # fmt: skip
+    assert (empty["kind"], empty["object_id"], empty["speed"]) == ("closed_empty", None, None)
+
+
+def test_every_run_is_a_row_of_its_own_and_written_once(campaign, tool):
+    run = DiagnosticRun(kind="reference", object_id=4)
+    for minute in (0, 1, 1):
+        write(campaign, tool, made(run, minute))
+    assert len(campaign.lake.ids(DiagnosticRow)) == 2
+
+
+def test_an_ordinary_grasp_is_refused(campaign, tool):
+    with pytest.raises(UsageError, match="An ordinary grasp is not a diagnostic run"):
+        write(campaign, tool, made(None))
+
+
+def test_a_batch_makes_what_its_config_asks_for():
+    assert plan_items(DiagnosticPlan(), 2, CELLS, 0, 1) == CELLS
+    plan = DiagnosticPlan(reference_every=4, protocol_slot=2, dead_weights_kg=(1.0,))
+    items = plan_items(plan, 2, CELLS, 0, 1)
+    kinds = [item.kind if isinstance(item, DiagnosticRun) else "" for item in items]
+    assert kinds[:9] == ["reference", "", "", "", "", "reference", "", "", "closed_empty"], "after the grasps"
+    assert "dead_weight" not in kinds, "nobody stands by"
+    assert [item for item in items if not isinstance(item, DiagnosticRun)] == CELLS
+    others = [item.kind for item in plan_items(plan, 3, CELLS, 0, 1) if isinstance(item, DiagnosticRun)]
+    assert others == ["reference", "reference"], "only one tool of a batch makes the protocol"
+    assert plan_items(plan, 2, [], 6, 1) == []

@@ -225,7 +225,7 @@ def _open(
         "supply_pressure_psi": settings.supply_pressure_psi,
         "force_rate_hz": settings.force_rate_hz,
     }
-    watch = GraspWatch(plc, AirWatch(pneumatics, clock), ZeroWatch(force), ReleaseWatch(force, pneumatics, clock))
+    watch = GraspWatch(AirWatch(pneumatics, clock), ZeroWatch(force), ReleaseWatch(force, pneumatics, clock))
     supervisor = Supervisor(gantry, plc, pneumatics, clock, settings.layout.top_z_mm)
     clock.listen(supervisor.hear, lambda: supervisor.is_ok)
     cell = GraspCell(gantry, supervisor, watch, pneumatics, changer, force, clock, settings.layout, recorded)
@@ -243,7 +243,7 @@ def _open(
 
 @dataclass(frozen=True)
 class _Wires:
-    """The three lines of a bench, the transmitter's with its driver."""
+    """The three lines of a bench."""
 
     plc: ModbusLink
     transmitter: WeightSource

@@ -192,7 +192,7 @@ class ForceSensor:
         self._watch.add(gross_n, net_n)
         if abs(gross_n) >= FULL_SCALE_N or status & OVERLOAD_MASK:
             raise OverloadError(
-                f"The load cell carries {gross_n:.0f} N, its full scale is {FULL_SCALE_N:.0f} N"
+                f"The load cell is overloaded: it carries {gross_n:.0f} N, its full scale is {FULL_SCALE_N:.0f} N"
                 f"{f' ({reading.fault})' if reading.fault else ''}. The lift was stopped; lower the head by hand "
                 "control and look at the gripper."
             )

@@ -70,16 +70,20 @@ class BeatingClock:
             remaining_s = end_s - self.inner.now_s()
 
     def _beat(self) -> None:
+        if self._plc is None:
+            return
         try:
-            lost, self._lost = self._lost, None
-            if lost is not None:
-                raise lost
-            if self._plc is not None:
-                self._plc.beat_if_due()
+            self._plc.beat_if_due()
         except DeviceError as error:
-            if self._is_ok():
-                raise
-            logger.warning("Heartbeat lost in the safe state, the ladder's watchdog takes over: %s", error)
+            self._lost = error
+
+    def _tell_lost(self) -> None:
+        lost, self._lost = self._lost, None
+        if lost is None:
+            return
+        if self._is_ok():
+            raise lost
+        logger.warning("Heartbeat lost in the safe state, the ladder's watchdog takes over: %s", lost)
 
     def wall_s(self, duration_s: float) -> float:
         """Real seconds of the inner clock."""

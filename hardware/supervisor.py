@@ -5,7 +5,6 @@ faulted again. The bench moves only while it is OK.
 """
 
 import logging
-import os
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -86,7 +85,10 @@ class Supervisor:
             self._pneumatics.check_air()
         logger.info("Safety latch OK, acknowledged by %s", who)
         self.cause, self._asked, self._held_since_s = "", None, None
-        self._plc.begin_session(os.getpid() % MAX_SESSION + 1)
+        if self._tripped_by is None:
+            self._plc.beat()
+        else:
+            self._plc.connect()  # what the PLC was told before is void: a new session
 
     def require_ok(self) -> None:
         """Raises InterlockError while the latch is faulted."""

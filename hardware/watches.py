@@ -7,7 +7,6 @@ the safe state.
 import logging
 from collections import deque
 
-from hardware.click.driver import ClickPlc
 from hardware.clock import Clock
 from hardware.force_sensor import Baseline, ForceSensor
 from hardware.pneumatics import Pneumatics
@@ -170,18 +169,15 @@ class ReleaseWatch:
 class GraspWatch:
     """All watches of one bench, by when they look."""
 
-    def __init__(self, plc: ClickPlc, air: AirWatch, zero: ZeroWatch, release: ReleaseWatch) -> None:
-        self._plc = plc
+    def __init__(self, air: AirWatch, zero: ZeroWatch, release: ReleaseWatch) -> None:
         self.air = air
         self.zero = zero
         self.release = release
 
     def before_grasp(self) -> None:
-        """Ladder scanning, air there. Raises PlcRestartedError or LowAirError; no grasp has begun."""
-        self._plc.check_ladder()
+        """Air there. Raises LowAirError; no grasp has begun."""
         self.air.wait_for_mains()
 
     def lifting(self) -> None:
-        """Twice a second in a lift. Raises PlcRestartedError or GraspFaultError."""
-        self._plc.check_ladder()
+        """Twice a second in a lift. Raises GraspFaultError."""
         self.air.check()

@@ -27,7 +27,7 @@ _SCANNED_AFTER_S = 0.1  # ten scans: by then a running ladder has counted and ec
 _HIGHEST_COUNT = 30_000  # of heartbeat and session, inside int16
 
 
-class PlcRestartedError(DeviceError):
+class LadderError(DeviceError):
     """The PLC answers, but was restarted or stands in STOP: nothing it was told holds any more."""
 
 
@@ -60,7 +60,7 @@ class ClickPlc:
 
         Raises:
             LinkLostError: no answer.
-            PlcRestartedError: the PLC answers but its program does not run.
+            LadderError: the PLC answers but its program does not run.
         """
         self._last_beat_s = None
         try:
@@ -73,15 +73,7 @@ class ClickPlc:
             ) from error
         self._wait_for_scan()
         self._take_requests_back()
-        self.begin_session(_next_count(session))
-
-    def begin_session(self, session: int) -> None:
-        """Leave this host's mark, above 0, which the ladder wipes in its first scan after a restart; then beat."""
-        self._last_beat_s = None
-        self.write_many(tags.SESSION_REGISTER, [session])
-        self._beat_count, _, self._scan_count, _, self._session = self._read_heartbeat()
-        self._scanned_at_s = self._clock.now_s()
-        self._send_beat()
+        self._begin_session(_next_count(session))
 
     def close(self) -> None:
         """Close the connection; the ladder's watchdog then closes the supply and holds lock and grip."""
@@ -178,21 +170,12 @@ class ClickPlc:
         A PLC that stops is found by the second beat after it, a restarted one by the first.
 
         Raises:
-            PlcRestartedError: the PLC has stopped or restarted since, or another host took it over.
+            LadderError: the PLC has stopped or restarted since, or another host took it over.
         """
         with self._beat_lock:
             if self._last_beat_s is not None:
                 self._check_ladder()
             self._send_beat()
-
-    def check_ladder(self) -> None:
-        """Prove that the ladder scans and is the one that this host's session began with.
-
-        Raises:
-            PlcRestartedError: as `beat`.
-        """
-        with self._beat_lock:
-            self._check_ladder()
 
     def beat_if_due(self) -> None:
         """Beat when the last one is `heartbeat_period_s` old.
@@ -239,6 +222,14 @@ class ClickPlc:
                 )
             self._clock.sleep(0.02)
 
+    def _begin_session(self, session: int) -> None:
+        """Leave this host's mark, above 0, which the ladder wipes in its first scan after a restart; then beat."""
+        self._last_beat_s = None
+        self.write_many(tags.SESSION_REGISTER, [session])
+        self._beat_count, _, self._scan_count, _, self._session = self._read_heartbeat()
+        self._scanned_at_s = self._clock.now_s()
+        self._send_beat()
+
     def _read_heartbeat(self) -> tuple[int, int, int, int, int]:
         """Heartbeat, echo, scan counter, fault code and session, from one request."""
         beat, echo, scans, fault, session = (
@@ -276,7 +267,7 @@ class ClickPlc:
         _, echo, scans, _, session = self._read_heartbeat()
         if session != self._session:
             happened = "its program was restarted" if session == 0 else "another host took it over"
-            raise PlcRestartedError(
+            raise LadderError(
                 f"{self._link.name} has lost this session ({tags.SESSION_REGISTER} is {session} instead of "
                 f"{self._session}): {happened}, what it was told is void. Look at valves and lock, then acknowledge."
             )
@@ -285,13 +276,13 @@ class ClickPlc:
         elif now_s - self._scanned_at_s > _SCANNED_AFTER_S:
             raise self._stopped()
         if echo != self._beat_count and self._last_beat_s is not None and now_s - self._last_beat_s > _SCANNED_AFTER_S:
-            raise PlcRestartedError(
+            raise LadderError(
                 f"{self._link.name} scans, but echoes heartbeat {echo} in {tags.HEARTBEAT_ECHO_REGISTER} instead of "
                 f"{self._beat_count}; its program is not the one of docs/bench.md, or a second host writes to it."
             )
 
-    def _stopped(self) -> PlcRestartedError:
-        return PlcRestartedError(
+    def _stopped(self) -> LadderError:
+        return LadderError(
             f"{self._link.name} answers, but its scan counter {tags.SCAN_COUNTER_REGISTER} stands still: it is in "
             "STOP. Switch it to RUN, look at valves and lock, then acknowledge."
         )

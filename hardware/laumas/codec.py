@@ -68,7 +68,7 @@ _FAULT_WORDS = {
 }
 
 # As plain numbers: arithmetic with flags is slow, and readings come 80 times a second and faster.
-_FAULT_MASK = 0x003F
+_FAULT_MASK = 0x003F  # the bits of `_FAULT_WORDS`
 _SIGN_BITS = (Status.GROSS_NEGATIVE.value, Status.NET_NEGATIVE.value, Status.PEAK_NEGATIVE.value)
 
 
@@ -103,7 +103,7 @@ class Reading:
     @property
     def fault(self) -> str:
         """Words for the alarm and every fault bit that is on, or an empty text."""
-        if not (self.alarm or self.status.value & _FAULT_MASK):
+        if not self.alarm and not self.status.value & _FAULT_MASK:
             return ""
         words = [words for bit, words in _FAULT_WORDS.items() if self.status & bit]
         return ", ".join([f"the display shows `{self.alarm}`"] * bool(self.alarm) + words)

@@ -6,7 +6,7 @@ import pytest
 
 from hardware.click import tags
 from hardware.click.codec import parse_address
-from hardware.click.driver import ClickPlc, PlcRestartedError
+from hardware.click.driver import ClickPlc, LadderError
 from hardware.clock import VirtualClock
 from hardware.laumas.codec import Status
 from hardware.laumas.driver import LaumasTransmitter
@@ -129,9 +129,9 @@ def test_a_stopped_ladder_is_found_at_connect_and_during_work(rig):
     rig.plc.beat_if_due()
     rig.ladder.is_running = False
     rig.clock.sleep(0.5)
-    with pytest.raises(PlcRestartedError, match="it is in STOP"):
+    with pytest.raises(LadderError, match="it is in STOP"):
         rig.plc.beat_if_due()
-    with pytest.raises(PlcRestartedError, match="it is in STOP"):
+    with pytest.raises(LadderError, match="it is in STOP"):
         rig.plc.connect()
 
 
@@ -141,7 +141,7 @@ def test_a_restarted_ladder_is_found_during_work(rig):
     rig.plc.beat_if_due()
     rig.ladder.restart()
     rig.clock.sleep(0.5)
-    with pytest.raises(PlcRestartedError, match="its program was restarted"):
+    with pytest.raises(LadderError, match="its program was restarted"):
         rig.plc.beat_if_due()
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from hardware.bench import open_virtual_bench
-from hardware.click.driver import PlcRestartedError
+from hardware.click.driver import LadderError
 from hardware.force_sensor import OverloadError, SensorFaultError
 from hardware.grbl.errors import (
     GrblAlarmError,
@@ -77,8 +77,8 @@ TABLE = [
     Row("stray_move", is_travelling, WrongPlaceError, "1.000 mm off its target", ("failed",)),
     # PLC
     Row("plc_unplugged", is_pulling, LinkLostError, "CLICK PLC at", ("failed",), KEPT, motors=False, place="held"),
-    Row("plc_stop", is_pulling, PlcRestartedError, "it is in STOP", ("failed",), KEPT, motors=False, place="held"),
-    Row("plc_restart", is_pulling, PlcRestartedError, "was restarted", ("failed",), KEPT, motors=False, place="held"),
+    Row("plc_stop", is_pulling, LadderError, "is in STOP", ("failed",), KEPT, motors=False, place="held"),
+    Row("plc_restart", is_pulling, LadderError, "was restarted", ("failed",), KEPT, motors=False, place="held"),
     # Air
     Row("grip_valve_stuck", None, DeviceError, "has 0 psi 2 s after its valve opened", ("failed",), place="rest"),
     Row("vent_valve_stuck", is_pulling, InterlockError, "Venting .* not confirmed", ("failed",), place="free"),

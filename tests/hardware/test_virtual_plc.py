@@ -1,7 +1,7 @@
 import pytest
 
 from hardware.click import tags
-from hardware.click.driver import ClickPlc, PlcRestartedError
+from hardware.click.driver import ClickPlc, LadderError
 from hardware.clock import ScaledClock, VirtualClock
 from hardware.heartbeat import BeatingClock, HeartbeatThread
 from hardware.laumas.codec import Scale
@@ -114,7 +114,7 @@ def test_in_stop_the_port_answers_outputs_are_off_and_a_beat_says_so(rig):
     rig.clock.sleep(0.5)
     assert not any(rig.plc.read_bits("Y1", 6))
     assert rig.world.pressure_psi == pytest.approx(psi, abs=0.5), "the gripper's valve is bistable"
-    with pytest.raises(PlcRestartedError, match="counter DS3 stands still: it is in STOP"):
+    with pytest.raises(LadderError, match="counter DS3 stands still: it is in STOP"):
         rig.plc.beat_if_due()
     rig.clock.sleep(5.0)
     rig.plc.beat_if_due()  # silent after the one error, until the next connect
@@ -132,7 +132,7 @@ def test_a_restart_is_found_by_the_next_beat_whatever_the_plc_remembers(rig, is_
     rig.plc.beat_if_due()
     rig.virtual_plc.restart(is_retentive)
     rig.clock.sleep(0.5)
-    with pytest.raises(PlcRestartedError, match="DS5 is 0 instead of 1.: its program was restarted"):
+    with pytest.raises(LadderError, match="DS5 is 0 instead of 1.: its program was restarted"):
         rig.plc.beat_if_due()
     rig.plc.connect()
     rig.clock.sleep(0.5)
@@ -156,7 +156,7 @@ def test_a_second_host_is_found(rig):
     other.connect()
     other.close()
     rig.clock.sleep(0.5)
-    with pytest.raises(PlcRestartedError, match="another host took it over"):
+    with pytest.raises(LadderError, match="another host took it over"):
         rig.plc.beat_if_due()
 
 
@@ -350,7 +350,7 @@ def test_a_lost_heartbeat_is_raised_once_in_whatever_waits_and_then_the_watchdog
         beating.sleep(4.0)
         with clock.lock:
             virtual.is_running = False
-        with pytest.raises(PlcRestartedError, match="in STOP"):
+        with pytest.raises(LadderError, match="in STOP"):
             sleep_often(beating)
         beating.sleep(4.0)
         with clock.lock:

@@ -22,6 +22,7 @@ FILE_PREFIX = "rows-"  # what readers look at; temporary and foreign files are n
 FILE_SUFFIX = ".parquet"
 TEMPORARY_PREFIX = ".writing-"
 LOCK_NAME = ".lock"
+NOT_CONTENT = frozenset({"created_at", "code_version", "code_dirty"})  # how rows came, not what they say
 _ROW_GROUP_OF_TRACES = 512  # dictionaries of samples are shared by many grasps, one trace is still decoded in 15 ms
 _ZSTD_LEVEL = 3
 FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST, errno.ENOENT}
@@ -178,6 +179,18 @@ def make_folder(folder: Path) -> None:
     make_folder(folder.parent)
     folder.mkdir(exist_ok=True)
     sync_folder(folder.parent)
+
+
+def write_synced(path: Path, text: str) -> None:
+    """Write a text file durably, or none."""
+    try:
+        with path.open("w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError:
+        discard([path])
+        raise
 
 
 def sync_folder(folder: Path) -> None:

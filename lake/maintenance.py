@@ -1,8 +1,6 @@
 """Keeping a lake healthy: check and quarantine files, merge small ones, count what is there."""
 
-import json
 import logging
-import os
 import time
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -16,28 +14,21 @@ from lake.engine import Signature, list_files
 from lake.files import (
     FILE_PREFIX,
     FILE_SUFFIX,
-    FORBIDDEN,
     LOCK_NAME,
     TEMPORARY_PREFIX,
     Fault,
     FaultKind,
-    discard,
     fault_of,
     file_name,
-    locked,
-    make_folder,
-    publish,
     stage,
-    sync_folder,
 )
 from lake.schema import schema_of
-from lake.store import MARKER, Lake
+from lake.storage import MARKER, QUARANTINE, STAGED_MARKER, Entry, Storage
+from lake.store import Lake
 from lake.tables import TABLE_BY_NAME, TABLES, Row
 from lake.upgrades import forget_copies, older_files, read_upgraded
-from models.errors import FastError, LakeError, UsageError
 
 _LOG = logging.getLogger(__name__)
-QUARANTINE = "quarantine"
 _OF_FAST = frozenset({"outputs", ".state"})  # what people read, and what can be made again; no rows
 TARGET_BYTES = 16 * 2**20  # of a merged file, some thousand traces; files over half of it are left alone
 _NEEDS_SAMPLES = (
@@ -53,12 +44,12 @@ _STAYS = frozenset({"unreadable", "newer", "incomplete"})  # what a person or an
 
 
 class Finding(NamedTuple):
-    """One thing that `check` found; `moved_to` is where a file was set aside."""
+    """One thing that `check` found; `moved_to` is where a file was set aside. Objects are named by their address."""
 
     kind: Kind
-    path: Path
+    path: Path | str
     message: str
-    moved_to: Path | None = None
+    moved_to: Path | str | None = None
 
     @property
     def line(self) -> str:
@@ -101,11 +92,11 @@ def check(lake: Lake, *, quarantine: bool = False) -> list[Finding]:
         UsageError: files are to be moved and the lake cannot be written.
         LakeError: files are to be moved and the disk is full or broken; what was not moved is where it was.
     """
-    findings = [*_foreign_entries(lake.root)]
+    findings = [*_foreign_entries(lake.storage)]
     for row_type in TABLES:
-        findings += _file_findings(lake.root / row_type.table, row_type)
+        findings += _file_findings(lake.storage, row_type)
     if quarantine:
-        findings = [finding if finding.kind in _STAYS else _set_aside(lake.root, finding) for finding in findings]
+        findings = [finding if finding.kind in _STAYS else _set_aside(lake.storage, finding) for finding in findings]
     if not any(finding.kind in get_args(FaultKind) and finding.moved_to is None for finding in findings):
         findings += _incomplete(lake)
     return findings
@@ -123,11 +114,12 @@ def compact(lake: Lake, table: type[Row] | str, target_bytes: int = TARGET_BYTES
     """
     row_type = TABLE_BY_NAME[table] if isinstance(table, str) else table
     folder = lake.root / row_type.table
+    lake.storage.refresh([row_type.table])
     n_before = len(list_files(folder))
     n_rows = 0
     older = older_files(folder, row_type)
     for group in _groups(list_files(folder), target_bytes, older):
-        n_rows += _merge(lake.root, row_type, group)
+        n_rows += _merge(lake.storage, row_type, group)
     if older:
         forget_copies(lake.root, row_type)
     return Compaction(row_type.table, n_before, len(list_files(folder)), n_rows)
@@ -164,36 +156,20 @@ def _groups(files: dict[str, Signature], target_bytes: int, older: set[str]) -> 
         yield group
 
 
-def _merge(root: Path, row_type: type[Row], group: dict[str, Signature]) -> int:
+def _merge(storage: Storage, row_type: type[Row], group: dict[str, Signature]) -> int:
     """Replace the files of a group by one; returns its number of rows, 0 if another process was faster."""
-    folder = root / row_type.table
+    folder = storage.root / row_type.table
     try:
         merged = _read_merged(folder, row_type, sorted(group))
     except FileNotFoundError:
         _LOG.info("another process is merging %s; left to it", folder)
         return 0
     final = folder / file_name(merged)
-    publish(stage(folder, merged, row_type.table), final)
+    storage.publish(stage(folder, merged, row_type.table), final)
     merged_away = [name for name in group if name != final.name]
     for first in range(0, len(merged_away), _REMOVED_AT_ONCE):
-        _remove(root, folder, {name: group[name] for name in merged_away[first : first + _REMOVED_AT_ONCE]})
+        storage.remove(folder, {name: group[name] for name in merged_away[first : first + _REMOVED_AT_ONCE]})
     return merged.num_rows
-
-
-def _remove(root: Path, folder: Path, files: dict[str, Signature]) -> None:
-    """Remove files that were merged, but for those that were written again since."""
-    try:
-        with locked(root, exclusive=True):
-            now = list_files(folder)
-            for name, signature in files.items():
-                if now.get(name) == signature:
-                    (folder / name).unlink(missing_ok=True)
-            sync_folder(folder)
-    except OSError as error:
-        raise LakeError(
-            f"Merged files of {folder} could not be removed ({error.strerror}); no row is lost, and those in two files "
-            "count once: repair the disk or its permissions, then compact again."
-        ) from error
 
 
 def _read_merged(folder: Path, row_type: type[Row], names: list[str]) -> pa.Table:
@@ -212,91 +188,52 @@ def _places(rows: pa.Table) -> pa.Array:
     return pa.array(range(rows.num_rows), type=pa.int64())
 
 
-def _foreign_entries(root: Path) -> Iterator[Finding]:
+def _foreign_entries(storage: Storage) -> Iterator[Finding]:
     known = {MARKER, LOCK_NAME, QUARANTINE, *_OF_FAST, *TABLE_BY_NAME}
-    for entry in sorted(root.iterdir()):
-        if entry.name.startswith(f".{MARKER}."):
+    for entry in storage.entries():
+        if entry.name.startswith(STAGED_MARKER):
             yield from _leftover(entry)
         elif entry.name not in known:
-            yield Finding("foreign", entry, f"{entry} is not part of the lake; move it elsewhere.")
+            yield Finding("foreign", entry.place, f"{entry.place} is not part of the lake; move it elsewhere.")
 
 
-def _file_findings(folder: Path, row_type: type[Row]) -> Iterator[Finding]:
+def _file_findings(storage: Storage, row_type: type[Row]) -> Iterator[Finding]:
+    folder = storage.root / row_type.table
     try:
-        paths = sorted(folder.iterdir())
-    except FileNotFoundError:
-        return  # the table has no rows yet
+        storage.refresh([row_type.table], anew=True)
+        entries = storage.entries(row_type.table)
     except OSError as error:
         fault = Fault("unreadable", f"cannot be read ({error.strerror})")
         yield Finding(fault.kind, folder, f"{folder} {fault.sentence}; {fault.remedy}.")
         return
-    for path in paths:
-        if path.name.startswith(TEMPORARY_PREFIX):
-            yield from _leftover(path)
-        elif not os.path.lexists(path):
-            continue  # merged into another file since it was listed
-        elif not path.is_file() or not (path.name.startswith(FILE_PREFIX) and path.name.endswith(FILE_SUFFIX)):
-            yield Finding("foreign", path, f"{path} was not written by the lake, readers ignore it; move it elsewhere.")
-        elif found := fault_of(path, row_type, whole=True):
+    for entry in entries:
+        place = entry.place
+        if entry.name.startswith(TEMPORARY_PREFIX):
+            yield from _leftover(entry)
+        elif not entry.is_file or not (entry.name.startswith(FILE_PREFIX) and entry.name.endswith(FILE_SUFFIX)):
+            sentence = f"{place} was not written by the lake, readers ignore it; move it elsewhere."
+            yield Finding("foreign", place, sentence)
+        elif found := fault_of(folder / entry.name, row_type, whole=True):
             then = "" if found.kind in _STAYS else ", then redo its work"
-            yield Finding(found.kind, path, f"{path} {found.sentence}; {found.remedy}{then}.")
+            yield Finding(found.kind, place, f"{place} {found.sentence}; {found.remedy}{then}.")
 
 
-def _leftover(path: Path) -> Iterator[Finding]:
-    if _age_s(path) > _LEFTOVER_AGE_S:
-        yield Finding("leftover", path, f"{path} was left by a process that died; its rows were never visible.")
+def _leftover(entry: Entry) -> Iterator[Finding]:
+    if time.time() - entry.modified_s > _LEFTOVER_AGE_S:
+        yield Finding(
+            "leftover", entry.place, f"{entry.place} was left by a process that died; its rows were never visible."
+        )
 
 
-def _age_s(path: Path) -> float:
-    try:
-        return time.time() - path.stat().st_mtime
-    except FileNotFoundError:
-        return 0.0  # it was given its name meanwhile
-
-
-def _set_aside(root: Path, finding: Finding) -> Finding:
+def _set_aside(storage: Storage, finding: Finding) -> Finding:
     """Move a file to the quarantine, its reason first: what is there always says why."""
-    target = root / QUARANTINE / finding.path.relative_to(root)
-    try:
-        make_folder(target.parent)
-        while target.exists():
-            target = target.with_name(f"{target.name}.again")
-        reason = target.with_name(f"{target.name}.reason.json")
-        _write_reason(reason, finding)
-        try:
-            os.replace(finding.path, target)
-        except OSError:
-            discard([reason])
-            raise
-        sync_folder(target.parent)
-        sync_folder(finding.path.parent)
-    except OSError as error:
-        raise _not_set_aside(finding.path, error) from error
-    return finding._replace(moved_to=target)
-
-
-def _write_reason(path: Path, finding: Finding) -> None:
-    content = {
+    reason = {
         "kind": finding.kind,
         "message": finding.message,
         "moved_from": str(finding.path),
         "moved_at": datetime.now(UTC).isoformat(timespec="seconds"),
     }
-    try:
-        with path.open("w", encoding="utf-8") as file:
-            file.write(json.dumps(content, indent=2) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-    except OSError:
-        discard([path])
-        raise
-
-
-def _not_set_aside(path: Path, error: OSError) -> FastError:
-    stayed = f"{path} could not be set aside ({error.strerror}); it is where it was, nothing was lost: "
-    if error.errno in FORBIDDEN:
-        return UsageError(f"{stayed}change the permissions of the lake, then run the same command again.")
-    return LakeError(f"{stayed}free disk space or repair the disk, then run the same command again.")
+    return finding._replace(moved_to=storage.set_aside(finding.path, reason))
 
 
 def _incomplete(lake: Lake) -> Iterator[Finding]:
@@ -305,6 +242,5 @@ def _incomplete(lake: Lake) -> Iterator[Finding]:
         held = f"raw_{samples}" if TABLE_BY_NAME[samples].id_column() == key else samples
         sql = f"SELECT {key} FROM {scalars} WHERE status = 'ok' EXCEPT SELECT {key} FROM {held} ORDER BY {key}"
         for row_id in lake.query(sql).column(0).to_pylist():
-            yield Finding(
-                "incomplete", lake.root / scalars, f"`{row_id}` of `{scalars}` has no row in `{samples}`; redo it."
-            )
+            path = lake.root / scalars
+            yield Finding("incomplete", path, f"`{row_id}` of `{scalars}` has no row in `{samples}`; redo it.")

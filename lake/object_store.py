@@ -45,7 +45,7 @@ class Connection:
 
     def get(self, path: str) -> bytes:
         """All of an object."""
-        with self._connected().open_input_stream(path) as stream:
+        with self.files.open_input_stream(path) as stream:
             return bytes(stream.read())
 
     def put(self, path: str, data: bytes) -> None:
@@ -53,26 +53,28 @@ class Connection:
 
         All data are given at once: closing a stream of which only a part was written would publish that part.
         """
-        with self._connected().open_output_stream(path) as stream:
+        with self.files.open_output_stream(path) as stream:
             stream.write(data)
 
     def has(self, path: str) -> bool:
         """True when there is such an object."""
-        return bool(self._connected().get_file_info(path).type == FileType.File)
+        return bool(self.files.get_file_info(path).type == FileType.File)
 
     def list(self, folder: str) -> list[FileInfo]:
         """Objects and folders right below a prefix; a request for each thousand."""
-        return list(self._connected().get_file_info(FileSelector(folder, allow_not_found=True)))
+        return list(self.files.get_file_info(FileSelector(folder, allow_not_found=True)))
 
     def copy(self, path: str, target: str) -> None:
         """Copy an object within the store."""
-        self._connected().copy_file(path, target)
+        self.files.copy_file(path, target)
 
     def delete(self, path: str) -> None:
         """Delete an object."""
-        self._connected().delete_file(path)
+        self.files.delete_file(path)
 
-    def _connected(self) -> S3FileSystem:
+    @property
+    def files(self) -> S3FileSystem:
+        """The store as a file system of pyarrow."""
         if self._files is None or self._pid != os.getpid():
             endpoint = self.endpoint()
             region = os.environ.get("AWS_REGION") or os.environ.get("AWS_DEFAULT_REGION")

@@ -20,28 +20,19 @@ _START_LIMIT_S = 60.0
 
 
 class ObjectServer:
-    """The server; its objects outlive a `kill` and a `start`."""
+    """The server; `port` is where it answers."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         folder.mkdir()
         self._program = _program()
         ports = _free_ports(2 * len(_PORTS))
-        self.endpoint = f"http://127.0.0.1:{ports[-2]}"
+        self.port = ports[-2]
         self._options = ["-dir", str(folder), "-ip=127.0.0.1", "-filer", "-s3", "-volume.max=4"]
         self._options += ["-master.volumeSizeLimitMB=64", "-s3.autoCreateBucket=false"]
         self._options += [f"-s3.localSocket={folder}/s3.sock", f"-s3.config={self._write_keys()}"]
         for name, port, port_grpc in zip(_PORTS, ports[::2], ports[1::2], strict=True):
             self._options += [f"-{name}.port={port}", f"-{name}.port.grpc={port_grpc}"]
-
-    def environment(self, key: tuple[str, str] = WRITER) -> dict[str, str]:
-        """Variables that point a process at this server."""
-        return {
-            "AWS_ENDPOINT_URL": self.endpoint,
-            "AWS_ACCESS_KEY_ID": key[0],
-            "AWS_SECRET_ACCESS_KEY": key[1],
-            "AWS_EC2_METADATA_DISABLED": "true",
-        }
 
     def start(self) -> None:
         """Start, and wait until the bucket can be listed."""
@@ -63,7 +54,7 @@ class ObjectServer:
     def files(self) -> S3FileSystem:
         """The server as a test sees it, past the lake."""
         return S3FileSystem(
-            endpoint_override=self.endpoint,
+            endpoint_override=f"http://127.0.0.1:{self.port}",
             access_key=WRITER[0],
             secret_key=WRITER[1],
             region="us-east-1",
@@ -77,9 +68,8 @@ class ObjectServer:
         return sorted(info.path.removeprefix(f"{base}/") for info in found if info.is_file)
 
     def _is_ready(self) -> bool:
-        host, port = self.endpoint.removeprefix("http://").split(":")
         try:
-            socket.create_connection((host, int(port)), timeout=1).close()
+            socket.create_connection(("127.0.0.1", self.port), timeout=1).close()
             files = self.files()
             files.create_dir(BUCKET)
             with files.open_output_stream(f"{BUCKET}/ready") as stream:

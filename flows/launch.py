@@ -47,7 +47,7 @@ class Voice:
 
 
 def run_campaign(
-    config_path: Path, lake_root: Path, *, auto_print: bool, voice: Voice, confirm_real: ConfirmReal | None = None
+    config_path: Path, lake: Path | str, *, auto_print: bool, voice: Voice, confirm_real: ConfirmReal | None = None
 ) -> Outcome:
     """Start a campaign, or continue it where the lake says it stands.
 
@@ -60,7 +60,7 @@ def run_campaign(
     require(CAMPAIGN)
     config = load_config(config_path)
     bench = _real_bench(config, config_path, confirm_real) if confirm_real else _virtual_bench(config, config_path)
-    campaign = Campaign(Lake.open(lake_root, create=True), config)
+    campaign = Campaign(Lake.open(lake, create=True), config)
     name = campaign.campaign_id
     with ExitStack() as stack:
         stack.callback(campaign.lake.close)

@@ -242,5 +242,5 @@ def _incomplete(lake: Lake) -> Iterator[Finding]:
         held = f"raw_{samples}" if TABLE_BY_NAME[samples].id_column() == key else samples
         sql = f"SELECT {key} FROM {scalars} WHERE status = 'ok' EXCEPT SELECT {key} FROM {held} ORDER BY {key}"
         for row_id in lake.query(sql).column(0).to_pylist():
-            path = lake.root / scalars
+            path = lake.storage.place(scalars)
             yield Finding("incomplete", path, f"`{row_id}` of `{scalars}` has no row in `{samples}`; redo it.")

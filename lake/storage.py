@@ -7,6 +7,7 @@ belong to the machine and not to the data, are in it too.
 import json
 import os
 import re
+import tempfile
 from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
@@ -54,6 +55,22 @@ class Storage(Protocol):
     def marker(self) -> str | None:
         """Text of the file that makes this place a lake; None if there is none."""
 
+    def is_empty(self) -> bool:
+        """True when nothing is at this place.
+
+        Raises:
+            FastError: the object store does not answer.
+            OSError: the folder cannot be read.
+        """
+
+    def try_writing(self) -> None:
+        """Write a file that no reader looks at, and remove it: permissions alone do not tell.
+
+        Raises:
+            FastError: the object store does not take it.
+            OSError: the folder cannot be written.
+        """
+
     def make(self, marker: str) -> None:
         """Make a lake of an empty place.
 
@@ -87,6 +104,9 @@ class Storage(Protocol):
         Raises:
             FastError: some could not be removed.
         """
+
+    def place(self, table: str) -> Path | str:
+        """What a person calls the folder of a table."""
 
     def entries(self, table: str | None = None) -> list[Entry]:
         """What is in the folder of a table, or at the top, by name; nothing if there is no such folder.
@@ -127,6 +147,15 @@ class FolderStorage:
             return path.read_text() if path.is_file() else None
         except OSError as error:
             raise UsageError(f"{path} cannot be read ({error.strerror}); change its permissions.") from error
+
+    def is_empty(self) -> bool:
+        """See `Storage`."""
+        return not self.root.exists() or not any(self.root.iterdir())
+
+    def try_writing(self) -> None:
+        """See `Storage`."""
+        with tempfile.NamedTemporaryFile(dir=self.root, prefix=STAGED_MARKER):
+            pass
 
     def make(self, marker: str) -> None:
         """See `Storage`."""
@@ -171,6 +200,10 @@ class FolderStorage:
                 f"Merged files of {folder} could not be removed ({error.strerror}); no row is lost, and those in two "
                 "files count once: repair the disk or its permissions, then compact again."
             ) from error
+
+    def place(self, table: str) -> Path:
+        """See `Storage`."""
+        return self.root / table
 
     def entries(self, table: str | None = None) -> list[Entry]:
         """See `Storage`."""

@@ -23,7 +23,7 @@ from pyarrow.fs import FileInfo, FileType
 from lake.engine import Signature
 from lake.files import FILE_PREFIX, FILE_SUFFIX, discard, file_name, make_folder, writing_failed
 from lake.object_store import Connection, refusal
-from lake.storage import MARKER, QUARANTINE, Entry, reason_text
+from lake.storage import MARKER, QUARANTINE, STAGED_MARKER, Entry, reason_text
 from models.errors import LakeError, UsageError
 
 _AT_ONCE = 16  # requests; each waits for the network most of its time
@@ -57,10 +57,23 @@ class ObjectStorage:
 
         return self._asked("could not be read", read)
 
+    def is_empty(self) -> bool:
+        """See `Storage`."""
+        return not self._asked("could not be read", lambda: self._list(""))
+
+    def try_writing(self) -> None:
+        """See `Storage`."""
+
+        def write_and_delete() -> None:
+            key = self._key(f"{STAGED_MARKER}{os.getpid()}")
+            self._store.put(key, b"")
+            self._store.delete(key)
+
+        self._asked("cannot be written", write_and_delete)
+
     def make(self, marker: str) -> None:
         """See `Storage`."""
-        there = self._asked("could not be read", lambda: self._list(""))
-        if there and self.marker() is None:
+        if not self.is_empty() and self.marker() is None:
             raise UsageError(
                 f"{self.address} is not empty and not a lake; nothing was written: give a new prefix with --lake."
             )
@@ -103,6 +116,10 @@ class ObjectStorage:
             lambda: _side_by_side(delete, files),
         )
         discard([folder / name for name in files])
+
+    def place(self, table: str) -> str:
+        """See `Storage`."""
+        return f"{self.address}/{table}"
 
     def entries(self, table: str | None = None) -> list[Entry]:
         """See `Storage`."""

@@ -70,7 +70,7 @@ def write_grasp_recording(lake: Lake, grasp_id: str, path: Path) -> Path:
     """
     grasps = lake.records(GraspRow, grasp_id=grasp_id)
     if not grasps:
-        raise UsageError(f'There is no grasp `{grasp_id}` in {lake.root}; list them with `fast sql "FROM grasps"`.')
+        raise UsageError(f'There is no grasp `{grasp_id}` in {lake.address}; list them with `fast sql "FROM grasps"`.')
     grasp = grasps[-1]
     if grasp.status != "ok":
         raise UsageError(f"Grasp `{grasp_id}` failed ({grasp.reason}), so there is nothing to show; take another one.")
@@ -284,7 +284,9 @@ def _send_moving_fingers(
 def _design(lake: Lake, design_id: str) -> Design:
     found = lake.records(DesignRow, design_id=design_id)
     if not found:
-        raise UsageError(f'There is no design `{design_id}` in {lake.root}; list them with `fast sql "FROM designs"`.')
+        raise UsageError(
+            f'There is no design `{design_id}` in {lake.address}; list them with `fast sql "FROM designs"`.'
+        )
     return found[-1].design
 
 

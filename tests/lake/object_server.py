@@ -34,6 +34,15 @@ class ObjectServer:
         for name, port, port_grpc in zip(_PORTS, ports[::2], ports[1::2], strict=True):
             self._options += [f"-{name}.port={port}", f"-{name}.port.grpc={port_grpc}"]
 
+    def environment(self, key: tuple[str, str] = WRITER, endpoint: str | None = None) -> dict[str, str]:
+        """Variables that point a process at this server, or at a relay to it."""
+        return {
+            "AWS_ENDPOINT_URL": endpoint or f"http://127.0.0.1:{self.port}",
+            "AWS_ACCESS_KEY_ID": key[0],
+            "AWS_SECRET_ACCESS_KEY": key[1],
+            "AWS_EC2_METADATA_DISABLED": "true",
+        }
+
     def start(self) -> None:
         """Start, and wait until the bucket can be listed."""
         with (self._folder / "log.txt").open("ab") as log:

@@ -40,8 +40,8 @@ def relay(server):
 
 
 @pytest.fixture
-def address(relay, tmp_path, monkeypatch):
-    use(monkeypatch, {**server_environment(relay), "XDG_STATE_HOME": str(tmp_path / "state")})
+def address(server, relay, tmp_path, monkeypatch):
+    use(monkeypatch, {**server.environment(endpoint=relay.endpoint), "XDG_STATE_HOME": str(tmp_path / "state")})
     return f"s3://{BUCKET}/labs/{tmp_path.name}"
 
 
@@ -55,16 +55,6 @@ def filled(lake, make_grasp):
     for repeat in range(3):
         lake.append(make_grasp(repeat=repeat, peak_n=10.0 + repeat), PROVENANCE)
     return lake
-
-
-def server_environment(relay: Relay, key: tuple[str, str] = WRITER) -> dict[str, str]:
-    """Variables that point a process at the server behind a relay."""
-    return {
-        "AWS_ENDPOINT_URL": relay.endpoint,
-        "AWS_ACCESS_KEY_ID": key[0],
-        "AWS_SECRET_ACCESS_KEY": key[1],
-        "AWS_EC2_METADATA_DISABLED": "true",
-    }
 
 
 def use(monkeypatch: pytest.MonkeyPatch, environment: dict[str, str]) -> None:
@@ -172,12 +162,12 @@ def merge(environment: dict[str, str], address: str, stop: "multiprocessing.sync
             compact(lake, table)
 
 
-def test_readers_see_whole_appends_while_others_write_and_merge(lake, relay, tmp_path):
+def test_readers_see_whole_appends_while_others_write_and_merge(lake, server, relay, tmp_path):
     """Two writers and a compaction, each with a working folder of its own or shared with the reader."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["lake.maintenance"])
     stop = context.Event()
-    here = {**server_environment(relay), "XDG_STATE_HOME": os.environ["XDG_STATE_HOME"]}
+    here = {**server.environment(endpoint=relay.endpoint), "XDG_STATE_HOME": os.environ["XDG_STATE_HOME"]}
     there = here | {"XDG_STATE_HOME": str(tmp_path / "another machine")}
     writers = [context.Process(target=write, args=(e, lake.address, w)) for w, e in enumerate([here, there])]
     merger = context.Process(target=merge, args=(there, lake.address, stop))
@@ -212,7 +202,7 @@ def test_a_writer_killed_within_an_upload_leaves_nothing_to_see(filled, server, 
     before = server.keys(filled.address)
     path = f"{filled.address.removeprefix('s3://')}/traces/rows-killed.parquet"
     process = multiprocessing.get_context("spawn").Process(
-        target=die_within_an_upload, args=(server_environment(relay), path)
+        target=die_within_an_upload, args=(server.environment(endpoint=relay.endpoint), path)
     )
     relay.take()
     process.start()
@@ -262,7 +252,7 @@ def refused(address: str, *, create: bool = False) -> str:
     return str(caught.value)
 
 
-def test_what_the_server_refuses_is_one_sentence(filled, relay, make_grasp, monkeypatch):
+def test_what_the_server_refuses_is_one_sentence(filled, server, relay, make_grasp, monkeypatch):
     key = "correct AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or the permissions of this key, then run the same"
     assert refused("s3://elsewhere/lake", create=True) == (
         "s3://elsewhere/lake could not be made a lake (there is no such bucket): make it, or give another --lake."
@@ -271,13 +261,13 @@ def test_what_the_server_refuses_is_one_sentence(filled, relay, make_grasp, monk
     assert refused(f"s3://{BUCKET}/labs", create=True) == (
         f"s3://{BUCKET}/labs is not empty and not a lake; nothing was written: give a new prefix with --lake."
     )
-    use(monkeypatch, server_environment(relay, READER))
+    use(monkeypatch, server.environment(READER, relay.endpoint))
     lake = Lake.open(filled.address)
     assert peaks(lake) == [10, 11, 12]
     with pytest.raises(UsageError, match=rf"did not take all rows .* \(access denied\): {key}"):
         lake.append(make_grasp(repeat=5), PROVENANCE)
     assert peaks(lake) == [10, 11, 12]
-    use(monkeypatch, server_environment(relay, (WRITER[0], "wrong")))
+    use(monkeypatch, server.environment((WRITER[0], "wrong"), relay.endpoint))
     assert f"could not be read (access denied): {key}" in refused(filled.address)
     for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
         monkeypatch.delenv(name)

@@ -8,6 +8,7 @@ from flows.benchmarks.bench import measure_bench
 from flows.benchmarks.fanout import measure_fanout
 from flows.benchmarks.grasp import measure_grasp
 from flows.benchmarks.lake import measure_lake
+from flows.benchmarks.object_store import measure_object_store
 from flows.benchmarks.profile import measure_profile
 from flows.benchmarks.propose import measure_propose
 from flows.benchmarks.ranking import measure_ranking
@@ -41,5 +42,6 @@ BENCHMARKS: dict[str, Benchmark] = {
     "traces": _sampled(measure_traces, _SAMPLE | {"figure"}),
     "propose": _fixed(measure_propose),
     "lake": _sampled(measure_lake, frozenset({"grasps"})),
+    "object-store": _fixed(measure_object_store),
     "bench": _fixed(measure_bench),
 }

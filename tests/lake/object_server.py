@@ -30,6 +30,7 @@ class ObjectServer:
         self.port = ports[-2]
         self._options = ["-dir", str(folder), "-ip=127.0.0.1", "-filer", "-s3", "-volume.max=4"]
         self._options += ["-master.volumeSizeLimitMB=64", "-s3.autoCreateBucket=false"]
+        self._options += ["-s3.port.iceberg=0", "-s3.port.lance=0"]  # else two servers want the same ports
         self._options += [f"-s3.localSocket={folder}/s3.sock", f"-s3.config={self._write_keys()}"]
         for name, port, port_grpc in zip(_PORTS, ports[::2], ports[1::2], strict=True):
             self._options += [f"-{name}.port={port}", f"-{name}.port.grpc={port_grpc}"]

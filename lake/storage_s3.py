@@ -26,7 +26,9 @@ from lake.object_store import Connection, refusal
 from lake.storage import MARKER, QUARANTINE, STAGED_MARKER, Entry, reason_text
 from models.errors import LakeError, UsageError
 
-_AT_ONCE = 16  # requests; each waits for the network most of its time
+_FETCHED_AT_ONCE = 16  # each waits for the network most of its time
+# pyarrow writes the marker of the folder after each delete, and some servers make writers of one object wait a second.
+_DELETED_AT_ONCE = 4
 _REFRESH_ATTEMPTS = 50  # an object may be merged into another between listing and reading
 _COPYING_PREFIX = ".copying-"
 
@@ -113,7 +115,7 @@ class ObjectStorage:
 
         self._asked(
             "did not remove all merged objects; no row is lost, and those in two objects count once",
-            lambda: _side_by_side(delete, files),
+            lambda: _side_by_side(delete, files, _DELETED_AT_ONCE),
         )
         discard([folder / name for name in files])
 
@@ -180,7 +182,7 @@ class ObjectStorage:
                 )
             wanted = {name: size for name, size in listed.items() if anew or here.get(name) != size}
             try:
-                _side_by_side(lambda name: self._fetch(folder, name), wanted)
+                _side_by_side(lambda name: self._fetch(folder, name), wanted, _FETCHED_AT_ONCE)
             except FileNotFoundError:
                 continue  # merged into another object since it was listed
             discard([folder / name for name in here if name not in listed])
@@ -222,8 +224,8 @@ def working_folder(address: str) -> Path:
     return state.absolute() / "fast" / "lakes" / f"{name[:80]}-{told_apart}"
 
 
-def _side_by_side(work: Callable[[str], None], names: Iterable[str]) -> None:
-    with ThreadPoolExecutor(_AT_ONCE) as pool:
+def _side_by_side(work: Callable[[str], None], names: Iterable[str], at_once: int) -> None:
+    with ThreadPoolExecutor(at_once) as pool:
         for _ in pool.map(work, names):
             continue
 

@@ -22,6 +22,7 @@ FILE_PREFIX = "rows-"  # what readers look at; temporary and foreign files are n
 FILE_SUFFIX = ".parquet"
 TEMPORARY_PREFIX = ".writing-"
 LOCK_NAME = ".lock"
+LEFTOVER_AGE_S = 3600.0  # a temporary file this old belongs to a process that died
 NOT_CONTENT = frozenset({"created_at", "code_version", "code_dirty"})  # how rows came, not what they say
 _ROW_GROUP_OF_TRACES = 512  # dictionaries of samples are shared by many grasps, one trace is still decoded in 15 ms
 _ZSTD_LEVEL = 3

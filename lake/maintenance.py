@@ -14,6 +14,7 @@ from lake.engine import Signature, list_files
 from lake.files import (
     FILE_PREFIX,
     FILE_SUFFIX,
+    LEFTOVER_AGE_S,
     LOCK_NAME,
     TEMPORARY_PREFIX,
     Fault,
@@ -37,7 +38,6 @@ _NEEDS_SAMPLES = (
     ("calibrations", "posterior_draws", "calibration_id"),
 )
 _REMOVED_AT_ONCE = 100  # writers wait meanwhile
-_LEFTOVER_AGE_S = 3600.0  # a temporary file this old belongs to a process that died
 
 Kind = Literal[FaultKind, "foreign", "leftover", "incomplete"]
 _STAYS = frozenset({"unreadable", "newer", "incomplete"})  # what a person or another program can still read, or no file
@@ -219,7 +219,7 @@ def _file_findings(storage: Storage, row_type: type[Row]) -> Iterator[Finding]:
 
 
 def _leftover(entry: Entry) -> Iterator[Finding]:
-    if time.time() - entry.modified_s > _LEFTOVER_AGE_S:
+    if time.time() - entry.modified_s > LEFTOVER_AGE_S:
         yield Finding(
             "leftover", entry.place, f"{entry.place} was left by a process that died; its rows were never visible."
         )

@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 import re
+import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext, suppress
@@ -21,7 +22,7 @@ import pyarrow as pa
 from pyarrow.fs import FileInfo, FileType
 
 from lake.engine import Signature
-from lake.files import FILE_PREFIX, FILE_SUFFIX, discard, file_name, make_folder, writing_failed
+from lake.files import FILE_PREFIX, FILE_SUFFIX, LEFTOVER_AGE_S, discard, file_name, make_folder, writing_failed
 from lake.object_store import Connection, refusal
 from lake.storage import MARKER, QUARANTINE, STAGED_MARKER, Entry, reason_text
 from models.errors import LakeError, UsageError
@@ -236,13 +237,16 @@ def _is_rows(info: FileInfo) -> bool:
 
 
 def _copies(folder: Path) -> dict[str, int]:
-    """Sizes of the copies in a folder, in bytes."""
+    """Sizes of the copies in a folder, in bytes; what a process left that died is removed."""
     found = {}
     with os.scandir(folder) as entries:
         for entry in entries:
-            if entry.name.startswith(FILE_PREFIX):
-                with suppress(FileNotFoundError):
-                    found[entry.name] = entry.stat().st_size
+            with suppress(FileNotFoundError):
+                status = entry.stat()
+                if entry.name.startswith(FILE_PREFIX):
+                    found[entry.name] = status.st_size
+                elif time.time() - status.st_mtime > LEFTOVER_AGE_S:
+                    discard([folder / entry.name])
     return found
 
 

@@ -18,6 +18,7 @@ from lake.tables import TABLES, EventRow, GraspRow, TraceRow
 from models.errors import FastError, LakeError, UsageError
 from tests.lake.object_server import BUCKET, READER, WRITER, ObjectServer
 from tests.lake.relay import Relay
+from tests.lake.test_crash_kills import N_FIRST, N_LAST, acknowledged, kill_often, look
 from tests.lake.test_lake_concurrency import ROWS_PER_APPEND, rows_of
 
 PROVENANCE = Provenance(code_version="x", code_dirty=False)
@@ -188,6 +189,47 @@ def test_readers_see_whole_appends_while_others_write_and_merge(lake, server, re
     assert len(lake.ids(EventRow)) == N_WRITERS * N_APPENDS * ROWS_PER_APPEND
     assert lake.query("SELECT sum(len(force_n)) AS n FROM sim_traces")["n"][0].as_py() == 3 * len(lake.ids(EventRow))
     assert check(lake) == []
+
+
+def kill_often_there(environment: dict[str, str], address: str, acks: Path, n_kills: int) -> None:
+    os.environ.update(environment)
+    kill_often(address, acks, n_kills)
+
+
+@pytest.mark.parametrize("n_kills", [8, pytest.param(100, marks=pytest.mark.slow)])
+def test_kills_at_random_moments_lose_tear_and_double_nothing(lake, server, tmp_path, n_kills):
+    acks = tmp_path / "acknowledged.txt"
+    acks.touch()
+    # Past the relay: a killed client is not a cut wire.
+    environment = {**server.environment(), "XDG_STATE_HOME": str(tmp_path / "another machine")}
+    killer = multiprocessing.get_context("spawn").Process(
+        target=kill_often_there, args=(environment, lake.address, acks, n_kills)
+    )
+    killer.start()
+    n_seen = 0
+    try:
+        while killer.is_alive():
+            n_now = look(lake, acks)
+            assert n_now >= n_seen
+            n_seen = n_now
+    finally:
+        killer.terminate()
+        killer.join(60)
+    assert killer.exitcode == 0
+    done = acknowledged(acks)
+    assert done == set(range(len(done)))
+    assert look(lake, acks) == look(Lake.open(lake.address), acks) == len(done) > N_FIRST + N_LAST
+    assert check(lake) == []
+
+
+def test_what_a_dying_process_left_in_the_working_folder_goes(filled):
+    left = filled.root / "grasps" / ".writing-1-x"
+    left.write_text("")
+    assert peaks(filled) == [10, 11, 12]
+    assert left.exists()
+    os.utime(left, (0, 0))
+    assert peaks(filled) == [10, 11, 12]
+    assert not left.exists()
 
 
 def die_within_an_upload(environment: dict[str, str], path: str) -> None:

@@ -36,6 +36,8 @@ QUARANTINE = "quarantine"
 # A path takes one of the two slashes away, and --lake is a path wherever it may be a folder.
 _OBJECT_STORE = re.compile(r"s3:/{1,2}(?P<bucket>[^/]+)/*(?P<prefix>.*)")
 
+_ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
+
 
 class Entry(NamedTuple):
     """A file or folder of the store; `place` is what a person calls it."""
@@ -124,8 +126,14 @@ class Storage(Protocol):
 
 
 def storage_at(address: Path | str) -> Storage:
-    """The storage at what a person gives as --lake: a folder, or `s3://bucket/prefix`."""
+    """The storage at what a person gives as --lake: a folder, or `s3://bucket/prefix`.
+
+    Raises:
+        UsageError: it is the address of something else.
+    """
     found = _OBJECT_STORE.fullmatch(str(address))
+    if found is None and _ADDRESS.match(str(address)):
+        raise UsageError(f"{address} is no lake: give a folder or s3://BUCKET/PREFIX with --lake.")
     if found is None:
         return FolderStorage(Path(address))
     from lake.storage_s3 import ObjectStorage  # a tenth of a second that a folder does not need

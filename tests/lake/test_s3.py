@@ -95,6 +95,12 @@ def test_an_address_may_come_as_a_path_and_names_are_told_apart(lake, monkeypatc
     assert len(others | {Lake(f"s3://{BUCKET}/a/b").root}) == 4
 
 
+@pytest.mark.parametrize("address", ["gs://lab/lake", "s3://", "http://127.0.0.1/lab"])
+def test_another_address_is_refused(address):
+    with pytest.raises(UsageError, match=r"is no lake: give a folder or s3://BUCKET/PREFIX with --lake"):
+        Lake.open(address, create=True)
+
+
 def test_a_query_lists_and_fetches_only_what_is_new(filled, relay, make_grasp, monkeypatch, tmp_path):
     assert filled.ids(GraspRow)
     relay.take()

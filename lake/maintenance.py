@@ -5,6 +5,7 @@ import logging
 import os
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args
@@ -41,6 +42,8 @@ _LOG = logging.getLogger(__name__)
 QUARANTINE = "quarantine"
 _OF_FAST = frozenset({"outputs", ".state"})  # what people read, and what can be made again; no rows
 TARGET_BYTES = 64 * 2**20  # of a merged file, 14,000 traces; files over half of it are left alone
+_ALWAYS_MERGED = 16  # files below this part of the target are merged whatever the others are
+_READ_AT_ONCE, _READERS = 50, 2
 _NEEDS_SAMPLES = (
     ("grasps", "traces", "grasp_id"),
     ("simulations", "sim_traces", "simulation_id"),
@@ -150,19 +153,32 @@ def _table_stats(lake: Lake, row_type: type[Row]) -> TableStats:
 
 
 def _groups(files: dict[str, Signature], target_bytes: int, older: set[str]) -> Iterator[dict[str, Signature]]:
-    """Small files in groups of about the target size, and older ones of any; a group of one new file is left alone."""
+    """Small files in groups of at most the target size, and older ones of any; one new file alone is left alone."""
+    chosen = older | _small_files(files, target_bytes)
     group: dict[str, Signature] = {}
     size = 0
     for name, signature in sorted(files.items(), key=lambda item: item[1]):
-        if signature[1] >= target_bytes // 2 and name not in older:
+        if name not in chosen:
             continue
-        group[name] = signature
-        size += signature[1]
-        if size >= target_bytes:
+        if size + signature[1] > target_bytes and (len(group) > 1 or older & set(group)):
             yield group
             group, size = {}, 0
+        group[name] = signature
+        size += signature[1]
     if len(group) > 1 or older & set(group):
         yield group
+
+
+def _small_files(files: dict[str, Signature], target_bytes: int) -> set[str]:
+    """Files worth merging: none larger than all smaller ones together, so that a row is written a few times in all."""
+    chosen: set[str] = set()
+    total = 0
+    for name, (_, size, _) in sorted(files.items(), key=lambda item: item[1][1]):
+        if size >= target_bytes // 2 or size > max(total, target_bytes // _ALWAYS_MERGED):
+            break
+        chosen.add(name)
+        total += size
+    return chosen
 
 
 def _merge(root: Path, row_type: type[Row], group: dict[str, Signature]) -> int:
@@ -203,7 +219,14 @@ def _read_merged(folder: Path, row_type: type[Row], names: list[str]) -> pa.Tabl
     Rows of one tool, batch and campaign stay together, so that a question about one of them reads few row groups.
     """
     schema, key = schema_of(row_type), row_type.id_column()
-    rows = pa.concat_tables([schema.empty_table(), *(read_upgraded(folder / name, row_type) for name in names)])
+    parts = [schema.empty_table()]
+    with ThreadPoolExecutor(_READERS) as pool:
+        for first in range(0, len(names), _READ_AT_ONCE):
+            paths = [folder / name for name in names[first : first + _READ_AT_ONCE]]
+            read = list(pool.map(lambda path: read_upgraded(path, row_type), paths))
+            # A thousand chunks of a row each take longer to write than to copy together.
+            parts.append(pa.concat_tables(read).combine_chunks())
+    rows = pa.concat_tables(parts)
     index = rows.select([key, "created_at"]).append_column("place", pa.array(np.arange(rows.num_rows)))
     with duckdb.connect(":memory:") as connection:
         connection.register("merged_rows", index)

@@ -152,6 +152,12 @@ class Lake:
                 return table.model_validate(found).trace
         raise LakeError(f"The trace of `{row_id}` could not be read from {self.root}; run `fast lake check`.")
 
+    @contextmanager
+    def reading(self, sql: str) -> Iterator[Engine]:
+        """What answers this query, in step with the tables that it reads; others wait until it is given back."""
+        with self._synced(tables_used(sql)) as engine:
+            yield engine
+
     def connect(self) -> duckdb.DuckDBPyConnection:
         """A DuckDB connection to the rows of this moment, with all views and macros.
 

@@ -3,11 +3,13 @@
 import logging
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args
 
 import duckdb
+import numpy as np
 import pyarrow as pa
 
 from lake.engine import Signature, list_files
@@ -23,7 +25,7 @@ from lake.files import (
     file_name,
     stage,
 )
-from lake.schema import schema_of
+from lake.schema import has_samples, schema_of
 from lake.storage import MARKER, QUARANTINE, STAGED_MARKER, Entry, Storage
 from lake.store import Lake
 from lake.tables import TABLE_BY_NAME, TABLES, Row
@@ -31,7 +33,9 @@ from lake.upgrades import forget_copies, older_files, read_upgraded
 
 _LOG = logging.getLogger(__name__)
 _OF_FAST = frozenset({"outputs", ".state"})  # what people read, and what can be made again; no rows
-TARGET_BYTES = 16 * 2**20  # of a merged file, some thousand traces; files over half of it are left alone
+TARGET_BYTES = 64 * 2**20  # of a merged file, 14,000 traces; files over half of it are left alone
+_ALWAYS_MERGED = 16  # files below this part of the target are merged whatever the others are
+_READ_AT_ONCE, _READERS = 50, 2
 _NEEDS_SAMPLES = (
     ("grasps", "traces", "grasp_id"),
     ("simulations", "sim_traces", "simulation_id"),
@@ -141,30 +145,43 @@ def _table_stats(lake: Lake, row_type: type[Row]) -> TableStats:
 
 
 def _groups(files: dict[str, Signature], target_bytes: int, older: set[str]) -> Iterator[dict[str, Signature]]:
-    """Small files in groups of about the target size, and older ones of any; a group of one new file is left alone."""
+    """Small files in groups of at most the target size, and older ones of any; one new file alone is left alone."""
+    chosen = older | _small_files(files, target_bytes)
     group: dict[str, Signature] = {}
     size = 0
     for name, signature in sorted(files.items(), key=lambda item: item[1]):
-        if signature[1] >= target_bytes // 2 and name not in older:
+        if name not in chosen:
             continue
-        group[name] = signature
-        size += signature[1]
-        if size >= target_bytes:
+        if size + signature[1] > target_bytes and (len(group) > 1 or older & set(group)):
             yield group
             group, size = {}, 0
+        group[name] = signature
+        size += signature[1]
     if len(group) > 1 or older & set(group):
         yield group
+
+
+def _small_files(files: dict[str, Signature], target_bytes: int) -> set[str]:
+    """Files worth merging: none larger than all smaller ones together, so that a row is written a few times in all."""
+    chosen: set[str] = set()
+    total = 0
+    for name, (_, size, _) in sorted(files.items(), key=lambda item: item[1][1]):
+        if size >= target_bytes // 2 or size > max(total, target_bytes // _ALWAYS_MERGED):
+            break
+        chosen.add(name)
+        total += size
+    return chosen
 
 
 def _merge(storage: Storage, row_type: type[Row], group: dict[str, Signature]) -> int:
     """Replace the files of a group by one; returns its number of rows, 0 if another process was faster."""
     folder = storage.root / row_type.table
     try:
-        merged = _read_merged(folder, row_type, sorted(group))
+        merged = _read_merged(folder, row_type, list(group))
     except FileNotFoundError:
         _LOG.info("another process is merging %s; left to it", folder)
         return 0
-    final = folder / file_name(merged)
+    final = folder / file_name(merged, ignore=_samples_of(row_type))
     storage.publish(stage(folder, merged, row_type.table), final)
     merged_away = [name for name in group if name != final.name]
     for first in range(0, len(merged_away), _REMOVED_AT_ONCE):
@@ -173,19 +190,33 @@ def _merge(storage: Storage, row_type: type[Row], group: dict[str, Signature]) -
 
 
 def _read_merged(folder: Path, row_type: type[Row], names: list[str]) -> pa.Table:
-    """All rows of the files by id and time, with today's columns, exact copies once."""
+    """All rows of the files by time and id, with today's columns, exact copies once.
+
+    Rows of one tool, batch and campaign stay together, so that a question about one of them reads few row groups.
+    """
     schema, key = schema_of(row_type), row_type.id_column()
-    rows = pa.concat_tables([schema.empty_table(), *(read_upgraded(folder / name, row_type) for name in names)])
+    parts = [schema.empty_table()]
+    with ThreadPoolExecutor(_READERS) as pool:
+        for first in range(0, len(names), _READ_AT_ONCE):
+            paths = [folder / name for name in names[first : first + _READ_AT_ONCE]]
+            read = list(pool.map(lambda path: read_upgraded(path, row_type), paths))
+            # A thousand chunks of a row each take longer to write than to copy together.
+            parts.append(pa.concat_tables(read).combine_chunks())
+    rows = pa.concat_tables(parts)
+    index = rows.select([key, "created_at"]).append_column("place", pa.array(np.arange(rows.num_rows)))
     with duckdb.connect(":memory:") as connection:
-        connection.register("merged_rows", rows.select([key, "created_at"]).append_column("place", _places(rows)))
-        places = connection.sql(
-            f"SELECT min(place) AS place FROM merged_rows GROUP BY {key}, created_at ORDER BY {key}, created_at"
-        ).to_arrow_table()
-    return rows.take(places["place"]).combine_chunks()
+        connection.register("merged_rows", index)
+        order = f"SELECT min(place) AS place FROM merged_rows GROUP BY {key}, created_at ORDER BY created_at, {key}"
+        places = connection.sql(order).to_arrow_table()["place"].to_numpy()
+    if np.array_equal(places, np.arange(rows.num_rows)):
+        return rows  # as they mostly come: no second copy of the samples in memory
+    return rows.take(pa.array(places))
 
 
-def _places(rows: pa.Table) -> pa.Array:
-    return pa.array(range(rows.num_rows), type=pa.int64())
+def _samples_of(row_type: type[Row]) -> frozenset[str]:
+    """Columns of samples: ids and times tell merged files apart, and hashing samples takes as long as writing them."""
+    lists = frozenset(field.name for field in schema_of(row_type) if pa.types.is_list(field.type))
+    return lists if has_samples(row_type) else frozenset()
 
 
 def _foreign_entries(storage: Storage) -> Iterator[Finding]:

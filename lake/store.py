@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.dataset as pads
 
 from lake.engine import Engine, load_views, tables_used
-from lake.files import discard, stage
+from lake.files import discard, read_row, stage
 from lake.provenance import Provenance, stamped
 from lake.schema import has_samples, schema_of, to_arrow
 from lake.sql import check_reads_only
@@ -153,22 +153,27 @@ class Lake:
         Raises:
             LakeError: there is no such trace.
         """
-        key = table.id_column()
         for _ in range(_QUERY_ATTEMPTS):
             with self._synced({table.table}) as engine:
-                path = engine.file_of(table, row_id)
-            if path is None:
+                place = engine.place_of(table, row_id)
+            if place is None:
                 raise LakeError(
                     f"The lake {self.address} has no trace of `{row_id}`; check the id, or how the grasp ended."
                 )
             try:
-                found = pads.dataset(path, schema=schema_of(table)).to_table(filter=pads.field(key) == row_id)
+                found = read_row(*place, list(table.model_fields))
             except OSError as error:
-                _LOG.debug("%s was merged while reading: %s", path, error)
+                _LOG.debug("%s was merged while reading: %s", place, error)
                 continue
-            latest = found.sort_by([("created_at", "descending")])
-            return table.model_validate(latest.select(list(table.model_fields)).to_pylist()[0]).trace
+            if found is not None and found[table.id_column()] == row_id:
+                return table.model_validate(found).trace
         raise LakeError(f"The trace of `{row_id}` could not be read from {self.address}; run `fast lake check`.")
+
+    @contextmanager
+    def reading(self, sql: str) -> Iterator[Engine]:
+        """What answers this query, in step with the tables that it reads; others wait until it is given back."""
+        with self._synced(tables_used(sql)) as engine:
+            yield engine
 
     def connect(self) -> duckdb.DuckDBPyConnection:
         """A DuckDB connection to the rows of this moment, with all views and macros.

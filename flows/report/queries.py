@@ -69,7 +69,8 @@ TRACES = f"""
 WITH counted AS ({_COUNTED} AND tool_id IN ({{best}}, {{other}})),
 points AS (
   SELECT c.tool_id, c.object_id, c.repeat, unnest(t.lift_mm) AS lift_mm, unnest(t.force_n) AS force_n
-  FROM counted c JOIN traces t USING (grasp_id))
+  FROM counted c JOIN trace_times w USING (grasp_id)
+  JOIN traces t ON t.grasp_id = w.grasp_id AND t.created_at = w.created_at)
 SELECT tool_id, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm,
        avg(force_n ORDER BY repeat, lift_mm, force_n) AS force_n
 FROM points WHERE lift_mm > 0

@@ -34,8 +34,8 @@ OBJECTS_PER_ROW = 6
 SHOWN_LIFT_MM = 60.0  # most objects have left the grip by then
 PITCH_MM = 150.0  # Materials and Methods: 6 x 6 array
 _TRACES = """
-SELECT g.object_id, g.repeat, g.started_at, t.time_s, t.lift_mm, t.force_n
-FROM grasps g JOIN traces t USING (grasp_id)
+SELECT g.object_id, g.repeat, g.started_at, g.time_s, g.lift_mm, g.force_n
+FROM grasp_traces g
 WHERE g.tool_id = {tool} AND g.status = 'ok'
 QUALIFY row_number() OVER (PARTITION BY {one_of} ORDER BY g.repeat, g.attempt DESC) = 1
 ORDER BY g.object_id, g.repeat"""

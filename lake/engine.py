@@ -233,7 +233,7 @@ class Engine:
         self.connection.unregister("new_files")
 
     def _partial_files(self, row_type: type[Row], paths: list[Path]) -> set[str]:
-        """Names of the files that lack a column, which may be an empty one: reading them with others takes longer."""
+        """Names of the files that lack a column: only for their sake need DuckDB compare the columns of all files."""
         columns = schema_of(row_type).names
         found = self.connection.execute(
             "SELECT parse_filename(file_name) FROM parquet_schema(?) GROUP BY file_name "

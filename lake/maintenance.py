@@ -162,15 +162,15 @@ def _groups(files: dict[str, Signature], target_bytes: int, older: set[str]) -> 
 
 
 def _small_files(files: dict[str, Signature], target_bytes: int) -> set[str]:
-    """Files worth merging: none larger than all smaller ones together, so that a row is written a few times in all."""
-    chosen: set[str] = set()
-    total = 0
-    for name, (_, size, _) in sorted(files.items(), key=lambda item: item[1][1]):
-        if size >= target_bytes // 2 or size > max(total, target_bytes // _ALWAYS_MERGED):
-            break
-        chosen.add(name)
+    """Files worth merging: the largest has all others together in its size, so that a row is written few times."""
+    names = sorted((name for name in files if files[name][1] < target_bytes // 2), key=lambda name: files[name][1])
+    n_chosen = total = 0
+    for n_smaller, name in enumerate(names):
+        size = files[name][1]
+        if size <= max(total, target_bytes // _ALWAYS_MERGED):
+            n_chosen = n_smaller + 1
         total += size
-    return chosen
+    return set(names[:n_chosen])
 
 
 def _merge(storage: Storage, row_type: type[Row], group: dict[str, Signature]) -> int:

@@ -180,7 +180,7 @@ class Lake:
 
         It has no access to files, network or extensions, and its configuration is locked; what is
         created on it stays in its memory. Traces are read from the files when asked for; connect again
-        after a compaction.
+        after a compaction. All other tables are copied, 80 bytes a grasp in the files: `query` copies nothing.
         """
         with self._synced(set(TABLE_BY_NAME)) as engine:
             connection = duckdb.connect(":memory:")

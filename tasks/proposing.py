@@ -86,7 +86,7 @@ def propose_simulation(
 ) -> None:
     """One more design for the simulator, given what is simulated, printed and measured right now."""
     seed = campaign.seed("simulation", batch, index)
-    acquisition = campaign.config.scientist.acquisition
+    acquisition = campaign.config.scientist.simulation_acquisition
     pending = pending_points(campaign, state)
     rng = np.random.default_rng(seed)
     proposal = propose(surrogate, 0, 1, pending, rng, min_distance=0.0, acquisition=acquisition)[0]
@@ -159,6 +159,8 @@ def _proposal_row(
     n_pending: int,
 ) -> ProposalRow:
     """A row of `proposals`; `data` None means that the design was drawn at random, without a model."""
+    scientist = campaign.config.scientist
+    acquisition = scientist.simulation_acquisition if slot is None else scientist.acquisition
     return ProposalRow(
         proposal_id=content_id("P", [campaign.campaign_id, batch, slot, index]),
         campaign_id=campaign.campaign_id,
@@ -167,7 +169,7 @@ def _proposal_row(
         index=index,
         fidelity="sim" if slot is None else "real",
         design_id=proposal.design.design_id,
-        acquisition="random" if data is None else campaign.config.scientist.acquisition,
+        acquisition="random" if data is None else acquisition,
         acquisition_value=None if data is None else proposal.value,
         n_real=0 if data is None else data.n_real,
         n_sim=0 if data is None else data.n_sim,

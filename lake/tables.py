@@ -295,6 +295,7 @@ class FitRow(Row):
     sim_loo_q2: float | None = None
     shared_variance: float | None = None
     measured_only_loo_rmse_n: float | None = None
+    n_outliers: int | None = None
 
 
 class EventRow(Row):

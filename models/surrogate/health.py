@@ -9,9 +9,10 @@ from models.surrogate.observations import REAL, SIM
 from models.surrogate.posterior import LeaveOneOut, Surrogate
 
 Z_90 = 1.6448536269514722  # half width of the central 90 % of a standard normal
-LEAST_GAIN = 0.05  # of the leave-one-out error: below it simulation does not pay
+LEAST_GAIN = 0.15  # of the leave-one-out error: simulations of something else reach 0.1 by chance at 40 tools
 LEAST_Q2 = 0.3
 LEAST_COVERAGE, MOST_OUTSIDE_P = 0.9, 0.01
+OUTLIER_SD = 4.0
 
 
 class SurrogateHealth(Record):
@@ -20,7 +21,8 @@ class SurrogateHealth(Record):
     Coverage is the share of observations inside their own central 90 % interval: far below 0.9 means overconfident.
     `loo_q2` is the share of the variance predicted. `measured_only_loo_rmse_n` is the error of a surrogate that was
     fitted to the measurements alone. `shared_variance` is the share of the measured outcome's prior variance that comes
-    through the simulator, rho^2 sd_h^2 / (rho^2 sd_h^2 + sd_e^2). None: fewer than two observations.
+    through the simulator, rho^2 sd_h^2 / (rho^2 sd_h^2 + sd_e^2). `n_outliers` counts measured designs more than
+    `OUTLIER_SD` from their prediction. None: fewer than two observations.
     """
 
     n_real: int
@@ -34,6 +36,7 @@ class SurrogateHealth(Record):
     sim_loo_coverage_90: float | None
     sim_loo_q2: float | None
     measured_only_loo_rmse_n: float | None
+    n_outliers: int = 0
 
     @property
     def simulation_gain(self) -> float | None:
@@ -47,7 +50,12 @@ class SurrogateHealth(Record):
         """What a person should know, a sentence each; empty when all is well."""
         return tuple(
             sentence
-            for sentence in (self._simulation_finding(), self._coverage_finding(), self._error_finding())
+            for sentence in (
+                self._simulation_finding(),
+                self._coverage_finding(),
+                self._error_finding(),
+                self._outlier_finding(),
+            )
             if sentence
         )
 
@@ -76,6 +84,14 @@ class SurrogateHealth(Record):
             "tools are close to guesses."
         )
 
+    def _outlier_finding(self) -> str:
+        if not self.n_outliers:
+            return ""
+        return (
+            f"{self.n_outliers} of {self.n_real} measured designs lie more than {OUTLIER_SD:g} standard deviations from "
+            "what all others predict; look at these tools and their traces before the next batch."
+        )
+
 
 def is_overconfident(coverage_90: float, n: int) -> bool:
     """Whether so few of n observations lie in their 90 % interval that chance explains it in under 1 % of cases."""
@@ -99,7 +115,14 @@ def health_of(surrogate: Surrogate) -> SurrogateHealth:
         sim_loo_coverage_90=sim[1],
         sim_loo_q2=sim[2],
         measured_only_loo_rmse_n=_measured_only_rmse_n(surrogate),
+        n_outliers=int(np.count_nonzero(_outliers(surrogate, loo))),
     )
+
+
+def _outliers(surrogate: Surrogate, loo: LeaveOneOut) -> np.ndarray:
+    """Which observations are measured and far from their prediction, n."""
+    far = np.abs(surrogate.data.y - loo.mean) > OUTLIER_SD * loo.sd
+    return np.asarray(far & (surrogate.data.s == REAL))
 
 
 def _measured_only_rmse_n(surrogate: Surrogate) -> float | None:

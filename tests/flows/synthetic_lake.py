@@ -159,6 +159,7 @@ def _fit(campaign: Campaign, batch: int) -> FitRow:
         sim_loo_q2=0.9,
         shared_variance=0.86,
         measured_only_loo_rmse_n=1.92,
+        n_outliers=0,
     )
 
 

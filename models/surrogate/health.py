@@ -88,8 +88,8 @@ class SurrogateHealth(Record):
         if not self.n_outliers:
             return ""
         return (
-            f"{self.n_outliers} of {self.n_real} measured designs lie more than {OUTLIER_SD:g} standard deviations from "
-            "what all others predict; look at these tools and their traces before the next batch."
+            f"{self.n_outliers} of {self.n_real} measured designs lie more than {OUTLIER_SD:g} standard deviations "
+            "from what all others predict; look at these tools and their traces before the next batch."
         )
 
 

@@ -9,9 +9,9 @@ from flows.benchmarks.fanout import measure_fanout
 from flows.benchmarks.grasp import measure_grasp
 from flows.benchmarks.lake import measure_lake
 from flows.benchmarks.profile import measure_profile
-from flows.benchmarks.propose import measure_propose
 from flows.benchmarks.ranking import measure_ranking
 from flows.benchmarks.robustness import measure_robustness
+from flows.benchmarks.scientist import measure_scientist
 from flows.benchmarks.traces import measure_traces
 
 _SAMPLE = frozenset({"designs", "objects"})
@@ -39,7 +39,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "robustness": _sampled(measure_robustness, _STUDY | {"tiers"}),
     "fanout": _sampled(measure_fanout, _SAMPLE | {"workers"}),
     "traces": _sampled(measure_traces, _SAMPLE | {"figure"}),
-    "propose": _fixed(measure_propose),
+    "scientist": _sampled(measure_scientist, frozenset({"figure", "limit_minutes"})),
     "lake": _sampled(measure_lake, frozenset({"grasps"})),
     "bench": _fixed(measure_bench),
 }

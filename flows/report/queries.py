@@ -148,7 +148,9 @@ ORDER BY what, n DESC, reason"""
 
 # Of a batch, the fit that its tools were chosen with; others chose simulations.
 FITS = """
-SELECT batch, n_real, n_sim, rho, noise_sd_n, loo_rmse_n
+SELECT batch, n_real, n_sim, rho, noise_sd_n, loo_rmse_n, loo_coverage_90, loo_q2, measured_only_loo_rmse_n,
+  sim_loo_rmse_n, sim_loo_coverage_90, sim_loo_q2, shared_variance, n_outliers, lengthscales_h,
+  lengthscales_e
 FROM fits WHERE campaign_id = {campaign}
 QUALIFY row_number() OVER (PARTITION BY batch ORDER BY
   fit_id IN (SELECT unnest(parents) FROM proposals WHERE fidelity = 'real') DESC, created_at DESC) = 1

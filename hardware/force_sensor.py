@@ -32,11 +32,12 @@ class ForceReading:
 
 @dataclass(frozen=True)
 class Baseline:
-    """Mean over a stretch of readings with the gripper hanging free, in N."""
+    """Mean over readings with the gripper hanging free, in N; `resolution_n` is one count, 0 if unknown."""
 
     gross_n: float
     net_n: float
     sd_n: float
+    resolution_n: float = 0.0
 
 
 class ForceSensor:
@@ -111,7 +112,8 @@ class ForceSensor:
             self._clock.sleep(1.0 / self.rate_hz)
             readings.append(self.read())
         net = [reading.net_n for reading in readings]
-        return Baseline(statistics.fmean(r.gross_n for r in readings), statistics.fmean(net), statistics.pstdev(net))
+        gross_n = statistics.fmean(reading.gross_n for reading in readings)
+        return Baseline(gross_n, statistics.fmean(net), statistics.pstdev(net), self.resolution_n)
 
     def _check_stale(self, force: ForceReading) -> None:
         values = (force.gross_n, force.net_n)

@@ -60,7 +60,7 @@ def run_flow(
                 campaign.provenance(campaign.config.seed),
             )
 
-    return campaign_flow(campaign.campaign_id, campaign.config.config_hash, str(campaign.lake.root))
+    return campaign_flow(campaign.campaign_id, campaign.config.config_hash, campaign.lake.address)
 
 
 def _run_stages(session: Session, finish: Callable[[], str]) -> bool:

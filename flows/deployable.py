@@ -14,7 +14,7 @@ def campaign(config: str, lake: str = "lake-data", auto_print: bool = False) -> 
     from flows.launch import Voice, run_campaign
 
     voice = Voice(progress=logger.info, announce=logger.warning)
-    return run_campaign(Path(config), Path(lake), auto_print=auto_print, voice=voice).is_complete
+    return run_campaign(Path(config), lake, auto_print=auto_print, voice=voice).is_complete
 
 
 @flow(name="report", flow_run_name="report {campaign}")
@@ -23,5 +23,5 @@ def report(campaign: str, lake: str = "lake-data") -> str:
     from flows.report.build import write_report
     from lake.store import Lake
 
-    found = Lake.open(Path(lake))
+    found = Lake.open(lake)
     return str(write_report(found, campaign, found.root / "outputs" / campaign / "report"))

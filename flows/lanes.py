@@ -13,7 +13,6 @@ from hardware.bench import Bench
 from hardware.cell import MeasuredGrasp
 from hardware.safety import Verb
 from models.records import Design
-from models.surrogate.posterior import Surrogate
 from tasks import proposing, steps
 from tasks.campaign import Campaign
 from tasks.measuring import OpenBench
@@ -145,7 +144,6 @@ class SimulationLane:
         self._batch = self._batches[-1]
         self._budget = schedule.simulations_of(stage)
         self._running: dict[PrefectFuture, SimulationJob] = {}
-        self._surrogate: Surrogate | None = None
 
     def advance(self, state: CampaignState) -> bool:
         """Fill idle workers; True while simulations are running."""
@@ -212,10 +210,11 @@ class SimulationLane:
     def _propose(self, state: CampaignState, index: int) -> None:
         campaign = self._session.campaign
         closed = closed_batches(campaign, state)
-        data, rows = observe(campaign, state, closed), observed_rows(campaign, state, closed)
-        previous = self._surrogate.parameters if self._surrogate else None
-        self._surrogate = proposing.fit_for_simulation(campaign, self._batch, index, data, rows, previous)
-        proposing.propose_simulation(campaign, self._batch, index, data, self._surrogate, state)
+        data = observe(campaign, state, closed)
+        surrogate, fit_id = proposing.surrogate_for_simulation(
+            campaign, self._batch, index, data, lambda: observed_rows(campaign, state, closed)
+        )
+        proposing.propose_simulation(campaign, self._batch, index, surrogate, fit_id, state)
 
 
 def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> list[ProposedTool]:

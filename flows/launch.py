@@ -50,7 +50,7 @@ class Voice:
 
 def run_campaign(
     config_path: Path,
-    lake_root: Path,
+    lake: Path | str,
     *,
     auto_print: bool,
     voice: Voice,
@@ -69,7 +69,7 @@ def run_campaign(
     require(CAMPAIGN)
     config = load_config(config_path)
     bench = _real_bench(config, config_path, confirm_real) if confirm_real else _virtual_bench(config, config_path)
-    campaign = Campaign(Lake.open(lake_root, create=True), config)
+    campaign = Campaign(Lake.open(lake, create=True), config)
     name = campaign.campaign_id
     with ExitStack() as stack:
         stack.callback(campaign.lake.close)

@@ -119,7 +119,7 @@ def _announce_print(campaign: Campaign, voice: Voice, batch: int, sheet: Path) -
     name = f"{campaign.campaign_id}/B{batch:02d}"
     voice.announce(
         f"A person is needed: print and mount batch {name} ({sheet}), then\n"
-        f"    fast print confirm {name} --operator NAME --lake {campaign.lake.root}\n"
+        f"    fast print confirm {name} --operator NAME --lake {campaign.lake.address}\n"
         "Simulations go on meanwhile."
     )
     append_event(campaign.lake, campaign.campaign_id, "print_waiting", f"waiting for {name}", batch=batch)

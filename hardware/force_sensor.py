@@ -39,11 +39,12 @@ class ForceReading:
 
 @dataclass(frozen=True)
 class Baseline:
-    """Mean over a stretch of readings with the gripper hanging free, in N."""
+    """Mean over readings with the gripper hanging free, in N; `resolution_n` is one count, 0 if unknown."""
 
     gross_n: float
     net_n: float
     sd_n: float
+    resolution_n: float = 0.0
 
 
 class ForceSensor:
@@ -156,7 +157,8 @@ class ForceSensor:
             readings = [self.read()]
         net = [reading.net_n for reading in readings]
         self._noise_sd_n = statistics.pstdev(net)
-        return Baseline(statistics.fmean(r.gross_n for r in readings), statistics.fmean(net), self._noise_sd_n)
+        gross_n = statistics.fmean(reading.gross_n for reading in readings)
+        return Baseline(gross_n, statistics.fmean(net), self._noise_sd_n, self.resolution_n)
 
     def watch_peak(self) -> None:
         """Remember the instrument's peak, and collect the largest reading from now on: a lift begins."""

@@ -5,7 +5,8 @@ samples are read in place. `sync` looks at the names, sizes and times of the fil
 new, so asking again costs milliseconds however many files there are.
 
 Rows that a later row with the same id supersedes are listed per table in `superseded_<table>` and left
-out of the view `<table>`, which is what queries see.
+out of the view `<table>`, which is what queries see. Files without such rows are read as they are: leaving rows out
+hides from DuckDB how many there are, and a join then holds all samples instead of the few rows it should.
 """
 
 import logging
@@ -30,6 +31,8 @@ from models.errors import LakeError
 _LOG = logging.getLogger(__name__)
 _READ_ATTEMPTS = 50  # a file may be merged into another between listing and reading
 _LOOSE_ROWS = 50_000  # a tenth of a second to compress
+_MEMORY_LIMIT = "1500MB"  # tables held and queries at work; what is over goes to temporary files
+_TIMES_VIEW = {"traces": "trace_times"}  # views.sql says what it is for
 Signature = tuple[int, int, int]  # time, size, inode
 
 
@@ -41,6 +44,7 @@ class _TableFiles:
     numbers: dict[str, int] = field(default_factory=dict)
     next_number: int = 0
     copies: dict[str, Path] = field(default_factory=dict)  # what is read in place of older files
+    partial: set[str] = field(default_factory=set)  # of traces: files that lack a column
 
     def paths(self, folder: Path, names: Iterable[str]) -> list[Path]:
         """Where to read these files."""
@@ -60,9 +64,13 @@ class Engine:
         self.connection.execute("USE held")
         self.connection.execute("SET TimeZone = 'UTC'")
         self.connection.execute("SET parquet_metadata_cache = true")
+        self.connection.execute(f"SET memory_limit = '{_MEMORY_LIMIT}'")
+        self.connection.execute(f"SET temp_directory = {_quote(self._upgrades.temporary / 'spilled')}")
         for row_type in TABLES:
             self._create_table(row_type)
         load_views(self.connection)
+        for row_type in TABLES:
+            self._point_views(row_type)
         self.connection.execute(f"SET allowed_directories = {_quoted_list([root.resolve(), self._upgrades.temporary])}")
         self.connection.execute("SET enable_external_access = false")
         self.connection.execute("SET lock_configuration = true")
@@ -89,17 +97,20 @@ class Engine:
         known = self._files[table]
         return known.paths(self._root / table, sorted(known.signatures))
 
-    def file_of(self, row_type: type[Row], row_id: str) -> Path | None:
-        """File that holds the valid row with this id, as of the last `sync`."""
+    def place_of(self, row_type: type[Row], row_id: str) -> tuple[Path, int] | None:
+        """File of the valid row with this id in a table of traces, and the row's number in it; of the last `sync`."""
         table, key = row_type.table, row_type.id_column()
         found = self.connection.execute(
-            f"SELECT _file FROM raw_{table} WHERE {key} = ? ORDER BY created_at DESC, _file DESC LIMIT 1", [row_id]
+            f"SELECT _file, _row FROM raw_{table} WHERE _hash = hash($1) AND {key} = $1 "
+            "ORDER BY created_at DESC, _file DESC, _row DESC LIMIT 1",
+            [row_id],
         ).fetchall()
         if not found:
             return None
+        ((file_number, row),) = found
         names = {number: name for name, number in self._files[table].numbers.items()}
-        (path,) = self._files[table].paths(self._root / table, [names[found[0][0]]])
-        return path
+        (path,) = self._files[table].paths(self._root / table, [names[file_number]])
+        return path, row
 
     def has_superseded(self, table: str) -> bool:
         """True when some row of the table has been superseded, as of the last `sync`."""
@@ -109,7 +120,7 @@ class Engine:
         table, key = row_type.table, row_type.id_column()
         empty = schema_of(row_type).empty_table()
         self.connection.register("empty_rows", empty)
-        held = f"{key}, created_at" if has_samples(row_type) else "*"
+        held = f"{key}, created_at, 0::UBIGINT AS _hash" if has_samples(row_type) else "*"
         self.connection.execute(
             f"CREATE TABLE raw_{table} AS SELECT {held}, 0::INTEGER AS _file, 0::BIGINT AS _row FROM empty_rows"
         )
@@ -120,29 +131,40 @@ class Engine:
             f"CREATE TABLE superseded_{table} AS SELECT {key} AS _id, 0::INTEGER AS _file, 0::BIGINT AS _row, "
             "'' AS _name FROM empty_rows"
         )
-        if has_samples(row_type):
-            self.connection.execute(f"CREATE TABLE empty_{table} AS SELECT * FROM empty_rows")
-            self._point_view_at_files(row_type)
-        else:
-            self.connection.execute(
-                f"CREATE VIEW {table} AS SELECT * EXCLUDE (_file, _row) FROM raw_{table} "
-                f"ANTI JOIN superseded_{table} USING (_file, _row)"
-            )
+        self.connection.execute(f"CREATE TABLE empty_{table} AS SELECT * FROM empty_rows")
+        self.connection.execute(f"CREATE VIEW {table} AS SELECT * FROM empty_{table}")  # for views.sql to look at
         self.connection.unregister("empty_rows")
 
-    def _point_view_at_files(self, row_type: type[Row]) -> None:
+    def _point_views(self, row_type: type[Row]) -> None:
+        """Define what queries see of a table: the rows read, but for those that are superseded."""
         table = row_type.table
-        known = self._files[table]
-        if not known.signatures:
-            self.connection.execute(f"CREATE OR REPLACE VIEW {table} AS SELECT * FROM empty_{table}")
+        old = self.connection.execute(f"SELECT DISTINCT _name FROM superseded_{table}").fetchall()
+        without_old = f"ANTI JOIN superseded_{table} USING (_file, _row)" if old else ""
+        if not has_samples(row_type):
+            rows = f"SELECT * EXCLUDE (_file, _row) FROM raw_{table} {without_old}"
+            self.connection.execute(f"CREATE OR REPLACE VIEW {table} AS {rows}")
             return
-        paths = _quoted_list(known.paths(self._root.resolve() / table, sorted(known.signatures)))
-        self.connection.execute(
-            f"CREATE OR REPLACE VIEW {table} AS SELECT * FROM empty_{table} UNION ALL BY NAME "
-            "SELECT * EXCLUDE (_name, file_row_number) FROM (SELECT * REPLACE (parse_filename(_name) AS _name) FROM "
-            f"read_parquet({paths}, union_by_name = true, filename = '_name', file_row_number = true)) AS samples "
-            f"ANTI JOIN superseded_{table} AS old ON samples._name = old._name AND samples.file_row_number = old._row"
-        )
+        rows = self._sql_of_samples(table, {name for (name,) in old})
+        self.connection.execute(f"CREATE OR REPLACE VIEW {table} AS {rows}")
+        if table in _TIMES_VIEW:
+            times = f"SELECT {row_type.id_column()}, created_at FROM raw_{table} {without_old}"
+            self.connection.execute(f"CREATE OR REPLACE VIEW {_TIMES_VIEW[table]} AS {times}")
+
+    def _sql_of_samples(self, table: str, with_old: set[str]) -> str:
+        """SELECT of the rows of a table of traces; the files in `with_old` hold superseded rows too."""
+        known, folder = self._files[table], self._root.resolve() / table
+        special = with_old | known.partial
+        parts = [f"SELECT * FROM empty_{table}"]
+        if plain := known.paths(folder, sorted(set(known.signatures) - special)):
+            parts.append(f"SELECT * FROM read_parquet({_quoted_list(plain)})")
+        if special:
+            paths = _quoted_list(known.paths(folder, sorted(special)))
+            parts.append(
+                "SELECT * EXCLUDE (_name, file_row_number) FROM (SELECT * REPLACE (parse_filename(_name) AS _name) "
+                f"FROM read_parquet({paths}, union_by_name = true, filename = '_name', file_row_number = true)) AS new "
+                f"ANTI JOIN superseded_{table} AS old ON new._name = old._name AND new.file_row_number = old._row"
+            )
+        return " UNION ALL BY NAME ".join(parts)
 
     def _sync_table(self, row_type: type[Row]) -> None:
         """Bring one table up to date; the same listing failing twice is a fault, another one is tried."""
@@ -157,8 +179,7 @@ class Engine:
             try:
                 self._files[table] = self._take_in(row_type, known, found)
                 self._find_superseded(row_type, known)
-                if has_samples(row_type):
-                    self._point_view_at_files(row_type)
+                self._point_views(row_type)
                 self.connection.execute("COMMIT")
                 self._compress()
                 return
@@ -187,19 +208,22 @@ class Engine:
         if changed:
             folder = self._root.resolve() / row_type.table
             copies |= self._upgrades.copies(self.connection, row_type, [folder / name for name in changed])
-        taken = _TableFiles(found, kept | numbers, known.next_number + len(changed), copies)
+        partial = known.partial & set(found) - set(numbers)
+        taken = _TableFiles(found, kept | numbers, known.next_number + len(changed), copies, partial)
         if changed:
             self._read_rows(row_type, taken, numbers)
         return taken
 
     def _read_rows(self, row_type: type[Row], taken: _TableFiles, numbers: dict[str, int]) -> None:
-        """Add the rows (of traces: the index) of the files with these numbers."""
+        """Add the rows (of traces: the index, and which files lack a column) of the files with these numbers."""
         table = row_type.table
         self.connection.register("new_files", _number_table(numbers))
         paths = _quoted_list(taken.paths(self._root.resolve() / table, numbers))
         held = "rows.* EXCLUDE (filename, file_row_number)"
         if has_samples(row_type):
-            held = f"{row_type.id_column()}, created_at"
+            key = row_type.id_column()
+            held = f"{key}, created_at, hash({key}) AS _hash"
+            taken.partial |= self._partial_files(row_type, taken.paths(self._root.resolve() / table, numbers))
         inserted = self.connection.execute(
             f"INSERT INTO raw_{table} BY NAME SELECT {held}, _file, file_row_number AS _row "
             f"FROM read_parquet({paths}, union_by_name = true, filename = true, file_row_number = true) AS rows "
@@ -207,6 +231,16 @@ class Engine:
         )
         self._n_loose += inserted.fetchall()[0][0]
         self.connection.unregister("new_files")
+
+    def _partial_files(self, row_type: type[Row], paths: list[Path]) -> set[str]:
+        """Names of the files that lack a column: only for their sake need DuckDB compare the columns of all files."""
+        columns = schema_of(row_type).names
+        found = self.connection.execute(
+            "SELECT parse_filename(file_name) FROM parquet_schema(?) GROUP BY file_name "
+            "HAVING count(DISTINCT name) FILTER (list_contains(?, name)) < ?",
+            [[str(path) for path in paths], columns, len(columns)],
+        )
+        return {name for (name,) in found.fetchall()}
 
     def _compress(self) -> None:
         """Compress what is held once there is much of it: a seventh of the memory, and faster to group."""

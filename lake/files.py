@@ -8,7 +8,7 @@ import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -22,7 +22,11 @@ FILE_PREFIX = "rows-"  # what readers look at; temporary and foreign files are n
 FILE_SUFFIX = ".parquet"
 TEMPORARY_PREFIX = ".writing-"
 LOCK_NAME = ".lock"
+LEFTOVER_AGE_S = 3600.0  # a temporary file this old belongs to a process that died
+NOT_CONTENT = frozenset({"created_at", "code_version", "code_dirty"})  # how rows came, not what they say
 _ROW_GROUP_OF_TRACES = 512  # dictionaries of samples are shared by many grasps, one trace is still decoded in 15 ms
+_ROW_GROUP = 122_880  # of scalars: what one thread of DuckDB takes at a time
+_FALSE_HITS = 1e-3  # rows are in the order of time: an id is found by Bloom filter, a kilobyte for 512 of them
 _ZSTD_LEVEL = 3
 FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST, errno.ENOENT}
 
@@ -88,6 +92,23 @@ def locked(root: Path, *, exclusive: bool) -> Iterator[None]:
         except OSError as error:
             raise writing_failed(root, error) from error
         yield
+
+
+def read_row(path: Path, row: int, columns: list[str]) -> dict[str, Any] | None:
+    """Columns of one row of a file, of which only the row group is read; None if the file has fewer rows.
+
+    Raises:
+        OSError: the file is gone or cannot be read.
+    """
+    with pq.ParquetFile(path) as file:
+        for group in range(file.num_row_groups):
+            n_rows = file.metadata.row_group(group).num_rows
+            if row < n_rows:
+                rows = file.read_row_group(group, columns=columns, use_threads=False)
+                (found,) = rows.slice(row, 1).to_pylist()
+                return dict(found)
+            row -= n_rows
+    return None
 
 
 FaultKind = Literal["torn", "unreadable", "wrong_schema", "newer"]
@@ -180,6 +201,18 @@ def make_folder(folder: Path) -> None:
     sync_folder(folder.parent)
 
 
+def write_synced(path: Path, text: str) -> None:
+    """Write a text file durably, or none."""
+    try:
+        with path.open("w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError:
+        discard([path])
+        raise
+
+
 def sync_folder(folder: Path) -> None:
     """Force the names in a folder to disk."""
     descriptor = os.open(folder, os.O_RDONLY)
@@ -203,15 +236,13 @@ def writing_failed(folder: Path, error: OSError) -> FastError:
 
 
 def _write_parquet(table: pa.Table, file: object, table_name: str) -> None:
-    row_group_size = _ROW_GROUP_OF_TRACES if has_samples(TABLE_BY_NAME[table_name]) else None
-    pq.write_table(
-        table,
-        file,
-        compression="zstd",
-        compression_level=_ZSTD_LEVEL,
-        row_group_size=row_group_size,
-        write_page_checksum=True,
-    )
+    row_type = TABLE_BY_NAME[table_name]
+    layout: dict[str, Any] = {"row_group_size": _ROW_GROUP}
+    if has_samples(row_type):
+        n_ids = max(min(table.num_rows, _ROW_GROUP_OF_TRACES), 1)
+        bloom_filter = {row_type.id_column(): {"ndv": n_ids, "fpp": _FALSE_HITS}}
+        layout = {"row_group_size": _ROW_GROUP_OF_TRACES, "bloom_filter_options": bloom_filter}
+    pq.write_table(table, file, compression="zstd", compression_level=_ZSTD_LEVEL, write_page_checksum=True, **layout)
 
 
 class _Hasher:

@@ -135,9 +135,9 @@ def _root(lake: Lake, row_id: str) -> Node:
         {"id": row_id},
     ).to_pylist()
     if not near:
-        raise UsageError(f"No row of {lake.root} has the id `{row_id}`: the lake is empty.")
+        raise UsageError(f"No row of {lake.address} has the id `{row_id}`: the lake is empty.")
     words = ", ".join(f"`{row['id']}` ({_TABLES[row['place']]})" for row in near)
-    raise UsageError(f"No row of {lake.root} has the id `{row_id}`; the closest ids are {words}.")
+    raise UsageError(f"No row of {lake.address} has the id `{row_id}`; the closest ids are {words}.")
 
 
 def _step(lake: Lake, frontier: list[Node], forward: bool, limit: int | None) -> list[_Beside]:

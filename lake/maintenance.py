@@ -1,64 +1,59 @@
 """Keeping a lake healthy: check and quarantine files, merge small ones, count what is there."""
 
-import json
 import logging
-import os
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args
 
 import duckdb
+import numpy as np
 import pyarrow as pa
 
 from lake.engine import Signature, list_files
 from lake.files import (
     FILE_PREFIX,
     FILE_SUFFIX,
-    FORBIDDEN,
+    LEFTOVER_AGE_S,
     LOCK_NAME,
     TEMPORARY_PREFIX,
     Fault,
     FaultKind,
-    discard,
     fault_of,
     file_name,
-    locked,
-    make_folder,
-    publish,
     stage,
-    sync_folder,
 )
-from lake.schema import schema_of
-from lake.store import MARKER, Lake
+from lake.schema import has_samples, schema_of
+from lake.storage import MARKER, QUARANTINE, STAGED_MARKER, Entry, Storage
+from lake.store import Lake
 from lake.tables import TABLE_BY_NAME, TABLES, Row
 from lake.upgrades import forget_copies, older_files, read_upgraded
-from models.errors import FastError, LakeError, UsageError
 
 _LOG = logging.getLogger(__name__)
-QUARANTINE = "quarantine"
 _OF_FAST = frozenset({"outputs", ".state"})  # what people read, and what can be made again; no rows
-TARGET_BYTES = 16 * 2**20  # of a merged file, some thousand traces; files over half of it are left alone
+TARGET_BYTES = 64 * 2**20  # of a merged file, 14,000 traces; files over half of it are left alone
+_ALWAYS_MERGED = 16  # files below this part of the target are merged whatever the others are
+_READ_AT_ONCE, _READERS = 50, 2
 _NEEDS_SAMPLES = (
     ("grasps", "traces", "grasp_id"),
     ("simulations", "sim_traces", "simulation_id"),
     ("calibrations", "posterior_draws", "calibration_id"),
 )
 _REMOVED_AT_ONCE = 100  # writers wait meanwhile
-_LEFTOVER_AGE_S = 3600.0  # a temporary file this old belongs to a process that died
 
 Kind = Literal[FaultKind, "foreign", "leftover", "incomplete"]
 _STAYS = frozenset({"unreadable", "newer", "incomplete"})  # what a person or another program can still read, or no file
 
 
 class Finding(NamedTuple):
-    """One thing that `check` found; `moved_to` is where a file was set aside."""
+    """One thing that `check` found; `moved_to` is where a file was set aside. Objects are named by their address."""
 
     kind: Kind
-    path: Path
+    path: Path | str
     message: str
-    moved_to: Path | None = None
+    moved_to: Path | str | None = None
 
     @property
     def line(self) -> str:
@@ -101,11 +96,11 @@ def check(lake: Lake, *, quarantine: bool = False) -> list[Finding]:
         UsageError: files are to be moved and the lake cannot be written.
         LakeError: files are to be moved and the disk is full or broken; what was not moved is where it was.
     """
-    findings = [*_foreign_entries(lake.root)]
+    findings = [*_foreign_entries(lake.storage)]
     for row_type in TABLES:
-        findings += _file_findings(lake.root / row_type.table, row_type)
+        findings += _file_findings(lake.storage, row_type)
     if quarantine:
-        findings = [finding if finding.kind in _STAYS else _set_aside(lake.root, finding) for finding in findings]
+        findings = [finding if finding.kind in _STAYS else _set_aside(lake.storage, finding) for finding in findings]
     if not any(finding.kind in get_args(FaultKind) and finding.moved_to is None for finding in findings):
         findings += _incomplete(lake)
     return findings
@@ -123,11 +118,12 @@ def compact(lake: Lake, table: type[Row] | str, target_bytes: int = TARGET_BYTES
     """
     row_type = TABLE_BY_NAME[table] if isinstance(table, str) else table
     folder = lake.root / row_type.table
+    lake.storage.refresh([row_type.table])
     n_before = len(list_files(folder))
     n_rows = 0
     older = older_files(folder, row_type)
     for group in _groups(list_files(folder), target_bytes, older):
-        n_rows += _merge(lake.root, row_type, group)
+        n_rows += _merge(lake.storage, row_type, group)
     if older:
         forget_copies(lake.root, row_type)
     return Compaction(row_type.table, n_before, len(list_files(folder)), n_rows)
@@ -149,154 +145,126 @@ def _table_stats(lake: Lake, row_type: type[Row]) -> TableStats:
 
 
 def _groups(files: dict[str, Signature], target_bytes: int, older: set[str]) -> Iterator[dict[str, Signature]]:
-    """Small files in groups of about the target size, and older ones of any; a group of one new file is left alone."""
+    """Small files in groups of at most the target size, and older ones of any; one new file alone is left alone."""
+    chosen = older | _small_files(files, target_bytes)
     group: dict[str, Signature] = {}
     size = 0
     for name, signature in sorted(files.items(), key=lambda item: item[1]):
-        if signature[1] >= target_bytes // 2 and name not in older:
+        if name not in chosen:
             continue
-        group[name] = signature
-        size += signature[1]
-        if size >= target_bytes:
+        if size + signature[1] > target_bytes and (len(group) > 1 or older & set(group)):
             yield group
             group, size = {}, 0
+        group[name] = signature
+        size += signature[1]
     if len(group) > 1 or older & set(group):
         yield group
 
 
-def _merge(root: Path, row_type: type[Row], group: dict[str, Signature]) -> int:
+def _small_files(files: dict[str, Signature], target_bytes: int) -> set[str]:
+    """Files worth merging: the largest has all others together in its size, so that a row is written few times."""
+    names = sorted((name for name in files if files[name][1] < target_bytes // 2), key=lambda name: files[name][1])
+    n_chosen = total = 0
+    for n_smaller, name in enumerate(names):
+        size = files[name][1]
+        if size <= max(total, target_bytes // _ALWAYS_MERGED):
+            n_chosen = n_smaller + 1
+        total += size
+    return set(names[:n_chosen])
+
+
+def _merge(storage: Storage, row_type: type[Row], group: dict[str, Signature]) -> int:
     """Replace the files of a group by one; returns its number of rows, 0 if another process was faster."""
-    folder = root / row_type.table
+    folder = storage.root / row_type.table
     try:
-        merged = _read_merged(folder, row_type, sorted(group))
+        merged = _read_merged(folder, row_type, list(group))
     except FileNotFoundError:
         _LOG.info("another process is merging %s; left to it", folder)
         return 0
-    final = folder / file_name(merged)
-    publish(stage(folder, merged, row_type.table), final)
+    final = folder / file_name(merged, ignore=_samples_of(row_type))
+    storage.publish(stage(folder, merged, row_type.table), final)
     merged_away = [name for name in group if name != final.name]
     for first in range(0, len(merged_away), _REMOVED_AT_ONCE):
-        _remove(root, folder, {name: group[name] for name in merged_away[first : first + _REMOVED_AT_ONCE]})
+        storage.remove(folder, {name: group[name] for name in merged_away[first : first + _REMOVED_AT_ONCE]})
     return merged.num_rows
 
 
-def _remove(root: Path, folder: Path, files: dict[str, Signature]) -> None:
-    """Remove files that were merged, but for those that were written again since."""
-    try:
-        with locked(root, exclusive=True):
-            now = list_files(folder)
-            for name, signature in files.items():
-                if now.get(name) == signature:
-                    (folder / name).unlink(missing_ok=True)
-            sync_folder(folder)
-    except OSError as error:
-        raise LakeError(
-            f"Merged files of {folder} could not be removed ({error.strerror}); no row is lost, and those in two files "
-            "count once: repair the disk or its permissions, then compact again."
-        ) from error
-
-
 def _read_merged(folder: Path, row_type: type[Row], names: list[str]) -> pa.Table:
-    """All rows of the files by id and time, with today's columns, exact copies once."""
+    """All rows of the files by time and id, with today's columns, exact copies once.
+
+    Rows of one tool, batch and campaign stay together, so that a question about one of them reads few row groups.
+    """
     schema, key = schema_of(row_type), row_type.id_column()
-    rows = pa.concat_tables([schema.empty_table(), *(read_upgraded(folder / name, row_type) for name in names)])
+    parts = [schema.empty_table()]
+    with ThreadPoolExecutor(_READERS) as pool:
+        for first in range(0, len(names), _READ_AT_ONCE):
+            paths = [folder / name for name in names[first : first + _READ_AT_ONCE]]
+            read = list(pool.map(lambda path: read_upgraded(path, row_type), paths))
+            # A thousand chunks of a row each take longer to write than to copy together.
+            parts.append(pa.concat_tables(read).combine_chunks())
+    rows = pa.concat_tables(parts)
+    index = rows.select([key, "created_at"]).append_column("place", pa.array(np.arange(rows.num_rows)))
     with duckdb.connect(":memory:") as connection:
-        connection.register("merged_rows", rows.select([key, "created_at"]).append_column("place", _places(rows)))
-        places = connection.sql(
-            f"SELECT min(place) AS place FROM merged_rows GROUP BY {key}, created_at ORDER BY {key}, created_at"
-        ).to_arrow_table()
-    return rows.take(places["place"]).combine_chunks()
+        connection.register("merged_rows", index)
+        order = f"SELECT min(place) AS place FROM merged_rows GROUP BY {key}, created_at ORDER BY created_at, {key}"
+        places = connection.sql(order).to_arrow_table()["place"].to_numpy()
+    if np.array_equal(places, np.arange(rows.num_rows)):
+        return rows  # as they mostly come: no second copy of the samples in memory
+    return rows.take(pa.array(places))
 
 
-def _places(rows: pa.Table) -> pa.Array:
-    return pa.array(range(rows.num_rows), type=pa.int64())
+def _samples_of(row_type: type[Row]) -> frozenset[str]:
+    """Columns of samples: ids and times tell merged files apart, and hashing samples takes as long as writing them."""
+    lists = frozenset(field.name for field in schema_of(row_type) if pa.types.is_list(field.type))
+    return lists if has_samples(row_type) else frozenset()
 
 
-def _foreign_entries(root: Path) -> Iterator[Finding]:
+def _foreign_entries(storage: Storage) -> Iterator[Finding]:
     known = {MARKER, LOCK_NAME, QUARANTINE, *_OF_FAST, *TABLE_BY_NAME}
-    for entry in sorted(root.iterdir()):
-        if entry.name.startswith(f".{MARKER}."):
+    for entry in storage.entries():
+        if entry.name.startswith(STAGED_MARKER):
             yield from _leftover(entry)
         elif entry.name not in known:
-            yield Finding("foreign", entry, f"{entry} is not part of the lake; move it elsewhere.")
+            yield Finding("foreign", entry.place, f"{entry.place} is not part of the lake; move it elsewhere.")
 
 
-def _file_findings(folder: Path, row_type: type[Row]) -> Iterator[Finding]:
+def _file_findings(storage: Storage, row_type: type[Row]) -> Iterator[Finding]:
+    folder = storage.root / row_type.table
     try:
-        paths = sorted(folder.iterdir())
-    except FileNotFoundError:
-        return  # the table has no rows yet
+        storage.refresh([row_type.table], anew=True)
+        entries = storage.entries(row_type.table)
     except OSError as error:
         fault = Fault("unreadable", f"cannot be read ({error.strerror})")
         yield Finding(fault.kind, folder, f"{folder} {fault.sentence}; {fault.remedy}.")
         return
-    for path in paths:
-        if path.name.startswith(TEMPORARY_PREFIX):
-            yield from _leftover(path)
-        elif not os.path.lexists(path):
-            continue  # merged into another file since it was listed
-        elif not path.is_file() or not (path.name.startswith(FILE_PREFIX) and path.name.endswith(FILE_SUFFIX)):
-            yield Finding("foreign", path, f"{path} was not written by the lake, readers ignore it; move it elsewhere.")
-        elif found := fault_of(path, row_type, whole=True):
+    for entry in entries:
+        place = entry.place
+        if entry.name.startswith(TEMPORARY_PREFIX):
+            yield from _leftover(entry)
+        elif not entry.is_file or not (entry.name.startswith(FILE_PREFIX) and entry.name.endswith(FILE_SUFFIX)):
+            sentence = f"{place} was not written by the lake, readers ignore it; move it elsewhere."
+            yield Finding("foreign", place, sentence)
+        elif found := fault_of(folder / entry.name, row_type, whole=True):
             then = "" if found.kind in _STAYS else ", then redo its work"
-            yield Finding(found.kind, path, f"{path} {found.sentence}; {found.remedy}{then}.")
+            yield Finding(found.kind, place, f"{place} {found.sentence}; {found.remedy}{then}.")
 
 
-def _leftover(path: Path) -> Iterator[Finding]:
-    if _age_s(path) > _LEFTOVER_AGE_S:
-        yield Finding("leftover", path, f"{path} was left by a process that died; its rows were never visible.")
+def _leftover(entry: Entry) -> Iterator[Finding]:
+    if time.time() - entry.modified_s > LEFTOVER_AGE_S:
+        yield Finding(
+            "leftover", entry.place, f"{entry.place} was left by a process that died; its rows were never visible."
+        )
 
 
-def _age_s(path: Path) -> float:
-    try:
-        return time.time() - path.stat().st_mtime
-    except FileNotFoundError:
-        return 0.0  # it was given its name meanwhile
-
-
-def _set_aside(root: Path, finding: Finding) -> Finding:
+def _set_aside(storage: Storage, finding: Finding) -> Finding:
     """Move a file to the quarantine, its reason first: what is there always says why."""
-    target = root / QUARANTINE / finding.path.relative_to(root)
-    try:
-        make_folder(target.parent)
-        while target.exists():
-            target = target.with_name(f"{target.name}.again")
-        reason = target.with_name(f"{target.name}.reason.json")
-        _write_reason(reason, finding)
-        try:
-            os.replace(finding.path, target)
-        except OSError:
-            discard([reason])
-            raise
-        sync_folder(target.parent)
-        sync_folder(finding.path.parent)
-    except OSError as error:
-        raise _not_set_aside(finding.path, error) from error
-    return finding._replace(moved_to=target)
-
-
-def _write_reason(path: Path, finding: Finding) -> None:
-    content = {
+    reason = {
         "kind": finding.kind,
         "message": finding.message,
         "moved_from": str(finding.path),
         "moved_at": datetime.now(UTC).isoformat(timespec="seconds"),
     }
-    try:
-        with path.open("w", encoding="utf-8") as file:
-            file.write(json.dumps(content, indent=2) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-    except OSError:
-        discard([path])
-        raise
-
-
-def _not_set_aside(path: Path, error: OSError) -> FastError:
-    stayed = f"{path} could not be set aside ({error.strerror}); it is where it was, nothing was lost: "
-    if error.errno in FORBIDDEN:
-        return UsageError(f"{stayed}change the permissions of the lake, then run the same command again.")
-    return LakeError(f"{stayed}free disk space or repair the disk, then run the same command again.")
+    return finding._replace(moved_to=storage.set_aside(finding.path, reason))
 
 
 def _incomplete(lake: Lake) -> Iterator[Finding]:
@@ -305,6 +273,5 @@ def _incomplete(lake: Lake) -> Iterator[Finding]:
         held = f"raw_{samples}" if TABLE_BY_NAME[samples].id_column() == key else samples
         sql = f"SELECT {key} FROM {scalars} WHERE status = 'ok' EXCEPT SELECT {key} FROM {held} ORDER BY {key}"
         for row_id in lake.query(sql).column(0).to_pylist():
-            yield Finding(
-                "incomplete", lake.root / scalars, f"`{row_id}` of `{scalars}` has no row in `{samples}`; redo it."
-            )
+            path = lake.storage.place(scalars)
+            yield Finding("incomplete", path, f"`{row_id}` of `{scalars}` has no row in `{samples}`; redo it.")

@@ -7,6 +7,7 @@ transaction (a WITH clause can hide an INSERT), and the connection has no access
 from __future__ import annotations
 
 import re
+from difflib import get_close_matches
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from lake.store import Lake
 
 _READING = {duckdb.StatementType.SELECT}
-_ATTEMPTS = 5  # files of traces may be merged between opening and reading
+_ATTEMPTS = 5  # files of traces may be merged while a query runs
 
 
 # What DuckDB says, and what it means in this lake
@@ -42,15 +43,12 @@ def run_sql(lake: Lake, sql: str) -> pa.Table:
     """
     check_reads_only(sql)
     for attempt in range(_ATTEMPTS):
-        connection = lake.connect()
-        try:
-            connection.execute("BEGIN TRANSACTION READ ONLY")
-            return connection.sql(sql).to_arrow_table()
-        except duckdb.Error as error:
-            if not _is_vanished_file(error) or attempt + 1 == _ATTEMPTS:
-                raise UsageError(_sentence(connection, error)) from error
-        finally:
-            connection.close()
+        with lake.reading(sql) as engine:
+            try:
+                return engine.read(sql)
+            except duckdb.Error as error:
+                if not isinstance(error, duckdb.IOException) or attempt + 1 == _ATTEMPTS:
+                    raise UsageError(_sentence(engine.connection, error)) from error
     raise UsageError("The query was not answered; run it again.")
 
 
@@ -89,23 +87,24 @@ def _sentence(connection: duckdb.DuckDBPyConnection, error: duckdb.Error) -> str
         match = re.search(r'"([^"]+)"', text)
         place = f" and not `{match[1]}`" if match else ""
         return f"SQL reads the tables and views of the lake only{place}; `fast sql` alone lists them."
-    if isinstance(error, duckdb.TransactionException):
+    if isinstance(error, duckdb.TransactionException) or re.search(r"base table|is not an? table", text):  # but a view
         return "A statement that writes is not allowed here, the lake is read-only to SQL: use a SELECT statement."
     if match := re.search(r"Table with name (\S+) does not exist", text):
         return f"There is no table or view `{match[1]}`; {closest(match[1], _known_tables(connection))}"
     if match := re.search(r'(?:Referenced|have a) column (?:named )?"([^"]+)"', text):
         near = re.search(r"Candidate bindings: (.+)", text)
-        names = ", ".join(re.findall(r'"([^"]+)"', near[1])) if near else ""
+        candidates = re.findall(r'"([^"]+)"', near[1]) if near else []
+        found = candidates or get_close_matches(match[1], _columns(connection), cutoff=0.4)
+        names = ", ".join(found)
         hint = f"near names: {names}" if names else "`fast sql` alone lists the columns"
         return f"There is no column `{match[1]}` in what is queried (text would be '{match[1]}'); {hint}."
     return next((hint for part, hint in _HINTS.items() if part in text), f"The query failed: {text}")
 
 
 def _known_tables(connection: duckdb.DuckDBPyConnection) -> list[str]:
-    connection.execute("ROLLBACK")
-    tables = connection.sql("SELECT table_name FROM information_schema.tables").fetchall()
-    return [name for (name,) in tables if not name.endswith("_files")]
+    return [name for (name,) in connection.sql("SELECT view_name FROM duckdb_views() WHERE NOT internal").fetchall()]
 
 
-def _is_vanished_file(error: duckdb.Error) -> bool:
-    return "FileNotFoundError" in str(error) or "No such file" in str(error)
+def _columns(connection: duckdb.DuckDBPyConnection) -> list[str]:
+    columns = connection.sql("SELECT DISTINCT column_name FROM duckdb_columns() WHERE NOT internal").fetchall()
+    return [name for (name,) in columns if not name.startswith("_")]

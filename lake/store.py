@@ -1,4 +1,4 @@
-"""The lake: a folder of append-only Parquet tables, written atomically and queried through DuckDB."""
+"""The lake: append-only Parquet tables, written atomically to a folder or object store, queried through DuckDB."""
 
 import json
 import logging
@@ -14,56 +14,72 @@ import pyarrow as pa
 import pyarrow.dataset as pads
 
 from lake.engine import Engine, load_views, tables_used
-from lake.files import discard, file_name, locked, make_folder, publish, stage, writing_failed
+from lake.files import discard, read_row, stage
 from lake.provenance import Provenance, stamped
 from lake.schema import has_samples, schema_of, to_arrow
 from lake.sql import check_reads_only
+from lake.storage import MARKER, Storage, storage_at
 from lake.tables import TABLE_BY_NAME, TABLES, Row, SimTraceRow, TraceRow
 from models.errors import LakeError, UsageError
 from models.records import Trace
 
 _LOG = logging.getLogger(__name__)
-MARKER = "lake.json"
-_STAGED_MARKER = f".{MARKER}."  # with the number of the process that makes the lake
 LAYOUT_VERSION = 1  # of folders and files; the columns of a table have their own version in each file
-_NOT_CONTENT = frozenset({"created_at", "code_version", "code_dirty"})
 _QUERY_ATTEMPTS = 50  # a file of samples may be merged into another while a query runs
 
 R = TypeVar("R", bound=Row)
 
 
 class Lake:
-    """A lake in the folder `root`. Safe to use from several threads and, opened in each, several processes."""
+    """A lake at `address`, a folder or `s3://bucket/prefix`.
 
-    def __init__(self, root: Path) -> None:
-        self.root = Path(root)
+    Safe to use from several threads and, opened in each, several processes.
+    `root` is the folder on this machine with its locks, caches and outputs: of a lake in a folder that folder, of one
+    in an object store the working folder, which has copies of the objects.
+    """
+
+    def __init__(self, address: Path | str) -> None:
+        self.storage: Storage = storage_at(address)
+        self.address = self.storage.address
+        self.root = self.storage.root
         self._lock = threading.RLock()
         self._engine: Engine | None = None
         self._pid = os.getpid()
         self._of_parent: list[object] = []
 
-    def __reduce__(self) -> tuple[type["Lake"], tuple[Path]]:
-        """Pickle as the path; the connection is opened again in the other process."""
-        return Lake, (self.root,)
+    def __reduce__(self) -> tuple[type["Lake"], tuple[str]]:
+        """Pickle as the address; the connection is opened again in the other process."""
+        return Lake, (self.address,)
 
     @classmethod
-    def open(cls, root: Path | str, create: bool = False) -> "Lake":
-        """Open the lake in the folder `root`; with `create`, make one there if there is none.
+    def open(cls, address: Path | str, create: bool = False) -> "Lake":
+        """Open the lake at `address`; with `create`, make one there if there is none.
 
         Raises:
-            UsageError: there is no lake, the folder holds something else, or it cannot be written.
+            UsageError: there is no lake, the place holds something else, or it cannot be written.
+            LakeError: the marker is damaged or of a newer program, or the object store does not answer.
         """
-        root = Path(root)
-        if _is_lake(root):
-            _check_marker(root / MARKER)
-            return cls(root)
-        if not create:
+        lake = cls(address)
+        marker = lake.storage.marker()
+        if marker is not None:
+            _check_marker(lake.address, marker)
+        elif create:
+            lake.storage.make(json.dumps({"format": "fast-lake", "schema_version": LAYOUT_VERSION}) + "\n")
+        else:
             raise UsageError(
-                f"{root} is not a lake: give another --lake (or FAST_LAKE), or make one there with "
-                f"`fast campaign run CONFIG.toml --lake {root}` or `fast lake import DIR --lake {root}`."
+                f"{lake.address} is not a lake: give another --lake (or FAST_LAKE), or make one there with `fast "
+                f"campaign run CONFIG.toml --lake {lake.address}` or `fast lake import DIR --lake {lake.address}`."
             )
-        _make_lake(root)
-        return cls(root)
+        return lake
+
+    @classmethod
+    def exists(cls, address: Path | str) -> bool:
+        """True when there is a lake at `address`.
+
+        Raises:
+            FastError: the place cannot be read.
+        """
+        return storage_at(address).marker() is not None
 
     def append(self, rows: Sequence[Row], provenance: Provenance) -> None:
         """Append rows of one or several tables, durably: when this returns, they survive a power cut.
@@ -72,9 +88,10 @@ class Lake:
         Appending the same rows again replaces them; a row with a known id and other content supersedes it.
 
         Raises:
-            UsageError: the folder cannot be written; nothing was.
+            UsageError: the lake cannot be written; nothing was.
             LakeError: two different rows share an id or the disk is full, and no row is visible; or a file could
-                not be named, and rows of the first tables may be: append the same rows again.
+                not be named, or the object store does not answer, and rows of the first tables may be: append the
+                same rows again.
         """
         columns = stamped(provenance)
         staged: list[tuple[Path, Path]] = []
@@ -82,10 +99,10 @@ class Lake:
             for row_type, group in _by_table(rows):
                 table = to_arrow(group, columns)
                 folder = self.root / row_type.table
-                staged.append((stage(folder, table, row_type.table), folder / file_name(table, _NOT_CONTENT)))
-            with locked(self.root, exclusive=False):
+                staged.append((stage(folder, table, row_type.table), folder / self.storage.file_name(table)))
+            with self.storage.naming():
                 for temporary, final in staged:
-                    publish(temporary, final)
+                    self.storage.publish(temporary, final)
         finally:
             discard([temporary for temporary, _ in staged])
 
@@ -136,29 +153,34 @@ class Lake:
         Raises:
             LakeError: there is no such trace.
         """
-        key = table.id_column()
         for _ in range(_QUERY_ATTEMPTS):
             with self._synced({table.table}) as engine:
-                path = engine.file_of(table, row_id)
-            if path is None:
+                place = engine.place_of(table, row_id)
+            if place is None:
                 raise LakeError(
-                    f"The lake {self.root} has no trace of `{row_id}`; check the id, or how the grasp ended."
+                    f"The lake {self.address} has no trace of `{row_id}`; check the id, or how the grasp ended."
                 )
             try:
-                found = pads.dataset(path, schema=schema_of(table)).to_table(filter=pads.field(key) == row_id)
+                found = read_row(*place, list(table.model_fields))
             except OSError as error:
-                _LOG.debug("%s was merged while reading: %s", path, error)
+                _LOG.debug("%s was merged while reading: %s", place, error)
                 continue
-            latest = found.sort_by([("created_at", "descending")])
-            return table.model_validate(latest.select(list(table.model_fields)).to_pylist()[0]).trace
-        raise LakeError(f"The trace of `{row_id}` could not be read from {self.root}; run `fast lake check`.")
+            if found is not None and found[table.id_column()] == row_id:
+                return table.model_validate(found).trace
+        raise LakeError(f"The trace of `{row_id}` could not be read from {self.address}; run `fast lake check`.")
+
+    @contextmanager
+    def reading(self, sql: str) -> Iterator[Engine]:
+        """What answers this query, in step with the tables that it reads; others wait until it is given back."""
+        with self._synced(tables_used(sql)) as engine:
+            yield engine
 
     def connect(self) -> duckdb.DuckDBPyConnection:
         """A DuckDB connection to the rows of this moment, with all views and macros.
 
         It has no access to files, network or extensions, and its configuration is locked; what is
         created on it stays in its memory. Traces are read from the files when asked for; connect again
-        after a compaction.
+        after a compaction. All other tables are copied, 80 bytes a grasp in the files: `query` copies nothing.
         """
         with self._synced(set(TABLE_BY_NAME)) as engine:
             connection = duckdb.connect(":memory:")
@@ -194,7 +216,7 @@ class Lake:
                         raise LakeError(f"{_first_line(error)}; run `fast lake check`.") from error
                 except duckdb.Error as error:
                     raise LakeError(f"The query cannot be answered: {error}") from error
-        raise LakeError(f"The lake {self.root} could not be read; run `fast lake check`.")
+        raise LakeError(f"The lake {self.address} could not be read; run `fast lake check`.")
 
     @contextmanager
     def _synced(self, tables: set[str]) -> Iterator[Engine]:
@@ -202,6 +224,7 @@ class Lake:
         with self._lock:
             if self._engine is None:
                 self._engine = Engine(self.root)
+            self.storage.refresh(tables)
             self._engine.sync(tables)
             yield self._engine
 
@@ -264,45 +287,16 @@ def _conditions(table: type[Row], equals: dict[str, Any]) -> tuple[str, list[Any
     return ("WHERE " + " AND ".join(conditions) if conditions else ""), values
 
 
-def _is_lake(root: Path) -> bool:
+def _check_marker(address: str, marker: str) -> None:
     try:
-        return (root / MARKER).is_file()
-    except OSError as error:
-        raise UsageError(f"{root} cannot be read ({error.strerror}); change its permissions.") from error
-
-
-def _make_lake(root: Path) -> None:
-    staged = root / f"{_STAGED_MARKER}{os.getpid()}"
-    try:
-        if _holds_something_else(root):
-            raise UsageError(f"{root} is not empty and not a lake; nothing was written: give a new folder with --lake.")
-        make_folder(root)
-        with staged.open("w") as file:
-            file.write(json.dumps({"format": "fast-lake", "schema_version": LAYOUT_VERSION}) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-    except OSError as error:
-        discard([staged])
-        raise writing_failed(root, error) from error
-    publish(staged, root / MARKER)
-
-
-def _holds_something_else(root: Path) -> bool:
-    """True when a folder has more in it than what other processes leave that make, or died making, this lake."""
-    if not root.exists():
-        return False
-    names = [entry.name for entry in root.iterdir()]
-    return any(not name.startswith(_STAGED_MARKER) for name in names) and not _is_lake(root)
-
-
-def _check_marker(marker: Path) -> None:
-    try:
-        version = int(json.loads(marker.read_text())["schema_version"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise LakeError(f"{marker} is not readable as the marker of a lake; restore it from another lake.") from error
+        version = int(json.loads(marker)["schema_version"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise LakeError(
+            f"{address}/{MARKER} is not readable as the marker of a lake; restore it from another lake."
+        ) from error
     if version > LAYOUT_VERSION:
         raise LakeError(
-            f"The lake {marker.parent} has schema version {version}, this program reads up to {LAYOUT_VERSION}: "
+            f"The lake {address} has schema version {version}, this program reads up to {LAYOUT_VERSION}: "
             "update the program."
         )
 

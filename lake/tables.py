@@ -303,7 +303,7 @@ class DiagnosticRow(_TraceColumns):
 
 
 class FitRow(Row):
-    """Hyperparameters and health of the surrogate when a batch was decided."""
+    """Hyperparameters and health of the surrogate when tools or simulations were decided (`purpose`)."""
 
     table: ClassVar[str] = "fits"
     fit_id: str
@@ -320,6 +320,18 @@ class FitRow(Row):
     sd_h: float
     sd_e: float
     seed: int
+    purpose: Literal["tools", "simulations"] | None = None
+    nugget_n: float | None = None
+    mean_sim_n: float | None = None
+    mean_real_n: float | None = None
+    loo_coverage_90: float | None = None
+    loo_q2: float | None = None
+    sim_loo_rmse_n: float | None = None
+    sim_loo_coverage_90: float | None = None
+    sim_loo_q2: float | None = None
+    shared_variance: float | None = None
+    measured_only_loo_rmse_n: float | None = None
+    n_outliers: int | None = None
 
 
 class EventRow(Row):

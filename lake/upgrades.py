@@ -64,8 +64,11 @@ def read_upgraded(path: Path, row_type: type[Row]) -> pa.Table:
         LakeError: the file cannot be read, or its columns are not those of the table; the message names it.
         FileNotFoundError: it is gone.
     """
+    schema = schema_of(row_type)
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            if _is_of_today(file.schema_arrow, row_type):
+                return file.read(use_threads=False).replace_schema_metadata(schema.metadata)
             fault = schema_fault(file.schema_arrow, row_type)
             rows = file.schema_arrow.empty_table() if fault else file.read(use_threads=False)
     except FileNotFoundError:
@@ -74,9 +77,13 @@ def read_upgraded(path: Path, row_type: type[Row]) -> pa.Table:
         raise _unusable(path, reading_fault(error)) from error
     if fault:
         raise _unusable(path, fault)
-    schema = schema_of(row_type)
     full = pa.concat_tables([schema.empty_table(), migrated(rows, row_type.table)], promote_options="default")
     return full.select(schema.names).cast(schema)
+
+
+def _is_of_today(schema: pa.Schema, row_type: type[Row]) -> bool:
+    """True when nothing need be changed: to find that out takes a tenth of the time of changing nothing."""
+    return file_version(schema) == table_version(row_type.table) and bool(schema.equals(schema_of(row_type)))
 
 
 def older_files(folder: Path, row_type: type[Row]) -> set[str]:

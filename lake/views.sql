@@ -94,16 +94,25 @@ CREATE VIEW grasp_summary AS
         g.started_at, g.peak_force_n, g.work_j, g.initial_force_n, g.tare_force_n, g.setup_id, g.bench
     FROM grasps AS g LEFT JOIN objects AS o USING (object_id);
 
+-- When the trace of each grasp was written. Files are in this order: a join by both columns reads only its stretch.
+CREATE VIEW trace_times AS
+    SELECT grasp_id, created_at FROM traces;
+
+-- One row per grasp attempt with a trace, with its samples. Of one tool, batch or campaign only those are read.
+CREATE VIEW grasp_traces AS
+    SELECT g.*, t.time_s, t.lift_mm, t.force_n
+    FROM grasp_summary AS g JOIN trace_times AS w USING (grasp_id)
+    JOIN traces AS t ON t.grasp_id = w.grasp_id AND t.created_at = w.created_at;
+
 -- One row per valid grasp, with what its samples tell. Only the features asked for are computed.
 CREATE VIEW grasp_features AS
     SELECT
-        g.* EXCLUDE (status, reason, is_valid, attempt),
-        peak_lift_mm(t.lift_mm, t.force_n) AS peak_lift_mm,
-        separation_lift_mm(t.lift_mm, t.force_n) AS separation_lift_mm,
-        lift_above_mm(t.lift_mm, t.force_n, 0.5) AS half_peak_lift_mm,
-        lift_above_mm(t.lift_mm, t.force_n, 0.8) AS plateau_mm
-    FROM grasp_summary AS g JOIN traces AS t USING (grasp_id)
-    WHERE g.is_valid;
+        g.* EXCLUDE (status, reason, is_valid, attempt, time_s, lift_mm, force_n),
+        peak_lift_mm(lift_mm, force_n) AS peak_lift_mm,
+        separation_lift_mm(lift_mm, force_n) AS separation_lift_mm,
+        lift_above_mm(lift_mm, force_n, 0.5) AS half_peak_lift_mm,
+        lift_above_mm(lift_mm, force_n, 0.8) AS plateau_mm
+    FROM grasp_traces AS g WHERE is_valid;
 
 -- One row per tool and object: mean over the repeats, and how far the repeats lie apart.
 CREATE VIEW tool_object AS

@@ -1,6 +1,8 @@
 """Ask the scientist: tools for the next batch, one more design to simulate. Decisions go to the lake."""
 
-from collections.abc import Sequence
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
 
@@ -11,11 +13,18 @@ from models.records import Design
 from models.scientist import Proposal as ProposedDesign
 from models.scientist import propose
 from models.surrogate.fit import fit_surrogate
+from models.surrogate.health import health_of
 from models.surrogate.observations import ObservationSet
 from models.surrogate.parameters import SurrogateParameters
 from models.surrogate.posterior import Surrogate
+from models.surrogate.threads import one_blas_thread
 from tasks.campaign import Campaign
 from tasks.state import CampaignState
+
+logger = logging.getLogger(__name__)
+
+# How much the simulated designs must grow before simulations are chosen with fresh hyperparameters
+REFIT_LEAST, REFIT_SHARE = 5, 0.05
 
 
 def propose_initial(campaign: Campaign) -> None:
@@ -34,31 +43,65 @@ def propose_initial(campaign: Campaign) -> None:
 
 
 def fit(campaign: Campaign, batch: int, data: ObservationSet, rows: Sequence[str]) -> Surrogate:
-    """Fit the surrogate to all data before a batch is chosen, and record the fit.
+    """Fit the surrogate to all data before a batch is chosen, and record the fit with its health.
 
     `rows` are the ids of the grasps and simulations behind `data`.
     """
     seed = campaign.seed("fit", batch)
     surrogate = fit_surrogate(data, None, seed=seed)
-    row = _fit_row(campaign, _fit_id(campaign, batch, data), batch, surrogate, seed)
-    campaign.lake.append([row], campaign.provenance(seed, rows))
+    row = _fit_row(campaign, _fit_id(campaign, batch, data), batch, surrogate, seed, "tools")
+    campaign.lake.append([_with_health(row, surrogate)], campaign.provenance(seed, rows))
     return surrogate
 
 
-def fit_for_simulation(
-    campaign: Campaign,
-    batch: int,
-    index: int,
-    data: ObservationSet,
-    rows: Sequence[str],
-    previous: SurrogateParameters | None,
-) -> Surrogate:
-    """Fit the surrogate before a simulation is chosen, starting from the `previous` fit, and record the fit."""
+def surrogate_for_simulation(
+    campaign: Campaign, batch: int, index: int, data: ObservationSet, rows: Callable[[], Sequence[str]]
+) -> tuple[Surrogate, str]:
+    """The surrogate that the next simulation is chosen with, and the id of its fit.
+
+    The last fit of the batch, conditioned on all data, while these have grown little; then a new fit, recorded, that
+    starts from the last. Which it is depends on the lake alone, so that a restart changes no proposal.
+    """
+    last = _last_fit(campaign, batch)
+    if last is not None and not _is_outgrown(last, data):
+        return fitted_before(last, data), last["fit_id"]
     seed = campaign.seed("simulation fit", batch)
-    surrogate = fit_surrogate(data, previous, seed=seed)
-    row = _fit_row(campaign, _simulation_fit_id(campaign, batch, index), batch, surrogate, seed)
-    campaign.lake.append([row], campaign.provenance(seed, rows))
-    return surrogate
+    surrogate = fit_surrogate(data, _parameters(last) if last else None, seed=seed)
+    fit_id = _simulation_fit_id(campaign, batch, index)
+    row = _fit_row(campaign, fit_id, batch, surrogate, seed, "simulations")
+    campaign.lake.append([row], campaign.provenance(seed, rows()))
+    return surrogate, fit_id
+
+
+def fitted_before(row: Mapping[str, Any], data: ObservationSet) -> Surrogate:
+    """The surrogate of a row of `fits`, conditioned on `data`."""
+    with one_blas_thread():
+        return Surrogate.condition(data, _parameters(row))
+
+
+def _last_fit(campaign: Campaign, batch: int) -> dict[str, Any] | None:
+    fits = campaign.lake.rows(FitRow, campaign_id=campaign.campaign_id, batch=batch, purpose="simulations")
+    return max(fits, key=lambda row: (row["n_real"], row["n_sim"]), default=None)
+
+
+def _is_outgrown(last: Mapping[str, Any], data: ObservationSet) -> bool:
+    """Whether the data have grown so much since a fit that hyperparameters are worth fitting again."""
+    least = last["n_sim"] + max(REFIT_LEAST, REFIT_SHARE * last["n_sim"])
+    return bool(data.n_real != last["n_real"] or data.n_sim >= least)
+
+
+def _parameters(row: Mapping[str, Any]) -> SurrogateParameters:
+    return SurrogateParameters(
+        rho=row["rho"],
+        lengthscales_h=tuple(row["lengthscales_h"]),
+        lengthscales_e=tuple(row["lengthscales_e"]),
+        sd_h=row["sd_h"],
+        sd_e=row["sd_e"],
+        noise_sd=row["noise_sd_n"],
+        nugget=row["nugget_n"],
+        mean_sim=row["mean_sim_n"],
+        mean_real=row["mean_real_n"],
+    )
 
 
 def propose_tools(
@@ -82,16 +125,15 @@ def propose_tools(
 
 
 def propose_simulation(
-    campaign: Campaign, batch: int, index: int, data: ObservationSet, surrogate: Surrogate, state: CampaignState
+    campaign: Campaign, batch: int, index: int, surrogate: Surrogate, fit_id: str, state: CampaignState
 ) -> None:
     """One more design for the simulator, given what is simulated, printed and measured right now."""
     seed = campaign.seed("simulation", batch, index)
-    acquisition = campaign.config.scientist.acquisition
+    acquisition = campaign.config.scientist.simulation_acquisition
     pending = pending_points(campaign, state)
     rng = np.random.default_rng(seed)
     proposal = propose(surrogate, 0, 1, pending, rng, min_distance=0.0, acquisition=acquisition)[0]
-    fit_id = _simulation_fit_id(campaign, batch, index)
-    _append_simulation(campaign, batch, index, proposal, seed, data, len(pending), [fit_id])
+    _append_simulation(campaign, batch, index, proposal, seed, surrogate.data, len(pending), [fit_id])
 
 
 def pending_points(campaign: Campaign, state: CampaignState) -> np.ndarray:
@@ -159,6 +201,8 @@ def _proposal_row(
     n_pending: int,
 ) -> ProposalRow:
     """A row of `proposals`; `data` None means that the design was drawn at random, without a model."""
+    scientist = campaign.config.scientist
+    acquisition = scientist.simulation_acquisition if slot is None else scientist.acquisition
     return ProposalRow(
         proposal_id=content_id("P", [campaign.campaign_id, batch, slot, index]),
         campaign_id=campaign.campaign_id,
@@ -167,7 +211,7 @@ def _proposal_row(
         index=index,
         fidelity="sim" if slot is None else "real",
         design_id=proposal.design.design_id,
-        acquisition="random" if data is None else campaign.config.scientist.acquisition,
+        acquisition="random" if data is None else acquisition,
         acquisition_value=None if data is None else proposal.value,
         n_real=0 if data is None else data.n_real,
         n_sim=0 if data is None else data.n_sim,
@@ -185,7 +229,14 @@ def _simulation_fit_id(campaign: Campaign, batch: int, index: int) -> str:
     return content_id("F", [campaign.campaign_id, batch, "simulation", index])
 
 
-def _fit_row(campaign: Campaign, fit_id: str, batch: int, surrogate: Surrogate, seed: int) -> FitRow:
+def _fit_row(
+    campaign: Campaign,
+    fit_id: str,
+    batch: int,
+    surrogate: Surrogate,
+    seed: int,
+    purpose: Literal["tools", "simulations"],
+) -> FitRow:
     parameters, data = surrogate.parameters, surrogate.data
     return FitRow(
         fit_id=fit_id,
@@ -196,10 +247,20 @@ def _fit_row(campaign: Campaign, fit_id: str, batch: int, surrogate: Surrogate, 
         rho=parameters.rho,
         noise_sd_n=parameters.noise_sd,
         log_posterior=float(surrogate.log_posterior or 0.0),
-        loo_rmse_n=surrogate.health().loo_rmse_n,
         lengthscales_h=parameters.lengthscales_h,
         lengthscales_e=parameters.lengthscales_e,
         sd_h=parameters.sd_h,
         sd_e=parameters.sd_e,
         seed=seed,
+        purpose=purpose,
+        nugget_n=parameters.nugget,
+        mean_sim_n=parameters.mean_sim,
+        mean_real_n=parameters.mean_real,
     )
+
+
+def _with_health(row: FitRow, surrogate: Surrogate) -> FitRow:
+    health = health_of(surrogate)
+    for finding in health.findings:
+        logger.warning("%s, before B%02d: %s", row.campaign_id, row.batch, finding)
+    return row.model_copy(update=health.model_dump(include=set(FitRow.model_fields) - {"n_real", "n_sim", "rho"}))

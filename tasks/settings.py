@@ -94,7 +94,12 @@ class SimulatorSettings(Record):
 class ScientistSettings(Record):
     """How designs are proposed."""
 
-    acquisition: Literal["mes", "random"] = "mes"
+    acquisition: Literal["mes", "nei", "thompson", "jes", "random"] = Field(
+        default="mes", description="how tools to print are chosen"
+    )
+    simulation_acquisition: Literal["mes", "thompson", "jes", "random"] = Field(
+        default="mes", description="how designs to simulate are chosen"
+    )
     min_distance: float = Field(
         default=0.05, ge=0, le=1, description="between tools of one batch, in the unit cube of the design space"
     )

@@ -9,10 +9,11 @@ from flows.benchmarks.fanout import measure_fanout
 from flows.benchmarks.grasp import measure_grasp
 from flows.benchmarks.kills import measure_host_kills, measure_kills
 from flows.benchmarks.lake import measure_lake
+from flows.benchmarks.object_store import measure_object_store
 from flows.benchmarks.profile import measure_profile
-from flows.benchmarks.propose import measure_propose
 from flows.benchmarks.ranking import measure_ranking
 from flows.benchmarks.robustness import measure_robustness
+from flows.benchmarks.scientist import measure_scientist
 from flows.benchmarks.traces import measure_traces
 
 _SAMPLE = frozenset({"designs", "objects"})
@@ -40,8 +41,9 @@ BENCHMARKS: dict[str, Benchmark] = {
     "robustness": _sampled(measure_robustness, _STUDY | {"tiers"}),
     "fanout": _sampled(measure_fanout, _SAMPLE | {"workers"}),
     "traces": _sampled(measure_traces, _SAMPLE | {"figure"}),
-    "propose": _fixed(measure_propose),
+    "scientist": _sampled(measure_scientist, frozenset({"figure", "limit_minutes"})),
     "lake": _sampled(measure_lake, frozenset({"grasps"})),
+    "object-store": _fixed(measure_object_store),
     "bench": _sampled(measure_bench, _SAMPLE),
     "kills": _sampled(measure_kills, frozenset({"n"})),
     "host-kills": _sampled(measure_host_kills, frozenset({"n"})),

@@ -21,6 +21,8 @@ BASE_N, SLOT_N, OBJECT_N = 30.0, 3.0, 0.8
 PLATEAUS_MM = ((6.0, 14.0), (18.0, 26.0), (30.0, 38.0))
 RELEASED_MM = 45.0
 EDGE_MM = 1.0  # from plateau to plateau
+MARGIN_MM = 1.0  # at each end of a plateau: on a busy machine the lift is told late
+FEWEST_SAMPLES = 5
 REPEAT_SD = 0.15  # three of these still stay below the full scale of the load cell
 LEAST_DIFFERENCE = 0.002  # between the factors of repeats: six times what the load cell resolves
 TOLERANCE = 0.1  # of the step from one slot or object to the next
@@ -59,9 +61,9 @@ def read_fingerprint(trace: Trace) -> tuple[int, int, float]:
     """
     lift = trace.is_lift
     lift_mm, force_n = trace.lift_mm[lift], trace.force_n[lift]
-    at_mm = [(low + EDGE_MM / 2, high - EDGE_MM / 2) for low, high in PLATEAUS_MM]
+    at_mm = [(low + MARGIN_MM, high - MARGIN_MM) for low, high in PLATEAUS_MM]
     held_n = [force_n[(lift_mm > low) & (lift_mm < high)] for low, high in at_mm]
-    if any(plateau.size < 20 or np.ptp(plateau) > 0.1 for plateau in held_n):
+    if any(plateau.size < FEWEST_SAMPLES or np.ptp(np.quantile(plateau, (0.1, 0.9))) > 0.1 for plateau in held_n):
         raise ValueError("the trace has not the three plateaus of a made-up grasp")
     base_n, slot_n, object_n = (float(np.median(plateau)) for plateau in held_n)
     factor = base_n / BASE_N

@@ -30,7 +30,7 @@ from tasks.control import append_event
 from tasks.measuring import OpenBench
 from tasks.state import ProposedTool
 
-N_KILLS, N_HOST_KILLS = 200, 40
+N_KILLS, N_HOST_KILLS = 200, 20
 N_TIMED = 3  # grasps of the first life, which nobody kills
 OPENING_SHARE = 0.2  # of the kills; the others come while grasps are made
 LIFE_GRASPS = 2.0  # a life ends at the latest so many grasps after the bench is open
@@ -50,12 +50,14 @@ def batch_of_about(n_grasps: int) -> Batch:
 
 def measure_kills(options: Options) -> Tables:
     """A lockstep batch killed 200 times at random moments: grasps missing, double, mislabelled; --n chooses."""
-    return _study(kill_often, options.n or N_KILLS, options)
+    n_kills = options.n or N_KILLS
+    return _study(kill_often, n_kills, batch_of_about(n_kills), options)
 
 
 def measure_host_kills(options: Options) -> Tables:
-    """As `kills`, with devices that live on when the host dies, or die with the host alive; 40 kills, --n chooses."""
-    return _study(kill_outside, options.n or N_HOST_KILLS, options)
+    """As `kills`, with devices that live on when the host dies, or die with the host alive; 20 kills, --n chooses."""
+    n_kills = options.n or N_HOST_KILLS
+    return _study(kill_outside, n_kills, batch_of_about(2 * n_kills), options)
 
 
 class Killer(Protocol):
@@ -65,23 +67,21 @@ class Killer(Protocol):
         """Until the batch is complete."""
 
 
-def _study(killer: Killer, n_kills: int, options: Options) -> Tables:
+def _study(killer: Killer, n_kills: int, batch: Batch, options: Options) -> Tables:
+    options.tell(f"a batch of {len(batch.labels)} grasps, killed {n_kills} times")
     with tempfile.TemporaryDirectory(prefix="fast-kills-") as folder:
-        found = kill_and_continue(Path(folder), n_kills, killer, options.tell)
+        found = kill_and_continue(Path(folder), batch, killer, n_kills)
     problems = [{"problem": problem} for problem in found.problems]
     return {"kills": [dict(found.row)], "problems": problems or [{"problem": "none"}]}
 
 
-def kill_and_continue(
-    folder: Path, n_kills: int, killer: Killer, tell: Callable[[str], None] = lambda line: None
-) -> Found:
+def kill_and_continue(folder: Path, batch: Batch, killer: Killer, n_kills: int) -> Found:
     """Measure a batch under `n_kills` kills in `folder`, then judge the lake.
 
     Raises:
         FastError: a life ended by itself before the batch was complete.
     """
-    batch, told = batch_of_about(n_kills), Told(folder / "told.txt")
-    tell(f"a batch of {len(batch.labels)} grasps, killed {n_kills} times")
+    told = Told(folder / "told.txt")
     process = multiprocessing.get_context("spawn").Process(target=killer, args=(folder, batch, n_kills))
     started = time.monotonic()
     process.start()

@@ -23,8 +23,8 @@ GRASPS_PER_TOOL = 108  # 36 objects, three repeats
 GRASPS_PER_BATCH = 10 * GRASPS_PER_TOOL
 START = datetime(2026, 1, 1, tzinfo=UTC)
 PERIOD = timedelta(seconds=24)  # of the virtual bench, see docs/figures-of-merit.md
-_TRACE_BLOCK = 4 * GRASPS_PER_BATCH  # about `lake.maintenance.TARGET_BYTES`
-_BLOCKS_PER_GRASP_FILE = 25
+_TRACE_BLOCK = 13 * GRASPS_PER_BATCH  # about `lake.maintenance.TARGET_BYTES`
+_BLOCKS_PER_GRASP_FILE = 50
 _RATE_HZ, _LIFT_SPEED_MM_PER_S = 80.0, 5.0
 _NOISE_SD_N, _NOISE_SD_MM = 0.05, 0.002
 _NOISE_POOL = 2**20
@@ -40,7 +40,7 @@ def fill(root: Path, n_grasps: int) -> None:
         blocks = list(pool.map(lambda first: _write_block(root, first, min(first + _TRACE_BLOCK, n_grasps)), starts))
     for first in range(0, len(blocks), _BLOCKS_PER_GRASP_FILE):
         grasps = pa.concat_tables(blocks[first : first + _BLOCKS_PER_GRASP_FILE])
-        _write(root, GraspRow, grasps.sort_by("grasp_id").combine_chunks())
+        _write(root, GraspRow, grasps)
 
 
 def _write_block(root: Path, first: int, last: int) -> pa.Table:
@@ -58,13 +58,14 @@ def rows(first: int, last: int) -> Iterator[list[Row]]:
 
 
 def tables(first: int, last: int) -> tuple[pa.Table, pa.Table]:
-    """Tables `grasps` and `traces` of the grasps with the numbers `first` to `last`, in the order of their ids."""
-    ids, numbers = zip(*sorted((_grasp_id(number), number) for number in range(first, last)), strict=True)
+    """Tables `grasps` and `traces` of the grasps with the numbers `first` to `last`, in the order of time."""
+    numbers = range(first, last)
+    ids = [_grasp_id(each) for each in numbers]
     number = np.array(numbers)
     times = pa.array([START + each * PERIOD for each in numbers], type=pa.timestamp("us", tz="UTC"))
     details = np.random.default_rng(first).normal(0, 0.05, (len(ids), 4))
     grasps = {
-        "grasp_id": list(ids),
+        "grasp_id": ids,
         "campaign_id": CAMPAIGN_ID,
         "tool_id": [_tool_id(each) for each in numbers],
         "batch": number // GRASPS_PER_BATCH + 1,
@@ -83,7 +84,7 @@ def tables(first: int, last: int) -> tuple[pa.Table, pa.Table]:
         "details_json": [_details(*values) for values in details.tolist()],
         **setup_columns(GraspSetup()),
     }
-    traces = {"grasp_id": list(ids), **_samples(len(ids))}
+    traces = {"grasp_id": ids, **_samples(len(ids))}
     return _table(GraspRow, grasps, times), _table(TraceRow, traces, times)
 
 

@@ -51,8 +51,8 @@ class Outcome(Record):
         return self.status == "ok"
 
 
-class OutcomeFile:
-    """Appends outcomes to a file, a line each, as they come; keeps nothing without a path."""
+class RecordFile:
+    """Appends records to a file, a line each, as they come; keeps nothing without a path."""
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
@@ -76,11 +76,11 @@ class OutcomeFile:
         if self._file is not None:
             self._file.close()
 
-    def append(self, outcome: Outcome) -> None:
-        """Write one outcome; safe from several threads."""
+    def append(self, record: Record) -> None:
+        """Write one record; safe from several threads."""
         if self._file is not None:
             with self._lock:
-                self._file.write(outcome.model_dump_json(exclude_defaults=True) + "\n")
+                self._file.write(record.model_dump_json(exclude_defaults=True) + "\n")
                 self._file.flush()
 
 

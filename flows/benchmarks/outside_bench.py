@@ -17,7 +17,7 @@ from hardware.world.spec import World
 from models.errors import DeviceError, InterlockError
 from tasks.state import ProposedTool
 
-SPEED_UP = 10.0  # faster, and a pause of a busy machine looks like a fault
+SPEED_UP = 5.0  # faster, and a pause of a busy machine looks like a fault
 START_S = 60.0
 PATIENCE_S = 30.0  # of the clock, for the pressure of the gripper
 

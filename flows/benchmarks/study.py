@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from flows.benchmarks.base import Options
-from flows.benchmarks.outcomes import Outcome, OutcomeFile, read_outcomes
+from flows.benchmarks.outcomes import Outcome, RecordFile, read_outcomes
 from flows.benchmarks.tiers import WEDGE_REFINEMENT, version_of
 from flows.benchmarks.wedges import wedge_mesh
 from hardware.world.solver_code import solver_id
@@ -66,7 +66,7 @@ def run_study(
     missing = [case for case in cases if case.simulation_id not in known]
     if missing:
         options.tell(f"{len(cases) - len(missing)} grasps known, {len(missing)} to simulate")
-        with OutcomeFile(options.results) as file:
+        with RecordFile(options.results) as file:
             made = _Part(missing, options, file).run(options.workers or n_workers)
         known |= {outcome.simulation_id: outcome for outcome in made}
     return [known[case.simulation_id] for case in cases if case.simulation_id in known]
@@ -75,7 +75,7 @@ def run_study(
 class _Part:
     """What one process gets done of a study before it ends or the time is up."""
 
-    def __init__(self, cases: Sequence[Case], options: Options, file: OutcomeFile) -> None:
+    def __init__(self, cases: Sequence[Case], options: Options, file: RecordFile) -> None:
         groups = groupby(cases, key=lambda case: (case.design, case.tier))
         self._chunks = deque(list(group) for _, group in groups)
         self._tiers = sorted({case.tier for case in cases})

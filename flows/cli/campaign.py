@@ -123,7 +123,7 @@ def resolve_campaign(lake: "Lake", campaign: str | None) -> str:
 
     known = campaign_ids(lake)
     if not known:
-        raise UsageError(f"the lake {lake.root} has no campaign; start one with `fast campaign run CONFIG.toml`.")
+        raise UsageError(f"the lake {lake.address} has no campaign; start one with `fast campaign run CONFIG.toml`.")
     if campaign in known:
         return str(campaign)
     if campaign is not None:

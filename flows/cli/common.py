@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-LakePath = Annotated[Path, Parameter(name="--lake", env_var="FAST_LAKE", help="Folder of the lake.")]
+LakePath = Annotated[Path, Parameter(name="--lake", env_var="FAST_LAKE", help="Lake: a folder, or s3://BUCKET/PREFIX.")]
 AsJson = Annotated[bool, Parameter(name="--json", negative="", help="Print the result as JSON, for machines.")]
 CampaignId = Annotated[str | None, Parameter(help="Campaign; not needed when the lake has only one.")]
 

@@ -75,7 +75,10 @@ def _fastapi() -> Check:
 
 
 def _disk(lake: Path) -> Check:
-    folder = next(p for p in [lake.absolute(), *lake.absolute().parents] if p.exists())
+    from lake.storage import storage_at
+
+    root = storage_at(lake).root.absolute()
+    folder = next(p for p in [root, *root.parents] if p.exists())
     free_gb = shutil.disk_usage(folder).free / 1e9
     ok = free_gb > MIN_FREE_GB
     note = f"{free_gb:.0f} GB free"
@@ -83,21 +86,21 @@ def _disk(lake: Path) -> Check:
 
 
 def _lake(lake: Path) -> Check:
-    from lake.store import MARKER, Lake
+    from lake.storage import storage_at
+    from lake.store import Lake
     from models.errors import FastError
 
+    storage = storage_at(lake)
     try:
-        if not (lake / MARKER).is_file() and not (lake.exists() and any(lake.iterdir())):
-            return Check("lake", True, f"none yet at {lake}; `fast campaign run` makes one")
+        if storage.is_empty():
+            return Check("lake", True, f"none yet at {storage.address}; `fast campaign run` makes one")
         Lake.open(lake)
-        # Permissions alone do not tell: the file system may be mounted read-only.
-        with tempfile.NamedTemporaryFile(dir=lake, prefix=f".{MARKER}."):
-            pass
+        storage.try_writing()
     except FastError as error:
         return Check("lake", False, str(error))
     except OSError as error:
         return Check("lake", False, f"{lake} cannot be written ({error.strerror}); correct its permissions")
-    return Check("lake", True, f"{lake} can be read and written")
+    return Check("lake", True, f"{storage.address} can be read and written")
 
 
 def _serial_ports() -> str:

@@ -32,11 +32,11 @@ def import_(
     from lake.handoff_files import read_handoff
     from lake.handoff_readers import handoff_folder, load_reader
     from lake.provenance import current_provenance
-    from lake.store import MARKER, Lake
+    from lake.store import Lake
 
     source = directory.resolve().stem if directory.is_file() else directory.resolve().name
     with handoff_folder(directory, load_reader(reader) if reader else None) as folder:
-        if not (lake / MARKER).is_file():
+        if not Lake.exists(lake):
             read_handoff(folder, set())  # a folder that cannot be imported makes no lake
         found = Lake.open(lake, create=True)
         counts = import_handoff(found, folder, current_provenance(), campaign_id=campaign, source=source)

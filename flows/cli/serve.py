@@ -34,9 +34,9 @@ def serve(
         asked = watch_signals()  # a server that is still starting is ended by the default
         page = api_url.removesuffix("/api")
         if json:
-            say(json_module.dumps({"url": page, "api_url": api_url, "lake": str(found.root)}))
+            say(json_module.dumps({"url": page, "api_url": api_url, "lake": found.address}))
         else:
-            say(f"Prefect server of {found.root}: {page}")
+            say(f"Prefect server of {found.address}: {page}")
             say("Ctrl-C stops it; campaigns that use it go on with their work.")
         wait_for(asked)
 

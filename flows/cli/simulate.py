@@ -138,10 +138,13 @@ def read_version(lake: Path, version_id: str | None) -> "SimulatorVersion":
     from lake.store import Lake
     from lake.tables import SimulatorVersionRow
 
-    rows = Lake.open(lake).rows(SimulatorVersionRow)
+    found = Lake.open(lake)
+    rows = found.rows(SimulatorVersionRow)
     known = {row["version_id"]: row["version_json"] for row in rows if row["tier"] != "imported"}
     if version_id not in known:
-        raise UsageError(f"simulator version `{version_id}` is not in {lake}; {closest(version_id, list(known))}")
+        raise UsageError(
+            f"simulator version `{version_id}` is not in {found.address}; {closest(version_id, list(known))}"
+        )
     return load_record(SimulatorVersion, json_module.loads(known[version_id]), f"simulator version {version_id}")
 
 

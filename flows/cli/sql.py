@@ -4,7 +4,6 @@ import io
 import json
 import sys
 import textwrap
-from decimal import Decimal
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -97,29 +96,11 @@ def _entry_text(entry: "Entry") -> str:
     return "\n".join(lines)
 
 
-def _flat(table: "pa.Table") -> "pa.Table":
-    """The table with lists and structs as JSON text, since a CSV has plain values only."""
-    import pyarrow as pa
-
-    for place, field in enumerate(table.schema):
-        if pa.types.is_nested(field.type):
-            texts = [None if value is None else json.dumps(value, default=_plain) for value in table[place].to_pylist()]
-            table = table.set_column(place, field.name, pa.array(texts, pa.string()))
-    return table
-
-
-def _plain(value: object) -> float | str:
-    """What JSON knows for a value that it does not: a number for a decimal, text for a time."""
-    return float(value) if isinstance(value, Decimal) else str(value)
-
-
 def _formatted(table: "pa.Table", chosen: Format) -> bytes:
-    if chosen == "csv":
-        from pyarrow import csv
+    from lake.csv_text import csv_bytes, plain
 
-        buffer = io.BytesIO()
-        csv.write_csv(_flat(table), buffer)
-        return buffer.getvalue()
+    if chosen == "csv":
+        return csv_bytes(table)
     if chosen == "parquet":
         from pyarrow import parquet
 
@@ -127,5 +108,5 @@ def _formatted(table: "pa.Table", chosen: Format) -> bytes:
         parquet.write_table(table, buffer)
         return buffer.getvalue()
     rows = table.to_pylist()
-    text = json.dumps(rows, indent=2, default=_plain) if chosen == "json" else table_text(rows, table.column_names)
+    text = json.dumps(rows, indent=2, default=plain) if chosen == "json" else table_text(rows, table.column_names)
     return text.encode()

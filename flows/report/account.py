@@ -7,7 +7,6 @@ from flows.report.content import Content
 from flows.report.facts import Tool
 from flows.report.folder import Folder
 from flows.report.page import DASH, Markup, moment, number, paragraph, section, table, text
-from flows.report.queries import Result
 from flows.report.results import NOT_MEASURED
 
 
@@ -61,9 +60,8 @@ def _bar(tool: Tool, top: float) -> Markup:
 
 
 def cost_section(content: Content, folder: Folder) -> Markup:
-    """Batches, throughput, simulations, failures, and the surrogate's fits."""
+    """Batches, throughput, simulations and failures."""
     failures = content.result("failures", queries.FAILURES)
-    fits = content.result("fits", queries.FITS)
     reasons = [(row["what"], row["reason"], row["n"]) for row in failures.rows]
     return section(
         "cost",
@@ -74,9 +72,7 @@ def cost_section(content: Content, folder: Folder) -> Markup:
         _simulations_table(content),
         "<h3>Failures</h3>",
         table(("what failed", "reason", "times"), reasons, numeric=(2,), empty="Nothing failed."),
-        "<h3>The surrogate, as it chose each batch</h3>",
-        _fits_table(fits),
-        folder.sources(content.batches, content.cost, failures, fits),
+        folder.sources(content.batches, content.cost, failures),
     )
 
 
@@ -112,22 +108,6 @@ def _simulations_table(content: Content) -> Markup:
         for row in content.cost.rows
     ]
     return table(headings, rows, numeric=(1, 2, 3, 4, 5), empty="Nothing has been simulated yet.")
-
-
-def _fits_table(fits: Result) -> Markup:
-    headings = ("before batch", "measured", "simulated", "rho", "noise SD (N)", "leave-one-out RMSE (N)")
-    rows = [
-        (
-            f"B{row['batch']:02d}",
-            row["n_real"],
-            row["n_sim"],
-            number(row["rho"], 2),
-            number(row["noise_sd_n"], 2),
-            number(row["loo_rmse_n"], 2),
-        )
-        for row in fits.rows
-    ]
-    return table(headings, rows, numeric=(1, 2, 3, 4, 5), empty="The surrogate has not been fitted yet.")
 
 
 def _rate(count: int, duration_h: float | None) -> float | None:

@@ -11,6 +11,7 @@ from flows.report.folder import Folder
 from flows.report.page import moment, page, text
 from flows.report.results import best_section, headline, progress_section
 from flows.report.style import figure_style
+from flows.report.surrogate import surrogate_section
 from lake.store import Lake
 
 _LOG = logging.getLogger(__name__)
@@ -22,6 +23,7 @@ NAV = {
     "work": "Grasp work",
     "agreement": "Simulation",
     "tools": "Tools",
+    "surrogate": "Surrogate",
     "cost": "Cost",
     "provenance": "Provenance",
 }
@@ -48,6 +50,7 @@ def write_report(lake: Lake, campaign_id: str, out: Path) -> Path:
                 work_section,
                 agreement_section,
                 tools_section,
+                surrogate_section,
                 cost_section,
                 provenance_section,
             )

@@ -34,7 +34,7 @@ class Content:
             hint = (
                 closest(campaign_id, known) if known else "the lake has none yet; start one with `fast campaign run`."
             )
-            raise UsageError(f"There is no campaign `{campaign_id}` in {lake.root}; {hint}")
+            raise UsageError(f"There is no campaign `{campaign_id}` in {lake.address}; {hint}")
         return cls(lake, found[-1])
 
     def result(self, name: str, sql: str, **values: str | float) -> Result:

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import matplotlib.image
 import numpy as np
-import pyarrow.csv
 from matplotlib.figure import Figure
 
 from flows.report.page import Markup, picture, sources
 from flows.report.queries import Result
 from flows.report.style import save_svg
+from lake.csv_text import csv_bytes
 from models.errors import UsageError
 
 
@@ -39,6 +39,6 @@ class Folder:
     def sources(self, *results: Result) -> Markup:
         """Save results as CSV next to their SQL, and show both."""
         for result in results:
-            pyarrow.csv.write_csv(result.table, self.root / "data" / f"{result.name}.csv")
+            (self.root / "data" / f"{result.name}.csv").write_bytes(csv_bytes(result.table))
             (self.root / "data" / f"{result.name}.sql").write_text(result.sql + "\n", encoding="utf-8")
         return sources(*results)

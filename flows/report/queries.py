@@ -69,7 +69,8 @@ TRACES = f"""
 WITH counted AS ({_COUNTED} AND tool_id IN ({{best}}, {{other}})),
 points AS (
   SELECT c.tool_id, c.object_id, c.repeat, unnest(t.lift_mm) AS lift_mm, unnest(t.force_n) AS force_n
-  FROM counted c JOIN traces t USING (grasp_id))
+  FROM counted c JOIN trace_times w USING (grasp_id)
+  JOIN traces t ON t.grasp_id = w.grasp_id AND t.created_at = w.created_at)
 SELECT tool_id, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm,
        avg(force_n ORDER BY repeat, lift_mm, force_n) AS force_n
 FROM points WHERE lift_mm > 0
@@ -147,7 +148,9 @@ ORDER BY what, n DESC, reason"""
 
 # Of a batch, the fit that its tools were chosen with; others chose simulations.
 FITS = """
-SELECT batch, n_real, n_sim, rho, noise_sd_n, loo_rmse_n
+SELECT batch, n_real, n_sim, rho, noise_sd_n, loo_rmse_n, loo_coverage_90, loo_q2, measured_only_loo_rmse_n,
+  sim_loo_rmse_n, sim_loo_coverage_90, sim_loo_q2, shared_variance, n_outliers, lengthscales_h,
+  lengthscales_e
 FROM fits WHERE campaign_id = {campaign}
 QUALIFY row_number() OVER (PARTITION BY batch ORDER BY
   fit_id IN (SELECT unnest(parents) FROM proposals WHERE fidelity = 'real') DESC, created_at DESC) = 1

@@ -34,8 +34,8 @@ OBJECTS_PER_ROW = 6
 SHOWN_LIFT_MM = 60.0  # most objects have left the grip by then
 PITCH_MM = 150.0  # Materials and Methods: 6 x 6 array
 _TRACES = """
-SELECT g.object_id, g.repeat, g.started_at, t.time_s, t.lift_mm, t.force_n
-FROM grasps g JOIN traces t USING (grasp_id)
+SELECT g.object_id, g.repeat, g.started_at, g.time_s, g.lift_mm, g.force_n
+FROM grasp_traces g
 WHERE g.tool_id = {tool} AND g.status = 'ok'
 QUALIFY row_number() OVER (PARTITION BY {one_of} ORDER BY g.repeat, g.attempt DESC) = 1
 ORDER BY g.object_id, g.repeat"""
@@ -70,7 +70,7 @@ def write_grasp_recording(lake: Lake, grasp_id: str, path: Path) -> Path:
     """
     grasps = lake.records(GraspRow, grasp_id=grasp_id)
     if not grasps:
-        raise UsageError(f'There is no grasp `{grasp_id}` in {lake.root}; list them with `fast sql "FROM grasps"`.')
+        raise UsageError(f'There is no grasp `{grasp_id}` in {lake.address}; list them with `fast sql "FROM grasps"`.')
     grasp = grasps[-1]
     if grasp.status != "ok":
         raise UsageError(f"Grasp `{grasp_id}` failed ({grasp.reason}), so there is nothing to show; take another one.")
@@ -284,7 +284,9 @@ def _send_moving_fingers(
 def _design(lake: Lake, design_id: str) -> Design:
     found = lake.records(DesignRow, design_id=design_id)
     if not found:
-        raise UsageError(f'There is no design `{design_id}` in {lake.root}; list them with `fast sql "FROM designs"`.')
+        raise UsageError(
+            f'There is no design `{design_id}` in {lake.address}; list them with `fast sql "FROM designs"`.'
+        )
     return found[-1].design
 
 

@@ -4,8 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from models.acquisition.joint_entropy import select_by_jes
 from models.acquisition.mes import select_by_mes
+from models.acquisition.nei import select_by_nei
 from models.acquisition.spacing import Spacing
+from models.acquisition.thompson import select_by_thompson
 from models.surrogate.posterior import Surrogate
 
 # (surrogate, points m x 9, fidelity, n, pending p x 10, spacing, rng) -> [(row of points, value)], best first
@@ -14,4 +17,9 @@ Selection = Callable[
 ]
 
 # Rules that need a surrogate; `random` needs none and lives in `models.scientist`.
-ACQUISITIONS: dict[str, Selection] = {"mes": select_by_mes}
+ACQUISITIONS: dict[str, Selection] = {
+    "mes": select_by_mes,
+    "nei": select_by_nei,
+    "thompson": select_by_thompson,
+    "jes": select_by_jes,
+}

@@ -8,6 +8,8 @@ entropy from above, which makes the gain closed form, and a lower bound on I (ex
 f* comes from joint posterior paths over the candidates, not from a Gumbel fit, which grows with the set.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.special import log_ndtr
 
@@ -37,10 +39,14 @@ def information_gain(
     safe = np.where(known, 1.0, variance)
     correlation_2 = np.where(known, 0.0, covariance**2 / (safe * np.maximum(variance_s + noise, 1e-300)))
     gamma = (best - mean) / np.sqrt(safe)[:, None]
+    return np.asarray(truncation_gain(gamma, correlation_2[:, None]).mean(axis=1))
+
+
+def truncation_gain(gamma: np.ndarray, correlation_2: np.ndarray) -> np.ndarray:
+    """Information in one observation about f <= f*, nats, elementwise; see the head of this module."""
     ratio = np.exp(-0.5 * gamma**2 - _LOG_SQRT_2_PI - log_ndtr(gamma))
     shrinkage = np.clip(ratio * (gamma + ratio), 0.0, 1.0)  # 1 - Var[z | z <= gamma] of a standard normal z
-    explained = np.minimum(correlation_2, _MAX_CORRELATION_2)[:, None] * shrinkage
-    return np.asarray(-0.5 * np.log1p(-explained).mean(axis=1))
+    return np.asarray(-0.5 * np.log1p(-np.minimum(correlation_2, _MAX_CORRELATION_2) * shrinkage))
 
 
 def select_by_mes(
@@ -57,21 +63,36 @@ def select_by_mes(
     Returns (row, gain in nats) in the order of choice; fewer than n when spacing leaves no more candidates.
     """
     posterior = PromisedPosterior(surrogate, points, fidelity, pending, N_PATHS, rng)
+    return select_by_gain(posterior, _gains, points, n, spacing)
+
+
+def select_by_gain(
+    posterior: PromisedPosterior,
+    gains: Callable[[PromisedPosterior], np.ndarray],
+    points: np.ndarray,
+    n: int,
+    spacing: Spacing,
+) -> list[tuple[int, float]]:
+    """Greedy choice of up to n rows of `points` (m x 9) by `gains` (m, nats), each promised before the next."""
     allowed = spacing.allowed(points)
     chosen: list[tuple[int, float]] = []
     while len(chosen) < n and allowed.any():
         if chosen:
             posterior.promise(chosen[-1][0])
-        gain = information_gain(
-            posterior.best,
-            posterior.mean,
-            posterior.variance,
-            posterior.variance_s,
-            posterior.covariance,
-            posterior.noise,
-        )
+        gain = gains(posterior)
         row = int(np.argmax(np.where(allowed, gain, -np.inf)))
         chosen.append((row, float(gain[row])))
         spacing.add(points[row])
         allowed = spacing.allowed(points)
     return chosen
+
+
+def _gains(posterior: PromisedPosterior) -> np.ndarray:
+    return information_gain(
+        posterior.best,
+        posterior.mean,
+        posterior.variance,
+        posterior.variance_s,
+        posterior.covariance,
+        posterior.noise,
+    )

@@ -23,6 +23,7 @@ class PromisedPosterior:
 
     Attributes (N, N^2):
         best: n_paths, maximum of the real outcome over the candidates on each path (f*, Eq. 7).
+        best_rows: n_paths, the candidate where each path has its maximum (x*).
         mean: m x n_paths, mean of the real outcome given that path's promised values.
         variance: m, of the real outcome. variance_s, covariance: m, of the outcome of fidelity `s` and between both.
         noise: variance of one observation of fidelity `s`.
@@ -47,10 +48,11 @@ class PromisedPosterior:
         self._rows = _whitened(surrogate, points, fidelities, pending)
         self._variances = prior_variance(p, self._s) - np.einsum("ij,ij->j", self._rows, self._rows)
         self._means = np.repeat(surrogate.mean(self._x, self._s)[:, None], n_paths, axis=1)
-        self._paths = self._draw_paths()
+        self._paths = self._means + self._draw_deviations()
         self._noise_variances = observation_variance(p, self._s)
         self._appended = np.zeros((0, len(self._x)))
-        self.best = self._paths[:m].max(axis=0)
+        self.best_rows = self._paths[:m].argmax(axis=0)
+        self.best = self._paths[self.best_rows, np.arange(n_paths)]
         self.noise = float(self._noise_variances[self._first_s])
         self._covariance = self._own_covariances()
         for column in range(len(self._x) - len(pending), len(self._x)):
@@ -76,6 +78,16 @@ class PromisedPosterior:
         """Covariance between the real outcome and that of fidelity s at each candidate."""
         return self._covariance
 
+    def covariance_with(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Covariance of the real outcome at k candidates (`rows`) with all m: k x m with the real, with fidelity s."""
+        columns = np.concatenate([np.arange(self._m), np.arange(self._m) + self._first_s])
+        covariance = prior_covariance(
+            self._parameters, self._x[rows], self._s[rows], self._x[columns], self._s[columns]
+        )
+        covariance -= self._rows[:, rows].T @ self._rows[:, columns]
+        covariance -= self._appended[:, rows].T @ self._appended[:, columns]
+        return covariance[:, : self._m], covariance[:, self._m :]
+
     def promise(self, candidate: int) -> None:
         """Condition on an observation of fidelity s at this candidate, its value drawn path by path."""
         self._promise(self._first_s + candidate)
@@ -100,23 +112,38 @@ class PromisedPosterior:
         prior = self._parameters.rho * self._parameters.sd_h**2
         return prior - np.einsum("ij,ij->j", self._rows[:, :m], self._rows[:, first : first + m])
 
-    def _draw_paths(self) -> np.ndarray:
+    def _draw_deviations(self) -> np.ndarray:
         covariance = prior_covariance(self._parameters, self._x, self._s, self._x, self._s)
         covariance -= self._rows.T @ self._rows
-        diagonal = np.diag_indices_from(covariance)
-        largest = float(covariance[diagonal].max())
-        normals = self._rng.normal(size=self._means.shape)
-        for jitter in _JITTERS:
-            covariance[diagonal] += jitter * largest
-            try:
-                factor = cholesky(covariance, lower=True, check_finite=False)
-            except np.linalg.LinAlgError:
-                continue
-            return np.asarray(self._means + factor @ normals)
-        raise FastError(
-            f"The posterior covariance of {len(self._x)} candidates is singular even with jitter {_JITTERS[-1]:g}; "
-            "fit the surrogate again."
-        )
+        return draw_deviations(covariance, self._means.shape[1], self._rng)
+
+
+def real_paths(surrogate: Surrogate, x: np.ndarray, n_paths: int, rng: np.random.Generator) -> np.ndarray:
+    """Joint posterior draws of the real outcome at m points `x` (m x 9): m x n_paths, N."""
+    mean, covariance = surrogate.posterior(x, REAL)
+    return mean[:, None] + draw_deviations(covariance, n_paths, rng)
+
+
+def draw_deviations(covariance: np.ndarray, n_paths: int, rng: np.random.Generator) -> np.ndarray:
+    """Zero-mean joint draws with this covariance (m x m, N^2, gets jitter in place): m x n_paths, N.
+
+    Raises:
+        FastError: the covariance stays singular even with jitter.
+    """
+    diagonal = np.diag_indices_from(covariance)
+    largest = float(covariance[diagonal].max())
+    normals = rng.normal(size=(len(covariance), n_paths))
+    for jitter in _JITTERS:
+        covariance[diagonal] += jitter * largest
+        try:
+            factor = cholesky(covariance, lower=True, check_finite=False)
+        except np.linalg.LinAlgError:
+            continue
+        return np.asarray(factor @ normals)
+    raise FastError(
+        f"The posterior covariance of {len(covariance)} candidates is singular even with jitter {_JITTERS[-1]:g}; "
+        "fit the surrogate again."
+    )
 
 
 def _whitened(surrogate: Surrogate, points: np.ndarray, fidelities: list[int], pending: np.ndarray) -> np.ndarray:

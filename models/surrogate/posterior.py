@@ -1,4 +1,4 @@
-"""The fitted surrogate: predictive mean and covariance (Eq. 5-6 of the FAST paper) and its leave-one-out health."""
+"""The fitted surrogate: predictive mean and covariance (Eq. 5-6 of the FAST paper), leave-one-out predictions."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -7,13 +7,11 @@ import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from models.errors import FastError
-from models.records import Record
 from models.surrogate.covariance import matern52
-from models.surrogate.observations import REAL, SIM, ObservationSet
+from models.surrogate.observations import REAL, ObservationSet
 from models.surrogate.parameters import SurrogateParameters
 from models.surrogate.threads import one_blas_thread
 
-Z_90 = 1.6448536269514722  # half width of the central 90 % of a standard normal
 _JITTERS = (0.0, 1e-10, 1e-8, 1e-6)  # relative to the largest prior variance, tried in order
 
 
@@ -33,23 +31,6 @@ class LeaveOneOut(NamedTuple):
 
     mean: np.ndarray
     sd: np.ndarray
-
-
-class SurrogateHealth(Record):
-    """How well the surrogate predicts what it has seen, each observation left out in turn.
-
-    Coverage is the share of observations inside their own central 90 % interval: far below 0.9 means overconfident.
-    Figures are None when that fidelity has fewer than two observations.
-    """
-
-    n_real: int
-    n_sim: int
-    loo_rmse_n: float | None
-    loo_coverage_90: float | None
-    loo_q2: float | None
-    sim_loo_rmse_n: float | None
-    sim_loo_coverage_90: float | None
-    sim_loo_q2: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,30 +125,6 @@ class Surrogate:
         inverse = cho_solve((self.factor, True), np.eye(len(self.data)), check_finite=False)
         precision = np.diagonal(inverse)
         return LeaveOneOut(self.data.y - self.weights / precision, 1.0 / np.sqrt(precision))
-
-    def health(self) -> SurrogateHealth:
-        """Leave-one-out error and coverage per fidelity."""
-        loo = self.leave_one_out()
-        real, sim = self._fidelity_health(loo, REAL), self._fidelity_health(loo, SIM)
-        return SurrogateHealth(
-            n_real=self.data.n_real,
-            n_sim=self.data.n_sim,
-            loo_rmse_n=real[0],
-            loo_coverage_90=real[1],
-            loo_q2=real[2],
-            sim_loo_rmse_n=sim[0],
-            sim_loo_coverage_90=sim[1],
-            sim_loo_q2=sim[2],
-        )
-
-    def _fidelity_health(self, loo: LeaveOneOut, fidelity: int) -> tuple[float | None, float | None, float | None]:
-        rows = self.data.s == fidelity
-        if np.count_nonzero(rows) < 2:
-            return None, None, None
-        y, error = self.data.y[rows], self.data.y[rows] - loo.mean[rows]
-        spread = float(np.var(y))
-        q2 = 1.0 - float(np.mean(error**2)) / spread if spread > 0 else None
-        return float(np.sqrt(np.mean(error**2))), float(np.mean(np.abs(error) <= Z_90 * loo.sd[rows])), q2
 
     def _cross_h(self, x: np.ndarray) -> np.ndarray:
         p = self.parameters

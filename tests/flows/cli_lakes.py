@@ -60,10 +60,10 @@ def write_config(folder: Path, text: str = QUICK) -> Path:
     return path
 
 
-def proposed_lake(folder: Path) -> Path:
-    """A lake in which the campaign `quick` has proposed its first tools and waits for their print."""
+def proposed_lake(folder: Path, address: str | None = None) -> Path:
+    """A lake, in the folder or at an address, whose campaign `quick` waits for the print of its first tools."""
     config = write_config(folder)
-    campaign = Campaign(Lake.open(folder / "lake", create=True), load_config(config))
+    campaign = Campaign(Lake.open(address or folder / "lake", create=True), load_config(config))
     register(campaign, QUICK)
     propose_initial(campaign)
     return campaign.lake.root

@@ -148,6 +148,18 @@ def _fit(campaign: Campaign, batch: int) -> FitRow:
         sd_h=4.0,
         sd_e=2.0,
         seed=campaign.seed,
+        purpose="tools",
+        nugget_n=0.02,
+        mean_sim_n=12.0,
+        mean_real_n=10.0,
+        loo_coverage_90=0.88,
+        loo_q2=0.7,
+        sim_loo_rmse_n=0.8,
+        sim_loo_coverage_90=0.9,
+        sim_loo_q2=0.9,
+        shared_variance=0.86,
+        measured_only_loo_rmse_n=1.92,
+        n_outliers=0,
     )
 
 

@@ -15,7 +15,7 @@ from flows.benchmarks.accuracy import errors_percent, measure_accuracy
 from flows.benchmarks.base import Options
 from flows.benchmarks.fanout import measure_fanout
 from flows.benchmarks.grasp import measure_grasp, tier_row
-from flows.benchmarks.outcomes import Outcome, OutcomeFile, read_outcomes
+from flows.benchmarks.outcomes import Outcome, RecordFile, read_outcomes
 from flows.benchmarks.profile import measure_profile
 from flows.benchmarks.ranking import measure_ranking
 from flows.benchmarks.robustness import measure_robustness, memory, parts
@@ -64,7 +64,7 @@ def failure(**values) -> Outcome:
 
 
 def write(path: Path, *outcomes: Outcome) -> Path:
-    with OutcomeFile(path) as file:
+    with RecordFile(path) as file:
         for one in outcomes:
             file.append(one)
     return path

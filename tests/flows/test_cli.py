@@ -172,7 +172,7 @@ def test_gantry_grasps(fast):
 
 def test_bench_lists_what_there_is(fast):
     names = {row["name"] for row in fast("bench", "list", "--json").json}
-    assert {"grasp", "propose", "lake", "bench"} <= names
+    assert {"grasp", "scientist", "lake", "bench"} <= names
 
 
 def test_doctor_passes_here_and_names_the_fix_elsewhere(fast, tmp_path, monkeypatch):

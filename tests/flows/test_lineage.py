@@ -36,7 +36,7 @@ from tasks.control import append_event
 from tasks.measuring import measure_tool
 from tasks.observing import observe, observed_rows
 from tasks.printing import PrintConfirmation, confirm_print
-from tasks.proposing import fit, fit_for_simulation, propose_initial, propose_simulation, propose_tools
+from tasks.proposing import fit, propose_initial, propose_simulation, propose_tools, surrogate_for_simulation
 from tasks.simulating import simulate_design
 from tests.flows.cli_lakes import Fast
 
@@ -112,8 +112,8 @@ def run_campaign(campaign):
     state = campaign.state()
     data, rows = observe(campaign, state, [1]), observed_rows(campaign, state, [1])
     propose_tools(campaign, 2, data, fit(campaign, 2, data, rows), state)
-    surrogate = fit_for_simulation(campaign, 2, 0, data, rows, None)
-    propose_simulation(campaign, 2, 0, data, surrogate, campaign.state())
+    surrogate, fit_id = surrogate_for_simulation(campaign, 2, 0, data, lambda: rows)
+    propose_simulation(campaign, 2, 0, surrogate, fit_id, campaign.state())
     measure(campaign, 2)
     simulate_design(campaign, campaign.state().simulations_of(2)[0].design, pool=pool)
     append_event(campaign.lake, "small", "finished", "all done")

@@ -143,7 +143,7 @@ def test_a_folder_that_the_system_refuses_is_named(filled, monkeypatch, number):
 
         return call
 
-    monkeypatch.setattr("lake.maintenance.Path.iterdir", refusing(Path.iterdir))
+    monkeypatch.setattr("lake.storage.Path.iterdir", refusing(Path.iterdir))
     monkeypatch.setattr("lake.engine.os.scandir", refusing(os.scandir))
     words = f"{folder} cannot be read ({os.strerror(number)})"
     (finding,) = check(filled)
@@ -170,7 +170,7 @@ def test_what_cannot_be_set_aside_stays_where_it_is(filled, monkeypatch, functio
         raise OSError(number, os.strerror(number))
 
     with monkeypatch.context() as patched:
-        patched.setattr(f"lake.maintenance.{function}", fail)
+        patched.setattr(f"lake.storage.{function}", fail)
         with pytest.raises(kind) as caught:
             check(filled, quarantine=True)
     assert str(caught.value) == (
@@ -241,6 +241,6 @@ def test_a_file_that_is_merged_while_check_looks_is_no_finding(filled, monkeypat
             compact(filled, GraspRow)
         return paths
 
-    monkeypatch.setattr("lake.maintenance.Path.iterdir", list_then_merge)
+    monkeypatch.setattr("lake.storage.Path.iterdir", list_then_merge)
     assert check(filled) == []
     assert not gone.exists()

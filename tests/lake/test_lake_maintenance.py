@@ -110,7 +110,7 @@ def test_a_file_rewritten_during_compaction_is_kept(filled, provenance, make_gra
 
         publish(staged, final)
 
-    monkeypatch.setattr("lake.maintenance.publish", rewrite_then_publish)
+    monkeypatch.setattr("lake.storage.publish", rewrite_then_publish)
     compact(filled, "traces")
     assert n_files(filled, "traces") == 2
     newest = max(row["created_at"] for row in filled.rows(TraceRow))

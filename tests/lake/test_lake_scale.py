@@ -1,6 +1,8 @@
 """What keeps a big lake fast: rows taken in as they come, compressed in memory, small in files."""
 
+import json
 import random
+import re
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -10,11 +12,13 @@ import pytest
 from flows.benchmarks import lake as benchmark
 from flows.benchmarks.base import Options
 from flows.benchmarks.made_up_lake import N_SAMPLES, fill, rows
-from lake.maintenance import check, compact
+from lake.maintenance import _groups, check, compact
 from lake.provenance import Provenance
+from lake.schema import schema_of
+from lake.sql import run_sql
 from lake.store import Lake
 from lake.tables import EventRow, GraspRow, TraceRow
-from models.errors import UsageError
+from models.errors import LakeError, UsageError
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
 N_GRASPS = 512
@@ -97,3 +101,101 @@ def test_writers_are_let_in_while_merged_files_are_removed(lake, provenance, mak
         assert compact(lake, table).n_files_after == 1
     assert lake.rows(GraspRow) == seen
     assert check(lake) == []
+
+
+@pytest.fixture
+def two_batches(tmp_path):
+    """A lake whose traces lie in two row groups, 512 grasps each, in the order of time."""
+    fill(tmp_path / "lake", 2 * N_GRASPS)
+    return Lake.open(tmp_path / "lake")
+
+
+def row_groups_read(lake, sql):
+    """Row groups of the Parquet files that were decoded to answer the query."""
+    with lake.reading(sql) as engine:
+        plan = engine.connection.execute(f"EXPLAIN ANALYZE {sql}").fetchall()[0][1]
+    (read,) = re.findall(r"READ_PARQUET.*?Row Groups Scanned: (\d+) */ *2\b", plan, flags=re.DOTALL)
+    return int(read)
+
+
+def test_only_the_row_groups_that_hold_what_is_asked_are_read(two_batches):
+    (tool, grasp), *_ = (
+        two_batches.query("SELECT tool_id, grasp_id FROM grasps ORDER BY started_at")
+        .to_pandas()
+        .itertuples(index=False)
+    )
+    for sql in (
+        f"SELECT sum(len(force_n)) FROM grasp_traces WHERE tool_id = '{tool}'",
+        f"SELECT sum(force_n) FROM trace('{grasp}')",
+        f"SELECT sum(len(force_n)) FROM traces WHERE grasp_id = '{grasp}'",
+    ):
+        assert row_groups_read(two_batches, sql) == 1
+    assert row_groups_read(two_batches, "SELECT sum(len(force_n)) FROM traces") == 2
+
+
+def test_samples_are_not_what_a_join_holds(two_batches):
+    """Each sample passes by the rows of `grasps`, which are held: the other way round a million grasps take 20 GB."""
+    sql = "SELECT sum(len(force_n)) FROM traces JOIN grasps USING (grasp_id) WHERE batch <= 1"
+    with two_batches.reading(sql) as engine:
+        node = json.loads(engine.connection.execute(f"EXPLAIN (FORMAT JSON) {sql}").fetchall()[0][1])[0]
+    while node["name"].strip() != "HASH_JOIN":
+        (node,) = node["children"]
+    passing, held = (json.dumps(child) for child in node["children"])
+    assert "READ_PARQUET" in passing
+    assert "raw_grasps" in held
+    assert "ANTI" not in passing + held
+
+
+def test_superseded_traces_stay_hidden_beside_files_that_hold_none(lake, provenance, make_grasp):
+    for object_id in range(3):
+        lake.append(make_grasp(object_id=object_id), provenance)
+    lake.append(make_grasp(object_id=1, peak_n=25.0), provenance)
+    grasp_id = make_grasp(object_id=1)[0].grasp_id
+    shown = f"SELECT count(*) AS n, max(list_max(force_n)) AS peak FROM traces WHERE grasp_id = '{grasp_id}'"
+    for _ in range(2):
+        for answer in (lake.query(shown), run_sql(lake, shown)):
+            assert answer.to_pylist() == [{"n": 1, "peak": pytest.approx(25, rel=1e-2)}]
+        assert lake.query("SELECT count(*) AS n FROM grasp_traces").to_pylist() == [{"n": 3}]
+        assert lake.trace(grasp_id).force_n.max() == pytest.approx(25, rel=1e-2)
+        compact(lake, TraceRow)
+
+
+def test_a_file_that_lacks_a_column_is_read_beside_whole_ones(lake, provenance, make_grasp):
+    """As another program may write it: the column is empty, and merging says what is wrong."""
+    lake.append(make_grasp(object_id=0), provenance)
+    lake.append(make_grasp(object_id=1), provenance)
+    path = sorted((lake.root / "traces").glob("*.parquet"))[0]
+    short = pq.read_table(path).drop_columns(["seed"])
+    pq.write_table(short, path)
+    shown = lake.query("SELECT count(*) AS n, count(seed) AS filled FROM traces").to_pylist()
+    assert shown == [{"n": 2, "filled": 1}]
+    with pytest.raises(LakeError, match="lacks the column `seed`"):
+        compact(lake, TraceRow)
+
+
+def test_merged_rows_are_in_the_order_of_time(lake, make_grasp):
+    for number in (2, 0, 3, 1):
+        created = Provenance(code_version="v", code_dirty=False, created_at=START + timedelta(seconds=number))
+        lake.append(make_grasp(object_id=number), created)
+    compact(lake, TraceRow)
+    (path,) = (lake.root / "traces").glob("*.parquet")
+    rows_of_file = pq.read_table(path)
+    assert rows_of_file["created_at"].to_pylist() == sorted(rows_of_file["created_at"].to_pylist())
+    assert rows_of_file.schema.equals(schema_of(TraceRow))
+    assert rows_of_file.schema.metadata == schema_of(TraceRow).metadata
+    assert rows_of_file.schema.field("force_n").metadata[b"unit"] == b"N"
+
+
+def test_a_row_is_rewritten_a_few_times_however_many_batches_are_merged():
+    """Batches of 5 units arrive; files below half of 64 are merged, a large one only once as much has come."""
+    target, unit = 64 * 2**20, 2**20
+    files, written = {"b0": (0, 5 * unit, 0)}, 0
+    for number in range(1, 200):
+        files[f"b{number}"] = (number, 5 * unit, number)
+        for group in list(_groups(files, target, set())):
+            size = sum(files.pop(name)[1] for name in group)
+            assert size <= target
+            files[f"m{number}"] = (number, size, 10_000 + number)
+            written += size
+    assert len(files) < 200 * 5 * unit / (target // 2) + 5
+    assert written < 4 * 200 * 5 * unit

@@ -101,7 +101,12 @@ def test_no_file_but_the_lakes_own_can_be_read(lake, outside, sql):
 
 def test_a_write_hidden_in_a_select_is_refused(lake):
     before = lake.query("SELECT count(*), sum(repeat) FROM grasps").to_pylist()
-    for hidden in ("DELETE FROM grasps", "INSERT INTO grasps FROM grasps", "UPDATE grasps SET repeat = 1"):
+    for hidden in (
+        "DELETE FROM grasps",
+        "INSERT INTO grasps FROM grasps",
+        "UPDATE grasps SET repeat = 1",
+        "DELETE FROM raw_grasps",
+    ):
         sentence = refusal(lake, f"WITH t AS ({hidden} RETURNING *) SELECT * FROM t")
         assert "\n" not in sentence
         assert "read" in sentence

@@ -10,6 +10,7 @@ import torch
 from models.design_space import random_unit
 from models.errors import UsageError
 from models.surrogate.fit import ObservationSet, fit_surrogate
+from models.surrogate.health import health_of
 from models.surrogate.kernel import BiFidelityKernel
 from models.surrogate.likelihood import log_posterior
 from models.surrogate.parameters import RHO_MEAN, RHO_SD, Standardisation, Vector, bounds, log_prior, prior_mode
@@ -130,7 +131,7 @@ def test_leave_one_out_equals_refitting_without_each_observation():
 
 
 def test_health_of_a_good_fit():
-    health = fit_surrogate(observations(40, 120)).health()
+    health = health_of(fit_surrogate(observations(40, 120)))
     assert (health.n_real, health.n_sim) == (40, 120)
     assert health.loo_q2 is not None
     assert health.loo_q2 > 0.8
@@ -145,7 +146,7 @@ def test_fit_works_with_little_or_one_sided_data(n_real: int, n_sim: int):
     mean, covariance = surrogate.posterior(random_unit(5, np.random.default_rng(0)), 1)
     assert np.isfinite(mean).all()
     assert (np.diag(covariance) > 0).all()
-    health = surrogate.health()
+    health = health_of(surrogate)
     assert (health.loo_rmse_n is None) == (n_real < 2)
 
 

@@ -48,7 +48,7 @@ def test_a_killed_run_is_called_died_by_the_next_one(campaign, monkeypatch):
 
 def test_a_lake_that_cannot_be_written_does_not_hide_why_the_run_ended(campaign, monkeypatch, caplog):
     def work():
-        monkeypatch.setattr("lake.store.publish", fail)
+        monkeypatch.setattr("lake.storage.publish", fail)
         raise ValueError("the real reason")
 
     def fail(*_):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from hardware.cell import MeasuredGrasp
-from lake import store
 from lake.maintenance import check
 from lake.tables import GraspRow, TraceRow
 from models.errors import DeviceError
@@ -130,10 +129,11 @@ def test_a_process_that_dies_between_trace_and_row_leaves_one_of_each(campaign, 
         publish(temporary, final)
         raise Killed
 
-    publish = store.publish
+    storage = campaign.lake.storage
+    publish = storage.publish
     measure(max_grasps=1)
     with monkeypatch.context() as patch:
-        patch.setattr(store, "publish", publish_and_die)
+        patch.setattr(storage, "publish", publish_and_die)
         with pytest.raises(Killed):
             measure()
     assert len(campaign.lake.ids(TraceRow)) == 2

@@ -1,6 +1,7 @@
 """The grasp cell: measures a tool on a plan of objects, and leaves the bench safe whatever happens."""
 
 import logging
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -197,6 +198,7 @@ class GraspCell:
         """One grasp, reported whatever its end; re-raises what the bench cannot go on with."""
         started_at = datetime.now(UTC)
         grasp = _GraspInProgress(object_id, repeat, started_at, details=dict(self._recorded))
+        grasp.details["wire_from_s"] = round(time.monotonic(), 3)
         try:
             self._approach(tool, grasp)
             try:
@@ -323,6 +325,7 @@ class _GraspInProgress:
         empty = np.zeros(0)
         trace = self.recorder.trace() if self.recorder is not None else Trace(empty, empty, empty)
         self.details.update(end=self.end, baseline_sd_n=self.baseline.sd_n, baseline_net_n=self.baseline.net_n)
+        self.details["wire_until_s"] = round(time.monotonic(), 3)  # the clock of the wire logs
         return MeasuredGrasp(
             object_id=self.object_id,
             repeat=self.repeat,

@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from pydantic import Field
@@ -23,6 +24,7 @@ from hardware.tool_changer import ToolChanger
 from hardware.tools import MountedTool
 from hardware.transport import SerialTransport
 from hardware.virtual.bench import Endpoints, VirtualBench
+from hardware.wire_files import GANTRY, LIMIT_BYTES, LOAD_CELL, PLC, WireFiles
 from hardware.world.physics import Physics, simulate_request
 from hardware.world.spec import World
 from models.errors import DeviceError, FastError, InterlockError
@@ -30,6 +32,7 @@ from models.records import Record
 
 logger = logging.getLogger(__name__)
 
+_VIRTUAL_LOG_BYTES = 32_000_000  # of one device: a virtual bench says in a minute what a real one says in hours
 _PHYSICS_PATIENCE_S = 1800.0  # real seconds a virtual gripper may wait for its physics
 
 
@@ -55,7 +58,11 @@ class BenchSettings(Record):
 
 @dataclass(frozen=True)
 class Bench:
-    """Connected devices of one bench. `virtual` is the bench behind the wire, or None on real hardware."""
+    """Connected devices of one bench.
+
+    `virtual` is the bench behind the wire, or None on real hardware. `wire_session` names the wire logs of this session
+    (the beginning of their files), or is None when they are kept in memory only.
+    """
 
     gantry: Gantry
     plc: ClickPlc
@@ -66,6 +73,7 @@ class Bench:
     clock: Clock
     settings: BenchSettings
     virtual: VirtualBench | None = None
+    wire_session: str | None = None
 
     @property
     def endpoints(self) -> Endpoints:
@@ -89,11 +97,12 @@ def open_virtual_bench(
     clock: Literal["lockstep", "real"] = "lockstep",
     speed_up: float = 1.0,
     layout: BenchLayout | None = None,
+    log_folder: Path | None = None,
 ) -> Iterator[Bench]:
     """A virtual bench with its drivers connected and homed; stopped at the end of the `with`.
 
     `physics` answers one grasp (it is cached here); `clock` "real" runs by itself, `speed_up` times faster than the
-    wall, "lockstep" moves only while drivers wait.
+    wall, "lockstep" moves only while drivers wait. `log_folder`: where the wire logs go; None keeps them in memory.
     """
     inner: Clock = VirtualClock() if clock == "lockstep" else ScaledClock(speed_up)
     with open_virtual_servers(world, tools, physics, inner, layout) as virtual:
@@ -111,7 +120,7 @@ def open_virtual_bench(
             pressure_time_out_s=2.0 if clock == "lockstep" else _PHYSICS_PATIENCE_S * speed_up,
             layout=layout or BenchLayout(),
         )
-        with _open(settings, tools, inner, virtual) as bench:
+        with _open(settings, tools, inner, virtual, log_folder=log_folder) as bench:
             yield bench
 
 
@@ -136,12 +145,17 @@ def open_virtual_servers(
 
 @contextmanager
 def open_real_bench(
-    settings: BenchSettings, tools: Mapping[int, MountedTool], clock: Clock | None = None, may_vent: bool = False
+    settings: BenchSettings,
+    tools: Mapping[int, MountedTool],
+    clock: Clock | None = None,
+    may_vent: bool = False,
+    log_folder: Path | None = None,
 ) -> Iterator[Bench]:
     """The bench at these addresses with its drivers connected and homed. The caller has asked for leave to move.
 
     `clock` is the machine's; a virtual bench that runs faster in another process needs a `ScaledClock` as fast.
     `may_vent`: a person has looked at a gripper that an earlier host left closed, and lets it open before homing.
+    `log_folder`: where the wire logs go; None keeps them in memory.
 
     Raises:
         InterlockError: emergency stop pressed, or the gripper is closed; nothing has moved.
@@ -151,7 +165,7 @@ def open_real_bench(
         slot: MountedTool(tool.tool_id, tool.design, settings.tool_mass_kg.get(slot, tool.mass_kg))
         for slot, tool in tools.items()
     }
-    with _open(settings, weighed, clock or RealClock(), None, may_vent) as bench:
+    with _open(settings, weighed, clock or RealClock(), None, may_vent, log_folder) as bench:
         yield bench
 
 
@@ -162,28 +176,53 @@ def _open(
     inner: Clock,
     virtual: VirtualBench | None,
     may_vent: bool = False,
+    log_folder: Path | None = None,
 ) -> Iterator[Bench]:
     clock = BeatingClock(inner)
     plc_link = tcp_link("CLICK PLC", settings.plc_host, settings.plc_port, time_out_s=settings.modbus_time_out_s)
     plc = ClickPlc(plc_link, clock)
-    transmitter = LaumasTransmitter(_transmitter_link(settings), clock)
+    transmitter_link = _transmitter_link(settings)
+    transmitter = LaumasTransmitter(transmitter_link, clock)
     force = ForceSensor(transmitter, clock, settings.force_rate_hz, settings.stale_after_s)
-    gantry = Gantry(SerialTransport(settings.serial_port), clock)
+    line = SerialTransport(settings.serial_port)
+    gantry = Gantry(line, clock)
     pneumatics = Pneumatics(plc, clock, settings.supply_pressure_psi, settings.pressure_time_out_s)
     changer = ToolChanger(gantry, plc, force, clock, tools, settings.layout)
-    recorded = {
+    recorded: dict[str, float | str] = {
         "transmitter_filter": float(settings.transmitter_filter),
         "supply_pressure_psi": settings.supply_pressure_psi,
         "force_rate_hz": settings.force_rate_hz,
     }
-    cell = GraspCell(gantry, plc, pneumatics, changer, force, clock, settings.layout, recorded)
     with ExitStack() as stack:
+        files = _write_wires(stack, log_folder, virtual is not None, line, plc_link, transmitter_link)
+        if files is not None:
+            recorded["wire_log"] = files.session
+        cell = GraspCell(gantry, plc, pneumatics, changer, force, clock, settings.layout, recorded)
         stack.callback(_close, force, plc, gantry)
         _connect({"PLC": plc.connect, "load cell": force.connect, "gantry": gantry.connect})
         _start_heartbeat(stack, clock, inner, plc)
         _make_ready_to_home(pneumatics, may_vent)
         gantry.home()
-        yield Bench(gantry, plc, pneumatics, changer, force, cell, clock, settings, virtual)
+        wire_session = files.session if files is not None else None
+        yield Bench(gantry, plc, pneumatics, changer, force, cell, clock, settings, virtual, wire_session)
+
+
+def _write_wires(
+    stack: ExitStack,
+    folder: Path | None,
+    is_virtual: bool,
+    line: SerialTransport,
+    plc_link: ModbusLink,
+    transmitter_link: ModbusLink,
+) -> WireFiles | None:
+    """Write the logs of all three lines to files until the stack unwinds."""
+    if folder is None:
+        return None
+    files = stack.enter_context(WireFiles(folder, _VIRTUAL_LOG_BYTES if is_virtual else LIMIT_BYTES))
+    files.follow(line.log, GANTRY, line.name)
+    files.follow(plc_link.log, PLC, plc_link.name)
+    files.follow(transmitter_link.log, LOAD_CELL, transmitter_link.name)
+    return files
 
 
 def _transmitter_link(settings: BenchSettings) -> ModbusLink:

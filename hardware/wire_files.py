@@ -29,6 +29,7 @@ FOLDER_NAME = "bench-log"
 HEADER_START = "# fast wire log "
 FORMAT = 1
 SUFFIX = ".log"
+GANTRY, PLC, LOAD_CELL = "gantry", "plc", "load-cell"  # devices
 LIMIT_BYTES = 256_000_000  # of one device: four hours of force readings at 80 Hz, days of gantry traffic
 N_PARTS = 32  # files that share the limit
 WRITE_PERIOD_S = 0.1  # real; what a killed process can lose

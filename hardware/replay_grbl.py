@@ -27,7 +27,7 @@ HOLD, RESUME = bytes([RealTime.HOLD]), bytes([RealTime.RESUME])
 RESET, JOG_CANCEL = bytes([RealTime.RESET]), bytes([RealTime.JOG_CANCEL])
 BANNER = b"Grbl"
 MAX_IDLE_POLLS = 5  # repeated answers after which a driver is taken to wait for what will not come
-_PREPARATION = (b"\n", b"$I\n", b"$$\n", RESET)
+_PREPARATION = (b"\n", b"$I\n", b"$$\n", b"$#\n", b"$G\n", RESET)
 _MOVE = re.compile(rb"G21 G90 G94 G1 X(\S+) Y(\S+) Z(\S+) F(\S+)\n")
 _JOG = re.compile(rb"\$J=G91 G21 (.*) F(\S+)\n")
 _REPORT = re.compile(rb"<[^<>]*>\r\n")

@@ -8,7 +8,7 @@ import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from hardware.click.codec import BANKS, Space, Value, unpack_value
+from hardware.click.codec import BANKS, Space, pack_value, parse_address, unpack_value
 from hardware.click.driver import ClickPlc
 from hardware.clock import VirtualClock
 from hardware.laumas.codec import FIRST_MEASURED_REGISTER, IDENTITY_REGISTER, N_IDENTITY, N_MEASURED
@@ -160,12 +160,9 @@ def _plc_action(plc: ClickPlc, link: ModbusLink, request: Request) -> Callable[[
         if request.function_code in _READS:
             return lambda: plc.read_many(name, request.count // width)
         values = [unpack_value(bank.kind, list(request.words[i : i + width])) for i in range(0, request.count, width)]
-        return lambda: plc.write_many(name, [_number(value) for value in values])
+        words = [word for value in values for word in pack_value(bank.kind, value)]
+        return lambda: link.write_registers(parse_address(name).wire, words)
     return _plain_action(link, request)
-
-
-def _number(value: Value) -> float:
-    return value if isinstance(value, int | float) else 0.0
 
 
 def _transmitter_action(transmitter: LaumasTransmitter, link: ModbusLink, request: Request) -> Callable[[], object]:

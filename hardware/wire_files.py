@@ -226,14 +226,8 @@ def read_log(path: Path) -> RecordedWire:
     Raises:
         UsageError: the file cannot be read, or is no wire log; names the line.
     """
-    try:
-        lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
-    except OSError as error:
-        raise UsageError(f"wire log `{path}` cannot be read: {error.strerror}; give an existing file.") from error
-    try:
-        header = WireHeader.from_text(lines[0])
-    except ValueError as error:
-        raise UsageError(f"`{path}` is no wire log: {error}; `fast gantry log` lists those that are there.") from error
+    header = read_header(path)
+    lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
     entries = []
     for number, line in enumerate(lines[1:], start=2):
         try:
@@ -244,13 +238,28 @@ def read_log(path: Path) -> RecordedWire:
     return RecordedWire(header, tuple(entries), is_cut=header.part > 1)
 
 
+def read_header(path: Path) -> WireHeader:
+    """What the first line of a file says.
+
+    Raises:
+        UsageError: the file cannot be read, or is no wire log.
+    """
+    try:
+        with path.open(encoding="utf-8", errors="replace") as file:
+            return WireHeader.from_text(file.readline().rstrip("\n"))
+    except OSError as error:
+        raise UsageError(f"wire log `{path}` cannot be read: {error.strerror}; give an existing file.") from error
+    except ValueError as error:
+        raise UsageError(f"`{path}` is no wire log: {error}; `fast gantry log` lists those that are there.") from error
+
+
 def read_session(path: Path) -> RecordedWire:
     """All parts of the log that `path` is one part of, from the first one there is.
 
     Raises:
         UsageError: as `read_log`.
     """
-    header = read_log(path).header
+    header = read_header(path)
     name = f"{header.session}-{header.device}-"
     paths = sorted(path.parent.glob(f"{name}*{SUFFIX}")) if path.name.startswith(name) else [path]
     parts = [read_log(part) for part in paths]

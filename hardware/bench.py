@@ -181,8 +181,8 @@ def _open(
     clock = BeatingClock(inner)
     plc_link = tcp_link("CLICK PLC", settings.plc_host, settings.plc_port, time_out_s=settings.modbus_time_out_s)
     plc = ClickPlc(plc_link, clock)
-    transmitter_link = _transmitter_link(settings)
-    transmitter = LaumasTransmitter(transmitter_link, clock)
+    cell_link = transmitter_link(settings)
+    transmitter = LaumasTransmitter(cell_link, clock)
     force = ForceSensor(transmitter, clock, settings.force_rate_hz, settings.stale_after_s)
     line = SerialTransport(settings.serial_port)
     gantry = Gantry(line, clock)
@@ -194,7 +194,7 @@ def _open(
         "force_rate_hz": settings.force_rate_hz,
     }
     with ExitStack() as stack:
-        files = _write_wires(stack, log_folder, virtual is not None, line, plc_link, transmitter_link)
+        files = _write_wires(stack, log_folder, virtual is not None, line, plc_link, cell_link)
         if files is not None:
             recorded["wire_log"] = files.session
         cell = GraspCell(gantry, plc, pneumatics, changer, force, clock, settings.layout, recorded)
@@ -213,7 +213,7 @@ def _write_wires(
     is_virtual: bool,
     line: SerialTransport,
     plc_link: ModbusLink,
-    transmitter_link: ModbusLink,
+    cell_link: ModbusLink,
 ) -> WireFiles | None:
     """Write the logs of all three lines to files until the stack unwinds."""
     if folder is None:
@@ -221,11 +221,12 @@ def _write_wires(
     files = stack.enter_context(WireFiles(folder, _VIRTUAL_LOG_BYTES if is_virtual else LIMIT_BYTES))
     files.follow(line.log, GANTRY, line.name)
     files.follow(plc_link.log, PLC, plc_link.name)
-    files.follow(transmitter_link.log, LOAD_CELL, transmitter_link.name)
+    files.follow(cell_link.log, LOAD_CELL, cell_link.name)
     return files
 
 
-def _transmitter_link(settings: BenchSettings) -> ModbusLink:
+def transmitter_link(settings: BenchSettings) -> ModbusLink:
+    """The line to the weight transmitter: RTU with a serial port, else TCP."""
     name, time_out_s = "Weight transmitter", settings.modbus_time_out_s
     if settings.transmitter_serial_port is not None:
         return rtu_link(name, settings.transmitter_serial_port, settings.transmitter_baud_rate, time_out_s=time_out_s)

@@ -129,8 +129,9 @@ def _drive(
 def _next_event(session: Session) -> PrefectFuture[Any]:
     """The next future that is finished; requests of people are heard meanwhile."""
     while True:
-        if requested_verb(session.campaign.lake, session.campaign.campaign_id):
-            session.stopping.set()
+        verb = requested_verb(session.campaign.lake, session.campaign.campaign_id)
+        if verb is not None:
+            session.ask(verb)
         with contextlib.suppress(Empty):
             return session.events.get(timeout=POLL_S)
 

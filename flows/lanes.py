@@ -1,18 +1,22 @@
 """The two lanes of a stage, side by side: the bench (print, then measure) and the simulations."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from queue import Queue
 
 from prefect.futures import PrefectFuture
 
+from hardware.bench import Bench
 from hardware.cell import MeasuredGrasp
+from hardware.safety import Verb
 from models.records import Design
 from models.surrogate.posterior import Surrogate
 from tasks import proposing, steps
 from tasks.campaign import Campaign
+from tasks.measuring import OpenBench
 from tasks.observing import observe, observed_rows
 from tasks.pool import WorkerPool
 from tasks.state import CampaignState, ProposedTool
@@ -25,7 +29,7 @@ class Session:
 
     campaign: Campaign
     pool: WorkerPool
-    open_bench: steps.OpenBench
+    open_bench: OpenBench
     world_hash: str | None
     auto_print: bool
     on_grasp: Callable[[ProposedTool, MeasuredGrasp], None]
@@ -33,6 +37,27 @@ class Session:
     announce_print: Callable[[int, Path], None]
     events: "Queue[PrefectFuture]" = field(default_factory=Queue)
     stopping: threading.Event = field(default_factory=threading.Event)
+    asked: Verb | None = None
+    _bench: Bench | None = None
+
+    def ask(self, verb: Verb) -> None:
+        """What a person wants, from any thread: start nothing more; stop and abort also reach the grasp in progress."""
+        self.stopping.set()
+        self.asked = verb
+        if self._bench is not None:
+            self._bench.supervisor.ask(verb)
+
+    @contextmanager
+    def heard_bench(self, tools: Sequence[ProposedTool]) -> Iterator[Bench]:
+        """The bench, opened so that it hears what a person asks."""
+        with self.open_bench(tools) as bench:
+            self._bench = bench
+            if self.asked is not None:
+                bench.supervisor.ask(self.asked)
+            try:
+                yield bench
+            finally:
+                self._bench = None
 
     def should_stop(self) -> bool:
         """True once someone asked to pause or stop, or something failed: finish what runs, start nothing."""
@@ -75,7 +100,7 @@ class BenchLane:
                     f"{session.campaign.campaign_id} B{batch:02d}",
                     opaque(session.campaign),
                     opaque(tools),
-                    opaque(session.open_bench),
+                    opaque(session.heard_bench),
                     session.world_hash,
                     opaque(session.should_stop),
                     opaque(session.on_grasp),

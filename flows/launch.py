@@ -10,6 +10,7 @@ from typing import Any
 from flows.dependencies import CAMPAIGN, require
 from flows.prefect_server import configure_client, server
 from hardware.bench import BenchSettings
+from hardware.safety import Verb
 from hardware.world.spec import World, load_world
 from lake.handoff_campaign import is_imported
 from lake.objects import object_rows
@@ -19,7 +20,7 @@ from models.errors import ConfigError
 from models.validation import load_record
 from tasks.campaign import Campaign
 from tasks.config import CampaignConfig, differences, load_config, read_toml, relative_to
-from tasks.control import append_event, exclusive
+from tasks.control import append_event, exclusive, require_acknowledgement
 
 GROWABLE = "schedule.guided_batches"  # a campaign may be made longer while it runs
 
@@ -29,13 +30,14 @@ ConfirmReal = Callable[[Path, BenchSettings], None]  # bench file and what it sa
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a campaign left behind when its process ended; measured tools best first."""
+    """What a campaign left behind when its process ended; measured tools best first. `ended_by`: what was asked."""
 
     campaign_id: str
     is_complete: bool
     tools: list[dict[str, Any]]
     report: Path | None = None
     recording: Path | None = None
+    ended_by: Verb | None = None
 
 
 @dataclass(frozen=True)
@@ -47,15 +49,22 @@ class Voice:
 
 
 def run_campaign(
-    config_path: Path, lake_root: Path, *, auto_print: bool, voice: Voice, confirm_real: ConfirmReal | None = None
+    config_path: Path,
+    lake_root: Path,
+    *,
+    auto_print: bool,
+    voice: Voice,
+    confirm_real: ConfirmReal | None = None,
+    is_acknowledged: bool = False,
 ) -> Outcome:
     """Start a campaign, or continue it where the lake says it stands.
 
     `confirm_real` drives the real bench of the config, unless it raises for lack of leave; None is a virtual bench.
+    `is_acknowledged`: a person has looked after an emergency stop.
 
     Raises:
         UsageError: config, world or lake cannot be used, or a package is missing; nothing was written.
-        FastError: another process runs this campaign, or the bench stopped.
+        FastError: another process runs this campaign, an emergency stop is not acknowledged, or the bench stopped.
     """
     require(CAMPAIGN)
     config = load_config(config_path)
@@ -66,6 +75,7 @@ def run_campaign(
         stack.callback(campaign.lake.close)
         busy = f"campaign {name} is already being run"
         stack.enter_context(exclusive(campaign.lake, f"campaign-{name}", busy))
+        require_acknowledgement(campaign.lake, name, is_acknowledged)
         register(campaign, config_path.read_text(encoding="utf-8"))
         append_event(campaign.lake, name, "started", "started or continued")
         voice.progress("starting the Prefect server (ten seconds the first time, a minute on a busy machine)")

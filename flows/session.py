@@ -5,7 +5,7 @@ import functools
 import signal
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 from prefect import get_run_logger
@@ -20,6 +20,7 @@ from flows.report.build import write_report
 from flows.viewer.rerun import write_recording
 from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_bench
 from hardware.cell import MeasuredGrasp
+from hardware.safety import Verb
 from hardware.tools import MountedTool
 from hardware.world.physics import PhysicsRequest, simulate_request
 from hardware.world.spec import World
@@ -30,6 +31,11 @@ from tasks.control import append_event, bench_log_folder
 from tasks.pool import WorkerPool
 from tasks.state import ProposedTool
 from tasks.summary import markdown_table, ranked_tools
+
+_INTERRUPTS = (
+    (Verb.PAUSE, "Finishing the current grasp and the simulations that run; the same command continues later."),
+    (Verb.STOP, "Stopping: the bench goes to its safe state at once; the data is kept."),
+)
 
 
 def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print: bool, voice: Voice) -> Outcome:
@@ -57,7 +63,7 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
         return markdown_table(outcome[0].tools) + f"\n\nReport: `{outcome[0].report}`"
 
     try:
-        is_complete = run_flow(session, finish, functools.partial(_interrupts, session, voice))
+        is_complete = run_flow(session, finish, functools.partial(interrupts, session, voice))
     finally:
         simulations.close()
         physics.close()
@@ -65,11 +71,10 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
         APILogWorker.drain_all(timeout=10)
     event = "completed" if is_complete else "interrupted"
     append_event(campaign.lake, campaign.campaign_id, event, f"campaign {event}")
-    return (
-        outcome[0]
-        if outcome
-        else Outcome(campaign.campaign_id, False, ranked_tools(campaign.lake, campaign.campaign_id))
-    )
+    if outcome:
+        return outcome[0]
+    tools = ranked_tools(campaign.lake, campaign.campaign_id)
+    return Outcome(campaign.campaign_id, False, tools, ended_by=session.asked)
 
 
 def _emit(voice: Voice, line: str) -> None:
@@ -84,14 +89,13 @@ def _open_bench(
     campaign: Campaign, setup: World | BenchSettings, physics: WorkerPool, tools: Sequence[ProposedTool]
 ) -> Iterator[Bench]:
     mounted = {tool.slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
-    logs = bench_log_folder(campaign.lake)
-    opening: AbstractContextManager[Bench]
-    if isinstance(setup, BenchSettings):
-        opening = open_real_bench(setup, mounted, log_folder=logs)
-    else:
+    if isinstance(setup, World):
         solve = functools.partial(_solve_in_worker, physics)
-        opening = open_virtual_bench(setup, mounted, physics=solve, log_folder=logs)
-    with opening as bench:
+        with open_virtual_bench(setup, mounted, physics=solve, wires="memory") as bench:
+            yield bench
+        return
+    logs = bench_log_folder(campaign.lake)
+    with open_real_bench(setup, mounted, log_folder=logs) as bench:
         told = f"bench connected and homed; wire logs {bench.wire_session} in {logs}"
         append_event(campaign.lake, campaign.campaign_id, "bench_opened", told, wire_log=bench.wire_session)
         yield bench
@@ -122,18 +126,21 @@ def _announce_print(campaign: Campaign, voice: Voice, batch: int, sheet: Path) -
 
 
 @contextmanager
-def _interrupts(session: Session, voice: Voice) -> Iterator[None]:
-    """The first Ctrl-C or SIGTERM finishes the grasp, parks the tool and ends; the second one is the default."""
+def interrupts(session: Session, voice: Voice) -> Iterator[None]:
+    """Ctrl-C or SIGTERM: the first pauses, the second stops (safe state at once), the third is the default."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    verbs = iter(_INTERRUPTS)
 
-    def stop(signal_number: int, frame: object) -> None:
-        session.stopping.set()
-        voice.announce("Finishing the current grasp and the simulations that run; the same command continues later.")
-        restore()
+    def hear(signal_number: int, frame: object) -> None:
+        verb, words = next(verbs)
+        session.ask(verb)
+        voice.announce(words)
+        if verb is Verb.STOP:
+            restore()
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, hear) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def restore() -> None:
         for number, handler in before.items():

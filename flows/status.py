@@ -4,6 +4,7 @@ import tomllib
 from typing import Any
 
 from flows.progress import workload
+from hardware.safety import Verb
 from lake.handoff import importing_campaign
 from lake.handoff_campaign import IMPORTED, is_imported
 from lake.store import Lake
@@ -11,10 +12,15 @@ from lake.tables import CampaignRow, EventRow, GraspRow, SimulationRow, Simulato
 from models.validation import load_record
 from tasks.campaign import Campaign
 from tasks.config import CampaignConfig
-from tasks.control import Verb, is_held, requested_verb
+from tasks.control import is_held, requested_verb
 from tasks.summary import ranked_tools
 
-_ENDED_BY: dict[Verb, str] = {"pause": "paused", "stop": "stopped", "abort": "failed (aborted)"}
+_ENDED_BY = {
+    Verb.PAUSE: "paused",
+    Verb.STOP: "stopped",
+    Verb.ABORT: "failed (aborted)",
+    Verb.ESTOP: "emergency stop, waits for a person",
+}
 
 
 def stored_campaign(lake: Lake, campaign_id: str) -> Campaign:

@@ -2,13 +2,15 @@
 
 import logging
 import math
+import signal
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from hardware.cell import GraspCell
 from hardware.click.driver import ClickPlc
@@ -16,23 +18,31 @@ from hardware.clock import Clock, RealClock, ScaledClock, VirtualClock
 from hardware.force_sensor import ForceSensor
 from hardware.gantry import Gantry
 from hardware.heartbeat import BeatingClock, HeartbeatThread
+from hardware.laumas.codec import PLAIN_DIVISIONS, Scale
+from hardware.laumas.continuous import ContinuousTransmitter
 from hardware.laumas.driver import LaumasTransmitter
+from hardware.laumas.source import WeightSource
+from hardware.laumas.strings import least_baud_rate
 from hardware.layout import BenchLayout
 from hardware.modbus import ModbusLink, rtu_link, tcp_link
 from hardware.pneumatics import Pneumatics
+from hardware.supervisor import Supervisor
 from hardware.tool_changer import ToolChanger
 from hardware.tools import MountedTool
-from hardware.transport import SerialTransport
+from hardware.transport import SerialTransport, Transport
 from hardware.virtual.bench import Endpoints, VirtualBench
+from hardware.virtual.memory import MemoryTransport, memory_link
+from hardware.watches import AirWatch, GraspWatch, ReleaseWatch, ZeroWatch
 from hardware.wire_files import GANTRY, LIMIT_BYTES, LOAD_CELL, PLC, WireFiles
 from hardware.world.physics import Physics, simulate_request
 from hardware.world.spec import World
-from models.errors import DeviceError, FastError, InterlockError
+from models.errors import DeviceError, FastError
 from models.records import Record
 
 logger = logging.getLogger(__name__)
 
 _VIRTUAL_LOG_BYTES = 32_000_000  # of one device: a virtual bench says in a minute what a real one says in hours
+_EXIT_OF_A_SIGNAL = 128  # plus its number, as shells say it
 _PHYSICS_PATIENCE_S = 1800.0  # real seconds a virtual gripper may wait for its physics
 
 
@@ -42,10 +52,17 @@ class BenchSettings(Record):
     serial_port: str = Field(default="/dev/ttyACM0", description="GRBL on an Arduino Mega")
     plc_host: str = "192.168.0.10"
     plc_port: int = Field(default=502, ge=1, le=65535)
+    plc_device_id: int = Field(default=1, ge=0, le=255, description="Modbus unit id")
     transmitter_host: str = Field(default="192.168.0.20", description="Modbus TCP; unused with a serial port")
     transmitter_port: int = Field(default=502, ge=1, le=65535)
-    transmitter_serial_port: str | None = Field(default=None, description="Modbus RTU instead of TCP")
+    transmitter_device_id: int = Field(default=1, ge=0, le=255, description="Modbus unit id or serial address")
+    transmitter_serial_port: str | None = Field(default=None, description="serial line instead of Modbus TCP")
     transmitter_baud_rate: int = Field(default=115200, ge=2400, le=115200)
+    transmitter_mode: Literal["modbus", "continuous"] = Field(
+        default="modbus", description="`continuous`: the serial line sends force_rate_hz strings a second by itself"
+    )
+    transmitter_division: float = Field(default=0.001, gt=0, description="on the keypad; used in continuous mode")
+    transmitter_unit: Literal["kg", "g", "t", "N"] = Field(default="kg", description="as transmitter_division")
     transmitter_filter: int = Field(default=0, ge=0, le=9, description="keypad setting, recorded; 0 or 1 for a lift")
     modbus_time_out_s: float = Field(default=1.0, gt=0, le=30)
     force_rate_hz: float = Field(default=80.0, ge=5, le=300)
@@ -54,6 +71,24 @@ class BenchSettings(Record):
     pressure_time_out_s: float = Field(default=2.0, gt=0)
     tool_mass_kg: dict[int, float] = Field(default_factory=dict, description="weighed tools by slot; others estimated")
     layout: BenchLayout = BenchLayout()
+
+    @model_validator(mode="after")
+    def _check_continuous_mode(self) -> "BenchSettings":
+        if self.transmitter_mode == "modbus":
+            return self
+        if self.transmitter_serial_port is None:
+            raise ValueError("transmitter_mode `continuous` needs transmitter_serial_port; name the serial line")
+        if self.transmitter_division not in PLAIN_DIVISIONS:
+            raise ValueError(
+                f"transmitter_division is {self.transmitter_division:g}; set the keypad to one of "
+                f"{', '.join(f'{division:g}' for division in sorted(PLAIN_DIVISIONS))}"
+            )
+        if self.transmitter_baud_rate < least_baud_rate(self.force_rate_hz):
+            raise ValueError(
+                f"{self.force_rate_hz:g} strings a second need {least_baud_rate(self.force_rate_hz)} baud, "
+                f"transmitter_baud_rate is {self.transmitter_baud_rate}; raise it here and on the keypad"
+            )
+        return self
 
 
 @dataclass(frozen=True)
@@ -69,6 +104,7 @@ class Bench:
     pneumatics: Pneumatics
     changer: ToolChanger
     force: ForceSensor
+    supervisor: Supervisor
     cell: GraspCell
     clock: Clock
     settings: BenchSettings
@@ -97,12 +133,15 @@ def open_virtual_bench(
     clock: Literal["lockstep", "real"] = "lockstep",
     speed_up: float = 1.0,
     layout: BenchLayout | None = None,
+    wires: Literal["lines", "memory"] = "lines",
     log_folder: Path | None = None,
 ) -> Iterator[Bench]:
     """A virtual bench with its drivers connected and homed; stopped at the end of the `with`.
 
     `physics` answers one grasp (it is cached here); `clock` "real" runs by itself, `speed_up` times faster than the
-    wall, "lockstep" moves only while drivers wait. `log_folder`: where the wire logs go; None keeps them in memory.
+    wall, "lockstep" moves only while drivers wait. `wires` "memory" hands the bytes of pty and sockets over directly,
+    which only lockstep allows and makes a grasp several times cheaper. `log_folder`: where the wire logs go; None keeps
+    them in memory.
     """
     inner: Clock = VirtualClock() if clock == "lockstep" else ScaledClock(speed_up)
     with open_virtual_servers(world, tools, physics, inner, layout) as virtual:
@@ -120,7 +159,7 @@ def open_virtual_bench(
             pressure_time_out_s=2.0 if clock == "lockstep" else _PHYSICS_PATIENCE_S * speed_up,
             layout=layout or BenchLayout(),
         )
-        with _open(settings, tools, inner, virtual, log_folder=log_folder) as bench:
+        with _open(settings, tools, inner, virtual, is_in_memory=wires == "memory", log_folder=log_folder) as bench:
             yield bench
 
 
@@ -133,9 +172,13 @@ def open_virtual_servers(
     layout: BenchLayout | None = None,
     plc_port: int = 0,
     transmitter_port: int = 0,
+    is_transmitter_continuous: bool = False,
 ) -> Iterator[VirtualBench]:
-    """Only the devices of a virtual bench, for drivers elsewhere (`fast virtual start`); see `.endpoints`."""
-    virtual = VirtualBench(world, tools, physics, clock, layout or BenchLayout())
+    """Only the devices of a virtual bench, for drivers elsewhere (`fast virtual start`); see `.endpoints`.
+
+    `is_transmitter_continuous`: its serial port sends strings by itself instead of speaking Modbus RTU.
+    """
+    virtual = VirtualBench(world, tools, physics, clock, layout or BenchLayout(), is_transmitter_continuous)
     virtual.start(plc_port, transmitter_port)
     try:
         yield virtual
@@ -165,7 +208,7 @@ def open_real_bench(
         slot: MountedTool(tool.tool_id, tool.design, settings.tool_mass_kg.get(slot, tool.mass_kg))
         for slot, tool in tools.items()
     }
-    with _open(settings, weighed, clock or RealClock(), None, may_vent, log_folder) as bench:
+    with _open(settings, weighed, clock or RealClock(), None, may_vent, log_folder=log_folder) as bench:
         yield bench
 
 
@@ -176,61 +219,103 @@ def _open(
     inner: Clock,
     virtual: VirtualBench | None,
     may_vent: bool = False,
+    is_in_memory: bool = False,
     log_folder: Path | None = None,
 ) -> Iterator[Bench]:
     clock = BeatingClock(inner)
-    plc_link = tcp_link("CLICK PLC", settings.plc_host, settings.plc_port, time_out_s=settings.modbus_time_out_s)
-    plc = ClickPlc(plc_link, clock)
-    cell_link = transmitter_link(settings)
-    transmitter = LaumasTransmitter(cell_link, clock)
-    force = ForceSensor(transmitter, clock, settings.force_rate_hz, settings.stale_after_s)
-    line = SerialTransport(settings.serial_port)
-    gantry = Gantry(line, clock)
+    wires = _memory_wires(virtual, clock) if virtual is not None and is_in_memory else wires_to(settings, clock)
+    plc = ClickPlc(wires.plc, clock)
+    force = ForceSensor(
+        wires.transmitter, clock, settings.force_rate_hz, settings.stale_after_s, settings.transmitter_filter
+    )
+    gantry = Gantry(wires.gantry, clock)
     pneumatics = Pneumatics(plc, clock, settings.supply_pressure_psi, settings.pressure_time_out_s)
     changer = ToolChanger(gantry, plc, force, clock, tools, settings.layout)
     recorded: dict[str, float | str] = {
+        "transmitter_mode": settings.transmitter_mode,
         "transmitter_filter": float(settings.transmitter_filter),
         "supply_pressure_psi": settings.supply_pressure_psi,
         "force_rate_hz": settings.force_rate_hz,
     }
+    watch = GraspWatch(plc, AirWatch(pneumatics, clock), ZeroWatch(force), ReleaseWatch(force, pneumatics, clock))
+    supervisor = Supervisor(gantry, plc, pneumatics, clock, settings.layout.top_z_mm)
+    clock.listen(supervisor.hear, lambda: supervisor.is_ok)
     with ExitStack() as stack:
-        files = _write_wires(stack, log_folder, virtual is not None, line, plc_link, cell_link)
-        if files is not None:
-            recorded["wire_log"] = files.session
-        cell = GraspCell(gantry, plc, pneumatics, changer, force, clock, settings.layout, recorded)
+        stack.enter_context(_terminable())
+        wire_session = None
+        if log_folder is not None:
+            files = WireFiles(log_folder, LIMIT_BYTES if virtual is None else _VIRTUAL_LOG_BYTES)
+            wire_session = recorded["wire_log"] = stack.enter_context(files).session
+            wires.write_to(files)
+        cell = GraspCell(gantry, supervisor, watch, pneumatics, changer, force, clock, settings.layout, recorded)
         stack.callback(_close, force, plc, gantry)
         _connect({"PLC": plc.connect, "load cell": force.connect, "gantry": gantry.connect})
         _start_heartbeat(stack, clock, inner, plc)
-        _make_ready_to_home(pneumatics, may_vent)
-        gantry.home()
-        wire_session = files.session if files is not None else None
-        yield Bench(gantry, plc, pneumatics, changer, force, cell, clock, settings, virtual, wire_session)
+        supervisor.acknowledge("the person who opened the bench")
+        supervisor.make_ready_to_home(may_vent)
+        supervisor.home()
+        yield Bench(gantry, plc, pneumatics, changer, force, supervisor, cell, clock, settings, virtual, wire_session)
 
 
-def _write_wires(
-    stack: ExitStack,
-    folder: Path | None,
-    is_virtual: bool,
-    line: SerialTransport,
-    plc_link: ModbusLink,
-    cell_link: ModbusLink,
-) -> WireFiles | None:
-    """Write the logs of all three lines to files until the stack unwinds."""
-    if folder is None:
-        return None
-    files = stack.enter_context(WireFiles(folder, _VIRTUAL_LOG_BYTES if is_virtual else LIMIT_BYTES))
-    files.follow(line.log, GANTRY, line.name)
-    files.follow(plc_link.log, PLC, plc_link.name)
-    files.follow(cell_link.log, LOAD_CELL, cell_link.name)
-    return files
+@dataclass(frozen=True)
+class Wires:
+    """The three lines of a bench; the transmitter's with its driver. Nothing is open yet."""
+
+    plc: ModbusLink
+    transmitter: WeightSource
+    transmitter_line: ModbusLink | Transport
+    gantry: Transport
+
+    def write_to(self, files: WireFiles) -> None:
+        """Have the wire logs of all three written to files."""
+        files.follow(self.gantry.log, GANTRY, self.gantry.name)
+        files.follow(self.plc.log, PLC, self.plc.name)
+        files.follow(self.transmitter_line.log, LOAD_CELL, self.transmitter_line.name)
 
 
-def transmitter_link(settings: BenchSettings) -> ModbusLink:
-    """The line to the weight transmitter: RTU with a serial port, else TCP."""
-    name, time_out_s = "Weight transmitter", settings.modbus_time_out_s
+def wires_to(settings: BenchSettings, clock: Clock) -> Wires:
+    """Lines to the addresses of a bench."""
+    time_out_s = settings.modbus_time_out_s
+    plc = tcp_link("CLICK PLC", settings.plc_host, settings.plc_port, settings.plc_device_id, time_out_s)
+    gantry = SerialTransport(settings.serial_port)
+    if settings.transmitter_mode == "continuous":
+        line = SerialTransport(str(settings.transmitter_serial_port), settings.transmitter_baud_rate)
+        scale = Scale(settings.transmitter_division, settings.transmitter_unit)
+        return Wires(plc, ContinuousTransmitter(line, clock, scale, settings.force_rate_hz), line, gantry)
+    link = _transmitter_link(settings)
+    return Wires(plc, LaumasTransmitter(link, clock), link, gantry)
+
+
+def _memory_wires(virtual: VirtualBench, clock: Clock) -> Wires:
+    plc = memory_link("CLICK PLC in memory", virtual.plc.server)
+    link = memory_link("Weight transmitter in memory", virtual.transmitter.server)
+    return Wires(plc, LaumasTransmitter(link, clock), link, MemoryTransport(virtual.grbl))
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """SIGTERM ends like Ctrl-C, in the safe state, where nobody else has taken it: by itself it would end nothing."""
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+
+    def terminate(number: int, frame: object) -> None:
+        raise SystemExit(_EXIT_OF_A_SIGNAL + number)
+
+    signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _transmitter_link(settings: BenchSettings) -> ModbusLink:
+    name, device_id, time_out_s = "Weight transmitter", settings.transmitter_device_id, settings.modbus_time_out_s
     if settings.transmitter_serial_port is not None:
-        return rtu_link(name, settings.transmitter_serial_port, settings.transmitter_baud_rate, time_out_s=time_out_s)
-    return tcp_link(name, settings.transmitter_host, settings.transmitter_port, time_out_s=time_out_s)
+        port, baud_rate = settings.transmitter_serial_port, settings.transmitter_baud_rate
+        return rtu_link(name, port, baud_rate, device_id, time_out_s)
+    return tcp_link(name, settings.transmitter_host, settings.transmitter_port, device_id, time_out_s)
 
 
 def _start_heartbeat(stack: ExitStack, clock: BeatingClock, inner: Clock, plc: ClickPlc) -> None:
@@ -238,7 +323,7 @@ def _start_heartbeat(stack: ExitStack, clock: BeatingClock, inner: Clock, plc: C
         clock.start(plc)
         stack.callback(clock.stop)
     else:
-        heartbeat = HeartbeatThread(plc, inner)
+        heartbeat = HeartbeatThread(plc, clock)
         heartbeat.start()
         stack.callback(heartbeat.stop)
 
@@ -255,19 +340,6 @@ def _connect(connects: Mapping[str, Callable[[], object]]) -> None:
             first = first or error
     if failures:
         raise DeviceError(" ".join(failures)) from first
-
-
-def _make_ready_to_home(pneumatics: Pneumatics, may_vent: bool) -> None:
-    """Homing lifts the head: a gripper that an earlier host left closed would pull its object along."""
-    pneumatics.check_air()
-    if not pneumatics.is_gripping():
-        return
-    if not may_vent:
-        raise InterlockError(
-            "The gripper is closed from an earlier session, an object may hang in it; nothing was moved. Look, then "
-            "let it open with `fast gantry home --vent`."
-        )
-    pneumatics.vent()
 
 
 def _close(force: ForceSensor, plc: ClickPlc, gantry: Gantry) -> None:

@@ -2,26 +2,25 @@
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Literal
 
 import numpy as np
 
-from hardware.click.driver import ClickPlc
 from hardware.clock import Clock
 from hardware.force_sensor import Baseline, ForceSensor, OverloadError, SensorFaultError
 from hardware.gantry import Gantry
 from hardware.layout import BenchLayout
 from hardware.pneumatics import Pneumatics
 from hardware.recording import GraspRecorder
-from hardware.safety import BenchCondition, SafeAction, safe_actions
+from hardware.supervisor import Supervisor
 from hardware.tool_changer import ToolChanger
 from hardware.tools import MountedTool
+from hardware.watches import GraspFaultError, GraspWatch
 from models.errors import DeviceError, FastError, InterlockError, UsageError
-from models.records import GraspSetup, Trace
+from models.records import BENCH_FAULT, GraspSetup, Trace
 
 logger = logging.getLogger(__name__)
 
@@ -31,7 +30,7 @@ CLOSED_SETTLE_S = 0.2  # between the end of closing and the lift
 POSITION_PERIOD_S = 0.1  # 10 Hz, what GRBL answers reliably in motion
 CARRYING_CHECK_PERIOD_S = 0.5
 FORCE_BACK_N = 0.25
-NOT_RELEASED_N = 1.0
+CONTACT_SDS = 3.0  # of one reading: five of the mean that is looked at, with the noise of a filter
 OVERLOAD_LOWER_MM = 5.0
 LIFT_MARGIN_S = 5.0
 
@@ -63,7 +62,8 @@ class GraspCell:
     def __init__(
         self,
         gantry: Gantry,
-        plc: ClickPlc,
+        supervisor: Supervisor,
+        watch: GraspWatch,
         pneumatics: Pneumatics,
         changer: ToolChanger,
         force: ForceSensor,
@@ -72,7 +72,8 @@ class GraspCell:
         recorded: Mapping[str, float | str] | None = None,
     ) -> None:
         self._gantry = gantry
-        self._plc = plc
+        self._supervisor = supervisor
+        self._watch = watch
         self._pneumatics = pneumatics
         self._changer = changer
         self._force = force
@@ -101,7 +102,7 @@ class GraspCell:
         tool = self._check_plan(slot, plan, setup)
         if not plan or should_stop():
             return
-        with self._safely():
+        with self._supervisor.guard():
             self._check_at_rest()
             self._pneumatics.open_supply()
             self._pneumatics.set_stroke(setup)
@@ -110,33 +111,21 @@ class GraspCell:
                 if should_stop():
                     logger.info("Stop asked: parking tool %s", tool.tool_id)
                     break
+                self._watch.before_grasp()
                 self._measure(tool, object_id, repeat, setup, on_grasp)
             self.park()
 
     def park(self) -> None:
         """Dock the tool on the head (if any) and close the air supply."""
-        self._gantry.move_to(z_mm=self._layout.top_z_mm)
-        self._changer.dock()
-        self._pneumatics.close_supply()
+        with self._supervisor.guard():
+            self._gantry.move_to(z_mm=self._layout.top_z_mm)
+            self._changer.dock()
+            self._pneumatics.close_supply()
 
     def recover(self) -> None:
-        """End the safe state after a person looked: drop what is left of the motion, vent, raise. Homed stays homed."""
-        if self._gantry.status().state != "Idle":
-            self._gantry.abort()
-        self._pneumatics.check_air()
-        if self._pneumatics.is_gripping():
-            self._pneumatics.vent()
+        """End the safe state after a person looked: drop what is left of the motion, lower, vent, raise."""
+        self._supervisor.end_safe_state("the person who asked to recover")
         self._gantry.move_to(z_mm=self._layout.top_z_mm)
-
-    def make_safe(self) -> tuple[SafeAction, ...]:
-        """Bring the bench into the safe state; a device that does not answer does not stop the others."""
-        actions = safe_actions(self._condition())
-        for action in actions:
-            try:
-                self._carry_out(action)
-            except FastError as error:
-                logger.error("Safe state: could not %s: %s", action.value, error)
-        return actions
 
     def _check_plan(self, slot: int, plan: Sequence[tuple[int, int]], setup: GraspSetup) -> MountedTool:
         tool = self._changer.tools.get(slot)
@@ -154,39 +143,6 @@ class GraspCell:
                 "`fast gantry park --vent` to vent, raise and park."
             )
 
-    @contextmanager
-    def _safely(self) -> Iterator[None]:
-        """Safe state on any exception, including Ctrl-C."""
-        try:
-            yield
-        except BaseException:
-            self.make_safe()
-            raise
-
-    def _condition(self) -> BenchCondition:
-        """What the devices still tell; unknown stays at the worse case."""
-        known: dict[str, bool] = {}
-        try:
-            known["is_moving"] = self._gantry.is_moving()
-        except FastError:
-            known["is_gantry_reachable"] = False
-        try:
-            known["is_gripping"] = self._pneumatics.is_gripping()
-            known["is_estop_pressed"] = self._pneumatics.is_estop_pressed()
-        except FastError:
-            known["is_plc_reachable"] = False
-        return BenchCondition(**known)
-
-    def _carry_out(self, action: SafeAction) -> None:
-        if action is SafeAction.HOLD_MOTION:
-            self._gantry.hold()
-        elif action is SafeAction.CLOSE_SUPPLY:
-            self._pneumatics.close_supply()
-        elif action is SafeAction.DROP_MOTOR_ENABLE:
-            self._plc.stop_heartbeat()
-        else:
-            logger.warning("Safe state: %s", action.value)
-
     def _measure(
         self,
         tool: MountedTool,
@@ -203,12 +159,13 @@ class GraspCell:
             self._approach(tool, grasp)
             try:
                 self._grip_and_lift(tool, setup, grasp)
-            except (SensorFaultError, OverloadError) as fault:
+            except (SensorFaultError, OverloadError, GraspFaultError) as fault:
                 grasp.reason = str(fault)
                 self._back_off(fault, grasp)
             self._retreat(tool, grasp)
-        except FastError as error:
-            grasp.reason = grasp.reason or str(error)
+        except (FastError, KeyboardInterrupt, SystemExit) as error:
+            self._supervisor.trip(error)  # before the data is kept, which may take its time
+            grasp.reason, grasp.end = grasp.reason or self._supervisor.cause, BENCH_FAULT
             on_grasp(grasp.result())
             raise
         on_grasp(grasp.result())
@@ -223,24 +180,29 @@ class GraspCell:
         self._clock.sleep(SETTLE_S)
         self._force.tare()
         grasp.baseline = self._force.baseline(BASELINE_S)
+        grasp.details["zero_step_n"] = self._watch.zero.check(tool.tool_id, grasp.baseline)
 
     def _grip_and_lift(self, tool: MountedTool, setup: GraspSetup, grasp: "_GraspInProgress") -> None:
         self._gantry.move_to(z_mm=self._layout.grasp_z_mm(tool.design, setup))
         z_mm = self._gantry.position_mm()[2]
         self._force.forget()
+        self._force.watch_peak()
+        self._supervisor.rest_z_mm = z_mm
         self._pneumatics.grip()
         recorder = GraspRecorder(self._clock.now_s(), z_mm, grasp.baseline)
         grasp.recorder = recorder
         stroke_mm = max(setup.open_gap_mm - setup.closed_gap_mm, 0.0) / 2
         self._record_until(recorder, self._clock.now_s() + stroke_mm / setup.close_speed_mm_per_s + CLOSED_SETTLE_S)
         self._pneumatics.check_pressure()
+        self._watch.air.begin()
         recorder.add_position(self._clock.now_s(), z_mm)
         self._gantry.start_lift(setup.max_lift_mm, setup.lift_speed_mm_per_s)
         grasp.end = self._record_lift(recorder, setup)
         self._gantry.stop_lift()
         sample = self._gantry.sample()
         recorder.add_position(sample.time_s, sample.z_mm)
-        if not recorder.is_contact_seen(FORCE_BACK_N):
+        grasp.details.update(self._force.peak_details())
+        if not recorder.is_contact_seen(max(FORCE_BACK_N, CONTACT_SDS * grasp.baseline.sd_n)):
             grasp.reason = (
                 f"No force above {FORCE_BACK_N:g} N on object {grasp.object_id}: it is missing or moved. The grasp is "
                 "not counted; look at the mount."
@@ -252,7 +214,8 @@ class GraspCell:
         next_s = max(recorder.last_force_s + period_s, self._clock.now_s())
         while next_s <= end_s + 1e-9:
             self._clock.sleep(next_s - self._clock.now_s())
-            recorder.add_force(self._force.read())
+            for reading in self._force.read_new():
+                recorder.add_force(reading)
             next_s = max(next_s + period_s, self._clock.now_s())
 
     def _record_lift(self, recorder: GraspRecorder, setup: GraspSetup) -> str:
@@ -273,6 +236,7 @@ class GraspCell:
                 return "separated"
             if self._clock.now_s() - check_s >= CARRYING_CHECK_PERIOD_S:
                 self._changer.check_carrying()
+                self._watch.lifting()
                 check_s = self._clock.now_s()
             self._record_until(recorder, self._clock.now_s() + POSITION_PERIOD_S)
         raise DeviceError(
@@ -281,25 +245,24 @@ class GraspCell:
         )
 
     def _back_off(self, fault: FastError, grasp: "_GraspInProgress") -> None:
-        """After a failed grasp: stop, give way under overload, so that venting is safe."""
+        """After a failed grasp: stop and lower, so that nothing falls when the gripper opens."""
         logger.warning("Grasp on object %d failed: %s", grasp.object_id, fault)
         self._gantry.stop_lift()
-        if isinstance(fault, OverloadError) and grasp.recorder is not None:
-            z_mm = self._gantry.position_mm()[2]
-            self._gantry.move_to(z_mm=max(z_mm - OVERLOAD_LOWER_MM, grasp.recorder.z_mm))
+        if grasp.recorder is None:
+            return
+        rest_z_mm = grasp.recorder.z_mm
+        if isinstance(fault, OverloadError):
+            rest_z_mm = max(self._gantry.position_mm()[2] - OVERLOAD_LOWER_MM, rest_z_mm)
+        self._gantry.move_to(z_mm=rest_z_mm)
 
     def _retreat(self, tool: MountedTool, grasp: "_GraspInProgress") -> None:
         """Open, go up, and make sure that nothing came along."""
         grasp.details["pressure_psi"] = self._pneumatics.pressure_psi()
         self._pneumatics.vent()
+        self._supervisor.rest_z_mm = None
         self._raise(tool)
         left_n = self._force.baseline(BASELINE_S).net_n - grasp.baseline.net_n
-        grasp.details["after_release_n"] = left_n
-        if abs(left_n) > NOT_RELEASED_N:
-            raise InterlockError(
-                f"{left_n:.1f} N hang on the open gripper after object {grasp.object_id} (limit {NOT_RELEASED_N:g} N): "
-                "the object was not released. Take it out, then continue."
-            )
+        grasp.details["after_release_n"] = self._watch.release.check(grasp.object_id, left_n, grasp.baseline.net_n)
 
     def _raise(self, tool: MountedTool) -> None:
         z_mm = self._layout.travel_z_mm(tool.design)

@@ -97,14 +97,15 @@ class Gantry:
         Raises:
             InterlockError: not homed, so the controller's numbers mean nothing.
         """
+        place_mm = self._driver.position_mm()  # first, since it knows why a position was lost
         self._require_position("tell its position")
-        return self._to_place(self._driver.position_mm())
+        return self._to_place(place_mm)
 
     def sample(self) -> GantrySample:
         """Fresh place with its time and whether the gantry moves: one question to the controller."""
-        self._require_position("tell its position")
         before_s = self._clock.now_s()
         report = self._driver.status()
+        self._require_position("tell its position")
         x, y, z = self._to_place(report.machine_mm or ())
         return GantrySample((before_s + self._clock.now_s()) / 2, x, y, z, report.is_moving)
 

@@ -1,11 +1,13 @@
-"""Keeps the PLC's watchdog content while the host works.
+"""Keeps the PLC's watchdog content while the host works, and tells the host when the PLC's program stops or restarts.
 
 With a clock that moves by itself a thread beats. In lockstep virtual time nothing happens between two waits, so the
-beats are made by the waits themselves: drivers get a clock that beats while it sleeps.
+beats are made by the waits themselves: drivers get a clock that beats while it sleeps. Either way a lost heartbeat
+is raised once, in the sleep of whoever works with the bench, and no more beats are sent: the ladder's watchdog acts.
 """
 
 import logging
 import threading
+from collections.abc import Callable
 
 from hardware.click.driver import ClickPlc
 from hardware.clock import Clock, Listener
@@ -15,11 +17,21 @@ logger = logging.getLogger(__name__)
 
 
 class BeatingClock:
-    """A clock that passes everything on to another, and beats whenever a beat falls due in a `sleep`."""
+    """A clock that passes everything on to another, and beats whenever a beat falls due in a `sleep`.
+
+    Every wait of every driver goes through it, so it is also where a person's wish to stop is heard (`listen`).
+    """
 
     def __init__(self, inner: Clock) -> None:
         self.inner = inner
         self._plc: ClickPlc | None = None
+        self._lost: DeviceError | None = None
+        self._hear: Callable[[], None] = lambda: None
+        self._is_ok: Callable[[], bool] = lambda: True
+
+    def listen(self, hear: Callable[[], None], is_ok: Callable[[], bool]) -> None:
+        """Call `hear` after every wait; it may raise. While not `is_ok()` a lost beat stops nothing."""
+        self._hear, self._is_ok = hear, is_ok
 
     def start(self, plc: ClickPlc) -> None:
         """Beat from now on."""
@@ -28,6 +40,10 @@ class BeatingClock:
     def stop(self) -> None:
         """Stop beating."""
         self._plc = None
+
+    def report_lost(self, error: DeviceError) -> None:
+        """Raise `error` in the next sleep, once: the heartbeat thread's way to be heard."""
+        self._lost = error
 
     @property
     def lock(self) -> threading.RLock:
@@ -39,17 +55,30 @@ class BeatingClock:
         return self.inner.now_s()
 
     def sleep(self, duration_s: float) -> None:
-        """Sleep on the inner clock, in pieces no longer than a heartbeat."""
-        plc = self._plc
-        if plc is None:
-            self.inner.sleep(duration_s)
-            return
+        """Sleep on the inner clock, in pieces no longer than a heartbeat.
+
+        Raises:
+            DeviceError: the heartbeat was lost; raised once.
+        """
         end_s = self.inner.now_s() + duration_s
         remaining_s = duration_s
         while remaining_s > 1e-9:
-            self.inner.sleep(min(remaining_s, plc.heartbeat_period_s))
-            plc.beat_if_due()
+            self.inner.sleep(min(remaining_s, ClickPlc.heartbeat_period_s))
+            self._beat()
+            self._hear()
             remaining_s = end_s - self.inner.now_s()
+
+    def _beat(self) -> None:
+        try:
+            lost, self._lost = self._lost, None
+            if lost is not None:
+                raise lost
+            if self._plc is not None:
+                self._plc.beat_if_due()
+        except DeviceError as error:
+            if self._is_ok():
+                raise
+            logger.warning("Heartbeat lost in the safe state, the ladder's watchdog takes over: %s", error)
 
     def wall_s(self, duration_s: float) -> float:
         """Real seconds of the inner clock."""
@@ -67,7 +96,7 @@ class BeatingClock:
 class HeartbeatThread:
     """Beats from a thread of its own, for clocks that move by themselves."""
 
-    def __init__(self, plc: ClickPlc, clock: Clock) -> None:
+    def __init__(self, plc: ClickPlc, clock: BeatingClock) -> None:
         self._plc = plc
         self._clock = clock
         self._stopping = threading.Event()
@@ -89,3 +118,4 @@ class HeartbeatThread:
                 self._plc.beat_if_due()
             except DeviceError as error:
                 logger.warning("Heartbeat lost: %s", error)
+                self._clock.report_lost(error)

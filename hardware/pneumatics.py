@@ -3,6 +3,7 @@
 from hardware.click import tags
 from hardware.click.driver import ClickPlc
 from hardware.clock import Clock
+from hardware.safety import EmergencyStopError
 from models.errors import DeviceError, InterlockError
 from models.records import GraspSetup
 
@@ -27,16 +28,20 @@ class Pneumatics:
         """Refuse to go on with the emergency stop pressed.
 
         Raises:
-            InterlockError: the emergency stop is not released.
+            EmergencyStopError: the emergency stop is not released.
         """
         if self.is_estop_pressed():
-            raise InterlockError(
+            raise EmergencyStopError(
                 "The emergency stop is pressed. Release it, acknowledge at the panel, then home and check the tool."
             )
 
     def is_estop_pressed(self) -> bool:
         """Emergency-stop input."""
         return not self._plc.read_bit(tags.ESTOP_OK_INPUT)
+
+    def is_supply_ok(self) -> bool:
+        """Whether the air mains has its pressure."""
+        return self._plc.read_bit(tags.SUPPLY_OK_INPUT)
 
     def open_supply(self) -> None:
         """Set the pressure and open the supply valve."""

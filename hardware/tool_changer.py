@@ -9,6 +9,7 @@ from hardware.clock import Clock
 from hardware.force_sensor import ForceSensor
 from hardware.gantry import Gantry
 from hardware.layout import BenchLayout
+from hardware.safety import EmergencyStopError, FreezeError
 from hardware.tools import MountedTool
 from models.errors import InterlockError
 from models.units import force_n_from_kg
@@ -125,15 +126,16 @@ class ToolChanger:
         """Prove that lock and tool are still there.
 
         Raises:
-            InterlockError: lock or tool sensor off while a tool is carried.
+            EmergencyStopError: pressed.
+            FreezeError: lock or tool sensor off while a tool is carried.
         """
         bits = self._plc.read_bits(tags.FIRST_INPUT, tags.N_INPUTS)
         is_closed, _, is_present, _, is_estop_ok, _ = bits
         if not is_estop_ok:
-            raise InterlockError("The emergency stop was pressed. Release it, then home and check the tool.")
+            raise EmergencyStopError("The emergency stop was pressed. Release it, then home and check the tool.")
         if not (is_closed and is_present):
             missing = "lock" if not is_closed else "tool"
-            raise InterlockError(
+            raise FreezeError(
                 f"The {missing} sensor went off while a tool is on the head. Motion is held; don't switch anything, "
                 "look at the head."
             )

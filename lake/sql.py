@@ -23,6 +23,16 @@ _READING = {duckdb.StatementType.SELECT}
 _ATTEMPTS = 5  # files of traces may be merged between opening and reading
 
 
+# What DuckDB says, and what it means in this lake
+_HINTS = {
+    "More than one row returned by a subquery": (
+        "A subquery gave more than one row where one value is needed; trace(...) takes one grasp, for example add "
+        "`AND repeat = 0`."
+    ),
+    "Could not convert string 'B": "A batch is a number: write batch = 3 for B03.",
+}
+
+
 def run_sql(lake: Lake, sql: str) -> pa.Table:
     """Result of one SELECT (also FROM, WITH, VALUES, DESCRIBE, SUMMARIZE, SHOW).
 
@@ -54,7 +64,9 @@ def check_reads_only(sql: str) -> None:
     try:
         statements = duckdb.extract_statements(sql)
     except duckdb.Error as error:
-        raise UsageError(f"This is not SQL that DuckDB understands: {error}") from error
+        bare_order = re.search(r"(?<!\.)\border\b(?!\s+by\b)", sql, flags=re.IGNORECASE)
+        hint = "; `order` is a word of SQL: write g.order, with the table named g" if bare_order else ""
+        raise UsageError(f"This is not SQL that DuckDB understands{hint}: {error}") from error
     if len(statements) != 1:
         raise UsageError(f"Give exactly one SELECT statement, not {len(statements)}.")
     if statements[0].type not in _READING:
@@ -86,7 +98,7 @@ def _sentence(connection: duckdb.DuckDBPyConnection, error: duckdb.Error) -> str
         names = ", ".join(re.findall(r'"([^"]+)"', near[1])) if near else ""
         hint = f"near names: {names}" if names else "`fast sql` alone lists the columns"
         return f"There is no column `{match[1]}` in what is queried (text would be '{match[1]}'); {hint}."
-    return f"The query failed: {text}"
+    return next((hint for part, hint in _HINTS.items() if part in text), f"The query failed: {text}")
 
 
 def _known_tables(connection: duckdb.DuckDBPyConnection) -> list[str]:

@@ -118,7 +118,7 @@ CREATE VIEW tool_object AS
     GROUP BY ALL;
 
 -- One row per tool with at least one valid grasp. `tool_quality_n` is the mean over the objects measured;
--- with objects missing (`n_missing`) it is not comparable before imputation (models.surrogate.imputation).
+-- with objects missing (`n_missing`, of the 36 of the catalogue) it is not comparable before imputation (models.surrogate.imputation).
 CREATE VIEW tool_quality AS
     WITH quality AS (
         SELECT
@@ -155,10 +155,12 @@ CREATE VIEW object_profile AS
         avg(initial_force_n) AS initial_force_n
     FROM tool_object GROUP BY ALL;
 
--- Measured against simulated, per tool, object and simulator version, of the same grasp setup.
+-- Measured against simulated, per tool, object and simulator version, of the same grasp setup. `gap_n` is measured
+-- less simulated.
 CREATE VIEW sim_vs_real AS
     SELECT
-        r.campaign_id, r.tool_id, r.batch, r.slot, r.design_id, r.object_id, r.object_name, s.version_id, v.tier,
+        r.campaign_id, r.tool_id, r.batch, r.slot, r.design_id, r.object_id, r.object_name,
+        r.object_class, s.version_id, v.tier,
         s.simulation_id, r.n_repeats, r.peak_force_n AS real_peak_force_n, s.peak_force_n AS sim_peak_force_n,
         r.peak_force_n - s.peak_force_n AS gap_n, r.repeat_sd_n,
         r.work_j AS real_work_j, s.work_j AS sim_work_j, s.contact_force_n

@@ -8,6 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from models.ids import content_id
 
+BENCH_FAULT = "bench_fault"  # how a measured grasp ended that the bench could not go on with; says nothing of the tool
+
 
 class Record(BaseModel):
     """Base of all records: immutable, unknown keys are errors, values are checked on entry."""

@@ -1,23 +1,24 @@
-"""What people ask of a running campaign (pause, stop, abort), kept in the lake; and who may run it."""
+"""What people ask of a running campaign (`hardware.safety.Verb`), kept in the lake; and who may run it."""
 
 import fcntl
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, TextIO
+from typing import TextIO
 
+from hardware.safety import EmergencyStopError, StopAskedError, Verb
 from hardware.wire_files import FOLDER_NAME
 from lake.files import writing_failed
 from lake.store import Lake
 from lake.tables import EventRow
-from models.errors import FastError
+from models.errors import FastError, LakeError
 from models.ids import canonical_json, content_id
 from tasks.campaign import stored_provenance
 
-Verb = Literal["pause", "stop", "abort"]
-VERBS: tuple[Verb, ...] = ("pause", "stop", "abort")
+LEAST_FREE_MB = 100.0  # some thousand grasps of 30 kB
 
 
 def append_event(lake: Lake, campaign_id: str, kind: str, message: str, **payload: object) -> None:
@@ -34,12 +35,37 @@ def append_event(lake: Lake, campaign_id: str, kind: str, message: str, **payloa
 
 
 def requested_verb(lake: Lake, campaign_id: str) -> Verb | None:
-    """The latest request that came after the campaign was last started, if any."""
-    events = [r for r in lake.rows(EventRow, campaign_id=campaign_id) if r["kind"] in (*VERBS, "started")]
+    """The latest verb that came after the campaign was last started, if any; the bench itself notes an e-stop."""
+    events = [r for r in lake.rows(EventRow, campaign_id=campaign_id) if r["kind"] in (*Verb, "started")]
     if not events:
         return None
     latest = max(events, key=lambda row: row["created_at"])["kind"]
-    return latest if latest in VERBS else None
+    return None if latest == "started" else Verb(latest)
+
+
+def require_acknowledgement(lake: Lake, campaign_id: str, is_acknowledged: bool) -> None:
+    """A campaign that an emergency stop ended goes on only after a person has acknowledged it.
+
+    Raises:
+        FastError: nobody has.
+    """
+    if requested_verb(lake, campaign_id) is Verb.ESTOP and not is_acknowledged:
+        raise FastError(
+            f"campaign {campaign_id} was ended by the emergency stop and does not go on by itself. Release the button, "
+            "look at gripper, lock and tool, then add --acknowledge; nothing was moved."
+        )
+
+
+@contextmanager
+def verbs_noted(lake: Lake, campaign_id: str) -> Iterator[None]:
+    """Bench work: a person's stop or abort is a normal end, an emergency stop is noted before it goes up."""
+    try:
+        yield
+    except StopAskedError as asked:
+        append_event(lake, campaign_id, "bench_safe", str(asked))
+    except EmergencyStopError as error:
+        append_event(lake, campaign_id, Verb.ESTOP, str(error))
+        raise
 
 
 @contextmanager
@@ -70,6 +96,22 @@ def _open_lock(path: Path) -> TextIO:
         return path.open("a+")
     except OSError as error:
         raise writing_failed(path.parent, error) from error
+
+
+def require_room(lake: Lake) -> None:
+    """Asked before each grasp, so that none is made that cannot be kept.
+
+    Raises:
+        LakeError: less than `LEAST_FREE_MB` are left on the disk of the lake.
+    """
+    folder = lock_path(lake, "gantry").parent
+    folder.mkdir(parents=True, exist_ok=True)
+    free_mb = shutil.disk_usage(folder).free / 1e6
+    if free_mb < LEAST_FREE_MB:
+        raise LakeError(
+            f"The disk of the lake {lake.root} has {free_mb:.0f} MB left, limit {LEAST_FREE_MB:g} MB; the bench "
+            "stopped before the next grasp. Make room, then give the same command again."
+        )
 
 
 def is_held(lake: Lake, name: str) -> bool:

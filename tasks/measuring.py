@@ -1,8 +1,10 @@
-"""Measure one tool on the bench: every grasp goes to the lake the moment it is made."""
+"""Measure tools on the bench: every grasp goes to the lake the moment it is made."""
 
 import logging
-from collections.abc import Callable
-from typing import Literal
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from functools import partial
+from itertools import count
 
 from hardware.bench import Bench
 from hardware.cell import MeasuredGrasp
@@ -10,11 +12,44 @@ from lake.tables import GraspRow, TraceRow
 from models.features import initial_force_n, peak_force_n, work_j
 from models.ids import canonical_json
 from tasks.campaign import Campaign
-from tasks.state import Cell, ProposedTool
+from tasks.control import append_event, exclusive, require_room, verbs_noted
+from tasks.state import Cell, ProposedTool, tuples
 
-BenchKind = Literal["virtual", "real"]
+OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
+MeasureTool = Callable[[Bench, ProposedTool, Callable[[MeasuredGrasp], None]], None]
 
 logger = logging.getLogger(__name__)
+
+
+def measure_batch(
+    campaign: Campaign,
+    tools: Sequence[ProposedTool],
+    open_bench: OpenBench,
+    measure: MeasureTool,
+    *,
+    should_stop: Callable[[], bool],
+    on_grasp: Callable[[ProposedTool, MeasuredGrasp], None],
+) -> None:
+    """Have tools of one batch measured one after the other; only one process may hold the bench of a lake.
+
+    `open_bench` is given all tools that stand on the rack. A person's stop or abort ends it with the bench in its safe
+    state.
+
+    Raises:
+        FastError: another process holds the bench of this lake.
+        DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
+    """
+    batch, state = tools[0].batch, campaign.state()
+    # All that stands on the rack, since a finished tool may still be on the head.
+    mounted = [tool for tool in state.tools_of(batch) if state.confirmed.get(tool.tool_id) == "printed"]
+    noted = verbs_noted(campaign.lake, campaign.campaign_id)
+    with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), noted, open_bench(mounted) as bench:
+        for tool in tools:
+            if should_stop():
+                return
+            measure(bench, tool, partial(on_grasp, tool))
+    if not should_stop():
+        append_event(campaign.lake, campaign.campaign_id, "batch_measured", f"B{batch:02d} measured", batch=batch)
 
 
 def measure_tool(
@@ -22,33 +57,47 @@ def measure_tool(
     bench: Bench,
     tool: ProposedTool,
     *,
-    bench_kind: BenchKind,
     world_hash: str | None,
     should_stop: Callable[[], bool],
     on_grasp: Callable[[MeasuredGrasp], None],
 ) -> None:
     """Make the missing grasps of a tool; those in the lake already are not repeated.
 
+    `world_hash` names the world of a virtual bench; None is a real one.
+
     Raises:
         DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
+        LakeError: the disk is nearly full; no grasp was begun that could not be kept.
     """
-    state = campaign.state()
-    plan = campaign.config.objects.cells(_order_seed(campaign, tool))
-    missing = state.missing_grasps(tool, plan, campaign.config.execution.max_grasp_attempts)
+    state, limit = campaign.state(), campaign.config.execution.max_grasp_attempts
+    missing = state.missing_grasps(tool, planned_cells(campaign, tool), limit)
     if not missing:
         return
-    first_order = len(campaign.lake.rows(GraspRow, campaign_id=campaign.campaign_id))
-    recorded: list[Cell] = []
+    orders = count(_first_order(campaign))
 
     def record(grasp: MeasuredGrasp) -> None:
-        cell = (grasp.object_id, grasp.repeat)
-        attempt = state.attempts(tool.tool_id, cell)
-        order = first_order + len(recorded)
-        _append(campaign, tool, grasp, attempt=attempt, order=order, bench_kind=bench_kind, world_hash=world_hash)
-        recorded.append(cell)
+        attempt = state.next_attempt(tool.tool_id, (grasp.object_id, grasp.repeat))
+        order = next(orders)
+        _append(campaign, tool, grasp, attempt=attempt, order=order, world_hash=world_hash)
         on_grasp(grasp)
 
-    bench.cell.measure_tool(tool.slot, missing, campaign.config.grasp, record, should_stop)
+    def may_not_go_on() -> bool:
+        require_room(campaign.lake)
+        return should_stop()
+
+    bench.cell.measure_tool(tool.slot, missing, campaign.config.grasp, record, may_not_go_on)
+
+
+def planned_cells(campaign: Campaign, tool: ProposedTool) -> list[Cell]:
+    """All (object, repeat) of a tool in the order in which they are made, the same after every restart."""
+    return campaign.config.objects.cells(_order_seed(campaign, tool))
+
+
+def _first_order(campaign: Campaign) -> int:
+    """Place of the next grasp in its campaign: after the last, also of those that were replaced since."""
+    sql = 'SELECT coalesce(max("order") + 1, 0) AS next FROM raw_grasps WHERE campaign_id = ?'
+    ((order,),) = tuples(campaign.lake, sql, campaign.campaign_id)
+    return int(order)
 
 
 def _order_seed(campaign: Campaign, tool: ProposedTool) -> int:
@@ -63,7 +112,6 @@ def _append(
     *,
     attempt: int,
     order: int,
-    bench_kind: BenchKind,
     world_hash: str | None,
 ) -> None:
     grasp_id = GraspRow.make_id(tool.tool_id, grasp.object_id, grasp.repeat, attempt)
@@ -90,7 +138,7 @@ def _append(
         tare_force_n=grasp.tare_force_n,
         setup_id=setup.setup_id,
         setup_json=canonical_json(setup.model_dump()),
-        bench=bench_kind,
+        bench="real" if world_hash is None else "virtual",
         world_hash=world_hash,
         details_json=canonical_json(grasp.details),
     )

@@ -8,7 +8,7 @@ from typing import Any
 from lake.store import Lake
 from lake.tables import DesignRow, ProposalRow, ToolRow
 from models.ids import tool_label
-from models.records import Design
+from models.records import BENCH_FAULT, Design
 
 Cell = tuple[int, int]  # (object id, repeat)
 
@@ -45,8 +45,10 @@ class CampaignState:
     tools: tuple[ProposedTool, ...]
     simulations: tuple[ProposedSimulation, ...]
     confirmed: dict[str, str] = field(default_factory=dict)  # tool_id -> printed | rejected
-    measured: dict[str, set[Cell]] = field(default_factory=dict)  # tool_id -> good grasps
-    failures: dict[tuple[str, Cell], int] = field(default_factory=dict)  # (tool_id, cell) -> failed attempts
+    measured: dict[str, set[Cell]] = field(default_factory=dict)  # tool_id -> good grasps whose trace is there
+    failures: dict[tuple[str, Cell], int] = field(default_factory=dict)  # (tool_id, cell) -> failures of its own
+    next_attempts: dict[tuple[str, Cell], int] = field(default_factory=dict)  # (tool_id, cell) -> number, if not 0
+    batch_on_rack: int = 0  # of a real bench: the one it measured last, 0 before its first grasp and on a virtual one
     simulated: dict[str, set[int]] = field(default_factory=dict)  # design_id -> objects with a result or a failure
 
     def tools_of(self, batch: int) -> list[ProposedTool]:
@@ -62,16 +64,21 @@ class CampaignState:
         tools = self.tools_of(batch)
         return bool(tools) and all(t.tool_id in self.confirmed for t in tools)
 
-    def attempts(self, tool_id: str, cell: Cell) -> int:
-        """How often this grasp has failed so far; the next attempt has this number."""
-        return self.failures.get((tool_id, cell), 0)
+    def next_attempt(self, tool_id: str, cell: Cell) -> int:
+        """Number of the next attempt at a grasp: that of a good one without trace, which it replaces, or a new one."""
+        return self.next_attempts.get((tool_id, cell), 0)
 
     def missing_grasps(self, tool: ProposedTool, plan: Iterable[Cell], max_attempts: int) -> list[Cell]:
-        """Grasps still to be made: not measured, and not given up; none for a rejected tool."""
-        if self.confirmed.get(tool.tool_id) != "printed":
+        """Grasps still to be made, in the order of the plan: not measured, or measured and the trace is lost.
+
+        A grasp is given up after `max_attempts` failures of its own; one that was cut short by a fault of the bench is
+        not held against it. None for a rejected tool, and for one of a batch that a real bench's rack held before: in
+        its slot stands another tool now.
+        """
+        if tool.batch < self.batch_on_rack or self.confirmed.get(tool.tool_id) != "printed":
             return []
         done = self.measured.get(tool.tool_id, set())
-        return [c for c in plan if c not in done and self.attempts(tool.tool_id, c) < max_attempts]
+        return [c for c in plan if c not in done and self.failures.get((tool.tool_id, c), 0) < max_attempts]
 
     def missing_objects(self, design_id: str, object_ids: Sequence[int]) -> list[int]:
         """Objects on which a design has not been simulated yet."""
@@ -92,6 +99,7 @@ def derive_state(lake: Lake, campaign_id: str, version_id: str, setup_id: str) -
         ),
         confirmed={row["tool_id"]: row["status"] for row in lake.rows(ToolRow, campaign_id=campaign_id)},
         **_grasp_progress(lake, campaign_id),
+        batch_on_rack=_batch_on_rack(lake, campaign_id),
         simulated=_simulated(lake, version_id, setup_id),
     )
 
@@ -106,16 +114,35 @@ def _tool(campaign_id: str, row: dict, designs: dict[str, Design]) -> ProposedTo
     return ProposedTool(tool_id, row["batch"], row["slot"], designs[row["design_id"]])
 
 
+_PROGRESS = f"""
+    SELECT tool_id, object_id, repeat, attempt, status = 'ok' AS is_good,
+        grasp_id IN (SELECT grasp_id FROM raw_traces) AS has_trace,
+        coalesce(details_json ->> '$.end' = '{BENCH_FAULT}', false) AS is_cut_short
+    FROM grasps WHERE campaign_id = ? ORDER BY attempt
+"""  # of traces the index has the ids, and they need not be read
+
+
 def _grasp_progress(lake: Lake, campaign_id: str) -> dict:
     measured: dict[str, set[Cell]] = defaultdict(set)
     failures: dict[tuple[str, Cell], int] = defaultdict(int)
-    sql = "SELECT tool_id, object_id, repeat, status FROM grasps WHERE campaign_id = ?"
-    for tool_id, object_id, repeat, status in tuples(lake, sql, campaign_id):
-        if status == "ok":
-            measured[tool_id].add((object_id, repeat))
+    next_attempts: dict[tuple[str, Cell], int] = {}
+    lost: dict[tuple[str, Cell], int] = {}
+    for tool_id, object_id, repeat, attempt, is_good, has_trace, is_cut_short in tuples(lake, _PROGRESS, campaign_id):
+        cell = (object_id, repeat)
+        if is_good and has_trace:
+            measured[tool_id].add(cell)
+        elif is_good:
+            lost[tool_id, cell] = attempt
         else:
-            failures[tool_id, (object_id, repeat)] += 1
-    return {"measured": dict(measured), "failures": dict(failures)}
+            failures[tool_id, cell] += not is_cut_short
+            next_attempts[tool_id, cell] = attempt + 1
+    return {"measured": dict(measured), "failures": dict(failures), "next_attempts": next_attempts | lost}
+
+
+def _batch_on_rack(lake: Lake, campaign_id: str) -> int:
+    sql = "SELECT coalesce(max(batch), 0) AS batch FROM grasps WHERE campaign_id = ? AND bench = 'real'"
+    ((batch,),) = tuples(lake, sql, campaign_id)
+    return int(batch)
 
 
 def _simulated(lake: Lake, version_id: str, setup_id: str) -> dict[str, set[int]]:

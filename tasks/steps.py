@@ -2,8 +2,6 @@
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
-from functools import partial
 from pathlib import Path
 from typing import TypeVar, cast
 
@@ -16,13 +14,12 @@ from hardware.cell import MeasuredGrasp
 from models.records import Design
 from tasks import measuring, printing, proposing, simulating
 from tasks.campaign import Campaign
-from tasks.control import append_event, exclusive
+from tasks.measuring import OpenBench
 from tasks.observing import observe, observed_rows
 from tasks.pool import WorkerPool
 from tasks.state import ProposedTool
 
 T = TypeVar("T")
-OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
 
 
 def opaque(value: T) -> T:
@@ -93,7 +90,6 @@ def measure_tool(
         campaign,
         bench,
         tool,
-        bench_kind="real" if world_hash is None else "virtual",
         world_hash=world_hash,
         should_stop=should_stop,
         on_grasp=on_grasp,
@@ -110,25 +106,17 @@ def measure_batch(
     should_stop: Callable[[], bool],
     on_grasp: Callable[[ProposedTool, MeasuredGrasp], None],
 ) -> None:
-    """Measure the tools of a batch one after the other; only one process may hold the bench of a lake.
+    """Measure the tools of a batch, each as a task of its own; errors as of `tasks.measuring.measure_batch`."""
 
-    Raises:
-        DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
-    """
-    with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), open_bench(tools) as bench:
-        for tool in tools:
-            if should_stop():
-                return
-            name = f"{campaign.campaign_id} {tool.label}"
-            measure_tool(
-                name,
-                opaque(campaign),
-                opaque(bench),
-                opaque(tool),
-                world_hash,
-                opaque(should_stop),
-                opaque(partial(on_grasp, tool)),
-            )
-    batch = tools[0].batch
-    if not should_stop():
-        append_event(campaign.lake, campaign.campaign_id, "batch_measured", f"B{batch:02d} measured", batch=batch)
+    def measure(bench: Bench, tool: ProposedTool, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
+        measure_tool(
+            f"{campaign.campaign_id} {tool.label}",
+            opaque(campaign),
+            opaque(bench),
+            opaque(tool),
+            world_hash,
+            opaque(should_stop),
+            opaque(on_tool_grasp),
+        )
+
+    measuring.measure_batch(campaign, tools, open_bench, measure, should_stop=should_stop, on_grasp=on_grasp)

@@ -23,7 +23,7 @@ class Options:
     """How much of a benchmark to run; None leaves the choice to the benchmark.
 
     `results` is a JSON-lines file that keeps every outcome, so that a benchmark can be stopped and continued;
-    `figure` is a picture to draw; `grasps` are sizes of lakes.
+    `figure` is a picture to draw; `grasps` are sizes of lakes; `n` is how often the event of a study happens.
     """
 
     designs: int | None = None
@@ -34,6 +34,7 @@ class Options:
     workers: int | None = None
     figure: Path | None = None
     grasps: tuple[int, ...] | None = None
+    n: int | None = None
     tell: Callable[[str], None] = _say_nothing
 
 

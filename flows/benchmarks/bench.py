@@ -1,43 +1,94 @@
-"""What a measured grasp costs beside its physics: drivers, wires and servers of the virtual bench."""
+"""What a measured grasp costs beside its physics: drivers, wires and devices of the virtual bench, and the lake."""
 
+import cProfile
+import pstats
+import tempfile
 import time
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
-import numpy as np
+from flows.benchmarks.base import Options, Rows, Tables
+from flows.benchmarks.made_up_batch import Batch, measure_missing
+from hardware.world.spec import World
+from lake.tables import TraceRow
+from models.errors import FastError
 
-from flows.benchmarks.base import Tables
-
-
-def measure_bench() -> Tables:
-    """Grasps on the lockstep virtual bench: what drivers, wires and servers cost without the physics."""
-    from hardware.bench import open_virtual_bench
-    from hardware.cell import MeasuredGrasp
-    from hardware.tools import MountedTool
-    from hardware.world.spec import World
-    from models.design_space import BEST_PUBLISHED
-    from models.records import GraspSetup
-
-    made: list[MeasuredGrasp] = []
-    tools = {0: MountedTool(tool_id="B00T0", design=BEST_PUBLISHED)}
-    plan = [(object_id, repeat) for object_id in (0, 7, 35) for repeat in range(3)]
-    wall, cpu = time.perf_counter(), time.process_time()
-    with open_virtual_bench(World(), tools, physics=lambda request: _plain_grasp()) as opened:
-        opened.cell.measure_tool(0, plan, GraspSetup(), made.append, lambda: False)
-        bench_s = opened.clock.now_s()
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    n = len(made)
-    row = {"n_grasps": n, "bench_s_per_grasp": bench_s / n, "wall_s_per_grasp": wall / n, "cpu_s_per_grasp": cpu / n}
-    return {"bench": [row]}
+N_TOOLS, N_OBJECTS, N_REPEATS = 10, 36, 3
+N_EDGE = 100  # grasps at each end of the batch that are compared
+PROFILED = Batch(n_tools=2, object_ids=(0, 14), n_repeats=2)
+LAYERS = {  # what is paid for each part of the code, by the beginning of its module; the first that fits
+    "hardware/virtual/": "virtual devices",
+    "hardware/world/": "virtual world",
+    "hardware/": "drivers and cell",
+    "lake/": "lake",
+    "tasks/": "tasks",
+    "pyarrow/": "lake",
+    "duckdb/": "lake",
+}
 
 
-def _plain_grasp() -> Any:
-    """A grasp of plausible shape that costs nothing: 50 mm of lift, 10 N at most."""
-    from models.records import GraspSimulation, Trace
+@dataclass
+class _Marks:
+    """CPU time (s) of the process when each grasp was in the lake, after that of the start."""
 
-    lift = np.concatenate([np.zeros(8), np.linspace(0, 55, 56)])
-    force = np.concatenate([np.linspace(0, -4, 8), np.interp(lift[8:], [0, 3, 45, 55], [-4, 10, 4, 0])])
-    time_s = np.concatenate([np.linspace(0, 1.3, 8), 1.4 + lift[8:] / 5])
-    trace = Trace(time_s=time_s, lift_mm=lift, force_n=force)
-    return GraspSimulation(
-        trace=trace, peak_force_n=10, contact_force_n=20, work_j=0.4, n_steps=64, n_newton=300, n_dof=1600, cpu_s=0
-    )
+    cpu_s: list[float] = field(default_factory=lambda: [time.process_time()])
+
+    def mark(self, *_: object) -> None:
+        """A grasp is in the lake."""
+        self.cpu_s.append(time.process_time())
+
+    def mean_ms(self, first: int, last: int) -> float:
+        """Mean of grasps `first` to `last`."""
+        return 1e3 * (self.cpu_s[last] - self.cpu_s[first]) / (last - first)
+
+
+def measure_bench(options: Options) -> Tables:
+    """A batch of 10 tools x 36 objects x 3 repeats in lockstep into a lake: CPU time without the physics."""
+    object_ids = options.objects or tuple(range(N_OBJECTS))
+    batch = Batch(min(max(options.designs or N_TOOLS, 2), N_TOOLS), object_ids, N_REPEATS)
+    options.tell(f"{len(batch.labels)} grasps")
+    return {"bench": [_measure(batch)], "where the time goes": _profile()}
+
+
+def _measure(batch: Batch) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory(prefix="fast-bench-") as folder:
+        campaign = batch.make(Path(folder) / "lake")
+        wall, marks = time.perf_counter(), _Marks()
+        measure_missing(campaign, World(), marks.mark)
+        cpu_s, wall_s = time.process_time() - marks.cpu_s[0], time.perf_counter() - wall
+        n_samples = sum(len(row.time_s) for row in campaign.lake.records(TraceRow))
+    n = len(marks.cpu_s) - 1
+    if n != len(batch.labels):
+        raise FastError(f"{n} of {len(batch.labels)} grasps were measured; run `fast bench run bench` again.")
+    edge = min(N_EDGE, n)
+    return {
+        "grasps": n,
+        "cpu_s": cpu_s,
+        "cpu_ms_per_grasp": 1e3 * cpu_s / n,
+        f"first_{edge}_ms": marks.mean_ms(0, edge),
+        f"last_{edge}_ms": marks.mean_ms(n - edge, n),
+        "wall_s": wall_s,
+        "samples_per_grasp": n_samples / n,
+    }
+
+
+def _profile() -> Rows:
+    """Own time by part of the code, of a few grasps: the profiler triples the time, the shares are what counts."""
+    with tempfile.TemporaryDirectory(prefix="fast-bench-") as folder:
+        campaign, profiler = PROFILED.make(Path(folder) / "lake"), cProfile.Profile()
+        profiler.enable()
+        measure_missing(campaign, World(), lambda *_: None)
+        profiler.disable()
+    own_s: Counter[str] = Counter()
+    for (file, _, name), (_, _, own, _, _) in vars(pstats.Stats(profiler))["stats"].items():
+        own_s[_layer_of(file, name)] += own
+    total_s = own_s.total()
+    return [{"part": part, "percent": 100 * own / total_s} for part, own in own_s.most_common()]
+
+
+def _layer_of(file: str, name: str) -> str:
+    if "fsync" in name:
+        return "waiting for the disk"
+    return next((layer for part, layer in LAYERS.items() if f"/{part}" in file), "Python and libraries")

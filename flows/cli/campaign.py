@@ -1,5 +1,6 @@
 """`fast campaign`: start, continue, watch and stop campaigns."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +13,8 @@ if TYPE_CHECKING:
     from flows.launch import Outcome
     from hardware.bench import BenchSettings
     from lake.store import Lake
-    from tasks.control import Verb
+
+_ENDED = {"pause": "paused", "stop": "stopped", "abort": "aborted and counts as failed"}
 
 app = App(name="campaign", help="Start, continue, watch and stop campaigns.")
 
@@ -29,11 +31,15 @@ def run(
         bool, Parameter(negative="", help="Drive the real bench of the config's `bench.real` file, once confirmed.")
     ] = False,
     yes_move: YesMove = None,
+    acknowledge: Annotated[
+        bool, Parameter(negative="", help="A person has looked after an emergency stop and lets the campaign go on.")
+    ] = False,
     json: AsJson = False,
 ) -> None:
     """Start the campaign of a config file, or continue it where it stands; makes the lake if there is none.
 
-    Ctrl-C finishes the current grasp, parks the tool and ends; the same command continues later.
+    Ctrl-C pauses: it finishes the current grasp, parks the tool and ends. A second Ctrl-C stops: the bench goes to its
+    safe state at once. The same command continues later.
     """
     from flows.cli.real import ask_leave
     from flows.launch import Voice, run_campaign
@@ -41,10 +47,18 @@ def run(
     def confirm(bench_file: Path, settings: "BenchSettings") -> None:
         ask_leave(bench_file, settings, None, yes_move)
 
+    voice, leave = Voice(tell, tell), confirm if real else None
     outcome = run_campaign(
-        config, lake, auto_print=auto_print, confirm_real=confirm if real else None, voice=Voice(tell, tell)
+        config,
+        lake,
+        auto_print=auto_print,
+        confirm_real=leave,
+        voice=voice,
+        is_acknowledged=acknowledge,
     )
     _tell_outcome(outcome, json)
+    if outcome.ended_by == "abort":
+        sys.exit(1)
 
 
 @app.command
@@ -71,22 +85,22 @@ def list_campaigns(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> No
 @app.command
 def pause(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Finish the current grasp, park the tool, end; `fast campaign run` continues."""
-    _request("pause", campaign, lake, json)
+    _request("pause", "it ends after the current grasp", campaign, lake, json)
 
 
 @app.command
 def stop(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
-    """Bring the bench to its safe state after this grasp, keep all data, end."""
-    _request("stop", campaign, lake, json)
+    """Bring the bench to its safe state at once, keep all data, end; a person opens the gripper and parks."""
+    _request("stop", "the bench goes to its safe state at once", campaign, lake, json)
 
 
 @app.command
 def abort(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
-    """As stop, and the campaign counts as failed; `fast campaign run` can still continue it."""
-    _request("abort", campaign, lake, json)
+    """As stop, and the campaign counts as failed (exit status 1); `fast campaign run` can still continue it."""
+    _request("abort", "the bench goes to its safe state at once and it counts as failed", campaign, lake, json)
 
 
-def _request(verb: "Verb", campaign: str | None, lake: Path, as_json: bool) -> None:
+def _request(verb: str, effect: str, campaign: str | None, lake: Path, as_json: bool) -> None:
     from models.errors import FastError
     from tasks.control import append_event, is_held
 
@@ -95,7 +109,7 @@ def _request(verb: "Verb", campaign: str | None, lake: Path, as_json: bool) -> N
     if not is_held(found, f"campaign-{name}"):
         raise FastError(f"campaign {name} is not running, so there is nothing to {verb}; nothing was changed.")
     append_event(found, name, verb, f"{verb} asked for on the command line")
-    text = f"asked campaign {name} to {verb}; it ends after the current grasp."
+    text = f"asked campaign {name} to {verb}; {effect}."
     show({"campaign": name, "asked": verb}, text, as_json)
 
 
@@ -138,6 +152,7 @@ def _tell_outcome(outcome: "Outcome", as_json: bool) -> None:
         "tools": outcome.tools,
         "report": str(outcome.report) if outcome.report else None,
         "recording": str(outcome.recording) if outcome.recording else None,
+        "ended_by": outcome.ended_by,
     }
     show(data, _outcome_text(data), as_json)
 
@@ -145,7 +160,8 @@ def _tell_outcome(outcome: "Outcome", as_json: bool) -> None:
 def _outcome_text(data: dict[str, Any]) -> str:
     lines = ["", table_text(data["tools"]), ""] if data["tools"] else []
     if not data["complete"]:
-        return "\n".join([*lines, f"campaign {data['campaign']} is interrupted; the same command continues it."])
+        ended = _ENDED.get(data["ended_by"], "interrupted")
+        return "\n".join([*lines, f"campaign {data['campaign']} is {ended}; the same command continues it."])
     best = data["best_tool"]
     if best:
         lines.append(f"best tool  {best['tool_id']}  {best['tool_quality_n']:.2f} N mean peak pull-off force")

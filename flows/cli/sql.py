@@ -4,6 +4,7 @@ import io
 import json
 import sys
 import textwrap
+from decimal import Decimal
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -34,8 +35,12 @@ def sql(
     ] = None,
     *,
     lake: LakePath = DEFAULT_LAKE,
-    format: Annotated[Format | None, Parameter(help="How rows are written; default: table.")] = None,
-    out: Annotated[Path | None, Parameter(help="File to write instead of the screen; needed for parquet.")] = None,
+    format: Annotated[
+        Format | None, Parameter(help="How rows are written; default: what the suffix of --out says, else table.")
+    ] = None,
+    out: Annotated[
+        Path | None, Parameter(help="File to write, or to replace, instead of the screen; needed for parquet.")
+    ] = None,
     json: AsJson = False,
 ) -> None:
     """Run one SELECT over the lake's tables, views and macros; without a query, list them."""
@@ -50,7 +55,7 @@ def sql(
         return
     if json and format not in (None, "json"):
         raise UsageError(f"--json and --format {format} contradict each other; give one of them.")
-    chosen: Format = "json" if json else format or "table"
+    chosen: Format = "json" if json else format or _format_of(out)
     if chosen == "parquet" and out is None:
         raise UsageError("--format parquet is binary and needs a file; add --out FILE.parquet.")
     table = run_sql(Lake.open(lake), sys.stdin.read() if query == _STDIN else query)
@@ -63,6 +68,12 @@ def sql(
     except OSError as error:
         raise UsageError(f"--out `{out}` cannot be written: {error.strerror}; give another file.") from error
     tell(f"{table.num_rows} rows written to {out}")
+
+
+def _format_of(out: Path | None) -> Format:
+    """Format that the suffix of a file stands for; a table for the screen and for other suffixes."""
+    by_suffix: dict[str, Format] = {".csv": "csv", ".json": "json", ".parquet": "parquet"}
+    return by_suffix.get(out.suffix.lower(), "table") if out else "table"
 
 
 def _list_names(as_json: bool) -> None:
@@ -86,12 +97,28 @@ def _entry_text(entry: "Entry") -> str:
     return "\n".join(lines)
 
 
+def _flat(table: "pa.Table") -> "pa.Table":
+    """The table with lists and structs as JSON text, since a CSV has plain values only."""
+    import pyarrow as pa
+
+    for place, field in enumerate(table.schema):
+        if pa.types.is_nested(field.type):
+            texts = [None if value is None else json.dumps(value, default=_plain) for value in table[place].to_pylist()]
+            table = table.set_column(place, field.name, pa.array(texts, pa.string()))
+    return table
+
+
+def _plain(value: object) -> float | str:
+    """What JSON knows for a value that it does not: a number for a decimal, text for a time."""
+    return float(value) if isinstance(value, Decimal) else str(value)
+
+
 def _formatted(table: "pa.Table", chosen: Format) -> bytes:
     if chosen == "csv":
         from pyarrow import csv
 
         buffer = io.BytesIO()
-        csv.write_csv(table, buffer)
+        csv.write_csv(_flat(table), buffer)
         return buffer.getvalue()
     if chosen == "parquet":
         from pyarrow import parquet
@@ -100,5 +127,5 @@ def _formatted(table: "pa.Table", chosen: Format) -> bytes:
         parquet.write_table(table, buffer)
         return buffer.getvalue()
     rows = table.to_pylist()
-    text = json.dumps(rows, indent=2, default=str) if chosen == "json" else table_text(rows, table.column_names)
+    text = json.dumps(rows, indent=2, default=_plain) if chosen == "json" else table_text(rows, table.column_names)
     return text.encode()

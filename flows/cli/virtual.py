@@ -38,6 +38,13 @@ def start(
     transmitter_port: Annotated[
         int, Parameter(help="Port of the load-cell transmitter; 0 takes a free one.", validator=PORT)
     ] = 0,
+    continuous: Annotated[
+        bool, Parameter(negative="", help="The transmitter's serial port sends strings instead of Modbus RTU.")
+    ] = False,
+    fault: Annotated[
+        list[str] | None,
+        Parameter(negative="", help="NAME@SECONDS: a fault that begins then, e.g. low_air@30; may be repeated."),
+    ] = None,
     json: AsJson = False,
 ) -> None:
     """Serve a world's gantry, PLC and load cell on a pty and two loopback ports until Ctrl-C."""
@@ -47,10 +54,13 @@ def start(
     from hardware.world.physics import simulate_request
 
     spec, tools, clock = read_world(world), rack(design), ScaledClock(speed_up)
+    faults = [read_fault(text) for text in fault or []]
     asked = watch_signals()
     with open_virtual_servers(
-        spec, tools, simulate_request, clock, plc_port=plc_port, transmitter_port=transmitter_port
+        spec, tools, simulate_request, clock, None, plc_port, transmitter_port, continuous
     ) as bench:
+        for name, time_s in faults:
+            bench.inject_at(name, time_s)
         addresses = asdict(bench.endpoints)
         if json:
             say(json_module.dumps(addresses))
@@ -58,6 +68,23 @@ def start(
             lines = [f"{name:<24} {address}" for name, address in addresses.items()]
             say("\n".join([*lines, "Ctrl-C stops the bench"]))
         wait_for(asked)
+
+
+def read_fault(text: str) -> tuple[str, float]:
+    """Name and time of a fault given as NAME@SECONDS.
+
+    Raises:
+        UsageError: unknown name, or no time.
+    """
+    from hardware.virtual.faults import find_fault
+    from models.errors import UsageError
+
+    name, _, time_s = text.partition("@")
+    find_fault(name)
+    try:
+        return name, float(time_s)
+    except ValueError as error:
+        raise UsageError(f"`{text}` has no time; write NAME@SECONDS, e.g. {name}@30.") from error
 
 
 def rack(designs: list[Path] | None) -> "dict[int, MountedTool]":

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
-from hardware.bench import BenchSettings, transmitter_link
+from hardware.bench import BenchSettings, wires_to
 from hardware.checkup.findings import Finding, Findings
 from hardware.checkup.gantry import check_gantry
 from hardware.checkup.load_cell import check_load_cell
@@ -13,9 +13,7 @@ from hardware.checkup.ports import check_address, check_serial_port
 from hardware.clock import Clock, RealClock
 from hardware.grbl.profile import GrblProfile
 from hardware.layout import N_SLOTS
-from hardware.modbus import tcp_link
-from hardware.transport import SerialTransport
-from hardware.wire_files import GANTRY, LOAD_CELL, PLC, WireFiles
+from hardware.wire_files import WireFiles
 
 LIGHTEST_KG, HEAVIEST_KG = 0.05, 5.0  # of a tool with its adaptor
 
@@ -29,29 +27,24 @@ def check_bench(settings: BenchSettings, clock: Clock | None = None, log_folder:
         log_folder: where the wire logs go; None keeps them in memory.
     """
     used, findings = clock or RealClock(), Findings()
-    line = SerialTransport(settings.serial_port)
-    plc_link = tcp_link("CLICK PLC", settings.plc_host, settings.plc_port, time_out_s=settings.modbus_time_out_s)
-    cell_link = transmitter_link(settings)
+    wires = wires_to(settings, used)
     head = HeadState(is_tool_on_head=False, full_slots=frozenset())
     with ExitStack() as stack:
         if log_folder is not None:
-            files = stack.enter_context(WireFiles(log_folder))
-            files.follow(line.log, GANTRY, line.name)
-            files.follow(plc_link.log, PLC, plc_link.name)
-            files.follow(cell_link.log, LOAD_CELL, cell_link.name)
-        stack.callback(plc_link.close)
-        stack.callback(cell_link.close)
+            wires.write_to(stack.enter_context(WireFiles(log_folder)))
+        stack.callback(wires.plc.close)
+        stack.callback(wires.transmitter.close)
         with findings.section("gantry"):
-            check_gantry(findings, line, used, GrblProfile())
+            check_gantry(findings, wires.gantry, used, GrblProfile())
         with findings.section("PLC"):
             address = check_address(settings.plc_host, settings.plc_port, settings.modbus_time_out_s)
             findings.add("PLC address", address)
-            head = check_plc(findings, plc_link, used, settings.supply_pressure_psi)
+            head = check_plc(findings, wires.plc, used, settings.supply_pressure_psi)
         with findings.section("load cell"):
             findings.add("load-cell address", _check_transmitter_address(settings))
             check_load_cell(
                 findings,
-                cell_link,
+                wires.transmitter,
                 used,
                 settings.force_rate_hz,
                 settings.transmitter_filter,

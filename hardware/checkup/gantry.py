@@ -10,13 +10,13 @@ from hardware.clock import Clock
 from hardware.grbl.messages import Feedback, Setting, StatusReport
 from hardware.grbl.profile import GrblProfile
 from hardware.grbl.session import BOOT_POLL_S, BOOT_WAIT_S, REPLY_TIMEOUT_S, GrblSession
-from hardware.transport import SerialTransport
+from hardware.transport import Transport
 
 _DOING = "looking at the gantry"
 _SETTINGS = "gantry settings"
 
 
-def check_gantry(findings: Findings, line: SerialTransport, clock: Clock, profile: GrblProfile) -> None:
+def check_gantry(findings: Findings, line: Transport, clock: Clock, profile: GrblProfile) -> None:
     """Look at the controller at the other end of `line`.
 
     Raises:

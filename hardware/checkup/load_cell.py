@@ -10,7 +10,7 @@ from hardware.clock import Clock
 from hardware.force_sensor import FULL_SCALE_N
 from hardware.laumas.codec import Reading
 from hardware.laumas.driver import LaumasTransmitter
-from hardware.modbus import ModbusLink
+from hardware.laumas.source import WeightSource
 
 WEIGH_S = 2.0
 SLOWEST_FILTER = 1  # of those fit for a lift: 3 (425 ms) smears 2 mm of it, 4 twice that
@@ -18,27 +18,31 @@ MOST_NOISE_N = 0.5
 MOST_GROSS_SHARE = 0.4  # of full scale, with head and tool hanging free
 LEAST_GROSS_N = -1.0
 MOST_DRIFT_N = 0.3  # between the halves of the readings
-FRESH_SHARE = 0.5  # of the readings; fewer that differ mean a slow refresh
-JUDGED_COUNTS = 2.0  # noise in counts below which equal readings prove nothing
+FRESH_SHARE = 0.4  # of the readings; fewer that differ mean a slow refresh
+JUDGED_COUNTS = 1.0  # noise in counts below which equal readings prove nothing
 
 
 def check_load_cell(
-    findings: Findings, link: ModbusLink, clock: Clock, rate_hz: float, filter_setting: int, is_tool_on_head: bool
+    findings: Findings,
+    transmitter: WeightSource,
+    clock: Clock,
+    rate_hz: float,
+    filter_setting: int,
+    is_tool_on_head: bool,
 ) -> None:
-    """Look at the transmitter behind `link`.
+    """Look at a transmitter; the caller closes it.
 
     Raises:
         DeviceError: it does not answer, or its scale cannot be used.
     """
-    transmitter = LaumasTransmitter(link, clock)
     transmitter.connect()
     readings = _readings(transmitter, clock, rate_hz)
     faults = sorted({reading.fault for reading in readings if reading.fault})
-    identity = ", ".join(map(str, transmitter.identity))
+    identity = f"identity {transmitter.identity}" if isinstance(transmitter, LaumasTransmitter) else transmitter.mode
     findings.judge(
         "load cell",
         not faults,
-        ", ".join(faults) or f"identity {identity}; division {transmitter.resolution_n:.4f} N",
+        ", ".join(faults) or f"{identity}; division {transmitter.resolution_n:.4f} N",
         "check the cell's cable and what hangs on it",
     )
     if faults:
@@ -49,11 +53,11 @@ def check_load_cell(
     _check_filter(findings, gross_n, transmitter.resolution_n, rate_hz, filter_setting)
 
 
-def _readings(transmitter: LaumasTransmitter, clock: Clock, rate_hz: float) -> list[Reading]:
-    readings = []
+def _readings(transmitter: WeightSource, clock: Clock, rate_hz: float) -> list[Reading]:
+    readings: list[Reading] = []
     for _ in range(max(int(WEIGH_S * rate_hz), 10)):
         clock.sleep(1.0 / rate_hz)
-        readings.append(transmitter.read())
+        readings += transmitter.read_new()
     return readings
 
 

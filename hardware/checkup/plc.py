@@ -52,6 +52,9 @@ def check_plc(findings: Findings, link: ModbusLink, clock: Clock, supply_pressur
         "release it and acknowledge at the panel",
     )
     _check_air(findings, plc, is_pressure_ok, supply_pressure_psi)
+    is_main_ok = plc.read_bit(tags.SUPPLY_OK_INPUT)
+    findings.judge("air main", is_main_ok, f"{tags.SUPPLY_OK_INPUT} is {'on' if is_main_ok else 'off'}",
+                   "open the main's valve, look at compressor and regulator")  # fmt: skip
     _check_lock(findings, is_closed, is_open, is_present)
     slots = frozenset(n for n, full in enumerate(plc.read_bits(tags.FIRST_DOCK_INPUT, tags.N_DOCK_SLOTS)) if full)
     findings.add("dock", f"tools in slots {', '.join(map(str, sorted(slots)))}" if slots else "no tools")

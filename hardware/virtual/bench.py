@@ -11,6 +11,7 @@ from hardware.clock import Clock
 from hardware.layout import BenchLayout
 from hardware.tools import MountedTool
 from hardware.virtual.click import VirtualClick
+from hardware.virtual.faults import find_fault
 from hardware.virtual.grbl import VirtualGrbl
 from hardware.virtual.laumas import VirtualLaumas
 from hardware.world.physics import Physics, PhysicsCache, PhysicsRequest
@@ -26,7 +27,7 @@ _TICK_S = 0.01  # real time between looks at a world whose clock runs by itself
 
 @dataclass(frozen=True)
 class Endpoints:
-    """Where drivers connect. The transmitter answers on Modbus TCP, and on RTU at its serial port."""
+    """Where drivers connect. The transmitter answers on Modbus TCP; its serial port is RTU or sends strings."""
 
     serial_port: str
     plc_host: str
@@ -44,7 +45,13 @@ class VirtualBench:
     """
 
     def __init__(
-        self, world: World, tools: Mapping[int, MountedTool], physics: Physics, clock: Clock, layout: BenchLayout
+        self,
+        world: World,
+        tools: Mapping[int, MountedTool],
+        physics: Physics,
+        clock: Clock,
+        layout: BenchLayout,
+        is_transmitter_continuous: bool = False,
     ) -> None:
         self.is_lockstep = math.isinf(clock.wall_s(1.0))
         self._physics = physics if isinstance(physics, PhysicsCache) else PhysicsCache(physics)
@@ -52,6 +59,8 @@ class VirtualBench:
         self._worker: ThreadPoolExecutor | None = None
         self._ticker = threading.Thread(target=self._tick, name="virtual-world", daemon=True)
         self._stopping = threading.Event()
+        self._started_at_s = clock.now_s()
+        self._due: list[tuple[float, str]] = []
         self.grbl = VirtualGrbl(clock)
         solve = self._solve_now if self.is_lockstep else self._solve_later
         now_s = clock.now_s()
@@ -59,7 +68,13 @@ class VirtualBench:
         self.plc = VirtualClick(self.state, clock.lock, now_s, self._refresh)
         if not self.is_lockstep:  # a faster clock does not make the host's threads faster
             self.plc.host_time_out_s *= max(1.0, 1.0 / clock.wall_s(1.0))
-        self.transmitter = VirtualLaumas(self.state, clock.lock, refresh=self._refresh)
+        self.transmitter = VirtualLaumas(
+            self.state,
+            clock.lock,
+            refresh=self._refresh,
+            now_s=now_s,
+            strings_clock=clock if is_transmitter_continuous else None,
+        )
 
     def start(self, plc_port: int = 0, transmitter_port: int = 0) -> Endpoints:
         """Start everything; ports 0 are free ones.
@@ -70,7 +85,7 @@ class VirtualBench:
         try:
             self.plc.server.start(plc_port)
             self.transmitter.server.start(transmitter_port)
-            self.transmitter.rtu_server.start()
+            self.transmitter.serial_server.start()
         except BaseException:
             self.stop()
             raise
@@ -83,8 +98,26 @@ class VirtualBench:
     def endpoints(self) -> Endpoints:
         """Where drivers connect."""
         plc, transmitter = self.plc.server, self.transmitter.server
-        rtu_port = self.transmitter.rtu_server.port
-        return Endpoints(self.grbl.port, plc.host, plc.port, transmitter.host, transmitter.port, rtu_port)
+        serial_port = self.transmitter.serial_server.port
+        return Endpoints(self.grbl.port, plc.host, plc.port, transmitter.host, transmitter.port, serial_port)
+
+    def inject(self, fault: str) -> None:
+        """Start a fault of `hardware.virtual.faults.FAULTS`, now.
+
+        Raises:
+            UsageError: unknown name.
+        """
+        logger.info("Virtual bench: fault %s begins", fault)
+        find_fault(fault).inject(self)
+
+    def clear(self, fault: str) -> None:
+        """End a fault; one that happens once is left alone. Raises UsageError for an unknown name."""
+        find_fault(fault).clear(self)
+
+    def inject_at(self, fault: str, time_s: float) -> None:
+        """Start a fault when the bench has been up for `time_s`. Raises UsageError for an unknown name."""
+        find_fault(fault)
+        self._due.append((self._started_at_s + time_s, fault))
 
     def stop(self) -> None:
         """Stop everything; safe to call twice."""
@@ -93,7 +126,7 @@ class VirtualBench:
         if self._ticker.is_alive():
             self._ticker.join(timeout=10.0)
         self.transmitter.server.stop()
-        self.transmitter.rtu_server.stop()
+        self.transmitter.serial_server.stop()
         self.plc.server.stop()
         self.grbl.close()
         if self._worker is not None:
@@ -105,9 +138,18 @@ class VirtualBench:
 
     def _advance(self, now_s: float) -> None:
         """Bring world, ladder and transmitter to `now_s`; the caller holds the clock's lock."""
+        self._inject_due(now_s)
         self.state.step(now_s)
         self.plc.scan(now_s)
-        self.transmitter.step()
+        self.transmitter.step(now_s)
+        if self.state.is_motor_enabled != self.grbl.is_motor_enabled:
+            self.grbl.set_motor_enable(self.state.is_motor_enabled)
+
+    def _inject_due(self, now_s: float) -> None:
+        due = [entry for entry in self._due if entry[0] <= now_s]
+        for entry in due:
+            self._due.remove(entry)
+            self.inject(entry[1])
 
     def _refresh(self) -> None:
         if not self.is_lockstep:

@@ -30,6 +30,7 @@ READ_BYTES = 4096
 AXIS_NAMES = "xyz"
 MAX_WAIT_S = 3600.0
 NOISE = b"\xff\x00~k\xe9<Idl\r\n"
+_REAL_TIME_BYTES = b"?!~\x18" + bytes(range(0x80, 0x100))
 GARBAGE_SETTINGS = {0: 255.0, 132: 2147483.648}  # seen after a reset during the first boot (hardware notes, 1.6.16)
 
 
@@ -55,6 +56,7 @@ class VirtualGrbl:
         self._faults = self._fault_table()
         self._is_silent = False
         self._lost_bytes = 0
+        self._cut_bytes = 0
         self._lost_replies = 0
         self._is_closed = False
         self._master, self._slave = pty.openpty()
@@ -63,6 +65,7 @@ class VirtualGrbl:
         self.port = os.ttyname(self._slave)
         self._wake_read, self._wake_write = os.pipe()
         self._unsent = b""
+        self._listener: Callable[[bytes], None] | None = None
         with clock.lock:
             self._flush()
         clock.add_listener(self._follow)
@@ -74,6 +77,20 @@ class VirtualGrbl:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    # Wires in memory
+
+    def listen(self, listener: Callable[[bytes], None] | None) -> None:
+        """Have `listener` hear what the controller says, instead of the pty; None gives it back to the pty."""
+        with self._clock.lock:
+            self._listener = listener
+
+    def receive(self, data: bytes) -> None:
+        """Bytes for the controller, as if they had come by the pty."""
+        with self._clock.lock:
+            self._take(data)
+            self._machine.advance(self._clock.now_s())
+            self._flush()
 
     # For the world
 
@@ -95,17 +112,36 @@ class VirtualGrbl:
             self._machine.advance(self._clock.now_s())
             return self._machine.state
 
+    @property
+    def is_motor_enabled(self) -> bool:
+        """Whether the motors have power."""
+        with self._clock.lock:
+            return self._machine.carriage.is_enabled
+
+    def set_motor_enable(self, is_enabled: bool) -> None:
+        """Give the motors power or take it, as the safety relay of the bench does (thread-safe, at once).
+
+        Without power the carriage stays where it is, in the middle of a move too, while the firmware counts on and
+        knows nothing: the position is lost until the next homing.
+        """
+        with self._clock.lock:
+            self._machine.advance(self._clock.now_s())
+            self._machine.set_motor_enable(is_enabled)
+        self._wake()
+
     # Faults
 
     def inject(self, fault: str, **how: float | str) -> None:
         """Start a named fault.
 
         Faults that last until `clear`: `limit(axis)` a limit switch is closed; `limit_dead(axis)` one never closes;
-        `silent` nothing gets out, nothing gets in; `power_cut` clearing it boots the controller again.
+        `motors_off` the motors have no power; `silent` nothing gets out, nothing gets in; `power_cut` clearing it
+        boots the controller again.
         Faults that happen once: `reset` the reset button; `unplug` the line hangs up; `lost_bytes(count)` the next
-        bytes to the controller vanish; `lost_replies(count)` the next `ok`s vanish; `noise` rubbish on the line;
-        `nudge(axis, distance_mm)` steps are lost; `hold` somebody presses feed hold; `override(percent)` somebody
-        turns the feed override; `settings` the EEPROM is half written.
+        bytes to the controller vanish; `cut_line(count)` the head of its next line does; `lost_replies(count)` the next
+        `ok`s vanish; `noise` rubbish on the line; `nudge(axis, distance_mm)` steps are lost; `hold` somebody presses
+        feed hold; `typed(line)` another program sends a line; `override(percent)` somebody turns the feed override;
+        `settings` the EEPROM is half written.
 
         Raises:
             UsageError: there is no such fault.
@@ -143,18 +179,21 @@ class VirtualGrbl:
                 lambda axis="x": machine.carriage.dead_switches.add(AXIS_NAMES.index(axis)),
                 lambda axis="x": machine.carriage.dead_switches.discard(AXIS_NAMES.index(axis)),
             ),
+            "motors_off": (lambda: machine.set_motor_enable(False), lambda: machine.set_motor_enable(True)),
             "silent": (lambda: self._set_silent(True), lambda: self._set_silent(False)),
             "power_cut": (machine.power_off, machine.power_on),
             "reset": (machine.power_on, None),
             "unplug": (self._unplug, None),
             "lost_bytes": (self._lose_bytes, None),
+            "cut_line": (self._cut_next_line, None),
             "lost_replies": (self._lose_replies, None),
             "noise": (self._make_noise, None),
             "nudge": (
-                lambda axis="x", distance_mm=0.5: machine.carriage.nudge(AXIS_NAMES.index(axis), distance_mm),
+                lambda axis="x", distance_mm=0.5: machine.nudge(AXIS_NAMES.index(axis), distance_mm),
                 None,
             ),
             "hold": (lambda: machine.receive(b"!", self._clock.now_s()), None),
+            "typed": (lambda line="": machine.receive(f"{line}\n".encode(), self._clock.now_s()), None),
             "override": (lambda percent=50: machine.set_override(int(percent)), None),
             "settings": (lambda: machine.settings.update(GARBAGE_SETTINGS), None),
         }
@@ -164,6 +203,9 @@ class VirtualGrbl:
 
     def _lose_bytes(self, count: float = 1) -> None:
         self._lost_bytes = int(count)
+
+    def _cut_next_line(self, count: float = 1) -> None:
+        self._cut_bytes = int(count)
 
     def _lose_replies(self, count: float = 1) -> None:
         self._lost_replies = int(count)
@@ -239,6 +281,8 @@ class VirtualGrbl:
     def _take(self, data: bytes) -> None:
         if self._is_silent:
             return
+        if self._cut_bytes and data.endswith(b"\n"):
+            data, self._cut_bytes = _cut_line(data, self._cut_bytes), 0
         lost, self._lost_bytes = data[: self._lost_bytes], max(self._lost_bytes - len(data), 0)
         self._machine.receive(data[len(lost) :], self._clock.now_s())
 
@@ -253,8 +297,18 @@ class VirtualGrbl:
         self._unsent += said
         if not self._unsent:
             return
+        if self._listener is not None:
+            heard, self._unsent = self._unsent, b""
+            self._listener(heard)
+            return
         try:
             n_written = os.write(self._master, self._unsent)
         except BlockingIOError:
             return
         self._unsent = self._unsent[n_written:]
+
+
+def _cut_line(data: bytes, count: int) -> bytes:
+    """A line without its first `count` bytes; real-time bytes before it are kept."""
+    line = data.lstrip(_REAL_TIME_BYTES)
+    return data[: len(data) - len(line)] + line[count:]

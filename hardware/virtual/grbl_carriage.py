@@ -21,11 +21,13 @@ HISTORY_LEGS = 256
 
 @dataclass(frozen=True)
 class _Past:
-    """A leg, when it really ended, and the slip that held while it ran."""
+    """A leg or a part of one: from when to when, the slip that held meanwhile, or where it stood without power."""
 
     leg: Leg
+    start_s: float
     end_s: float
     slip_mm: Vector
+    frozen_mm: Vector | None
 
 
 class Carriage:
@@ -38,7 +40,11 @@ class Carriage:
         self._slip_mm: Vector = true_mm
         self._count_mm: Vector = (0.0, 0.0, 0.0)
         self._leg: Leg | None = None
+        self._since_s = -math.inf
+        self._frozen_mm: Vector | None = None
         self._past: deque[_Past] = deque(maxlen=HISTORY_LEGS)
+        ranges = [self.switch_range_mm(axis) for axis in range(len(true_mm))]
+        self._end_stops_mm = [(low - END_STOP_MM, high + END_STOP_MM) for low, high in ranges]
 
     # Ends
 
@@ -75,24 +81,41 @@ class Carriage:
 
     def true_mm(self, now_s: float) -> Vector:
         """Where it is, or was at a time within the last legs."""
-        rest_since_s = self._past[-1].end_s if self._past else -math.inf
-        started_s = rest_since_s if self._leg is None else self._leg.start_s
-        if now_s >= started_s or not self._past:
-            return self._stopped(self.count_mm(now_s), self._slip_mm)
-        past = next((past for past in reversed(self._past) if now_s >= past.leg.start_s), self._past[0])
-        return self._stopped(past.leg.position_at(min(now_s, past.end_s)), past.slip_mm)
+        if now_s >= self._since_s or not self._past:
+            return self._frozen_mm or self._stopped(self.count_mm(now_s), self._slip_mm)
+        past = next((past for past in reversed(self._past) if now_s >= past.start_s), self._past[0])
+        return past.frozen_mm or self._stopped(past.leg.position_at(min(now_s, past.end_s)), past.slip_mm)
 
     def _stopped(self, count_mm: Vector, slip_mm: Vector) -> Vector:
         """True position for a count: the end stops let nothing pass."""
-        places = []
-        for axis, (count, slip) in enumerate(zip(count_mm, slip_mm, strict=True)):
-            low, high = self.switch_range_mm(axis)
-            places.append(min(max(count + slip, low - END_STOP_MM), high + END_STOP_MM))
-        return tuple(places)
+        ways = zip(count_mm, slip_mm, self._end_stops_mm, strict=True)
+        return tuple(min(max(count + slip, low), high) for count, slip, (low, high) in ways)
 
     def start(self, leg: Leg) -> None:
         """Begin a leg from the present count."""
         self._leg = leg
+        self._since_s = leg.start_s
+
+    @property
+    def is_enabled(self) -> bool:
+        """Whether the motors have power."""
+        return self._frozen_mm is None
+
+    def set_enabled(self, is_enabled: bool, now_s: float) -> None:
+        """Give the motors power or take it: without, the carriage stands still while the count runs on."""
+        if is_enabled == self.is_enabled:
+            return
+        true_mm, count_mm = self.true_mm(now_s), self.count_mm(now_s)
+        self._remember(now_s)
+        self._frozen_mm = None if is_enabled else true_mm
+        self._slip_mm = _difference(true_mm, count_mm)
+
+    def _remember(self, now_s: float) -> None:
+        """Close the present stretch of motion for the history; a new one begins."""
+        if self._leg is not None:
+            end_s = min(now_s, self._leg.end_s)
+            self._past.append(_Past(self._leg, self._since_s, end_s, self._slip_mm, self._frozen_mm))
+        self._since_s = now_s
 
     def finish(self, now_s: float, slip_mm: float = 0.0) -> None:
         """Come to rest where the leg is now; `slip_mm` more is lost along the direction of motion."""
@@ -101,34 +124,45 @@ class Carriage:
             return
         true_mm = self.true_mm(now_s)
         self._count_mm = leg.position_at(now_s)
-        self._past.append(_Past(leg, min(now_s, leg.end_s), self._slip_mm))
+        self._remember(now_s)
         self._leg = None
-        self._slip_mm = tuple(
-            true - count + slip_mm * part
-            for true, count, part in zip(true_mm, self._count_mm, leg.direction, strict=True)
-        )
+        lost_mm = slip_mm if self.is_enabled else 0.0
+        slips_mm = _difference(true_mm, self._count_mm)
+        self._slip_mm = tuple(slip + lost_mm * part for slip, part in zip(slips_mm, leg.direction, strict=True))
 
-    def switch_time_s(self, leg: Leg) -> float:
-        """When a leg will open or close a limit switch; infinite if never."""
+    def switch_time_s(self, now_s: float) -> float:
+        """When the present leg will open or close a limit switch after `now_s`; infinite if never."""
         first = math.inf
-        true_mm = self.true_mm(leg.start_s)
+        leg = self._leg
+        if leg is None or not self.is_enabled:
+            return first
+        true_mm, way_mm = self.true_mm(now_s), leg.way_at(now_s)
         for axis, part in enumerate(leg.direction):
             if part == 0 or axis in self.forced_switches or axis in self.dead_switches:
                 continue
             for edge in self.switch_range_mm(axis):
                 way = (edge - true_mm[axis]) / part
-                if SWITCH_SLACK_MM < way <= leg.length_mm:
-                    first = min(first, leg.time_at_way(way))
+                if SWITCH_SLACK_MM < way <= leg.length_mm - way_mm:
+                    first = min(first, leg.time_at_way(way_mm + way))
         return first
 
     def recount(self, count_mm: Vector, now_s: float) -> None:
         """The controller takes the present place for `count_mm` (homing, power-up); at rest only."""
         true_mm = self.true_mm(now_s)
         self._count_mm = count_mm
-        self._slip_mm = tuple(true - count for true, count in zip(true_mm, count_mm, strict=True))
+        self._slip_mm = _difference(true_mm, count_mm)
 
     def nudge(self, axis: int, distance_mm: float) -> None:
         """Push the carriage without the controller noticing: lost steps."""
-        slip = list(self._slip_mm)
-        slip[axis] += distance_mm
-        self._slip_mm = tuple(slip)
+        push_mm = tuple(distance_mm * (other == axis) for other in range(len(self._slip_mm)))
+        self._slip_mm = _sum(self._slip_mm, push_mm)
+        if self._frozen_mm is not None:
+            self._frozen_mm = _sum(self._frozen_mm, push_mm)
+
+
+def _difference(one_mm: Vector, other_mm: Vector) -> Vector:
+    return tuple(one - other for one, other in zip(one_mm, other_mm, strict=True))
+
+
+def _sum(one_mm: Vector, other_mm: Vector) -> Vector:
+    return tuple(one + other for one, other in zip(one_mm, other_mm, strict=True))

@@ -259,6 +259,16 @@ class GrblMachine:
             self._hard_limit()
         self._go_on()
 
+    def set_motor_enable(self, is_enabled: bool) -> None:
+        """Power of the motors, which the firmware does not see: it counts on while the carriage stands still."""
+        self.carriage.set_enabled(is_enabled, self._now_s)
+        self._planner.watch_switches(self._now_s)
+
+    def nudge(self, axis: int, distance_mm: float) -> None:
+        """Push the carriage without the firmware noticing: lost steps."""
+        self.carriage.nudge(axis, distance_mm)
+        self._planner.watch_switches(self._now_s)
+
     def set_override(self, feed_percent: int) -> None:
         """Feed override turned by somebody else."""
         self._planner.set_feed_percent(feed_percent)

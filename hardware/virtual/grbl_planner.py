@@ -41,6 +41,7 @@ class Planner:
         self._carriage = carriage
         self._queue: deque[Block] = deque()
         self._block: Block | None = None
+        self._is_watched = True
         self.switch_s = math.inf
         self.feed_percent = 100
         self.rapid_percent = 100
@@ -86,7 +87,13 @@ class Planner:
         """Set the carriage in motion; a watched leg notes when it meets a switch."""
         leg = Leg(now_s, self._carriage.count_mm(now_s), direction, phases)
         self._carriage.start(leg)
-        self.switch_s = self._carriage.switch_time_s(leg) if is_watched and self._settings[21] else math.inf
+        self._is_watched = is_watched
+        self.watch_switches(now_s)
+
+    def watch_switches(self, now_s: float) -> None:
+        """Note when the rest of the present leg will meet a switch; again after any slip."""
+        is_watched = self._is_watched and self._settings[21]
+        self.switch_s = self._carriage.switch_time_s(now_s) if is_watched else math.inf
 
     def start_block(self, now_s: float, speed: float = 0.0) -> Block | None:
         """Carry on with the present block at `speed`, else with the next of the queue; the block, or None."""

@@ -1,90 +1,108 @@
 """A Modbus TCP server on loopback in its own thread, in front of any register map."""
 
 import asyncio
+import contextlib
 import logging
+import struct
 import threading
+from collections.abc import Callable
 from typing import Protocol
 
-from pymodbus.constants import ExcCodes
-from pymodbus.server import ModbusTcpServer
-from pymodbus.simulator import DataType, SimData, SimDevice
-from pymodbus.simulator.simcore import SimCore
-
-from models.errors import DeviceError
+from hardware.virtual.pdu import RegisterMap, answer_pdu
+from models.errors import DeviceError, UsageError
 
 logger = logging.getLogger(__name__)
 
-_BIT_SPACES = {1: "coil", 5: "coil", 15: "coil", 2: "discrete"}
-_REGISTER_SPACES = {3: "holding", 6: "holding", 16: "holding", 4: "input"}
+HIGHEST_PORT = 65535
+_HEADER = struct.Struct(">HHHB")  # transaction, protocol (0), bytes that follow, unit
+_LONGEST_PDU = 253
 _START_TIME_OUT_S = 10.0
 
 
-class RegisterMap(Protocol):
-    """What a virtual device shows on Modbus. Every method runs in the server's thread; `None` = illegal address."""
+class Asker(Protocol):
+    """Who gets the answer to a request."""
 
-    def read_bits(self, space: str, address: int, count: int) -> list[bool] | None:
-        """Bits of a space (`coil` or `discrete`)."""
-
-    def read_registers(self, space: str, address: int, count: int) -> list[int] | None:
-        """Registers of a space (`holding` or `input`)."""
-
-    def write_bits(self, address: int, values: list[bool]) -> bool:
-        """Write coils; False where there are none."""
-
-    def write_registers(self, address: int, values: list[int], function_code: int) -> bool:
-        """Write holding registers; False where there are none."""
+    def send(self, answer: bytes) -> None:
+        """Take the whole frame of an answer."""
 
 
-class _MapContext(SimCore):
-    """What pymodbus asks for values: passes every access on to the register map, after the server's faults."""
+class _Connection(asyncio.Protocol):
+    """One client: cuts frames out of the stream and answers them in order."""
 
     def __init__(self, owner: "ModbusServerThread") -> None:
-        super().__init__([])
+        self.idle_since_s: float | None = None
+        self.n_requests = self.n_requests_seen = 0
+        self.transport: asyncio.Transport | None = None
         self._owner = owner
+        self._received = b""
 
-    async def async_getValues(
-        self, device_id: int, func_code: int, address: int, count: int = 1
-    ) -> list[int] | list[bool] | ExcCodes:
-        """Values of a read, or of the echo after a write."""
-        await self._owner.misbehave()
-        registers = self._owner.registers
-        values: list[int] | list[bool] | None
-        if func_code in _BIT_SPACES:
-            values = registers.read_bits(_BIT_SPACES[func_code], address, count)
-        else:
-            values = registers.read_registers(_REGISTER_SPACES[func_code], address, count)
-        return ExcCodes.ILLEGAL_ADDRESS if values is None else values
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Take the client, or hang up when all connections are in use."""
+        if isinstance(transport, asyncio.Transport):
+            self.transport = transport
+            if not self._owner.admit(self):
+                transport.abort()
 
-    async def async_setValues(
-        self, device_id: int, func_code: int, address: int, values: list[int] | list[bool]
-    ) -> ExcCodes | None:
-        """Carry out a write."""
-        await self._owner.misbehave()
-        registers = self._owner.registers
-        if func_code in _BIT_SPACES:
-            is_done = registers.write_bits(address, [bool(value) for value in values])
-        else:
-            is_done = registers.write_registers(address, [int(value) for value in values], func_code)
-        return None if is_done else ExcCodes.ILLEGAL_ADDRESS
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The client has gone."""
+        self._owner.dismiss(self)
+
+    def data_received(self, data: bytes) -> None:
+        """Answer every complete request; what is no Modbus ends the connection, as the standard asks."""
+        self._received += data
+        while len(self._received) >= _HEADER.size:
+            transaction, protocol, length, unit = _HEADER.unpack_from(self._received)
+            if protocol != 0 or not 2 <= length <= _LONGEST_PDU + 1:
+                self._hang_up()
+                return
+            end = _HEADER.size - 1 + length
+            if len(self._received) < end:
+                return
+            pdu, self._received = self._received[_HEADER.size : end], self._received[end:]
+            self.n_requests += 1
+            self._owner.handle(self, transaction, unit, pdu)
+
+    def send(self, answer: bytes) -> None:
+        """Send an answer unless the client has gone meanwhile."""
+        if self.transport is not None and not self.transport.is_closing():
+            self.transport.write(answer)
+
+    def _hang_up(self) -> None:
+        self._received = b""
+        if self.transport is not None:
+            self.transport.close()
 
 
 class ModbusServerThread:
-    """Serves one `RegisterMap` on an ephemeral loopback port until `stop`.
+    """Serves one `RegisterMap` on loopback until `stop`.
 
-    Named faults: `is_silent` (requests are swallowed, the client times out), `delay_s` (late answers, real time).
+    `most_connections`: further clients are accepted and hung up at once (None: no limit). `unit_ids`: requests for
+    other units are not answered (None: all are). Named faults: `is_silent` (requests are swallowed, the client times
+    out), `n_to_swallow` (so are the next few), `n_to_leave` (the next few are carried out and not answered), `delay_s`
+    (late answers, real time).
     """
 
-    def __init__(self, name: str, registers: RegisterMap) -> None:
+    def __init__(
+        self,
+        name: str,
+        registers: RegisterMap,
+        most_connections: int | None = None,
+        unit_ids: frozenset[int] | None = None,
+    ) -> None:
         self.name = name
         self.host = "127.0.0.1"
         self.port = 0
         self.is_silent = False
+        self.n_to_swallow = 0
+        self.n_to_leave = 0
         self.delay_s = 0.0
         self.registers = registers
-        self._loop = asyncio.new_event_loop()
+        self.most_connections = most_connections
+        self.unit_ids = unit_ids
+        self._connections: set[_Connection] = set()
+        self._loop: asyncio.AbstractEventLoop | None = None  # while the thread runs
         self._thread = threading.Thread(target=self._serve, name=f"modbus-{name}", daemon=True)
         self._is_up = threading.Event()
-        self._server: ModbusTcpServer | None = None
         self._failure: BaseException | None = None
         self._stopping = asyncio.Event()
 
@@ -92,8 +110,13 @@ class ModbusServerThread:
         """Listen; `port` 0 takes a free one, which is then in `self.port`.
 
         Raises:
+            UsageError: no such port.
             DeviceError: the port is taken.
         """
+        if not 0 <= port <= HIGHEST_PORT:
+            raise UsageError(
+                f"The virtual {self.name} cannot listen on port {port}; ports are 0 (any free one) to {HIGHEST_PORT}."
+            )
         self.port = port
         self._thread.start()
         if not self._is_up.wait(_START_TIME_OUT_S) or self._failure is not None:
@@ -103,45 +126,88 @@ class ModbusServerThread:
 
     def stop(self) -> None:
         """Close every connection and the listener, end the thread. Safe to call twice."""
+        self._call(self._stopping.set)
         if self._thread.is_alive():
-            asyncio.run_coroutine_threadsafe(self._shut_down(), self._loop)
             self._thread.join(_START_TIME_OUT_S)
 
-    async def misbehave(self) -> None:
-        """Act out the injected faults before an answer."""
-        if self.is_silent:
-            await self._stopping.wait()
+    @property
+    def n_connections(self) -> int:
+        """Clients connected now."""
+        return len(self._connections)
+
+    def drop_all(self) -> None:
+        """Reset every connection, as a device does that loses its power."""
+        self._drop(tuple(self._connections))
+
+    def drop_idle(self, now_s: float, limit_s: float) -> None:
+        """Hang up on clients that asked nothing for `limit_s` of the caller's clock."""
+        idle = []
+        for connection in tuple(self._connections):
+            if connection.n_requests != connection.n_requests_seen or connection.idle_since_s is None:
+                connection.n_requests_seen, connection.idle_since_s = connection.n_requests, now_s
+            elif now_s - connection.idle_since_s >= limit_s:
+                idle.append(connection)
+        self._drop(tuple(idle))
+
+    def admit(self, connection: _Connection) -> bool:
+        """Take a connection if there is one left. Runs in the server's thread."""
+        if self.most_connections is not None and len(self._connections) >= self.most_connections:
+            logger.info("the virtual %s refuses a connection: %d are in use", self.name, self.most_connections)
+            return False
+        self._connections.add(connection)
+        return True
+
+    def dismiss(self, connection: _Connection) -> None:
+        """Forget a connection. Runs in the server's thread."""
+        self._connections.discard(connection)
+
+    def handle(self, connection: Asker, transaction: int, unit: int, pdu: bytes) -> None:
+        """Answer one request, after the injected faults. Runs in the thread of the server, or of who asks in memory."""
+        if self.is_silent or (self.unit_ids is not None and unit not in self.unit_ids):
+            return
+        if self.n_to_swallow > 0:
+            self.n_to_swallow -= 1
+            return
+        answer = answer_pdu(self.registers, pdu)
+        if self.n_to_leave > 0:
+            self.n_to_leave -= 1
+            return
+        frame = _HEADER.pack(transaction, 0, len(answer) + 1, unit) + answer
         if self.delay_s:
-            await asyncio.sleep(self.delay_s)
+            asyncio.get_running_loop().call_later(self.delay_s, connection.send, frame)
+        else:
+            connection.send(frame)
+
+    def _drop(self, connections: tuple[_Connection, ...]) -> None:
+        for connection in connections:
+            self._connections.discard(connection)
+            if connection.transport is not None:
+                self._call(connection.transport.abort)
+
+    def _call(self, function: Callable[[], None]) -> None:
+        """Have the server's thread do something, if it runs."""
+        loop = self._loop
+        if loop is not None:
+            with contextlib.suppress(RuntimeError):  # the loop closed meanwhile
+                loop.call_soon_threadsafe(function)
 
     def _serve(self) -> None:
-        asyncio.set_event_loop(self._loop)
         try:
-            self._loop.run_until_complete(self._listen())
-        except (OSError, RuntimeError) as error:
+            asyncio.run(self._listen())
+        except OSError as error:
             self._failure = error
         finally:
             self._is_up.set()
-            self._loop.close()
 
     async def _listen(self) -> None:
-        placeholder = SimDevice(0, simdata=SimData(0, values=0, datatype=DataType.REGISTERS))
-        server = ModbusTcpServer(placeholder, address=(self.host, self.port))
-        server.context = _MapContext(self)
-        await server.serve_forever(background=True)
-        self._server = server
-        if isinstance(server.transport, asyncio.Server):
-            self.port = server.transport.sockets[0].getsockname()[1]
+        self._loop = asyncio.get_running_loop()
+        server = await self._loop.create_server(lambda: _Connection(self), self.host, self.port)
+        self.port = server.sockets[0].getsockname()[1]
         self._is_up.set()
-        await server.serving
-        self._stopping.set()
-        pending = asyncio.all_tasks() - {asyncio.current_task()}
-        for task in pending:
-            task.cancel()
-        await asyncio.gather(*pending, return_exceptions=True)
+        await self._stopping.wait()
+        server.close()
+        for connection in tuple(self._connections):
+            if connection.transport is not None:
+                connection.transport.abort()
         for _ in range(3):
             await asyncio.sleep(0)  # lets closed transports run their callbacks before the loop ends
-
-    async def _shut_down(self) -> None:
-        if self._server is not None:
-            await self._server.shutdown()

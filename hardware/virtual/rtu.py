@@ -1,7 +1,8 @@
 """A Modbus RTU slave on a pty in its own thread, in front of the holding registers of any register map.
 
 Written from the protocol (address, function, data, CRC-16 low byte first) and not on pymodbus, so that the driver's
-RTU side meets code that it does not share. Functions 3, 6 and 16; a frame with a wrong CRC or address is not answered.
+RTU side meets code that it does not share. A frame with a wrong CRC or address is not answered; whatever does not
+make a frame is thrown away at the next silence on the line.
 """
 
 import os
@@ -11,13 +12,15 @@ import struct
 import threading
 import tty
 
-from hardware.virtual.modbus import RegisterMap
+from hardware.virtual.pdu import WRITE_COILS, WRITE_REGISTERS, RegisterMap, answer_pdu
 
 _POLYNOMIAL = 0xA001
-_ILLEGAL_FUNCTION, _ILLEGAL_ADDRESS = 1, 2
 _SILENCE_S = 0.05  # real: after this much silence an unfinished frame is thrown away
-_HEADER = struct.Struct(">BBHH")  # address, function, first register, count or value
-_LONG_WRITE = 16
+_LONGEST_FRAME = 256
+_SHORTEST_FRAME = 4  # address, function, CRC
+_FIXED_LENGTH = 8  # functions 1 to 6: address, function, two words, CRC
+_LAST_SHORT_FUNCTION = 6
+_LENGTH_BYTE = 6  # of the writes of many: how many bytes of data follow
 
 
 def crc16(data: bytes) -> int:
@@ -33,6 +36,11 @@ def crc16(data: bytes) -> int:
 def with_crc(body: bytes) -> bytes:
     """Frame of a body: CRC appended, low byte first."""
     return body + struct.pack("<H", crc16(body))
+
+
+def has_crc(frame: bytes) -> bool:
+    """Whether a frame ends with its own CRC."""
+    return with_crc(frame[:-2]) == frame
 
 
 class RtuServerThread:
@@ -71,35 +79,33 @@ class RtuServerThread:
             if self._wake_read in ready:
                 return
             if not ready:
+                self._send(self.answer(received))  # a function of unknown length ends with the line's silence
                 received = b""
                 continue
             received += os.read(self._master, 512)
             length = _frame_length(received)
-            if length is not None and len(received) >= length:
-                answer = self._answer(received[:length])
-                received = received[length:]
-                if answer:
-                    os.write(self._master, answer)
+            while length is not None and len(received) >= length:
+                self._send(self.answer(received[:length]))
+                received = received[length:] if has_crc(received[:length]) else b""
+                length = _frame_length(received)
+            if len(received) > _LONGEST_FRAME:
+                received = b""
 
-    def _answer(self, frame: bytes) -> bytes:
-        body = frame[:-2]
-        if with_crc(body) != frame or body[0] != self._device_id:
+    def answer(self, frame: bytes) -> bytes:
+        """Answer to one frame; none to a damaged frame or one for another device."""
+        if len(frame) < _SHORTEST_FRAME or not has_crc(frame) or frame[0] != self._device_id:
             return b""
-        address, function, first, count = _HEADER.unpack(body[: _HEADER.size])
-        if function == 3:
-            values = self._registers.read_registers("holding", first, count)
-            if values is not None:
-                return with_crc(struct.pack(f">BBB{count}H", address, function, 2 * count, *values))
-        elif function in (6, _LONG_WRITE):
-            words = [count] if function == 6 else list(struct.unpack(f">{count}H", body[7:]))
-            if self._registers.write_registers(first, words, function):
-                return with_crc(body[: _HEADER.size])
-        code = _ILLEGAL_ADDRESS if function in (3, 6, _LONG_WRITE) else _ILLEGAL_FUNCTION
-        return with_crc(bytes([address, function | 0x80, code]))
+        return with_crc(frame[:1] + answer_pdu(self._registers, frame[1:-2]))
+
+    def _send(self, answer: bytes) -> None:
+        if answer:
+            os.write(self._master, answer)
 
 
 def _frame_length(received: bytes) -> int | None:
     """Length of the frame that begins here, or None while that cannot be known."""
-    if len(received) < 7:
+    if len(received) < 2:
         return None
-    return 9 + received[6] if received[1] == _LONG_WRITE else 8
+    if received[1] in (WRITE_COILS, WRITE_REGISTERS):
+        return 9 + received[_LENGTH_BYTE] if len(received) > _LENGTH_BYTE else None
+    return _FIXED_LENGTH if 1 <= received[1] <= _LAST_SHORT_FUNCTION else None

@@ -36,14 +36,31 @@ RESTING_PRESSURE_PSI = 1.0
 
 FAULTS = (
     "cell_unplugged",  # status bit 0 of the transmitter
+    "cell_saturated",  # status bit 4 of the transmitter
+    "overload",  # something pulls the gripper down with 250 N
+    "zero_drift",  # the free-hanging reading creeps up, `DRIFT_N_PER_S`
     "transmitter_frozen",  # readings stand still
-    "low_air",  # supply at 20 psi
+    "low_air",  # the mains has 20 psi, its pressure switch is off
+    "leak",  # the closed gripper loses `LEAK_PSI_PER_S`
     "grip_valve_stuck",  # output on, no pressure
+    "vent_valve_stuck",  # output off, the pressure stays
     "lock_sensor_dead",  # lock-closed input stays off
+    "slots_empty",  # the dock's presence inputs are off
     "tool_lost",  # the tool falls off the head
+    "tool_heavy",  # the tool weighs `HEAVY_SHARE` of what the table says
+    "part_dropped",  # a piece of `PART_KG` falls off the tool
     "object_missing",  # nothing on the mount
+    "object_slips",  # the object slips out of the closed fingers
+    "object_sticks",  # the object hangs on the open fingers
     "estop_pressed",
 )
+OVERLOAD_N = 250.0
+DRIFT_N_PER_S = 0.02
+LEAK_PSI_PER_S = 3.0
+HEAVY_SHARE = 1.08
+PART_KG = 0.05
+OBJECT_KG = 0.2
+LOW_AIR_PSI = 20.0
 
 Solver = Callable[[PhysicsRequest], "Future[GraspSimulation]"]
 
@@ -86,6 +103,8 @@ class WorldState:
         self.setup = GraspSetup()
         self.gross_n = 0.0
         self.n_readings = 0
+        self.is_motor_enabled = True
+        self._drift_n = 0.0
         self._lock_output = self._grip_output = self._supply_output = False
         self._lock_moves_until_s: float | None = None
         self._grasp: _Grasp | None = None
@@ -106,7 +125,7 @@ class WorldState:
         if grip and not self._grip_output:
             self._grasp = self._begin_grasp()
         self._grip_output, self._supply_output = grip, supply
-        self.supply_psi = 20.0 if "low_air" in self.faults else setpoint_psi
+        self.supply_psi = setpoint_psi if self.is_supply_ok else LOW_AIR_PSI
 
     def start_job(self, object_id: int, repeat: int) -> None:
         """The host labelled the next grasp: its noise starts here, so that a resumed bench draws the same."""
@@ -130,7 +149,27 @@ class WorldState:
         """Switch a named fault off; unknown or absent faults are ignored."""
         self.faults.discard(fault)
 
+    @property
+    def outputs(self) -> tuple[bool, bool, bool]:
+        """Lock, grip and supply valve as the ladder drives them."""
+        return self._lock_output, self._grip_output, self._supply_output
+
     # What sensors see
+
+    @property
+    def input_state(self) -> tuple[object, ...]:
+        """All that the inputs of the PLC follow from: equal states give equal inputs."""
+        is_lock_moving = self._lock_moves_until_s is not None
+        tool_id = self.tool.tool_id if self.tool is not None else None
+        return (
+            self.dock_slot,
+            self.is_locked,
+            is_lock_moving,
+            tool_id,
+            len(self.docked),
+            self.pressure_psi,
+            frozenset(self.faults),
+        )
 
     @property
     def is_lock_closed(self) -> bool:
@@ -154,7 +193,13 @@ class WorldState:
 
     def is_slot_full(self, slot: int) -> bool:
         """Presence input of a dock slot: also on while a carried tool is seated in it."""
-        return slot in self.docked or (self.tool is not None and self.dock_slot == slot)
+        is_seated = slot in self.docked or (self.tool is not None and self.dock_slot == slot)
+        return is_seated and "slots_empty" not in self.faults
+
+    @property
+    def is_supply_ok(self) -> bool:
+        """Pressure switch of the air mains, before the supply valve."""
+        return "low_air" not in self.faults
 
     @property
     def is_pressure_ok(self) -> bool:
@@ -172,7 +217,7 @@ class WorldState:
         if grasp is None or grasp.curve is None or grasp.closing_since_s is None or self.tool is None:
             return 0.0
         lift_mm = self._head[2] - grasp.z_mm
-        if lift_mm >= grasp.curve.release_lift_mm:
+        if lift_mm >= grasp.curve.release_lift_mm or "object_slips" in self.faults:
             grasp.is_released = True
         if grasp.is_released:
             return 0.0
@@ -184,12 +229,14 @@ class WorldState:
     # Time
 
     def step(self, now_s: float) -> None:
-        """Advance to `now_s`: lock, air, grasp, reading."""
+        """Advance to `now_s`: lock, air, grasp, drift, reading."""
         self._head = self._position_of(now_s)
         duration_s, self._now_s = now_s - self._now_s, now_s
         self._move_lock(now_s)
         self._move_air(duration_s)
         self._move_jaws(now_s)
+        if "zero_drift" in self.faults:
+            self._drift_n += DRIFT_N_PER_S * duration_s
         self._take_reading(now_s)
 
     def _move_lock(self, now_s: float) -> None:
@@ -210,10 +257,13 @@ class WorldState:
     def _move_air(self, duration_s: float) -> None:
         grasp = self._grasp
         is_waiting = grasp is not None and grasp.answer is not None and not grasp.answer.done()
-        if not self._grip_output or "grip_valve_stuck" in self.faults:
+        if "leak" in self.faults and self._grip_output:
+            self.pressure_psi = max(self.pressure_psi - LEAK_PSI_PER_S * duration_s, 0.0)
+            return
+        if "grip_valve_stuck" in self.faults or not (self._grip_output or "vent_valve_stuck" in self.faults):
             target_psi = 0.0
-        elif self._supply_output and not is_waiting:
-            target_psi = self.supply_psi
+        elif self._grip_output and self._supply_output and not is_waiting:
+            target_psi = max(self.supply_psi, self.pressure_psi)
         else:
             target_psi = self.pressure_psi  # trapped by the check valve
         decay = math.exp(-duration_s / AIR_TIME_CONSTANT_S)
@@ -271,11 +321,17 @@ class WorldState:
         self._last_reading = reading
         if "transmitter_frozen" in self.faults:
             return
-        hanging_kg = HEAD_MASS_KG
-        if self.tool is not None and self.dock_slot is None:
-            hanging_kg += self.tool.expected_mass_kg
-        self.gross_n = force_n_from_kg(hanging_kg) + self.grasp_force_n() + noise_n
+        pull_n = OVERLOAD_N if "overload" in self.faults else 0.0
+        self.gross_n = force_n_from_kg(self._hanging_kg()) + self.grasp_force_n() + pull_n + self._drift_n + noise_n
         self.n_readings += 1
+
+    def _hanging_kg(self) -> float:
+        """Mass of head, tool, and what hangs on it."""
+        mass_kg = HEAD_MASS_KG
+        if self.tool is not None and self.dock_slot is None:
+            mass_kg += self.tool.expected_mass_kg * (HEAVY_SHARE if "tool_heavy" in self.faults else 1.0)
+            mass_kg -= PART_KG if "part_dropped" in self.faults else 0.0
+        return mass_kg + (OBJECT_KG if "object_sticks" in self.faults else 0.0)
 
 
 def slots_full(state: WorldState) -> list[bool]:

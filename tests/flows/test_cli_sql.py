@@ -1,6 +1,8 @@
 """`fast sql`: what can be asked, and questions from standard input."""
 
+import csv
 import io
+import json
 
 import pytest
 
@@ -40,3 +42,16 @@ def test_output_options_need_a_query(fast, tmp_path):
 def test_an_empty_query_is_refused(fast, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     assert "exactly one SELECT" in fast.refused("sql", "-")
+
+
+def test_the_suffix_of_a_file_says_its_format(fast, tmp_path):
+    fast("sql", "SELECT 1 AS a", "--out", str(tmp_path / "a.parquet"))
+    fast("sql", "SELECT 1 AS a", "--out", str(tmp_path / "a.csv"))
+    fast("sql", "SELECT 1 AS a", "--out", str(tmp_path / "a.csv"), "--format", "json")
+    assert (tmp_path / "a.parquet").read_bytes().startswith(b"PAR1")
+    assert json.loads((tmp_path / "a.csv").read_text()) == [{"a": 1}]
+
+
+def test_lists_become_json_text_in_a_csv(fast):
+    answer = fast("sql", "SELECT [1.5, NULL] AS a, {'b': 'x'} AS c, NULL::INTEGER[] AS d", "--format", "csv")
+    assert list(csv.reader(io.StringIO(answer.out)))[1] == ["[1.5, null]", '{"b": "x"}', ""]

@@ -93,7 +93,6 @@ def measure(campaign, batch):
     confirm_print(campaign.lake, "small", batch, PrintConfirmation(operator="ada"))
     for tool in campaign.state().tools_of(batch):
         options = {
-            "bench_kind": "virtual",
             "world_hash": "w1",
             "should_stop": lambda: False,
             "on_grasp": lambda _: None,

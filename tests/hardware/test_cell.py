@@ -197,10 +197,13 @@ def test_losing_the_lock_in_a_lift_holds_everything():
         assert peak_force_n(grasps[0].trace) > 3.0, "what was recorded is kept"
         assert bench.pneumatics.is_gripping(), "an object in the air is not dropped"
         assert bench.virtual.state.is_locked
-        assert not bench.plc.read_bit("Y3"), "supply closed"
+        assert bench.plc.read_bit("Y3"), "nothing is switched"
         z_mm = bench.gantry.position_mm()[2]
         bench.clock.sleep(1.0)
         assert bench.gantry.position_mm()[2] == z_mm, "motion is held"
+        with pytest.raises(InterlockError, match="latched in its safe state: The lock sensor went off"):
+            bench.cell.measure_tool(3, [(0, 0)], SETUP, grasps.append, lambda: False)
+        bench.supervisor.acknowledge("test")
         with pytest.raises(InterlockError, match="closed from an earlier grasp"):
             bench.cell.measure_tool(3, [(0, 0)], SETUP, grasps.append, lambda: False)
 
@@ -218,10 +221,10 @@ def test_a_person_recovers_and_the_tool_on_the_head_is_known():
         assert bench.changer.current_slot() is None
 
 
-def test_low_air_opens_again_and_stops_the_batch():
+def test_a_stuck_valve_opens_again_and_stops_the_batch():
     with open_virtual_bench(QUIET, TOOLS, physics) as bench:
-        bench.virtual.state.inject("low_air")
-        grasps = run_into(bench, DeviceError, "has 20 psi 2 s after its valve opened, it needs 28 psi")
+        bench.virtual.state.inject("grip_valve_stuck")
+        grasps = run_into(bench, DeviceError, "has 0 psi 2 s after its valve opened, it needs 28 psi")
         assert [g.status for g in grasps] == ["failed"]
         assert not bench.pneumatics.is_gripping()
 
@@ -270,6 +273,7 @@ def test_a_callback_that_fails_leaves_the_gripper_open():
             bench.cell.measure_tool(3, [(0, 0)], SETUP, full_disk, lambda: False)
         assert not bench.pneumatics.is_gripping()
         grasps = []
+        bench.supervisor.acknowledge("test")
         bench.cell.measure_tool(0, [(0, 0)], SETUP, grasps.append, lambda: False)
         assert grasps[0].status == "ok", "the tool left on the head was docked first"
 

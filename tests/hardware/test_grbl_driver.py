@@ -419,6 +419,35 @@ def test_lost_steps_move_the_carriage_but_not_the_count(homed):
     assert homed.controller.position_mm()[0] == pytest.approx(700, abs=0.01)
 
 
+def test_motors_without_power_stand_still_while_the_controller_counts_on(homed):
+    homed.at(2, lambda: homed.controller.set_motor_enable(False))
+    homed.driver.move(FAR_MM, 40)
+    assert homed.driver.position_mm() == pytest.approx(FAR_MM)
+    stopped = homed.controller.position_mm()
+    assert stopped[0] > 1400
+    assert not homed.controller.is_motor_enabled
+    homed.controller.set_motor_enable(True)
+    assert homed.controller.position_mm() == pytest.approx(stopped)
+    homed.driver.home()
+    homed.driver.move(FAR_MM, 40)
+    assert homed.controller.position_mm() == pytest.approx((700, 800, 120), abs=0.01)
+
+
+def test_motors_that_get_power_back_in_a_move_carry_on_from_where_they_stood(homed):
+    homed.driver.start_jog((-500.0, 0.0, 0.0), 100)
+    homed.clock.sleep(2)
+    homed.controller.inject("motors_off")
+    stopped = homed.controller.position_mm()
+    off_s = homed.clock.now_s()
+    homed.clock.sleep(1)
+    assert homed.controller.position_mm() == pytest.approx(stopped)
+    homed.controller.clear("motors_off")
+    homed.clock.sleep(10)
+    assert homed.controller.position_mm()[0] == pytest.approx(1100, abs=0.5)
+    assert homed.controller.position_mm(off_s + 0.5) == pytest.approx(stopped)
+    assert homed.controller.position_mm(off_s - 1)[0] == pytest.approx(stopped[0] + 100, abs=0.5)
+
+
 def test_unknown_fault_gets_a_hint(pair):
     with pytest.raises(UsageError, match="did you mean silent"):
         pair.controller.inject("silentt")

@@ -8,11 +8,14 @@ from hardware.clock import VirtualClock
 from hardware.laumas.driver import LaumasTransmitter
 from hardware.modbus import tcp_link
 from hardware.virtual.modbus import ModbusServerThread
+from hardware.virtual.pdu import ALL_FUNCTIONS
 from models.errors import DeviceError, UsageError
 
 
 class Memory:
     """A register map that remembers everything and counts its writes."""
+
+    functions = ALL_FUNCTIONS
 
     def __init__(self):
         self.bits: dict[int, bool] = {}
@@ -30,7 +33,7 @@ class Memory:
         self.bits.update(enumerate(values, address))
         return address < 60000
 
-    def write_registers(self, address, values, function_code):
+    def write_registers(self, address, values):
         self.n_writes += 1
         self.words.update(enumerate(values, address))
         return address < 60000
@@ -111,6 +114,12 @@ def test_the_link_recovers_when_the_server_comes_back(link, server, memory):
 def test_a_taken_port_is_a_sentence(server, memory):
     with pytest.raises(DeviceError, match="cannot listen on 127.0.0.1"):
         ModbusServerThread("memory", memory).start(port=server.port)
+
+
+@pytest.mark.parametrize("port", [-1, 65536, 99999])
+def test_a_port_that_does_not_exist_is_a_sentence(memory, port):
+    with pytest.raises(UsageError, match=f"port {port}; ports are 0 .any free one. to 65535"):
+        ModbusServerThread("memory", memory).start(port=port)
 
 
 def test_nobody_at_the_address_is_a_sentence():

@@ -132,9 +132,12 @@ def test_the_locks_of_a_connection_cannot_be_opened(lake, setting):
             "There is no column `peek` in what is queried (text would be 'peek'); near names: ",
         ),
         ("FROM grasp_feature", "There is no table or view `grasp_feature`; did you mean `grasp_features`?"),
+        ("FROM trace((SELECT grasp_id FROM grasps))", "A subquery gave more than one row where one value is needed"),
+        ("FROM grasps WHERE batch = 'B03'", "A batch is a number: write batch = 3"),
+        ("SELECT order FROM grasps", "This is not SQL that DuckDB understands; `order` is a word of SQL"),
     ],
 )
-def test_a_wrong_name_is_answered_with_near_ones(lake, sql, sentence):
+def test_a_slip_is_answered_with_what_was_meant(lake, sql, sentence):
     assert refusal(lake, sql).startswith(sentence)
 
 

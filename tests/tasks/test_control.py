@@ -1,11 +1,21 @@
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 
-from models.errors import FastError
-from tasks.control import append_event, exclusive, is_held, requested_verb
+from hardware.safety import EmergencyStopError, StopAskedError, Verb
+from models.errors import FastError, LakeError
+from tasks.control import (
+    append_event,
+    exclusive,
+    is_held,
+    requested_verb,
+    require_acknowledgement,
+    require_room,
+    verbs_noted,
+)
 from tasks.pool import WorkerPool
 
 
@@ -83,3 +93,33 @@ def _is_alive(pid: int) -> bool:
             return file.read().rsplit(")", 1)[1].split()[0] != "Z"
     except FileNotFoundError:
         return False
+
+
+def test_an_emergency_stop_is_noted_and_waits_for_a_person(campaign):
+    lake = campaign.lake
+    append_event(lake, "small", "started", "")
+    with pytest.raises(EmergencyStopError), verbs_noted(lake, "small"):
+        raise EmergencyStopError("The emergency stop was pressed.")
+    assert requested_verb(lake, "small") is Verb.ESTOP
+    with pytest.raises(FastError, match="does not go on by itself.*--acknowledge; nothing was moved"):
+        require_acknowledgement(lake, "small", is_acknowledged=False)
+    require_acknowledgement(lake, "small", is_acknowledged=True)
+    append_event(lake, "small", "started", "")
+    require_acknowledgement(lake, "small", is_acknowledged=False)
+
+
+@pytest.mark.parametrize("verb", [Verb.STOP, Verb.ABORT])
+def test_a_persons_stop_is_a_normal_end(campaign, verb):
+    append_event(campaign.lake, "small", verb, "")
+    with verbs_noted(campaign.lake, "small"):
+        raise StopAskedError(verb)
+    assert requested_verb(campaign.lake, "small") is verb
+    require_acknowledgement(campaign.lake, "small", is_acknowledged=False)
+
+
+def test_a_disk_that_is_nearly_full_is_named_before_the_next_grasp(campaign, monkeypatch):
+    with exclusive(campaign.lake, "gantry", "busy"):
+        require_room(campaign.lake)
+        monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=12e6))
+        with pytest.raises(LakeError, match="has 12 MB left, limit 100 MB; the bench stopped before the next grasp"):
+            require_room(campaign.lake)

@@ -1,14 +1,16 @@
 import numpy as np
 import pytest
 
-from lake.tables import GraspRow, SimulationRow
+from lake.tables import GraspRow, SimulationRow, TraceRow
 from models.ids import canonical_json
+from tasks.campaign import Campaign
 from tasks.observing import observe
 from tasks.printing import PrintConfirmation, confirm_print
 from tasks.proposing import fit, propose_initial, propose_simulation, propose_tools
+from tasks.settings import Schedule
 
 
-def append_grasp(campaign, tool, object_id, repeat, peak_force_n, attempt=0, status="ok"):
+def append_grasp(campaign, tool, object_id, repeat, peak_force_n, attempt=0, status="ok", bench="virtual"):
     setup = campaign.config.grasp
     row = GraspRow(
         grasp_id=GraspRow.make_id(tool.tool_id, object_id, repeat, attempt),
@@ -24,9 +26,10 @@ def append_grasp(campaign, tool, object_id, repeat, peak_force_n, attempt=0, sta
         peak_force_n=peak_force_n if status == "ok" else None,
         setup_id=setup.setup_id,
         setup_json=canonical_json(setup.model_dump()),
-        bench="virtual",
+        bench=bench,
     )
-    campaign.lake.append([row], campaign.provenance())
+    trace = TraceRow(grasp_id=row.grasp_id, time_s=[0.0], lift_mm=[0.0], force_n=[peak_force_n])
+    campaign.lake.append([trace, row], campaign.provenance())
 
 
 def append_simulation(campaign, design, object_id, peak_force_n):
@@ -86,6 +89,21 @@ def test_rejected_tools_owe_nothing(campaign):
     state, plan = campaign.state(), campaign.config.objects.cells(0)
     assert state.missing_grasps(state.tools_of(1)[0], plan, 2) == []
     assert len(state.missing_grasps(state.tools_of(1)[1], plan, 2)) == 4
+
+
+def test_a_tool_that_left_a_real_rack_owes_nothing(campaign):
+    """In its slot stands another tool now: a lost grasp of it would be measured with that one."""
+    config = campaign.config.model_copy(update={"schedule": Schedule(initial_tools=4, tools_per_batch=2)})
+    campaign = Campaign(campaign.lake, config)
+    propose_initial(campaign)
+    for batch in (1, 2):
+        confirm_print(campaign.lake, "small", batch, PrintConfirmation(operator="ada"))
+    first, second = (campaign.state().tools_of(batch)[0] for batch in (1, 2))
+    plan = campaign.config.objects.cells(0)
+    for bench, n_owed in (("virtual", 4), ("real", 0)):
+        append_grasp(campaign, second, 4, 0, 10.0, bench=bench)
+        assert len(campaign.state().missing_grasps(first, plan, 2)) == n_owed
+        assert campaign.state().missing_grasps(second, plan, 2) == plan[1:]
 
 
 def test_observations_are_means_over_objects(measured):

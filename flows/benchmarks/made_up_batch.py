@@ -1,0 +1,85 @@
+"""A batch of tools for studies of the bench: confirmed on a lake of its own, measured with made-up grasps."""
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+
+from flows.benchmarks.fingerprints import Label, fingerprint
+from hardware.bench import Bench, open_virtual_bench
+from hardware.cell import MeasuredGrasp
+from hardware.tools import MountedTool
+from hardware.world.spec import World
+from lake.store import Lake
+from tasks.campaign import Campaign
+from tasks.config import CampaignConfig
+from tasks.measuring import measure_batch, measure_tool, planned_cells
+from tasks.printing import PrintConfirmation, confirm_print
+from tasks.proposing import propose_initial
+from tasks.state import ProposedTool
+
+CAMPAIGN_ID = "study"
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What is measured: one tray of tools, each on these objects, so many times."""
+
+    n_tools: int
+    object_ids: tuple[int, ...]
+    n_repeats: int
+
+    @property
+    def config(self) -> CampaignConfig:
+        """The campaign of this batch alone."""
+        schedule = {
+            "initial_tools": self.n_tools,
+            "tools_per_batch": self.n_tools,
+            "initial_simulations": 0,
+            "guided_batches": 0,
+        }
+        objects = {"ids": self.object_ids, "repeats": self.n_repeats, "order": "random"}
+        data = {"name": CAMPAIGN_ID, "schedule": schedule, "objects": objects, "bench": {"world": ""}}
+        return CampaignConfig.model_validate(data)
+
+    @property
+    def labels(self) -> list[Label]:
+        """Every grasp that the batch needs."""
+        tools = [f"{CAMPAIGN_ID}/B01T{slot}" for slot in range(self.n_tools)]
+        return [(tool, o, repeat) for tool in tools for o in self.object_ids for repeat in range(self.n_repeats)]
+
+    def open(self, root: Path) -> Campaign:
+        """The campaign on the lake at `root`, which must be there."""
+        return Campaign(Lake.open(root), self.config)
+
+    def make(self, root: Path) -> Campaign:
+        """The campaign on a new lake, its tools proposed and confirmed as printed."""
+        campaign = Campaign(Lake.open(root, create=True), self.config)
+        propose_initial(campaign)
+        word = PrintConfirmation(operator="nobody", confirmed_by="auto")
+        confirm_print(campaign.lake, CAMPAIGN_ID, 1, word)
+        return campaign
+
+
+def measure_missing(
+    campaign: Campaign,
+    world: World,
+    on_grasp: Callable[[ProposedTool, MeasuredGrasp], None],
+    should_stop: Callable[[], bool] = lambda: False,
+) -> None:
+    """What a campaign does with a confirmed batch: go on where the lake says it stands, in lockstep."""
+    state, limit = campaign.state(), campaign.config.execution.max_grasp_attempts
+    tools = [t for t in state.tools_of(1) if state.missing_grasps(t, planned_cells(campaign, t), limit)]
+    if not tools:
+        return
+
+    def open_bench(mounted: Sequence[ProposedTool]) -> AbstractContextManager[Bench]:
+        rack = {tool.slot: MountedTool(tool.tool_id, tool.design) for tool in mounted}
+        return open_virtual_bench(world, rack, physics=fingerprint, wires="memory")
+
+    def measure(bench: Bench, tool: ProposedTool, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
+        measure_tool(
+            campaign, bench, tool, world_hash=world.world_hash, should_stop=should_stop, on_grasp=on_tool_grasp
+        )
+
+    measure_batch(campaign, tools, open_bench, measure, should_stop=should_stop, on_grasp=on_grasp)

@@ -22,7 +22,8 @@ from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_b
 from hardware.cell import MeasuredGrasp
 from hardware.safety import Verb
 from hardware.tools import MountedTool
-from hardware.world.physics import PhysicsRequest, simulate_request
+from hardware.world.physics import PhysicsCache, PhysicsRequest, simulate_request
+from hardware.world.physics_files import PhysicsFiles
 from hardware.world.spec import World
 from models.features import peak_force_n
 from models.records import GraspSimulation
@@ -47,7 +48,7 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
     session = Session(
         campaign=campaign,
         pool=simulations,
-        open_bench=functools.partial(_open_bench, campaign, setup, physics),
+        open_bench=functools.partial(_open_bench, campaign, setup, _kept_physics(campaign, physics)),
         world_hash=setup.world_hash if isinstance(setup, World) else None,
         auto_print=auto_print,
         on_grasp=functools.partial(_tell_grasp, progress),
@@ -86,12 +87,11 @@ def _emit(voice: Voice, line: str) -> None:
 
 @contextmanager
 def _open_bench(
-    campaign: Campaign, setup: World | BenchSettings, physics: WorkerPool, tools: Sequence[ProposedTool]
+    campaign: Campaign, setup: World | BenchSettings, physics: PhysicsCache, tools: Sequence[ProposedTool]
 ) -> Iterator[Bench]:
     mounted = {tool.slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
     if isinstance(setup, World):
-        solve = functools.partial(_solve_in_worker, physics)
-        with open_virtual_bench(setup, mounted, physics=solve, wires="memory") as bench:
+        with open_virtual_bench(setup, mounted, physics=physics, wires="memory") as bench:
             yield bench
         return
     logs = bench_log_folder(campaign.lake)
@@ -99,6 +99,12 @@ def _open_bench(
         told = f"bench connected and homed; wire logs {bench.wire_session} in {logs}"
         append_event(campaign.lake, campaign.campaign_id, "bench_opened", told, wire_log=bench.wire_session)
         yield bench
+
+
+def _kept_physics(campaign: Campaign, pool: WorkerPool) -> PhysicsCache:
+    """The physics of the campaign's world, solved in the pool, once, and kept beside the lake's tables."""
+    files = PhysicsFiles(campaign.lake.root / ".state" / "physics")
+    return PhysicsCache(functools.partial(_solve_in_worker, pool), files)
 
 
 def _solve_in_worker(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulation:

@@ -1,6 +1,7 @@
 """What is mounted in the dock, and what it should weigh."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from models.records import Design
 
@@ -17,7 +18,7 @@ class MountedTool:
     design: Design
     mass_kg: float | None = None
 
-    @property
+    @cached_property
     def expected_mass_kg(self) -> float:
         """Mass that the load cell should gain when the tool is picked up."""
         return self.mass_kg if self.mass_kg is not None else estimate_tool_mass_kg(self.design)

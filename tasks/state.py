@@ -117,7 +117,7 @@ def _tool(campaign_id: str, row: dict, designs: dict[str, Design]) -> ProposedTo
 _PROGRESS = f"""
     SELECT tool_id, object_id, repeat, attempt, status = 'ok' AS is_good,
         grasp_id IN (SELECT grasp_id FROM raw_traces) AS has_trace,
-        coalesce(details_json ->> '$.end' = '{BENCH_FAULT}', false) AS is_cut_short
+        coalesce(CASE WHEN status <> 'ok' THEN details_json ->> '$.end' END = '{BENCH_FAULT}', false) AS is_cut_short
     FROM grasps WHERE campaign_id = ? ORDER BY attempt
 """  # of traces the index has the ids, and they need not be read
 

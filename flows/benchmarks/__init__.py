@@ -7,7 +7,7 @@ from flows.benchmarks.base import Benchmark, Options, Tables
 from flows.benchmarks.bench import measure_bench
 from flows.benchmarks.fanout import measure_fanout
 from flows.benchmarks.grasp import measure_grasp
-from flows.benchmarks.kills import measure_kills
+from flows.benchmarks.kills import measure_host_kills, measure_kills
 from flows.benchmarks.lake import measure_lake
 from flows.benchmarks.profile import measure_profile
 from flows.benchmarks.propose import measure_propose
@@ -44,4 +44,5 @@ BENCHMARKS: dict[str, Benchmark] = {
     "lake": _sampled(measure_lake, frozenset({"grasps"})),
     "bench": _sampled(measure_bench, _SAMPLE),
     "kills": _sampled(measure_kills, frozenset({"n"})),
+    "host-kills": _sampled(measure_host_kills, frozenset({"n"})),
 }

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from flows.benchmarks.base import Options, Rows, Tables
-from flows.benchmarks.outcomes import Outcome, solver_id
+from flows.benchmarks.outcomes import Outcome
 from flows.benchmarks.study import cases_of, run_study
 from flows.benchmarks.summary import Key, completed, failures_by_reason
+from hardware.world.solver_code import solver_id
 from models.objects.catalogue import OBJECTS
 
 TIERS = ("production", "screening")

@@ -1,7 +1,8 @@
-"""A batch whose process is killed at random moments and started again: what the lake holds in the end.
+"""A batch whose processes are killed at random moments and started again: what the lake holds in the end.
 
 Every life of the batch is a process of its own that does what `fast campaign run` does with a confirmed batch: the
-whole bench in lockstep with its servers and drivers, grasps to the lake. The killer only knows when a life began.
+whole bench with its devices and drivers, grasps to the lake. The killer only knows when a life began. The grasps are
+made up, and their force says what was really gripped (`flows.benchmarks.fingerprints`).
 """
 
 import multiprocessing
@@ -10,35 +11,34 @@ import random
 import signal
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
-from itertools import count, pairwise
+from functools import partial
+from itertools import count
 from pathlib import Path
 from threading import Event
-from typing import Any
+from typing import Protocol
 
 from flows.benchmarks.base import Options, Tables
-from flows.benchmarks.fingerprints import Label, fingerprint_world, label_problem
-from flows.benchmarks.made_up_batch import CAMPAIGN_ID, Batch, measure_missing
+from flows.benchmarks.fingerprints import fingerprint_world
+from flows.benchmarks.kill_judge import Found, Told, judge
+from flows.benchmarks.made_up_batch import CAMPAIGN_ID, Batch, lockstep_bench, measure_missing
+from flows.benchmarks.outside_bench import OutsideDevices, open_outside_bench
 from hardware.cell import MeasuredGrasp
 from hardware.world.spec import World
-from lake.maintenance import check
-from lake.store import Lake
-from lake.tables import EventRow, GraspRow, Row, TraceRow
 from models.errors import FastError
-from models.features import peak_force_n
-from tasks.campaign import Campaign
 from tasks.control import append_event
-from tasks.measuring import planned_cells
+from tasks.measuring import OpenBench
 from tasks.state import ProposedTool
 
-N_KILLS = 200
+N_KILLS, N_HOST_KILLS = 200, 40
 N_TIMED = 3  # grasps of the first life, which nobody kills
-LIFE_GRASPS = 1.5  # a life lasts at most as long as opening the bench and this many grasps
+OPENING_SHARE = 0.2  # of the kills; the others come while grasps are made
+LIFE_GRASPS = 2.0  # a life ends at the latest so many grasps after the bench is open
 N_REPEATS = 2
 N_TOOLS = 10
+DEVICES_EVERY = 4  # this one kills the devices, and the host has to end by itself
 SEED = 20261121
+FAILED = 1  # exit status of a host that found its devices gone
 
 
 def batch_of_about(n_grasps: int) -> Batch:
@@ -48,41 +48,33 @@ def batch_of_about(n_grasps: int) -> Batch:
     return Batch(n_tools, tuple((7 * k) % 36 for k in range(n_objects)), N_REPEATS)
 
 
-@dataclass
-class Told:
-    """What the lives of a batch told their killer before they died: each a line in a file."""
-
-    path: Path
-
-    def tell(self, *words: object) -> None:
-        """Add a line; it is whole or not there."""
-        out = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
-        os.write(out, (" ".join(map(str, words)) + "\n").encode())
-        os.close(out)
-
-    def lines(self, kind: str) -> list[list[str]]:
-        """Words of the lines that begin with `kind`, without it."""
-        text = self.path.read_text() if self.path.exists() else ""
-        return [line.split()[1:] for line in text.splitlines() if line.split()[0] == kind]
-
-
 def measure_kills(options: Options) -> Tables:
-    """A lockstep batch killed at random moments and continued: grasps complete, double, mislabelled; --n chooses."""
+    """A lockstep batch killed 200 times at random moments: grasps missing, double, mislabelled; --n chooses."""
+    return _study(kill_often, options.n or N_KILLS, options)
+
+
+def measure_host_kills(options: Options) -> Tables:
+    """As `kills`, with devices that live on when the host dies, or die with the host alive; 40 kills, --n chooses."""
+    return _study(kill_outside, options.n or N_HOST_KILLS, options)
+
+
+class Killer(Protocol):
+    """Measures the batch of a folder under so many kills; runs in a process of its own and forks the lives."""
+
+    def __call__(self, folder: Path, batch: Batch, n_kills: int) -> None:
+        """Until the batch is complete."""
+
+
+def _study(killer: Killer, n_kills: int, options: Options) -> Tables:
     with tempfile.TemporaryDirectory(prefix="fast-kills-") as folder:
-        found = kill_and_continue(Path(folder), options.n or N_KILLS, options.tell)
+        found = kill_and_continue(Path(folder), n_kills, killer, options.tell)
     problems = [{"problem": problem} for problem in found.problems]
-    return {"kills": [found.row], "problems": problems or [{"problem": "none"}]}
+    return {"kills": [dict(found.row)], "problems": problems or [{"problem": "none"}]}
 
 
-@dataclass(frozen=True)
-class Found:
-    """What a killed batch left: a row of numbers, and everything that is not as it must be."""
-
-    row: dict[str, float]
-    problems: list[str]
-
-
-def kill_and_continue(folder: Path, n_kills: int, tell: Callable[[str], None] = lambda line: None) -> Found:
+def kill_and_continue(
+    folder: Path, n_kills: int, killer: Killer, tell: Callable[[str], None] = lambda line: None
+) -> Found:
     """Measure a batch under `n_kills` kills in `folder`, then judge the lake.
 
     Raises:
@@ -90,37 +82,86 @@ def kill_and_continue(folder: Path, n_kills: int, tell: Callable[[str], None] = 
     """
     batch, told = batch_of_about(n_kills), Told(folder / "told.txt")
     tell(f"a batch of {len(batch.labels)} grasps, killed {n_kills} times")
-    killer = multiprocessing.get_context("spawn").Process(target=_kill_often, args=(folder, batch, n_kills))
+    process = multiprocessing.get_context("spawn").Process(target=killer, args=(folder, batch, n_kills))
     started = time.monotonic()
-    killer.start()
-    killer.join()
-    if killer.exitcode != 0:
+    process.start()
+    process.join()
+    if process.exitcode != 0:
         log = (folder / "log.txt").read_text()
         raise FastError(f"a life of the batch failed instead of being killed:\n{log}")
-    return _judge(folder / "lake", batch, told, time.monotonic() - started)
+    found = judge(folder / "lake", batch, fingerprint_world(batch.labels), told)
+    return Found({**found.row, "wall_s": time.monotonic() - started}, found.problems)
 
 
-# The killer and its victims
+# The killers
 
 
-def _kill_often(folder: Path, batch: Batch, n_kills: int) -> None:
-    """Time one life, then start and kill others; the last one ends the batch. Opens no lake: it only forks."""
-    random_, told, world = random.Random(SEED), Told(folder / "told.txt"), fingerprint_world(batch.labels)
-    _wait(_fork(folder, lambda: batch.make(folder / "lake")))
-    started = time.monotonic()
-    _wait(_fork(folder, lambda: _live(folder, batch, world, N_TIMED)))
-    first_s = float(told.lines("grasp")[0][0]) - started
-    grasp_s = (float(told.lines("grasp")[-1][0]) - started - first_s) / (N_TIMED - 1)
-    n_killed = 0
-    while n_killed < n_kills:
-        pid = _fork(folder, lambda: _live(folder, batch, world))
-        time.sleep(random_.uniform(0.0, first_s + LIFE_GRASPS * grasp_s))
+def kill_often(folder: Path, batch: Batch, n_kills: int) -> None:
+    """Kill the process of a lockstep batch, in which host and devices are one."""
+    world = fingerprint_world(batch.labels)
+    live = partial(_live, folder, batch, world, partial(lockstep_bench, world))
+    moments, told = _begin(folder, batch, live), Told(folder / "told.txt")
+    for _ in range(n_kills):
+        pid = _fork(folder, live)
+        time.sleep(next(moments))
         os.kill(pid, signal.SIGKILL)
         if not _wait(pid, may_be_killed=True):
             break  # the batch is complete
-        n_killed += 1
         told.tell("killed")
-    _wait(_fork(folder, lambda: _live(folder, batch, world)))
+    _wait(_fork(folder, live))
+
+
+def kill_outside(folder: Path, batch: Batch, n_kills: int) -> None:
+    """Kill hosts of devices that live on, and now and then the devices of a host that lives on."""
+    world, told = fingerprint_world(batch.labels), Told(folder / "told.txt")
+    devices = OutsideDevices(folder, batch, world)
+    live = partial(_live, folder, batch, world, partial(open_outside_bench, devices.addresses, told.tell))
+    try:
+        moments = _begin(folder, batch, live, devices.start)
+        for turn in range(1, n_kills + 1):
+            pid = _fork(folder, live)
+            time.sleep(next(moments))
+            if turn % DEVICES_EVERY == 0:
+                devices.kill()
+                is_hit = _wait(pid, may_fail=True)
+                devices.start()
+            else:
+                os.kill(pid, signal.SIGKILL)
+                is_hit = _wait(pid, may_be_killed=True)
+            if not is_hit:
+                break  # the batch is complete
+            told.tell("killed")
+        _wait(_fork(folder, live))
+    finally:
+        devices.kill()
+
+
+class _Moments:
+    """When to kill a life, in seconds after it began."""
+
+    def __init__(self, open_s: float, grasp_s: float) -> None:
+        self._random = random.Random(SEED)
+        self._open_s, self._grasp_s = open_s, grasp_s
+
+    def __next__(self) -> float:
+        """Some while the bench is opened, the others while grasps are made."""
+        if self._random.random() < OPENING_SHARE:
+            return self._random.uniform(0.0, self._open_s)
+        return self._open_s + self._random.uniform(0.0, LIFE_GRASPS * self._grasp_s)
+
+
+def _begin(
+    folder: Path, batch: Batch, live: Callable[..., None], prepare: Callable[[], None] = lambda: None
+) -> _Moments:
+    """Make the lake, and time the first life, which nobody kills."""
+    told = Told(folder / "told.txt")
+    _wait(_fork(folder, lambda: batch.make(folder / "lake")))
+    prepare()
+    started = time.monotonic()
+    _wait(_fork(folder, partial(live, max_grasps=N_TIMED)))
+    made_at_s = [float(words[0]) - started for words in told.lines("grasp")]
+    grasp_s = (made_at_s[-1] - made_at_s[0]) / (N_TIMED - 1)
+    return _Moments(max(made_at_s[0] - grasp_s, 0.0), grasp_s)
 
 
 def _fork(folder: Path, work: Callable[[], object]) -> int:
@@ -135,21 +176,20 @@ def _fork(folder: Path, work: Callable[[], object]) -> int:
         os._exit(0)
     except BaseException as error:  # a copy of the killer must not go on as the killer
         os.write(2, f"{type(error).__name__}: {error}\n".encode())
-        raise
     finally:
-        os._exit(1)
+        os._exit(FAILED)
 
 
-def _wait(pid: int, *, may_be_killed: bool = False) -> bool:
-    """Wait for a life to end; True if it was killed. One that failed ends the killer too."""
+def _wait(pid: int, *, may_be_killed: bool = False, may_fail: bool = False) -> bool:
+    """Wait for a life to end; True if it was killed or failed as it may. Any other end but a good one ends all."""
     _, status = os.waitpid(pid, 0)
-    is_killed = os.WIFSIGNALED(status)
-    if (is_killed and not may_be_killed) or os.waitstatus_to_exitcode(status) > 0:
+    is_hit = (may_be_killed and os.WIFSIGNALED(status)) or (may_fail and os.waitstatus_to_exitcode(status) == FAILED)
+    if not is_hit and status != 0:
         raise SystemExit(3)
-    return is_killed
+    return is_hit
 
 
-def _live(folder: Path, batch: Batch, world: World, max_grasps: int | None = None) -> None:
+def _live(folder: Path, batch: Batch, world: World, open_bench: OpenBench, max_grasps: int | None = None) -> None:
     """What the same command does each time."""
     told, campaign, n_made = Told(folder / "told.txt"), batch.open(folder / "lake"), count(1)
     append_event(campaign.lake, CAMPAIGN_ID, "started", "started or continued")
@@ -157,100 +197,8 @@ def _live(folder: Path, batch: Batch, world: World, max_grasps: int | None = Non
     is_enough = Event()
 
     def on_grasp(tool: ProposedTool, grasp: MeasuredGrasp) -> None:
-        told.tell("grasp", time.monotonic(), tool.tool_id, grasp.object_id, grasp.repeat)
+        told.tell("grasp", time.monotonic(), tool.tool_id, grasp.object_id, grasp.repeat, grasp.status)
         if next(n_made) == max_grasps:
             is_enough.set()
 
-    measure_missing(campaign, world, on_grasp, is_enough.is_set)
-
-
-# The judge
-
-
-def _judge(root: Path, batch: Batch, told: Told, wall_s: float) -> Found:
-    lake, n_killed = Lake.open(root), len(told.lines("killed"))
-    grasps = sorted(lake.rows(GraspRow, campaign_id=CAMPAIGN_ID), key=lambda row: row["order"])
-    events = lake.rows(EventRow, campaign_id=CAMPAIGN_ID)
-    n_written = _count(lake, GraspRow)
-    problems = [
-        *_set_problems(batch, grasps, n_written),
-        *_order_problems(Campaign(lake, batch.config), grasps),
-        *_content_problems(lake, fingerprint_world(batch.labels), grasps),
-        *_story_problems(events, told),
-        *(finding.message for finding in check(lake)),
-    ]
-    row = {
-        "kills": n_killed,
-        "grasps": len(grasps),
-        "lives_that_made_none": n_killed - _n_lives_with_grasps(told),
-        "died_between_trace_and_row": _count(lake, TraceRow) - n_written,
-        "died_while_writing": len(list(root.rglob(".writing-*"))),
-        "missing": len(set(batch.labels) - {_label(grasp) for grasp in grasps}),
-        "made_twice": n_written - len({_label(grasp) for grasp in grasps}),
-        "problems": len(problems),
-        "wall_s": wall_s,
-    }
-    return Found(row, problems)
-
-
-def _set_problems(batch: Batch, grasps: list[dict[str, Any]], n_written: int) -> list[str]:
-    """Every grasp once, good at the first attempt, and none that was in the lake made again."""
-    found = Counter(_label(grasp) for grasp in grasps)
-    problems = [f"{label} is missing" for label in sorted(set(batch.labels) - set(found))]
-    problems += [f"{label} is there {n} times" for label, n in found.items() if n > 1 or label not in batch.labels]
-    problems += [f"{_label(g)} is {g['status']}: {g['reason']}" for g in grasps if g["status"] != "ok" or g["attempt"]]
-    if n_written != len(grasps):
-        problems.append(f"{n_written} grasps were written for {len(grasps)}")
-    return problems
-
-
-def _order_problems(campaign: Campaign, grasps: list[dict[str, Any]]) -> list[str]:
-    """Places from 0 on without gap or double, in the planned order and the order of time."""
-    problems = []
-    if [grasp["order"] for grasp in grasps] != list(range(len(grasps))):
-        problems.append(f"the places of the grasps are {[grasp['order'] for grasp in grasps]}")
-    planned = [(tool.tool_id, *cell) for tool in campaign.state().tools_of(1) for cell in planned_cells(campaign, tool)]
-    if [_label(grasp) for grasp in grasps] != planned:
-        problems.append("the grasps were not made in the planned order")
-    for before, after in pairwise(grasps):
-        if before["started_at"] >= after["started_at"]:
-            problems.append(f"{_label(after)} began before {_label(before)}, which comes before it")
-    return problems
-
-
-def _content_problems(lake: Lake, world: World, grasps: list[dict[str, Any]]) -> list[str]:
-    """The force of every grasp says the label under which it is stored, and its scalars are of its trace."""
-    problems = []
-    for grasp in grasps:
-        trace = lake.trace(grasp["grasp_id"])
-        problems.append(label_problem(world, _label(grasp), trace))
-        if peak_force_n(trace) != grasp["peak_force_n"]:
-            problems.append(f"{_label(grasp)} has the peak of another trace")
-    return [problem for problem in problems if problem]
-
-
-def _story_problems(events: list[dict[str, Any]], told: Told) -> list[str]:
-    """A line for every life that came that far, and at most one for the end (a kill may come between)."""
-    kinds = Counter(event["kind"] for event in events)
-    problems = []
-    n_started, n_lives = len(told.lines("started")), len(told.lines("killed")) + 2
-    if not n_started <= kinds["started"] <= n_lives:
-        problems.append(f"{kinds['started']} events of a start for {n_lives} lives, {n_started} of which told of it")
-    if kinds["batch_measured"] > 1:
-        problems.append(f"the batch was measured {kinds['batch_measured']} times")
-    return problems
-
-
-def _label(grasp: dict[str, Any]) -> Label:
-    return grasp["tool_id"], grasp["object_id"], grasp["repeat"]
-
-
-def _count(lake: Lake, table: type[Row]) -> int:
-    """Rows of a table that were ever written, replaced ones too."""
-    return int(lake.query(f"SELECT count(*) AS n FROM raw_{table.table}")["n"][0].as_py())
-
-
-def _n_lives_with_grasps(told: Told) -> int:
-    """How many lives told of a grasp."""
-    text = told.path.read_text().split("killed")
-    return sum("grasp" in life for life in text[:-1])
+    measure_missing(campaign, world, on_grasp, is_enough.is_set, open_bench)

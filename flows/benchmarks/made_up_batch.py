@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from flows.benchmarks.fingerprints import Label, fingerprint
@@ -13,7 +14,7 @@ from hardware.world.spec import World
 from lake.store import Lake
 from tasks.campaign import Campaign
 from tasks.config import CampaignConfig
-from tasks.measuring import measure_batch, measure_tool, planned_cells
+from tasks.measuring import OpenBench, measure_batch, measure_tool, planned_cells
 from tasks.printing import PrintConfirmation, confirm_print
 from tasks.proposing import propose_initial
 from tasks.state import ProposedTool
@@ -61,25 +62,33 @@ class Batch:
         return campaign
 
 
+def rack_of(tools: Sequence[ProposedTool]) -> dict[int, MountedTool]:
+    """The tools by slot, as a bench is told of them."""
+    return {tool.slot: MountedTool(tool.tool_id, tool.design) for tool in tools}
+
+
+def lockstep_bench(world: World, mounted: Sequence[ProposedTool]) -> AbstractContextManager[Bench]:
+    """A bench of this process, with made-up grasps."""
+    return open_virtual_bench(world, rack_of(mounted), physics=fingerprint, wires="memory")
+
+
 def measure_missing(
     campaign: Campaign,
     world: World,
     on_grasp: Callable[[ProposedTool, MeasuredGrasp], None],
     should_stop: Callable[[], bool] = lambda: False,
+    open_bench: OpenBench | None = None,
 ) -> None:
-    """What a campaign does with a confirmed batch: go on where the lake says it stands, in lockstep."""
+    """What a campaign does with a confirmed batch: go on where the lake says it stands, in lockstep by default."""
     state, limit = campaign.state(), campaign.config.execution.max_grasp_attempts
     tools = [t for t in state.tools_of(1) if state.missing_grasps(t, planned_cells(campaign, t), limit)]
     if not tools:
         return
-
-    def open_bench(mounted: Sequence[ProposedTool]) -> AbstractContextManager[Bench]:
-        rack = {tool.slot: MountedTool(tool.tool_id, tool.design) for tool in mounted}
-        return open_virtual_bench(world, rack, physics=fingerprint, wires="memory")
 
     def measure(bench: Bench, tool: ProposedTool, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
         measure_tool(
             campaign, bench, tool, world_hash=world.world_hash, should_stop=should_stop, on_grasp=on_tool_grasp
         )
 
-    measure_batch(campaign, tools, open_bench, measure, should_stop=should_stop, on_grasp=on_grasp)
+    opened = open_bench or partial(lockstep_bench, world)
+    measure_batch(campaign, tools, opened, measure, should_stop=should_stop, on_grasp=on_grasp)

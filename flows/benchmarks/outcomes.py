@@ -1,20 +1,16 @@
 """Outcomes of simulated grasps as JSON lines: a file that a killed benchmark leaves whole and continues."""
 
-import hashlib
 import threading
 from collections.abc import Collection
-from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Literal, Self
 
 from pydantic import ValidationError
 
-import models
+from hardware.world.solver_code import solver_id
 from models.errors import UsageError
 from models.records import Record
-
-_SOLVER_SOURCES = ("effects", "fem", "geometry", "mesh", "objects", "features.py", "records.py")
 
 
 class Outcome(Record):
@@ -109,21 +105,6 @@ def read_outcomes(path: Path | None, lasting_tiers: Collection[str] = ()) -> dic
         if outcome.solver == solver_id() or outcome.tier in lasting_tiers:
             found[outcome.simulation_id] = outcome
     return found
-
-
-@cache
-def solver_id() -> str:
-    """Id of the source code that decides a simulated number, 12 hex digits."""
-    root = Path(models.__file__).parent
-    sources = sorted(file for name in _SOLVER_SOURCES for file in _python_files(root / name))
-    digest = hashlib.sha256()
-    for file in sources:
-        digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
-    return digest.hexdigest()[:12]
-
-
-def _python_files(path: Path) -> list[Path]:
-    return [path] if path.is_file() else list(path.rglob("*.py"))
 
 
 def _drop_torn_line(path: Path) -> None:

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from flows.benchmarks.base import Options
-from flows.benchmarks.outcomes import Outcome, OutcomeFile, read_outcomes, solver_id
+from flows.benchmarks.outcomes import Outcome, OutcomeFile, read_outcomes
 from flows.benchmarks.tiers import WEDGE_REFINEMENT, version_of
 from flows.benchmarks.wedges import wedge_mesh
+from hardware.world.solver_code import solver_id
 from lake.tables import SimulationRow
 from models.design_space import BEST_PUBLISHED, numbered_design
 from models.objects.catalogue import get_object

@@ -54,8 +54,9 @@ class ClickPlc:
     def connect(self) -> None:
         """Open the connection, prove that the ladder scans, begin a session, and start the heartbeat.
 
-        Requests that a crashed host left behind are taken back first: with the heartbeat the ladder would obey them.
-        No valve moves by that, except that an open air supply closes.
+        Requests that a crashed host left on are taken back first: the ladder would obey them for ever. A lock request
+        keeps the tool from being docked, a grip request closes the jaws after each vent. No valve moves by that, except
+        that an open air supply closes.
 
         Raises:
             LinkLostError: no answer.

@@ -138,7 +138,8 @@ class VirtualBench:
 
     def _advance(self, now_s: float) -> None:
         """Bring world, ladder and transmitter to `now_s`; the caller holds the clock's lock."""
-        self._inject_due(now_s)
+        if self._due:
+            self._inject_due(now_s)
         self.state.step(now_s)
         self.plc.scan(now_s)
         self.transmitter.step(now_s)

@@ -7,6 +7,7 @@ is drawn from (world seed, tool, object, repeat), so a resumed bench measures wh
 import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -55,7 +56,8 @@ Physics = Callable[[PhysicsRequest], GraspSimulation]
 def build_request(world: World, tool_id: str, design: Design, object_id: int, setup: GraspSetup) -> PhysicsRequest:
     """The request of a world for one tool on one object, with the object's placement drawn."""
     draws = _rng(world, "placement", tool_id, object_id).standard_normal(2)
-    offset_x_mm, offset_z_mm = (float(value) for value in world.scatter.placement_sd_mm * np.clip(draws, -3, 3))
+    offsets_mm = world.scatter.placement_sd_mm * np.clip(draws, -3, 3)
+    offset_x_mm, offset_z_mm = (float(value) + 0.0 for value in offsets_mm)  # no -0.0, which would be another request
     # Off-centre grasps break the mirror symmetry and cost the solver two fingers instead of one, while the force
     # changes only in second order (0.3 % per mm, notes/gap.md G4).
     if abs(offset_x_mm) < NEGLIGIBLE_OFFSET_X_MM:
@@ -103,14 +105,25 @@ def simulate_request(request: PhysicsRequest) -> GraspSimulation:
         raise SimulationFailed(str(failure), f"mesh_{failure.reason}") from failure
 
 
-class PhysicsCache:
-    """A `Physics` that solves each request once; thread-safe. Failures are remembered too.
+class PhysicsStore(Protocol):
+    """Where results outlive the process, such as `hardware.world.physics_files`."""
 
-    `prefetch` fills it from any mapper (for instance a process pool's `map`) before the bench asks.
+    def get(self, request: PhysicsRequest) -> GraspSimulation | None:
+        """The kept result of a request, or None."""
+
+    def put(self, request: PhysicsRequest, result: GraspSimulation) -> None:
+        """Keep the result of a request."""
+
+
+class PhysicsCache:
+    """A `Physics` that solves each request once; thread-safe. Failures are remembered too, but only here.
+
+    `put` takes results that were computed ahead; `store` keeps results for the next process.
     """
 
-    def __init__(self, physics: Physics) -> None:
+    def __init__(self, physics: Physics, store: PhysicsStore | None = None) -> None:
         self._physics = physics
+        self._store = store
         self._results: dict[str, GraspSimulation | SimulationFailed] = {}
         self._lock = threading.Lock()
 
@@ -142,10 +155,16 @@ class PhysicsCache:
             return [request for key, request in unique.items() if key not in self._results]
 
     def _solve(self, request: PhysicsRequest) -> GraspSimulation | SimulationFailed:
+        kept = self._store.get(request) if self._store is not None else None
+        if kept is not None:
+            return kept
         try:
-            return self._physics(request)
+            result = self._physics(request)
         except SimulationFailed as failure:
             return failure
+        if self._store is not None:
+            self._store.put(request, result)
+        return result
 
 
 @dataclass(frozen=True)
@@ -234,6 +253,8 @@ class SensorNoise:
 
     def advance(self, n_readings: int) -> float:
         """Noise in N, `n_readings` after the last call."""
+        if self._sd_n == 0.0:
+            return 0.0
         rho = self._rho**n_readings
         step = float(np.sqrt(1.0 - rho * rho)) * self._sd_n
         self._value_n = rho * self._value_n + step * float(self._rng.standard_normal())

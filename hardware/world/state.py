@@ -33,6 +33,7 @@ LOCK_TRAVEL_S = 0.15
 AIR_TIME_CONSTANT_S = 0.05
 PRESSURE_OK_SHARE = 0.9  # of the set-point, where the pressure switch closes
 RESTING_PRESSURE_PSI = 1.0
+SETTLED_PSI = 1e-3  # closer to its end than a sensor tells, the pressure is there, and the inputs are at rest
 
 FAULTS = (
     "cell_unplugged",  # status bit 0 of the transmitter
@@ -267,7 +268,8 @@ class WorldState:
         else:
             target_psi = self.pressure_psi  # trapped by the check valve
         decay = math.exp(-duration_s / AIR_TIME_CONSTANT_S)
-        self.pressure_psi = target_psi + (self.pressure_psi - target_psi) * decay
+        left_psi = (self.pressure_psi - target_psi) * decay
+        self.pressure_psi = target_psi + (left_psi if abs(left_psi) > SETTLED_PSI else 0.0)
 
     def _move_jaws(self, now_s: float) -> None:
         grasp = self._grasp

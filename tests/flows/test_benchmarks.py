@@ -15,13 +15,14 @@ from flows.benchmarks.accuracy import errors_percent, measure_accuracy
 from flows.benchmarks.base import Options
 from flows.benchmarks.fanout import measure_fanout
 from flows.benchmarks.grasp import measure_grasp, tier_row
-from flows.benchmarks.outcomes import Outcome, OutcomeFile, read_outcomes, solver_id
+from flows.benchmarks.outcomes import Outcome, OutcomeFile, read_outcomes
 from flows.benchmarks.profile import measure_profile
 from flows.benchmarks.ranking import measure_ranking
 from flows.benchmarks.robustness import measure_robustness, memory, parts
 from flows.benchmarks.study import Case, cases_of, run_study
 from flows.benchmarks.summary import failed_grasps, failures_by_reason
 from flows.benchmarks.tiers import SIMULATORS, TIERS
+from hardware.world.solver_code import solver_id
 from models.design_space import numbered_design
 from models.records import GraspSetup, MeshSettings, SimulatorVersion
 from tests.flows.cli_lakes import ROOT, Fast

@@ -1,0 +1,35 @@
+"""Names the code behind a simulated number, so that results kept in files are not taken for those of other code."""
+
+import hashlib
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+
+import models
+
+_SOLVER_SOURCES = ("effects", "fem", "geometry", "mesh", "objects", "features.py", "records.py")
+_WORLD_SOURCES = ("hidden.py", "physics.py")
+
+
+@cache
+def solver_id() -> str:
+    """Id of the source code that decides a simulated number, 12 hex digits."""
+    return _source_id(Path(models.__file__).parent, _SOLVER_SOURCES)
+
+
+@cache
+def physics_id() -> str:
+    """Id of the source code that decides the physics of a world: the solver's, and that of the hidden laws."""
+    return f"{solver_id()}-{_source_id(Path(__file__).parent, _WORLD_SOURCES)}"
+
+
+def _source_id(root: Path, names: Iterable[str]) -> str:
+    sources = sorted(file for name in names for file in _python_files(root / name))
+    digest = hashlib.sha256()
+    for file in sources:
+        digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()[:12]
+
+
+def _python_files(path: Path) -> list[Path]:
+    return [path] if path.is_file() else list(path.rglob("*.py"))

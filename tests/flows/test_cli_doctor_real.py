@@ -38,7 +38,7 @@ def test_doctor_finds_a_sound_bench(fast, tmp_path, addresses, wire):
     bench = write_bench(tmp_path / "rehearsal.toml", used)
     answer = fast("doctor", "--real", bench)
     assert answer.status == 0, answer.out
-    assert answer.out.count("\n") == 18
+    assert answer.out.count("\n") == 19
     assert "FAIL" not in answer.out
     rows = fast("gantry", "log", "--json").json
     assert sorted(row["device"] for row in rows) == ["gantry", "load-cell", "plc"]

@@ -40,7 +40,7 @@ def home(
     json: AsJson = False,
 ) -> None:
     """Connect to all devices and home the gantry."""
-    with _bench(world, real, yes_move, vent) as bench:
+    with open_bench(world, real, yes_move, vent) as bench:
         x, y, z = bench.gantry.position_mm()
     text = f"homed; head at x {x:.1f}, y {y:.1f}, z {z:.1f} mm"
     show({"x_mm": x, "y_mm": y, "z_mm": z}, text, json)
@@ -56,7 +56,7 @@ def park(
     json: AsJson = False,
 ) -> None:
     """End the safe state after a person looked: open the gripper, dock the tool on the head, close the air supply."""
-    with _bench(world, real, yes_move, vent) as bench:
+    with open_bench(world, real, yes_move, vent) as bench:
         bench.cell.recover()
         bench.cell.park()
     show({"parked": True}, "parked; the head carries no tool and the air supply is closed", json)
@@ -71,7 +71,7 @@ def tare(
     json: AsJson = False,
 ) -> None:
     """Zero the load cell with the head hanging free, and say what was taken as zero."""
-    with _bench(world, real, yes_move) as bench:
+    with open_bench(world, real, yes_move) as bench:
         bench.force.zero(1.0)
         base = bench.force.baseline(1.0)
     text = f"tared: {base.gross_n:.3f} N gross hang free; net {base.net_n:.3f} N, noise {base.sd_n:.3f} N"
@@ -100,7 +100,7 @@ def grasp(
     _check_target(object, slot, tools)
     made: list[MeasuredGrasp] = []
     plan = [(object, repeat) for repeat in range(repeats)]
-    with _bench(world, real, yes_move, tools=tools) as bench:
+    with open_bench(world, real, yes_move, tools=tools) as bench:
         bench.cell.measure_tool(slot, plan, GraspSetup(), made.append, lambda: False)
     rows = [_grasp_row(g) for g in made]
     show(rows, "\n".join(_grasp_line(row) for row in rows), json)
@@ -117,7 +117,7 @@ def faults(
     json: AsJson = False,
 ) -> None:
     """Connect to every device, home, and say what is wrong, if anything (then exit status 1)."""
-    with _bench(world, real, yes_move) as bench:
+    with open_bench(world, real, yes_move) as bench:
         reading = bench.force.read()
         x, y, z = bench.gantry.position_mm()
         is_pressed = bench.pneumatics.is_estop_pressed()
@@ -163,7 +163,7 @@ def _grasp_line(row: dict[str, Any]) -> str:
 
 
 @contextmanager
-def _bench(
+def open_bench(
     world: Path,
     real: Path | None,
     yes_move: str | None,

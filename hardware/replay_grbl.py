@@ -297,7 +297,10 @@ def _play(
             if controller.place == before:
                 line.say(controller.skip_poll())
             continue
-        action = next_action(driver, [piece for piece in controller.ahead if piece != POLL], profile)
+        ahead = [piece for piece in controller.ahead if piece != POLL]
+        action = next_action(driver, ahead, profile)
+        if action is None and all(_is_override(piece) for piece in ahead):
+            return  # the recording ends before the line that these were sent for
         if action is None:
             controller.doing = "looking for what the host did: no action of the driver begins so"
             controller.differ(b"")
@@ -334,12 +337,14 @@ def next_action(driver: GrblDriver, ahead: list[bytes], profile: GrblProfile) ->
     line = next((piece for piece in ahead if piece not in _PREPARATION and not _is_override(piece)), b"")
     if line == b"$H\n":
         return "homing", driver.home
-    if line == b"$X\n":
-        return "unlocking", driver.unlock
     if first == RESET:
         return "resetting", lambda: driver.session.reset("replaying")
     if first in _PREPARATION:
         return "reading the settings", driver.session.prepare
+    if first == line and (line == b"$X\n" or _JOG.fullmatch(line)):
+        # Unlocking, and backing off from a limit switch: the position is unknown, so the driver would not jog.
+        text = line.decode().strip()
+        return f"sending {text}", lambda: driver.session.command(text, "replaying")
     return _motion(driver, line, profile)
 
 

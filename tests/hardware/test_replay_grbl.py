@@ -69,6 +69,16 @@ def limit_switch(gantry, controller, clock):
     gantry.move_to(z_mm=150)
 
 
+def backed_off(gantry, controller, clock):
+    session = gantry._driver.session
+    controller.inject("limit", axis="x")
+    session.command("$X", "unlocking")
+    session.command("$J=G91 G21 X-5.000 F300", "backing off")
+    clock.sleep(3.0)
+    controller.clear("limit", axis="x")
+    session.clear_alarm()
+
+
 def restart_in_motion(gantry, controller, clock):
     gantry.home()
     at(clock, 0.4, lambda: controller.inject("reset"))
@@ -106,6 +116,7 @@ SCENARIOS = [
     ordinary,
     held_and_resumed,
     limit_switch,
+    backed_off,
     restart_in_motion,
     reconnected,
     interrupted,
@@ -187,7 +198,7 @@ def test_a_refused_profile_is_no_difference():
     assert "$110 is 500, profile 12000" in outcome.errors[0]
 
 
-@pytest.mark.parametrize("share", [0.2, 0.55, 0.9])
+@pytest.mark.parametrize("share", [0.2, 0.23, 0.26, 0.55, 0.9])
 def test_a_log_that_ends_anywhere(share):
     entries = recorded(ordinary)
     outcome = replay_grbl(entries[: int(share * len(entries))])

@@ -16,7 +16,7 @@ from lake.handoff_campaign import is_imported
 from lake.objects import object_rows
 from lake.store import Lake
 from lake.tables import CampaignRow
-from models.errors import ConfigError, UsageError
+from models.errors import ConfigError
 from models.validation import load_record
 from tasks.campaign import Campaign
 from tasks.config import CampaignConfig, differences, load_config, read_toml, relative_to
@@ -25,7 +25,7 @@ from tasks.control import append_event, exclusive, require_acknowledgement
 GROWABLE = "schedule.guided_batches"  # a campaign may be made longer while it runs
 
 
-ConfirmReal = Callable[[str, str], bool]  # campaign name, bench file -> did a person confirm
+ConfirmReal = Callable[[Path, BenchSettings], None]  # bench file and what it says; raises when there is no leave
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def run_campaign(
 ) -> Outcome:
     """Start a campaign, or continue it where the lake says it stands.
 
-    `confirm_real` drives the real bench of the config, after a person has confirmed; None is a virtual bench.
+    `confirm_real` drives the real bench of the config, unless it raises for lack of leave; None is a virtual bench.
     `is_acknowledged`: a person has looked after an emergency stop.
 
     Raises:
@@ -97,8 +97,7 @@ def _real_bench(config: CampaignConfig, config_path: Path, confirm: ConfirmReal)
         raise ConfigError(f"{config_path}: --real needs `bench.real`, the file with ports and addresses; add it.")
     path = relative_to(config_path, config.bench.real)
     settings = read_bench(path)
-    if not confirm(config.name, str(path)):
-        raise UsageError("--real was not confirmed; nothing was moved or written.")
+    confirm(path, settings)
     return settings
 
 

@@ -5,7 +5,7 @@ import functools
 import signal
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 from prefect import get_run_logger
@@ -28,7 +28,7 @@ from hardware.world.spec import World
 from models.features import peak_force_n
 from models.records import GraspSimulation
 from tasks.campaign import Campaign
-from tasks.control import append_event
+from tasks.control import append_event, bench_log_folder
 from tasks.pool import WorkerPool
 from tasks.state import ProposedTool
 from tasks.summary import markdown_table, ranked_tools
@@ -48,7 +48,7 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
     session = Session(
         campaign=campaign,
         pool=simulations,
-        open_bench=functools.partial(_open_bench, setup, _kept_physics(campaign, physics)),
+        open_bench=functools.partial(_open_bench, campaign, setup, _kept_physics(campaign, physics)),
         world_hash=setup.world_hash if isinstance(setup, World) else None,
         auto_print=auto_print,
         on_grasp=functools.partial(_tell_grasp, progress),
@@ -85,13 +85,20 @@ def _emit(voice: Voice, line: str) -> None:
         get_run_logger().info(line)
 
 
+@contextmanager
 def _open_bench(
-    setup: World | BenchSettings, physics: PhysicsCache, tools: Sequence[ProposedTool]
-) -> AbstractContextManager[Bench]:
+    campaign: Campaign, setup: World | BenchSettings, physics: PhysicsCache, tools: Sequence[ProposedTool]
+) -> Iterator[Bench]:
     mounted = {tool.slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
-    if isinstance(setup, BenchSettings):
-        return open_real_bench(setup, mounted)
-    return open_virtual_bench(setup, mounted, physics=physics, wires="memory")
+    if isinstance(setup, World):
+        with open_virtual_bench(setup, mounted, physics=physics, wires="memory") as bench:
+            yield bench
+        return
+    logs = bench_log_folder(campaign.lake)
+    with open_real_bench(setup, mounted, log_folder=logs) as bench:
+        told = f"bench connected and homed; wire logs {bench.wire_session} in {logs}"
+        append_event(campaign.lake, campaign.campaign_id, "bench_opened", told, wire_log=bench.wire_session)
+        yield bench
 
 
 def _kept_physics(campaign: Campaign, pool: WorkerPool) -> PhysicsCache:

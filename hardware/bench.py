@@ -34,6 +34,7 @@ from hardware.transport import SerialTransport, Transport
 from hardware.virtual.bench import Endpoints, VirtualBench
 from hardware.virtual.memory import MemoryTransport, memory_link
 from hardware.watches import AirWatch, GraspWatch, ReleaseWatch, ZeroWatch
+from hardware.wire_files import GANTRY, LIMIT_BYTES, LOAD_CELL, PLC, WireFiles
 from hardware.world.physics import Physics, simulate_request
 from hardware.world.spec import World
 from models.errors import DeviceError, FastError
@@ -41,6 +42,7 @@ from models.records import Record
 
 logger = logging.getLogger(__name__)
 
+_VIRTUAL_LOG_BYTES = 32_000_000  # of one device: a virtual bench says in a minute what a real one says in hours
 _EXIT_OF_A_SIGNAL = 128  # plus its number, as shells say it
 _PHYSICS_PATIENCE_S = 1800.0  # real seconds a virtual gripper may wait for its physics
 
@@ -93,7 +95,11 @@ class BenchSettings(Record):
 
 @dataclass(frozen=True)
 class Bench:
-    """Connected devices of one bench. `virtual` is the bench behind the wire, or None on real hardware."""
+    """Connected devices of one bench.
+
+    `virtual` is the bench behind the wire, or None on real hardware. `wire_session` names the wire logs of this session
+    (the beginning of their files), or is None when they are kept in memory only.
+    """
 
     gantry: Gantry
     plc: ClickPlc
@@ -105,6 +111,7 @@ class Bench:
     clock: Clock
     settings: BenchSettings
     virtual: VirtualBench | None = None
+    wire_session: str | None = None
 
     @property
     def endpoints(self) -> Endpoints:
@@ -129,12 +136,14 @@ def open_virtual_bench(
     speed_up: float = 1.0,
     layout: BenchLayout | None = None,
     wires: Literal["lines", "memory"] = "lines",
+    log_folder: Path | None = None,
 ) -> Iterator[Bench]:
     """A virtual bench with its drivers connected and homed; stopped at the end of the `with`.
 
     `physics` answers one grasp (it is cached here); `clock` "real" runs by itself, `speed_up` times faster than the
     wall, "lockstep" moves only while drivers wait. `wires` "memory" hands the bytes of pty and sockets over directly,
-    which only lockstep allows and makes a grasp several times cheaper.
+    which only lockstep allows and makes a grasp several times cheaper. `log_folder`: where the wire logs go; None keeps
+    them in memory.
     """
     inner: Clock = VirtualClock() if clock == "lockstep" else ScaledClock(speed_up)
     with open_virtual_servers(world, tools, physics, inner, layout) as virtual:
@@ -152,7 +161,7 @@ def open_virtual_bench(
             pressure_time_out_s=2.0 if clock == "lockstep" else _PHYSICS_PATIENCE_S * speed_up,
             layout=layout or BenchLayout(),
         )
-        with _open(settings, tools, inner, virtual, is_in_memory=wires == "memory") as bench:
+        with _open(settings, tools, inner, virtual, is_in_memory=wires == "memory", log_folder=log_folder) as bench:
             yield bench
 
 
@@ -181,12 +190,17 @@ def open_virtual_servers(
 
 @contextmanager
 def open_real_bench(
-    settings: BenchSettings, tools: Mapping[int, MountedTool], clock: Clock | None = None, may_vent: bool = False
+    settings: BenchSettings,
+    tools: Mapping[int, MountedTool],
+    clock: Clock | None = None,
+    may_vent: bool = False,
+    log_folder: Path | None = None,
 ) -> Iterator[Bench]:
     """The bench at these addresses with its drivers connected and homed. The caller has asked for leave to move.
 
     `clock` is the machine's; a virtual bench that runs faster in another process needs a `ScaledClock` as fast.
     `may_vent`: a person has looked at a gripper that an earlier host left closed, and lets it open before homing.
+    `log_folder`: where the wire logs go; None keeps them in memory.
 
     Raises:
         InterlockError: emergency stop pressed, or the gripper is closed; nothing has moved.
@@ -196,7 +210,7 @@ def open_real_bench(
         slot: MountedTool(tool.tool_id, tool.design, settings.tool_mass_kg.get(slot, tool.mass_kg))
         for slot, tool in tools.items()
     }
-    with _open(settings, weighed, clock or RealClock(), None, may_vent) as bench:
+    with _open(settings, weighed, clock or RealClock(), None, may_vent, log_folder=log_folder) as bench:
         yield bench
 
 
@@ -208,9 +222,10 @@ def _open(
     virtual: VirtualBench | None,
     may_vent: bool = False,
     is_in_memory: bool = False,
+    log_folder: Path | None = None,
 ) -> Iterator[Bench]:
     clock = BeatingClock(inner)
-    wires = _memory_wires(virtual, clock) if virtual is not None and is_in_memory else _lines(settings, clock)
+    wires = _memory_wires(virtual, clock) if virtual is not None and is_in_memory else wires_to(settings, clock)
     plc = ClickPlc(wires.plc, clock)
     force = ForceSensor(
         wires.transmitter, clock, settings.force_rate_hz, settings.stale_after_s, settings.transmitter_filter
@@ -228,9 +243,14 @@ def _open(
     watch = GraspWatch(AirWatch(pneumatics, clock), ZeroWatch(force), ReleaseWatch(force, pneumatics, clock))
     supervisor = Supervisor(gantry, plc, pneumatics, clock, settings.layout.top_z_mm)
     clock.listen(supervisor.hear, lambda: supervisor.is_ok)
-    cell = GraspCell(gantry, supervisor, watch, pneumatics, changer, force, clock, settings.layout, recorded)
     with ExitStack() as stack:
         stack.enter_context(_terminable())
+        wire_session = None
+        if log_folder is not None:
+            files = WireFiles(log_folder, LIMIT_BYTES if virtual is None else _VIRTUAL_LOG_BYTES)
+            wire_session = recorded["wire_log"] = stack.enter_context(files).session
+            wires.write_to(files)
+        cell = GraspCell(gantry, supervisor, watch, pneumatics, changer, force, clock, settings.layout, recorded)
         stack.callback(_close, force, plc, gantry)
         _connect({"PLC": plc.connect, "load cell": force.connect, "gantry": gantry.connect})
         _start_heartbeat(stack, clock, inner, plc)
@@ -238,28 +258,42 @@ def _open(
         changer.check_before_homing()
         supervisor.make_ready_to_home(may_vent)
         supervisor.home()
-        yield Bench(gantry, plc, pneumatics, changer, force, supervisor, cell, clock, settings, virtual)
+        yield Bench(gantry, plc, pneumatics, changer, force, supervisor, cell, clock, settings, virtual, wire_session)
 
 
 @dataclass(frozen=True)
-class _Wires:
-    """The three lines of a bench."""
+class Wires:
+    """The three lines of a bench; the transmitter's with its driver. Nothing is open yet."""
 
     plc: ModbusLink
     transmitter: WeightSource
+    transmitter_line: ModbusLink | Transport
     gantry: Transport
 
+    def write_to(self, files: WireFiles) -> None:
+        """Have the wire logs of all three written to files."""
+        files.follow(self.gantry.log, GANTRY, self.gantry.name)
+        files.follow(self.plc.log, PLC, self.plc.name)
+        files.follow(self.transmitter_line.log, LOAD_CELL, self.transmitter_line.name)
 
-def _lines(settings: BenchSettings, clock: Clock) -> _Wires:
+
+def wires_to(settings: BenchSettings, clock: Clock) -> Wires:
+    """Lines to the addresses of a bench."""
     time_out_s = settings.modbus_time_out_s
     plc = tcp_link("CLICK PLC", settings.plc_host, settings.plc_port, settings.plc_device_id, time_out_s)
-    return _Wires(plc, _transmitter(settings, clock), SerialTransport(settings.serial_port))
+    gantry = SerialTransport(settings.serial_port)
+    if settings.transmitter_mode == "continuous":
+        line = SerialTransport(str(settings.transmitter_serial_port), settings.transmitter_baud_rate)
+        scale = Scale(settings.transmitter_division, settings.transmitter_unit)
+        return Wires(plc, ContinuousTransmitter(line, clock, scale, settings.force_rate_hz), line, gantry)
+    link = _transmitter_link(settings)
+    return Wires(plc, LaumasTransmitter(link, clock), link, gantry)
 
 
-def _memory_wires(virtual: VirtualBench, clock: Clock) -> _Wires:
+def _memory_wires(virtual: VirtualBench, clock: Clock) -> Wires:
     plc = memory_link("CLICK PLC in memory", virtual.plc.server)
-    transmitter = memory_link("Weight transmitter in memory", virtual.transmitter.server)
-    return _Wires(plc, LaumasTransmitter(transmitter, clock), MemoryTransport(virtual.grbl))
+    link = memory_link("Weight transmitter in memory", virtual.transmitter.server)
+    return Wires(plc, LaumasTransmitter(link, clock), link, MemoryTransport(virtual.grbl))
 
 
 @contextmanager
@@ -278,14 +312,6 @@ def _terminable() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
-
-
-def _transmitter(settings: BenchSettings, clock: Clock) -> WeightSource:
-    if settings.transmitter_mode == "continuous":
-        transport = SerialTransport(str(settings.transmitter_serial_port), settings.transmitter_baud_rate)
-        scale = Scale(settings.transmitter_division, settings.transmitter_unit)
-        return ContinuousTransmitter(transport, clock, scale, settings.force_rate_hz)
-    return LaumasTransmitter(_transmitter_link(settings), clock)
 
 
 def _transmitter_link(settings: BenchSettings) -> ModbusLink:

@@ -2,6 +2,7 @@
 
 import logging
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -172,6 +173,7 @@ class GraspCell:
         self, tool: MountedTool, grasp: "_GraspInProgress", on_grasp: Callable[[MeasuredGrasp], None], hang: Hang | None
     ) -> None:
         """One grasp, reported whatever its end; re-raises what the bench cannot go on with."""
+        grasp.details["wire_from_s"] = round(time.monotonic(), 3)  # the clock of the wire logs
         try:
             self._approach(tool, grasp)
             try:
@@ -347,6 +349,7 @@ class _GraspInProgress:
         separation = find_separation(trace, self.baseline.sd_n) if self.end == "separated" else None
         if separation is not None:
             self.details.update(separation_mm=separation.lift_mm, zero_drift_n=separation.zero_drift_n)
+        self.details["wire_until_s"] = round(time.monotonic(), 3)  # the clock of the wire logs
         return MeasuredGrasp(
             object_id=self.object_id,
             repeat=self.repeat,

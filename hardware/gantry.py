@@ -12,7 +12,8 @@ from hardware.grbl.driver import GrblDriver
 from hardware.grbl.messages import StatusReport
 from hardware.grbl.profile import GrblProfile
 from hardware.grbl.workspace import AXIS_NAMES, Workspace
-from hardware.transport import Transport, WireLog
+from hardware.transport import Transport
+from hardware.wire_log import WireLog
 from models.errors import InterlockError, UsageError
 
 Place = tuple[float, float, float]

@@ -13,7 +13,8 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
-from hardware.transport import LinkLostError, WireLog
+from hardware.transport import LinkLostError
+from hardware.wire_log import CLOSED, OPENED, WireLog
 from models.errors import DeviceError
 
 logger = logging.getLogger(__name__)
@@ -44,8 +45,9 @@ class ModbusLink:
 
     def __init__(self, name: str, make_client: Callable[[Tracer], Client], device_id: int = 1) -> None:
         self.name = name
-        self.log = WireLog(capacity=2000)
+        self.log = WireLog()
         self.n_reconnects = 0
+        self._traced = b""
         self._make_client = make_client
         self._device_id = device_id
         self._client: Client | None = None
@@ -66,6 +68,7 @@ class ModbusLink:
             if self._client is not None:
                 self._client.close()
                 self._client = None
+                self.log.note(CLOSED)
 
     def read_bits(self, function_code: int, address: int, count: int) -> list[bool]:
         """`count` coils (FC01) or discrete inputs (FC02) from a 0-based address."""
@@ -135,10 +138,18 @@ class ModbusLink:
                     f"{self.name} cannot be reached; check its power, network and the address in the config."
                 )
             self._client = client
+            self.log.note(OPENED)
         return self._client
 
     def _trace(self, is_sent: bool, data: bytes) -> bytes:
-        self.log.record("sent" if is_sent else "received", data)
+        """Log a packet. pymodbus shows an answer that comes in pieces from its beginning each time."""
+        if is_sent:
+            self._traced = b""
+            self.log.record("sent", data)
+        else:
+            is_continued = data.startswith(self._traced)
+            self.log.record("received", data[len(self._traced) :] if is_continued else data)
+            self._traced = data
         return data
 
     def _check_length(self, received: int, expected: int, is_bits: bool) -> None:

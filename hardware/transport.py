@@ -1,94 +1,23 @@
 """Byte transport over a serial port or a pty, with an always-on wire log and one background reader.
 
-A transport moves bytes and knows nothing of their meaning. The log answers "what was really said" after a fault and
-can be kept in a file.
+A transport moves bytes and knows nothing of their meaning. The log answers "what was really said" after a fault.
 """
 
 import logging
 import threading
-import time
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
-from typing import IO, Literal, Protocol
+from typing import Protocol
 
 import serial
 
+from hardware.wire_log import CLOSED, OPENED, WireLog
 from models.errors import DeviceError
 
 logger = logging.getLogger(__name__)
 
-Direction = Literal["sent", "received"]
-
 
 class LinkLostError(DeviceError):
     """The line to a device is gone: unplugged, powered off, or closed at the other end."""
-
-
-@dataclass(frozen=True)
-class WireEntry:
-    """One piece of traffic: `time_s` of the log's monotonic clock, direction seen from the host, the bytes."""
-
-    time_s: float
-    direction: Direction
-    data: bytes
-
-    def as_text(self) -> str:
-        """One line for people and files: time, `>` sent or `<` received, bytes as a Python literal."""
-        return f"{self.time_s:.6f} {'>' if self.direction == 'sent' else '<'} {self.data!r}"
-
-
-class WireLog:
-    """The last `capacity` pieces of traffic in memory, and all of it in `path` when given. Thread-safe.
-
-    Args:
-        capacity: pieces kept in memory.
-        path: file to append to, or None. When it cannot be written (disk full) the log goes on in memory only.
-        now_s: monotonic time source in seconds.
-    """
-
-    def __init__(
-        self, capacity: int = 20_000, path: Path | None = None, now_s: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._entries: deque[WireEntry] = deque(maxlen=capacity)
-        self._lock = threading.Lock()
-        self._now_s = now_s
-        self._file: IO[str] | None = path.open("a", encoding="utf-8", buffering=1) if path else None
-
-    def record(self, direction: Direction, data: bytes) -> None:
-        """Keep one piece of traffic. Never raises: logging must not stop a machine."""
-        entry = WireEntry(self._now_s(), direction, bytes(data))
-        with self._lock:
-            self._entries.append(entry)
-            if self._file is not None:
-                try:
-                    self._file.write(entry.as_text() + "\n")
-                except (OSError, ValueError) as error:
-                    logger.warning("wire log file is given up, the log goes on in memory: %s", error)
-                    self._close_file()
-
-    def entries(self) -> tuple[WireEntry, ...]:
-        """What is in memory, oldest first."""
-        with self._lock:
-            return tuple(self._entries)
-
-    def tail(self, n_entries: int = 20) -> str:
-        """The last pieces as text, for error reports."""
-        return "\n".join(entry.as_text() for entry in self.entries()[-n_entries:])
-
-    def close(self) -> None:
-        """Close the file; the memory stays readable."""
-        with self._lock:
-            self._close_file()
-
-    def _close_file(self) -> None:
-        file, self._file = self._file, None
-        if file is not None:
-            try:
-                file.close()
-            except OSError as error:
-                logger.warning("wire log file did not close cleanly: %s", error)
 
 
 class Transport(Protocol):
@@ -178,6 +107,7 @@ class SerialTransport:
                 f"Port {self._port} did not open ({error}); check the cable, the port name and who else uses it."
             ) from error
         self._is_closing.clear()
+        self._log.note(OPENED)
         self._serial = port
         self._reader = threading.Thread(
             target=self._read, args=(port, on_bytes, on_lost), name=f"reader {self._port}", daemon=True
@@ -214,6 +144,7 @@ class SerialTransport:
             self._serial = None
             self._reader = None
             port.close()
+            self._log.note(CLOSED)
 
     def _read(self, port: serial.Serial, on_bytes: Callable[[bytes], None], on_lost: Callable[[str], None]) -> None:
         """Reader thread: pass bytes on until closed or lost. Never raises."""
@@ -226,6 +157,7 @@ class SerialTransport:
                 # pyserial turns a hang-up into SerialException (an OSError), or trips over its own closed handle.
                 if not self._is_closing.is_set():
                     logger.warning("port %s is lost: %s", self._port, error)
+                    self._log.note(f"lost: {error}")
                     on_lost(f"port {self._port} is gone ({error})")
                 return
             if data:

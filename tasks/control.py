@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TextIO
 
 from hardware.safety import EmergencyStopError, StopAskedError, Verb
+from hardware.wire_files import FOLDER_NAME
 from lake.files import writing_failed
 from lake.store import Lake
 from lake.tables import EventRow
@@ -129,3 +130,8 @@ def is_held(lake: Lake, name: str) -> bool:
 def lock_path(lake: Lake, name: str) -> Path:
     """File behind a lock."""
     return lake.root / ".state" / f"{name}.lock"
+
+
+def bench_log_folder(lake: Lake) -> Path:
+    """Where the wire logs of benches go that work for this lake."""
+    return lock_path(lake, FOLDER_NAME).with_name(FOLDER_NAME)

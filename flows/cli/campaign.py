@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 from flows.cli.common import DEFAULT_LAKE, AsJson, CampaignId, LakePath, show, table_text, tell
+from flows.cli.real import YesMove
 
 if TYPE_CHECKING:
     from flows.launch import Outcome
+    from hardware.bench import BenchSettings
     from lake.store import Lake
 
 _ENDED = {"pause": "paused", "stop": "stopped", "abort": "aborted and counts as failed"}
@@ -28,6 +30,7 @@ def run(
     real: Annotated[
         bool, Parameter(negative="", help="Drive the real bench of the config's `bench.real` file, once confirmed.")
     ] = False,
+    yes_move: YesMove = None,
     acknowledge: Annotated[
         bool, Parameter(negative="", help="A person has looked after an emergency stop and lets the campaign go on.")
     ] = False,
@@ -38,12 +41,20 @@ def run(
     Ctrl-C pauses: it finishes the current grasp, parks the tool and ends. A second Ctrl-C stops: the bench goes to its
     safe state at once. The same command continues later.
     """
+    from flows.cli.real import ask_leave
     from flows.launch import Voice, run_campaign
 
-    confirm = typed_confirmation if real else None
-    voice = Voice(tell, tell)
+    def confirm(bench_file: Path, settings: "BenchSettings") -> None:
+        ask_leave(bench_file, settings, None, yes_move)
+
+    voice, leave = Voice(tell, tell), confirm if real else None
     outcome = run_campaign(
-        config, lake, auto_print=auto_print, confirm_real=confirm, voice=voice, is_acknowledged=acknowledge
+        config,
+        lake,
+        auto_print=auto_print,
+        confirm_real=leave,
+        voice=voice,
+        is_acknowledged=acknowledge,
     )
     _tell_outcome(outcome, json)
     if outcome.ended_by == "abort":
@@ -131,16 +142,6 @@ def resolve_campaign(lake: "Lake", campaign: str | None) -> str:
     if len(known) > 1:
         raise UsageError(f"this lake has {len(known)} campaigns ({', '.join(known)}); name one.")
     return known[0]
-
-
-def typed_confirmation(word: str, bench: str) -> bool:
-    """Ask a person to type `word` before real hardware moves; no terminal counts as no."""
-    tell(f"This moves real hardware ({bench}). Is the workspace clear and the emergency stop in reach?")
-    tell(f"Type `{word}` to go on:")
-    try:
-        return input().strip() == word
-    except EOFError:
-        return False
 
 
 def _tell_outcome(outcome: "Outcome", as_json: bool) -> None:

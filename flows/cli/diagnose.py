@@ -1,14 +1,15 @@
 """`fast gantry diagnose`: experiments that tell hidden effects apart; `fast gantry tool`: where the tool is."""
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from flows.cli.common import AsJson, show, table_text, tell
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell
+from flows.cli.gantry import DEFAULT_WORLD, RealFile, WorldFile, open_bench
+from flows.cli.real import YesMove
 from flows.cli.virtual import Designs, rack
 
 if TYPE_CHECKING:
@@ -20,10 +21,7 @@ if TYPE_CHECKING:
     from tasks.state import ProposedTool
 
 Kind = Literal["dwell", "lift_speed", "supply_pressure", "closed_empty", "dead_weight", "reference"]
-WorldFile = Annotated[Path, Parameter(help="World of the virtual bench.")]
-RealFile = Annotated[Path | None, Parameter(help="Bench file: drive real hardware, after a typed confirmation.")]
 Slot = Annotated[int, Parameter(help="Slot of the tool in the rack, 0 to 9.", validator=Number(gte=0, lte=9))]
-DEFAULT_WORLD = Path("worlds/quick.toml")
 HANGING_STILL_S = 2.0
 
 
@@ -38,12 +36,11 @@ def diagnose(
     tool: Annotated[
         str | None, Parameter(help="Tool of the lake (CAMPAIGN/B01T0) that stands in its slot: rows are written.")
     ] = None,
-    lake: Annotated[Path, Parameter(name="--lake", env_var="FAST_LAKE", help="Folder of the lake.")] = Path(
-        "lake-data"
-    ),
+    lake: LakePath = DEFAULT_LAKE,
     design: Designs = None,
     world: WorldFile = DEFAULT_WORLD,
     real: RealFile = None,
+    yes_move: YesMove = None,
     json: AsJson = False,
 ) -> None:
     """Make the diagnostic experiments with one tool: dwell, lift speed, pressure, empty runs, dead weights.
@@ -63,7 +60,7 @@ def diagnose(
         made.append(grasp)
         tell(f"{len(made)} of {len(runs)}: {grasp.diagnostic.text() if grasp.diagnostic else ''}: {_outcome(grasp)}")
 
-    with open_bench(world, real, mounted) as bench:
+    with open_bench(world, real, yes_move, tools=mounted) as bench:
         bench.cell.measure_tool(slot, runs, setup, record, lambda: False, _hang(bench))
     rows = [_row(grasp) for grasp in made]
     show(rows, table_text(rows), json)
@@ -79,6 +76,7 @@ def tool_place(
     design: Designs = None,
     world: WorldFile = DEFAULT_WORLD,
     real: RealFile = None,
+    yes_move: YesMove = None,
     json: AsJson = False,
 ) -> None:
     """Where the tool is, from the journal and the sensors, and the one safe way on. Homes first; moves no tool."""
@@ -87,34 +85,11 @@ def tool_place(
     says = on_head is not None or head_empty
     if says and (not person or (on_head is not None and head_empty)):
         raise UsageError("say either --on-head SLOT or --head-empty, and who looked with --person NAME.")
-    with open_bench(world, real, rack(design)) as bench:
+    with open_bench(world, real, yes_move, tools=rack(design)) as bench:
         changer = bench.changer
         status = changer.tell(on_head, person) if says else changer.status()
     data = {"slot": status.slot, "sentence": status.sentence, "way_on": status.way.value}
     show(data, f"{status.sentence} Way on: {status.way.value}.", json)
-
-
-@contextmanager
-def open_bench(world: Path, real: Path | None, mounted: "Mapping[int, MountedTool]") -> "Iterator[Bench]":
-    """The bench asked for, connected and homed.
-
-    Raises:
-        UsageError: a wrong file, or the real bench was not confirmed.
-    """
-    from flows.cli.campaign import typed_confirmation
-    from flows.launch import read_bench, read_world
-    from hardware.bench import open_real_bench, open_virtual_bench
-    from models.errors import UsageError
-
-    if real is None:
-        with open_virtual_bench(read_world(world), mounted) as bench:
-            yield bench
-        return
-    settings = read_bench(real)
-    if not typed_confirmation("move", str(real)):
-        raise UsageError("--real was not confirmed; nothing was moved.")
-    with open_real_bench(settings, mounted) as bench:
-        yield bench
 
 
 def _what(config: Path | None, weights_kg: tuple[float, ...]) -> "tuple[DiagnosticPlan, Any, int]":

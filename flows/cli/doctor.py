@@ -30,9 +30,31 @@ def doctor(
     server: Annotated[
         bool, Parameter(negative="", help="Also start a Prefect server and stop it again (up to a minute).")
     ] = False,
+    real: Annotated[
+        Path | None, Parameter(help="Bench file: look at that bench's devices instead. Nothing moves.")
+    ] = None,
     json: AsJson = False,
 ) -> None:
     """Check Python, packages, solver, mesher, disk, lake and ports; exit status 1 when a check fails."""
+    _tell(_bench(real) if real is not None else _computer(lake, server), json)
+
+
+def _tell(checks: list[Check], as_json: bool) -> None:
+    lines = [f"{'ok  ' if check.ok else 'FAIL'}  {check.name:<18} {check.note}" for check in checks]
+    show([check._asdict() for check in checks], "\n".join(lines), as_json)
+    if not all(check.ok for check in checks):
+        sys.exit(1)
+
+
+def _bench(bench_file: Path) -> list[Check]:
+    from flows.cli.wire import log_folder
+    from flows.launch import read_bench
+    from hardware.checkup.bench import check_bench
+
+    return [Check(*finding) for finding in check_bench(read_bench(bench_file), log_folder=log_folder(None))]
+
+
+def _computer(lake: Path, server: bool) -> list[Check]:
     checks = [_python(), _packages(), _fastapi(), _disk(lake), _lake(lake)]
     checks += [
         _try("devices", _serial_ports, "pyserial is broken; run `make setup`"),
@@ -43,10 +65,7 @@ def doctor(
     ]
     if server:
         checks.append(_try("Prefect server", _server, "run `make clean setup`"))
-    lines = [f"{'ok  ' if check.ok else 'FAIL'}  {check.name:<18} {check.note}" for check in checks]
-    show([check._asdict() for check in checks], "\n".join(lines), json)
-    if not all(check.ok for check in checks):
-        sys.exit(1)
+    return checks
 
 
 def _python() -> Check:

@@ -10,6 +10,7 @@ from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
 from flows.cli.common import AsJson, show
+from flows.cli.real import YesMove
 from flows.cli.virtual import Designs, rack
 
 if TYPE_CHECKING:
@@ -17,7 +18,9 @@ if TYPE_CHECKING:
     from hardware.cell import MeasuredGrasp
     from hardware.tools import MountedTool
 
-app = App(name="gantry", help="Move the bench by hand: home, park, tare, grasp, faults. All of them home first.")
+app = App(name="gantry", help="Move the bench by hand: home, park, tare, grasp, faults. All of these home first.")
+app.command("flows.cli.wire:log", name="log", help="List the wire logs of benches, or print one.")
+app.command("flows.cli.wire:replay", name="replay", help="Play a wire log back to the driver of its device.")
 app.command("flows.cli.diagnose:diagnose", name="diagnose", help="Experiments that tell hidden effects apart.")
 app.command("flows.cli.diagnose:tool_place", name="tool", help="Where the tool is, and the one safe way on.")
 app.command("flows.cli.plan:plan", name="plan", help="How long a batch takes, and what the time goes into.")
@@ -31,27 +34,47 @@ DEFAULT_WORLD = Path("worlds/quick.toml")
 
 
 @app.command
-def home(*, world: WorldFile = DEFAULT_WORLD, real: RealFile = None, vent: Vent = False, json: AsJson = False) -> None:
+def home(
+    *,
+    world: WorldFile = DEFAULT_WORLD,
+    real: RealFile = None,
+    yes_move: YesMove = None,
+    vent: Vent = False,
+    json: AsJson = False,
+) -> None:
     """Connect to all devices and home the gantry."""
-    with _bench(world, real, vent) as bench:
+    with open_bench(world, real, yes_move, vent) as bench:
         x, y, z = bench.gantry.position_mm()
     text = f"homed; head at x {x:.1f}, y {y:.1f}, z {z:.1f} mm"
     show({"x_mm": x, "y_mm": y, "z_mm": z}, text, json)
 
 
 @app.command
-def park(*, world: WorldFile = DEFAULT_WORLD, real: RealFile = None, vent: Vent = False, json: AsJson = False) -> None:
+def park(
+    *,
+    world: WorldFile = DEFAULT_WORLD,
+    real: RealFile = None,
+    yes_move: YesMove = None,
+    vent: Vent = False,
+    json: AsJson = False,
+) -> None:
     """End the safe state after a person looked: open the gripper, dock the tool on the head, close the air supply."""
-    with _bench(world, real, vent) as bench:
+    with open_bench(world, real, yes_move, vent) as bench:
         bench.cell.recover()
         bench.cell.park()
     show({"parked": True}, "parked; the head carries no tool and the air supply is closed", json)
 
 
 @app.command
-def tare(*, world: WorldFile = DEFAULT_WORLD, real: RealFile = None, json: AsJson = False) -> None:
+def tare(
+    *,
+    world: WorldFile = DEFAULT_WORLD,
+    real: RealFile = None,
+    yes_move: YesMove = None,
+    json: AsJson = False,
+) -> None:
     """Zero the load cell with the head hanging free, and say what was taken as zero."""
-    with _bench(world, real) as bench:
+    with open_bench(world, real, yes_move) as bench:
         bench.force.zero(1.0)
         base = bench.force.baseline(1.0)
     text = f"tared: {base.gross_n:.3f} N gross hang free; net {base.net_n:.3f} N, noise {base.sd_n:.3f} N"
@@ -67,6 +90,7 @@ def grasp(
     design: Designs = None,
     world: WorldFile = DEFAULT_WORLD,
     real: RealFile = None,
+    yes_move: YesMove = None,
     json: AsJson = False,
 ) -> None:
     """Pick a tool, grasp one object, lift to separation, park the tool; exit status 1 when a grasp failed.
@@ -79,7 +103,7 @@ def grasp(
     _check_target(object, slot, tools)
     made: list[MeasuredGrasp] = []
     plan = [(object, repeat) for repeat in range(repeats)]
-    with _bench(world, real, tools=tools) as bench:
+    with open_bench(world, real, yes_move, tools=tools) as bench:
         bench.cell.measure_tool(slot, plan, GraspSetup(), made.append, lambda: False)
     rows = [_grasp_row(g) for g in made]
     show(rows, "\n".join(_grasp_line(row) for row in rows), json)
@@ -88,9 +112,15 @@ def grasp(
 
 
 @app.command
-def faults(*, world: WorldFile = DEFAULT_WORLD, real: RealFile = None, json: AsJson = False) -> None:
+def faults(
+    *,
+    world: WorldFile = DEFAULT_WORLD,
+    real: RealFile = None,
+    yes_move: YesMove = None,
+    json: AsJson = False,
+) -> None:
     """Connect to every device, home, and say what is wrong, if anything (then exit status 1)."""
-    with _bench(world, real) as bench:
+    with open_bench(world, real, yes_move) as bench:
         reading = bench.force.read()
         x, y, z = bench.gantry.position_mm()
         is_pressed = bench.pneumatics.is_estop_pressed()
@@ -136,26 +166,29 @@ def _grasp_line(row: dict[str, Any]) -> str:
 
 
 @contextmanager
-def _bench(
-    world: Path, real: Path | None, may_vent: bool = False, tools: "Mapping[int, MountedTool] | None" = None
+def open_bench(
+    world: Path,
+    real: Path | None,
+    yes_move: str | None,
+    may_vent: bool = False,
+    tools: "Mapping[int, MountedTool] | None" = None,
 ) -> "Iterator[Bench]":
     """The bench asked for, connected and homed.
 
     Raises:
         UsageError: a wrong file, or the real bench was not confirmed.
     """
-    from flows.cli.campaign import typed_confirmation
+    from flows.cli.real import ask_leave
+    from flows.cli.wire import log_folder
     from flows.launch import read_bench, read_world
     from hardware.bench import open_real_bench, open_virtual_bench
-    from models.errors import UsageError
 
     mounted = rack(None) if tools is None else tools
     if real is None:
-        with open_virtual_bench(read_world(world), mounted) as bench:
+        with open_virtual_bench(read_world(world), mounted, log_folder=log_folder(None)) as bench:
             yield bench
         return
     settings = read_bench(real)
-    if not typed_confirmation("move", str(real)):
-        raise UsageError("--real was not confirmed; nothing was moved.")
-    with open_real_bench(settings, mounted, may_vent=may_vent) as bench:
+    ask_leave(real, settings, mounted, yes_move)
+    with open_real_bench(settings, mounted, may_vent=may_vent, log_folder=log_folder(None)) as bench:
         yield bench

@@ -80,14 +80,18 @@ class GrblProfile(Record):
 
     def differences(self, found: Mapping[int, float]) -> list[str]:
         """One short text for each setting that is missing, extra or different on the controller."""
-        texts = []
+        return [text for text, _ in self.corrections(found)]
+
+    def corrections(self, found: Mapping[int, float]) -> list[tuple[str, str]]:
+        """The differences, each with the line that corrects it; empty where only another profile or build helps."""
+        pairs = []
         for number in sorted(self.settings.keys() | found.keys()):
             want, have = self.settings.get(number), found.get(number)
             if want is None or have is None:
-                texts.append(f"${number} is {'absent' if have is None else 'not in the profile'}")
+                pairs.append((f"${number} is {'absent' if have is None else 'not in the profile'}", ""))
             elif abs(want - have) > max(ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE * abs(want)):
-                texts.append(f"${number} is {have:g}, profile {want:g}")
-        return texts
+                pairs.append((f"${number} is {have:g}, profile {want:g}", f"${number}={want:g}"))
+        return pairs
 
     def with_settings(self, changes: Mapping[int, float]) -> "GrblProfile":
         """A copy with some settings changed."""

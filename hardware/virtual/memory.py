@@ -13,10 +13,11 @@ from typing import cast
 from pymodbus.exceptions import ConnectionException
 
 from hardware.modbus import Client, ModbusLink, Tracer
-from hardware.transport import LinkLostError, WireLog
+from hardware.transport import LinkLostError
 from hardware.virtual.grbl import VirtualGrbl
 from hardware.virtual.modbus import ModbusServerThread
 from hardware.virtual.pdu import unpack_bits
+from hardware.wire_log import WireLog
 
 _HEADER = struct.Struct(">HHHB")
 _READ = struct.Struct(">BHH")

@@ -119,21 +119,6 @@ def test_a_changed_config_under_the_same_name_is_refused_with_what_changed(fast,
     assert after == before
 
 
-def test_real_hardware_needs_a_typed_confirmation(fast, tmp_path, monkeypatch):
-    bench = tmp_path / "bench.toml"
-    bench.write_text('serial_port = "/dev/none"\n')
-    config = write_config(tmp_path, QUICK.replace("[bench]", '[bench]\nreal = "bench.toml"'))
-    monkeypatch.setattr("builtins.input", lambda: "yes")
-    answer = fast("campaign", "run", config, "--real", "--lake", tmp_path / "lake")
-    assert (answer.status, answer.err.splitlines()[-1]) == (
-        2,
-        "fast: --real was not confirmed; nothing was moved or written.",
-    )
-    assert not (tmp_path / "lake").exists()
-    answer = fast("gantry", "home", "--real", bench)
-    assert (answer.status, answer.err.splitlines()[-1]) == (2, "fast: --real was not confirmed; nothing was moved.")
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [

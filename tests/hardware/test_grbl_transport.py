@@ -6,7 +6,7 @@ import tty
 
 import pytest
 
-from hardware.transport import LinkLostError, SerialTransport, WireLog
+from hardware.transport import LinkLostError, SerialTransport
 
 
 @pytest.fixture
@@ -38,7 +38,8 @@ def test_bytes_go_both_ways_and_are_logged(line):
     transport.close()
     transport.close()
     assert lost == []
-    assert {entry.direction for entry in transport.log.entries()} == {"sent", "received"}
+    said = [(entry.direction, entry.data) for entry in transport.log.entries()]
+    assert said == [("note", b"opened"), ("sent", b"$I\n"), ("received", b"ok\r\n"), ("note", b"closed")]
     assert "> b'$I\\n'" in transport.log.tail()
     assert not any("reader" in thread.name for thread in threading.enumerate())
 
@@ -87,26 +88,3 @@ def test_hang_up_is_reported_once_and_never_raises_in_the_reader():
         transport.write(b"?")
     transport.close()
     assert len(lost) == 1
-
-
-def test_wire_log_is_bounded_and_goes_to_a_file(tmp_path):
-    path = tmp_path / "wire.log"
-    log = WireLog(capacity=3, path=path, now_s=lambda: 1.5)
-    for n in range(5):
-        log.record("sent" if n % 2 else "received", b"\x18%d" % n)
-    log.close()
-    log.record("sent", b"after")
-    assert [entry.data for entry in log.entries()] == [b"\x183", b"\x184", b"after"]
-    lines = path.read_text().splitlines()
-    assert len(lines) == 5
-    assert lines[1] == "1.500000 > b'\\x181'"
-
-
-def test_wire_log_survives_a_full_disk(caplog):
-    log = WireLog(path=None)
-    with open("/dev/full", "w", encoding="utf-8", buffering=1) as full:
-        log._file = full
-        log.record("sent", b"one")
-        log.record("sent", b"two")
-        assert [entry.data for entry in log.entries()] == [b"one", b"two"]
-        assert "goes on in memory" in caplog.text

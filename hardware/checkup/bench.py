@@ -1,0 +1,76 @@
+"""Check-up of a whole bench: every device is looked at, also when others do not answer. Nothing moves."""
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+
+from hardware.bench import BenchSettings, wires_to
+from hardware.checkup.findings import Finding, Findings
+from hardware.checkup.gantry import check_gantry
+from hardware.checkup.load_cell import check_load_cell
+from hardware.checkup.plc import HeadState, check_plc
+from hardware.checkup.ports import check_address, check_serial_port
+from hardware.clock import Clock, RealClock
+from hardware.grbl.profile import GrblProfile
+from hardware.layout import N_SLOTS
+from hardware.wire_files import WireFiles
+
+LIGHTEST_KG, HEAVIEST_KG = 0.05, 5.0  # of a tool with its adaptor
+
+
+def check_bench(settings: BenchSettings, clock: Clock | None = None, log_folder: Path | None = None) -> list[Finding]:
+    """Look at every device of a bench.
+
+    Args:
+        settings: of the bench.
+        clock: time for all waits; real time by default.
+        log_folder: where the wire logs go; None keeps them in memory.
+    """
+    used, findings = clock or RealClock(), Findings()
+    wires = wires_to(settings, used)
+    head = HeadState(is_tool_on_head=False, full_slots=frozenset())
+    with ExitStack() as stack:
+        if log_folder is not None:
+            wires.write_to(stack.enter_context(WireFiles(log_folder)))
+        stack.callback(wires.plc.close)
+        stack.callback(wires.transmitter.close)
+        with findings.section("gantry"):
+            check_gantry(findings, wires.gantry, used, GrblProfile())
+        with findings.section("PLC"):
+            address = check_address(settings.plc_host, settings.plc_port, settings.modbus_time_out_s)
+            findings.add("PLC address", address)
+            head = check_plc(findings, wires.plc, used, settings.supply_pressure_psi)
+        with findings.section("load cell"):
+            findings.add("load-cell address", _check_transmitter_address(settings))
+            check_load_cell(
+                findings,
+                wires.transmitter,
+                used,
+                settings.force_rate_hz,
+                settings.transmitter_filter,
+                head.is_tool_on_head,
+            )
+        check_tool_masses(findings, settings.tool_mass_kg, head.full_slots)
+    return findings.found
+
+
+def check_tool_masses(findings: Findings, mass_kg: Mapping[int, float], full_slots: frozenset[int]) -> None:
+    """Every tool in the dock should have been weighed: its mass proves that it is the right one."""
+    wrong = [f"slot {slot}: {mass:g} kg" for slot, mass in sorted(mass_kg.items())
+             if not (0 <= slot < N_SLOTS and LIGHTEST_KG <= mass <= HEAVIEST_KG)]  # fmt: skip
+    unweighed = sorted(full_slots - mass_kg.keys())
+    if wrong:
+        fix = f"slots are 0 to {N_SLOTS - 1}, masses in kg, {LIGHTEST_KG:g} to {HEAVIEST_KG:g}; correct [tool_mass_kg]"
+        findings.add("tool masses", ", ".join(wrong), fix)
+    elif unweighed:
+        slots = ", ".join(map(str, unweighed))
+        fix = "weigh each with its adaptor to 1 g and add it under [tool_mass_kg] of the bench file, e.g. `0 = 0.412`"
+        findings.add("tool masses", f"the tools in slots {slots} were not weighed, only estimated", fix)
+    else:
+        findings.add("tool masses", f"{len(mass_kg)} weighed" if mass_kg else "no tools in the dock")
+
+
+def _check_transmitter_address(settings: BenchSettings) -> str:
+    if settings.transmitter_serial_port is not None:
+        return check_serial_port(settings.transmitter_serial_port)
+    return check_address(settings.transmitter_host, settings.transmitter_port, settings.modbus_time_out_s)

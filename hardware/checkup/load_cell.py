@@ -1,0 +1,102 @@
+"""Check-up of the load cell: identity, faults, zero, noise, filter. Only reads; nothing is tared.
+
+The filter cannot be read over Modbus, but it shows: with a slow one the instrument repeats its readings.
+"""
+
+import statistics
+
+from hardware.checkup.findings import Findings
+from hardware.clock import Clock
+from hardware.force_sensor import FULL_SCALE_N
+from hardware.laumas.codec import Reading
+from hardware.laumas.driver import LaumasTransmitter
+from hardware.laumas.source import WeightSource
+
+WEIGH_S = 2.0
+SLOWEST_FILTER = 1  # of those fit for a lift: 3 (425 ms) smears 2 mm of it, 4 twice that
+MOST_NOISE_N = 0.5
+MOST_GROSS_SHARE = 0.4  # of full scale, with head and tool hanging free
+LEAST_GROSS_N = -1.0
+MOST_DRIFT_N = 0.3  # between the halves of the readings
+FRESH_SHARE = 0.4  # of the readings; fewer that differ mean a slow refresh
+JUDGED_COUNTS = 1.0  # noise in counts below which equal readings prove nothing
+
+
+def check_load_cell(
+    findings: Findings,
+    transmitter: WeightSource,
+    clock: Clock,
+    rate_hz: float,
+    filter_setting: int,
+    is_tool_on_head: bool,
+) -> None:
+    """Look at a transmitter; the caller closes it.
+
+    Raises:
+        DeviceError: it does not answer, or its scale cannot be used.
+    """
+    transmitter.connect()
+    readings = _readings(transmitter, clock, rate_hz)
+    faults = sorted({reading.fault for reading in readings if reading.fault})
+    identity = f"identity {transmitter.identity}" if isinstance(transmitter, LaumasTransmitter) else transmitter.mode
+    findings.judge(
+        "load cell",
+        not faults,
+        ", ".join(faults) or f"{identity}; division {transmitter.resolution_n:.4f} N",
+        "check the cell's cable and what hangs on it",
+    )
+    if faults:
+        return
+    gross_n = [reading.gross * transmitter.newton_per_unit for reading in readings]
+    _check_zero(findings, gross_n, is_tool_on_head)
+    _check_noise(findings, gross_n, transmitter.resolution_n)
+    _check_filter(findings, gross_n, transmitter.resolution_n, rate_hz, filter_setting)
+
+
+def _readings(transmitter: WeightSource, clock: Clock, rate_hz: float) -> list[Reading]:
+    readings: list[Reading] = []
+    for _ in range(max(int(WEIGH_S * rate_hz), 10)):
+        clock.sleep(1.0 / rate_hz)
+        readings += transmitter.read_new()
+    return readings
+
+
+def _check_zero(findings: Findings, gross_n: list[float], is_tool_on_head: bool) -> None:
+    mean_n = statistics.fmean(gross_n)
+    half = len(gross_n) // 2
+    drift_n = statistics.fmean(gross_n[half:]) - statistics.fmean(gross_n[:half])
+    most_n = MOST_GROSS_SHARE * FULL_SCALE_N
+    hanging = "head and tool" if is_tool_on_head else "the head"
+    fix = None
+    if mean_n < LEAST_GROSS_N:
+        fix = "the head pulls it negative: swap the signal wires, or set the zero again with nothing hanging (keypad)"
+    elif mean_n > most_n:
+        fix = f"more than {most_n:.0f} N with {hanging} hanging free: look what lies on it, then set the zero (keypad)"
+    elif abs(drift_n) > MOST_DRIFT_N:
+        fix = f"it moved by {drift_n:.2f} N in a second: wait ten minutes after power-up, let the head hang still"
+    findings.add("load-cell zero", f"{mean_n:.2f} N gross with {hanging} hanging", fix)
+
+
+def _check_noise(findings: Findings, gross_n: list[float], resolution_n: float) -> None:
+    sd_n = statistics.pstdev(gross_n)
+    fix = None
+    if sd_n == 0:
+        fix = "a live cell is never this quiet: restart the transmitter, check the cable, choose a finer division"
+    elif sd_n > MOST_NOISE_N:
+        fix = f"at most {MOST_NOISE_N:g} N: look for what shakes the frame; ground the cable's shield at one end only"
+    findings.add("load-cell noise", f"{sd_n:.3f} N, {sd_n / resolution_n:.1f} divisions", fix)
+
+
+def _check_filter(
+    findings: Findings, gross_n: list[float], resolution_n: float, rate_hz: float, filter_setting: int
+) -> None:
+    n_fresh = sum(now != before for before, now in zip(gross_n, gross_n[1:], strict=False))
+    share = n_fresh / (len(gross_n) - 1)
+    seen = f"the bench file says {filter_setting}; {share:.0%} of the readings at {rate_hz:g} Hz are fresh"
+    is_judged = statistics.pstdev(gross_n) >= JUDGED_COUNTS * resolution_n
+    fix = None
+    if filter_setting > SLOWEST_FILTER:
+        fix = "set filter 0 or 1 on the keypad and `transmitter_filter` to it: slower ones flatten the peak"
+    elif is_judged and share < FRESH_SHARE:
+        fix = "the instrument refreshes slower: set filter 0 or 1 on the keypad, or lower `force_rate_hz` to its rate"
+    findings.add("load-cell filter", seen, fix)

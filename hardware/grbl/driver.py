@@ -325,7 +325,8 @@ class GrblDriver:
 
     def _follow(self, dwell: Ticket, doing: str, epoch: int, expected_s: float, allowed_s: float) -> StatusReport:
         """Poll until the dwell is answered and the state is Idle. Time on hold by this host does not count."""
-        deadline_s = self._clock.now_s() + allowed_s
+        last_s = self._clock.now_s()
+        deadline_s = last_s + allowed_s
         while True:
             report = self.session.poll(doing, epoch)
             self._watch_overrides(doing)
@@ -335,17 +336,17 @@ class GrblDriver:
             if dwell.reply is not None and report.state == "Idle":
                 return report
             now_s = self._clock.now_s()
-            step_s = min(max(expected_s - now_s, SHORT_POLL_S), MOVE_POLL_S)
             if self._is_held:
-                deadline_s += step_s
-                expected_s += step_s
+                deadline_s += now_s - last_s
+                expected_s += now_s - last_s
             elif now_s > deadline_s:
                 self.session.slow_to_rest(doing)
                 raise MoveTimeoutError(
                     f"Not done after {allowed_s:.1f} s while {doing} (last report {report.state} at "
                     f"{report.machine_mm}); the gantry is on hold, abort, look and home."
                 )
-            self._clock.sleep(step_s)
+            last_s = now_s
+            self._clock.sleep(min(max(expected_s - now_s, SHORT_POLL_S), MOVE_POLL_S))
 
     def _watch_overrides(self, doing: str) -> None:
         overrides = self._link.overrides()

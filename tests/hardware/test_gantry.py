@@ -107,7 +107,7 @@ def test_recovery_from_a_limit_needs_an_axis_and_a_direction(homed):
 def test_recovery_from_a_limit_ends_homed(homed, controller):
     controller.inject("nudge", axis="z", distance_mm=3.0)
     with pytest.raises(GrblAlarmError, match="ALARM:1"):
-        homed.position_mm()
+        homed.status()
     assert homed.recover_from_limit("z", "-") == pytest.approx(WORKSPACE_SIZE_MM)
     homed.move_to(600, 600, 60)
     assert controller.position_mm() == pytest.approx((600, 600, 60), abs=0.01)

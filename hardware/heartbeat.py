@@ -66,6 +66,7 @@ class BeatingClock:
         while remaining_s > 1e-9:
             self.inner.sleep(min(remaining_s, ClickPlc.heartbeat_period_s))
             self._beat()
+            self._tell_lost()
             self._hear()
             remaining_s = end_s - self.inner.now_s()
 

@@ -40,15 +40,20 @@ def test_a_grasp_is_the_same_on_lines_and_in_memory():
     (on_lines, said_on_lines), (in_memory, said_in_memory) = measured("lines"), measured("memory")
     for name in ("time_s", "lift_mm", "force_n"):
         assert np.array_equal(getattr(on_lines.trace, name), getattr(in_memory.trace, name)), name
-    assert on_lines.details == in_memory.details
+    assert _without_clock(on_lines.details) == _without_clock(in_memory.details)
     assert b"".join(said_on_lines) == b"".join(said_in_memory)
+
+
+def _without_clock(details):
+    """Details of a grasp without its place in the wire log, which is on the clock of the machine."""
+    return {name: value for name, value in details.items() if not name.startswith("wire_")}
 
 
 def test_both_directions_are_logged_as_frames(devices):
     link = memory_link("CLICK PLC", devices.plc.server)
     link.write_registers(27, [1234])
     assert link.read_registers(3, 27, 1) == [1234]
-    frames = [(entry.direction, entry.data.hex()) for entry in link.log.entries()]
+    frames = [(entry.direction, entry.data.hex()) for entry in link.log.entries() if entry.direction != "note"]
     assert frames == [
         ("sent", "0001 0000 0009 01 10 001b 0001 02 04d2".replace(" ", "")),
         ("received", "0001 0000 0006 01 10 001b 0001".replace(" ", "")),

@@ -115,8 +115,8 @@ def test_observations_are_means_over_objects(measured):
 
 
 def test_a_failed_simulation_is_imputed_with_variance(measured):
-    propose_simulation(measured, 1, 2, (d := observe(measured, measured.state(), [1])), fit(measured, 2, d, []),
-                       measured.state())  # fmt: skip
+    surrogate = fit(measured, 2, observe(measured, measured.state(), [1]), [])
+    propose_simulation(measured, 1, 2, surrogate, "F1", measured.state())
     design = measured.state().simulations_of(1)[-1].design
     append_simulation(measured, design, 4, 9.0)
     append_simulation(measured, design, 7, None)
@@ -128,7 +128,7 @@ def test_a_failed_simulation_is_imputed_with_variance(measured):
 
 def test_a_design_that_failed_on_every_object_is_left_out(measured):
     data = observe(measured, measured.state(), [1])
-    propose_simulation(measured, 1, 2, data, fit(measured, 2, data, []), measured.state())
+    propose_simulation(measured, 1, 2, fit(measured, 2, data, []), "F1", measured.state())
     design = measured.state().simulations_of(1)[-1].design
     for object_id in measured.object_ids:
         append_simulation(measured, design, object_id, None)

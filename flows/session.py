@@ -89,7 +89,7 @@ def _emit(voice: Voice, line: str) -> None:
 def _open_bench(
     campaign: Campaign, setup: World | BenchSettings, physics: PhysicsCache, tools: Sequence[ProposedTool]
 ) -> Iterator[Bench]:
-    mounted = {tool.slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
+    mounted = {tool.rack_slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
     if isinstance(setup, World):
         with open_virtual_bench(setup, mounted, physics=physics, wires="memory") as bench:
             yield bench

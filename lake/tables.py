@@ -110,6 +110,7 @@ class ToolRow(Row):
     reason: str = ""
     operator: str = ""
     material_lot: str = ""
+    rack_slot: int | None = None
     measured_front_thickness_mm: float | None = None
     measured_back_thickness_mm: float | None = None
     measured_rib_thickness_mm: float | None = None

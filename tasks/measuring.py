@@ -96,7 +96,7 @@ def measure_tool(
         return should_stop()
 
     items = plan_items(diagnostics, tool.slot, missing, made_before, seed)
-    bench.cell.measure_tool(tool.slot, items, campaign.config.grasp, record, may_not_go_on)
+    bench.cell.measure_tool(tool.rack_slot, items, campaign.config.grasp, record, may_not_go_on)
 
 
 def _append_run(

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from models.design_space import to_unit
+from models.design_space import PARAMETERS, to_unit
 from models.records import Design
 from models.surrogate.imputation import mean_over_objects
 from models.surrogate.observations import REAL, SIM, ObservationSet
@@ -15,11 +15,13 @@ from tasks.state import CampaignState, ProposedTool, tuples
 def observe(campaign: Campaign, state: CampaignState, batches: Iterable[int]) -> ObservationSet:
     """Observations of the closed `batches` and of all designs of the campaign that are simulated on every object.
 
-    Objects without a value (given up on the bench, failed in simulation) are imputed by the paper's rule.
+    A measured tool counts as the finger that was printed, with its thicknesses as measured, not as the one that was
+    asked for. Objects without a value (given up on the bench, failed in simulation) are imputed by the paper's rule.
     """
     tools, designs = _measured_tools(state, batches), _simulated_designs(campaign, state)
     real, simulated = _tool_forces(campaign, tools), _simulated_forces(campaign, list(designs))
-    return _observation_set([t.design for t in tools], real, list(designs.values()), simulated)
+    as_printed = np.array([t.mounted_point for t in tools]).reshape(len(tools), len(PARAMETERS))
+    return _observation_set(as_printed, real, to_unit(list(designs.values())), simulated)
 
 
 def observed_rows(campaign: Campaign, state: CampaignState, batches: Iterable[int]) -> list[str]:
@@ -77,15 +79,15 @@ def _simulated_forces(campaign: Campaign, design_ids: Sequence[str]) -> np.ndarr
 
 
 def _observation_set(
-    real_designs: list[Design], real: np.ndarray, sim_designs: list[Design], simulated: np.ndarray
+    real_points: np.ndarray, real: np.ndarray, sim_points: np.ndarray, simulated: np.ndarray
 ) -> ObservationSet:
     """Means over the objects; a design without a single value tells nothing and is left out."""
     parts = []
-    for fidelity, designs, forces in ((REAL, real_designs, real), (SIM, sim_designs, simulated)):
+    for fidelity, points, forces in ((REAL, real_points, real), (SIM, sim_points, simulated)):
         has_value = np.isfinite(forces).any(axis=1)
         if has_value.any():
             y, variance = mean_over_objects(forces[has_value])
-            parts.append((to_unit(designs)[has_value], np.full(len(y), fidelity), y, variance))
+            parts.append((points[has_value], np.full(len(y), fidelity), y, variance))
     if not parts:
         return ObservationSet(x=to_unit([]), s=np.zeros(0), y=np.zeros(0), noise_variance=np.zeros(0))
     x, s, y, variance = (np.concatenate(column) for column in zip(*parts, strict=True))

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from hardware.layout import N_SLOTS
 from lake.store import Lake
 from lake.tables import BatchRow, ProposalRow, ToolRow
 from models.errors import UsageError
@@ -36,6 +37,7 @@ class PrintConfirmation(Record):
     material_lot: str = ""
     rejected: Mapping[int, str] = Field(default_factory=dict, description="slot -> reason")
     measured: Mapping[int, MeasuredTool] = Field(default_factory=dict)
+    mounted: Mapping[int, int] = Field(default_factory=dict, description="slot -> slot of the rack where it hangs")
     confirmed_by: Literal["person", "auto"] = "person"
 
 
@@ -92,11 +94,12 @@ def confirm_print(lake: Lake, campaign_id: str, batch: int, confirmation: PrintC
     rows = _proposals(lake, campaign_id, batch)
     name = BatchRow.make_id(campaign_id, batch)
     slots = [r["slot"] for r in rows]
-    for slot in sorted(set(confirmation.rejected) | set(confirmation.measured)):
+    for slot in sorted(set(confirmation.rejected) | set(confirmation.measured) | set(confirmation.mounted)):
         if slot not in slots:
             raise UsageError(
                 f"slot {slot} is not in batch {name}, its slots are {slots[0]} to {slots[-1]}; correct it."
             )
+    _check_rack(slots, confirmation)
     if lake.rows(ToolRow, campaign_id=campaign_id, batch=batch):
         raise UsageError(f"batch {name} is already confirmed; nothing was changed.")
     tools = [_tool_row(campaign_id, batch, r["slot"], r["design_id"], confirmation) for r in rows]
@@ -118,8 +121,23 @@ def _tool_row(campaign_id: str, batch: int, slot: int, design_id: str, confirmat
         operator=confirmation.operator,
         material_lot=confirmation.material_lot,
         confirmed_by=confirmation.confirmed_by,
+        rack_slot=confirmation.mounted.get(slot),
         **measured.model_dump(),
     )
+
+
+def _check_rack(slots: list[int], confirmation: PrintConfirmation) -> None:
+    """Raises UsageError for a rack slot that is not there, or that two tools would hang in."""
+    taken: dict[int, int] = {}
+    for slot in (slot for slot in slots if slot not in confirmation.rejected):
+        rack_slot = confirmation.mounted.get(slot, slot)
+        if not 0 <= rack_slot < N_SLOTS:
+            raise UsageError(f"tool {slot} cannot hang in rack slot {rack_slot}; the rack has 0 to {N_SLOTS - 1}.")
+        if rack_slot in taken:
+            raise UsageError(
+                f"tools {taken[rack_slot]} and {slot} cannot both hang in rack slot {rack_slot}; say where each hangs."
+            )
+        taken[rack_slot] = slot
 
 
 def _proposals(lake: Lake, campaign_id: str, batch: int) -> list[dict[str, Any]]:

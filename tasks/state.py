@@ -1,26 +1,50 @@
 """Where a campaign stands, derived from the lake alone: any process can be killed and ask again."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from lake.store import Lake
 from lake.tables import DesignRow, ProposalRow, ToolRow
+from models.design_space import LOWER, PARAMETERS, UPPER, to_unit
 from models.ids import tool_label
 from models.records import BENCH_FAULT, Design
 
 Cell = tuple[int, int]  # (object id, repeat)
+_THICKNESSES = ("front_thickness_mm", "back_thickness_mm", "rib_thickness_mm")
 
 
 @dataclass(frozen=True)
 class ProposedTool:
-    """A design that the scientist wants on a slot of a batch."""
+    """A design that the scientist wants on a slot of a batch, and what a person said of the print.
+
+    `hangs_in`: slot of the rack where it was mounted, if that is another. `measured_mm`: thicknesses as printed, by the
+    name of the design parameter.
+    """
 
     tool_id: str
     batch: int
     slot: int
     design: Design
+    hangs_in: int | None = None
+    measured_mm: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def rack_slot(self) -> int:
+        """Slot of the rack from which the gantry takes it."""
+        return self.slot if self.hangs_in is None else self.hangs_in
+
+    @property
+    def mounted_point(self) -> np.ndarray:
+        """The finger as printed, 9 unit-cube coordinates; a thickness out of range leaves the cube."""
+        point = to_unit([self.design])[0]
+        for name, value_mm in self.measured_mm.items():
+            column = PARAMETERS.index(name)
+            point[column] = (value_mm - LOWER[column]) / (UPPER[column] - LOWER[column])
+        return point
 
     @property
     def label(self) -> str:
@@ -90,14 +114,15 @@ def derive_state(lake: Lake, campaign_id: str, version_id: str, setup_id: str) -
     """Read the state of a campaign; `version_id` and `setup_id` say which simulations count."""
     proposals = lake.rows(ProposalRow, campaign_id=campaign_id)
     designs = load_designs(lake)
+    printed = {row["tool_id"]: row for row in lake.rows(ToolRow, campaign_id=campaign_id)}
     return CampaignState(
-        tools=tuple(_tool(campaign_id, row, designs) for row in proposals if row["fidelity"] == "real"),
+        tools=tuple(_tool(campaign_id, row, designs, printed) for row in proposals if row["fidelity"] == "real"),
         simulations=tuple(
             ProposedSimulation(row["proposal_id"], row["batch"], row["index"], designs[row["design_id"]])
             for row in proposals
             if row["fidelity"] == "sim"
         ),
-        confirmed={row["tool_id"]: row["status"] for row in lake.rows(ToolRow, campaign_id=campaign_id)},
+        confirmed={tool_id: row["status"] for tool_id, row in printed.items()},
         **_grasp_progress(lake, campaign_id),
         batch_on_rack=_batch_on_rack(lake, campaign_id),
         simulated=_simulated(lake, version_id, setup_id),
@@ -109,9 +134,13 @@ def load_designs(lake: Lake) -> dict[str, Design]:
     return {row.design_id: row.design for row in lake.records(DesignRow)}
 
 
-def _tool(campaign_id: str, row: dict, designs: dict[str, Design]) -> ProposedTool:
+def _tool(campaign_id: str, row: dict, designs: dict[str, Design], printed: dict[str, dict]) -> ProposedTool:
     tool_id = ToolRow.make_id(campaign_id, row["batch"], row["slot"])
-    return ProposedTool(tool_id, row["batch"], row["slot"], designs[row["design_id"]])
+    said = printed.get(tool_id, {})
+    thicknesses = {name: said.get(f"measured_{name}") for name in _THICKNESSES}
+    measured_mm = {name: value for name, value in thicknesses.items() if value is not None}
+    design = designs[row["design_id"]]
+    return ProposedTool(tool_id, row["batch"], row["slot"], design, said.get("rack_slot"), measured_mm)
 
 
 _PROGRESS = f"""

@@ -1,6 +1,6 @@
 """`fast gantry diagnose`: experiments that tell hidden effects apart; `fast gantry tool`: where the tool is."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -138,9 +138,15 @@ def _target(
         raise UsageError(f'`{tool_id}` is no printed tool of {root}; list them with `fast sql "FROM tools"`.')
     batch, designs = rows[-1]["batch"], load_designs(lake)
     beside = lake.rows(ToolRow, campaign_id=rows[-1]["campaign_id"], batch=batch, status="printed")
-    mounted = {row["slot"]: MountedTool(row["tool_id"], designs[row["design_id"]]) for row in beside}
-    slot = rows[-1]["slot"]
-    return (lake, ProposedTool(tool_id, batch, slot, mounted[slot].design)), mounted, slot
+    mounted = {_hanging_in(row): MountedTool(row["tool_id"], designs[row["design_id"]]) for row in beside}
+    hangs_in = _hanging_in(rows[-1])
+    tool = ProposedTool(tool_id, batch, rows[-1]["slot"], mounted[hangs_in].design, hangs_in)
+    return (lake, tool), mounted, hangs_in
+
+
+def _hanging_in(tool_row: "Mapping[str, Any]") -> int:
+    """Slot of the rack where a printed tool hangs."""
+    return int(tool_row["slot"] if tool_row["rack_slot"] is None else tool_row["rack_slot"])
 
 
 def _writer(store: "tuple[Lake, ProposedTool] | None", world: Path | None) -> "Callable[[MeasuredGrasp], None]":

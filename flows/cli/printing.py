@@ -63,6 +63,10 @@ def confirm(
             help="SLOT:front=MM,back=MM,rib=MM,hardness=SHORE_A as measured; may be given several times.",
         ),
     ] = None,
+    mounted: Annotated[
+        list[str] | None,
+        Parameter(negative="", help="SLOT=RACK_SLOT of a tool that hangs in another slot; may be given several times."),
+    ] = None,
     json: AsJson = False,
 ) -> None:
     """Say that a batch is printed and mounted; the campaign goes on."""
@@ -79,6 +83,7 @@ def confirm(
             "material_lot": material_lot,
             "rejected": _by_slot("--reject", [_rejection(entry) for entry in reject or []]),
             "measured": _by_slot("--measured", [_measurement(entry) for entry in measured or []]),
+            "mounted": _by_slot("--mounted", [_mounting(entry) for entry in mounted or []]),
         },
         "print confirmation",
     )
@@ -121,6 +126,15 @@ def _rejection(entry: str) -> tuple[int, str]:
     if not (slot.isdigit() and separator and reason.strip()):
         raise UsageError(f"--reject `{entry}` is not SLOT=reason; write it like --reject 3='tip torn'.")
     return int(slot), reason.strip()
+
+
+def _mounting(entry: str) -> tuple[int, int]:
+    from models.errors import UsageError
+
+    slot, _, rack_slot = entry.partition("=")
+    if not (slot.isdigit() and rack_slot.isdigit()):
+        raise UsageError(f"--mounted `{entry}` is not SLOT=RACK_SLOT; write it like --mounted 3=5.")
+    return int(slot), int(rack_slot)
 
 
 def _measurement(entry: str) -> tuple[int, "MeasuredTool"]:

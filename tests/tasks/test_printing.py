@@ -1,6 +1,7 @@
 import pytest
 
 from lake.tables import ToolRow
+from models.design_space import PARAMETERS, to_unit
 from models.errors import UsageError
 from tasks.printing import MeasuredTool, PrintConfirmation, confirm_print, print_folder, write_tray
 from tasks.proposing import propose_initial
@@ -44,3 +45,42 @@ def test_unknown_slot_and_batch_are_refused(proposed):
     with pytest.raises(UsageError, match="batch small/B09 does not exist"):
         confirm_print(proposed.lake, "small", 9, PrintConfirmation(operator="ada"))
     assert proposed.lake.rows(ToolRow) == []
+
+
+def test_tools_hang_where_a_person_says(proposed):
+    word = PrintConfirmation(operator="ada", mounted={0: 1, 1: 0})
+    confirm_print(proposed.lake, "small", 1, word)
+    first, second = proposed.state().tools_of(1)
+    assert (first.label, first.slot, first.rack_slot) == ("B01T0", 0, 1)
+    assert (second.label, second.slot, second.rack_slot) == ("B01T1", 1, 0)
+
+
+@pytest.mark.parametrize(
+    ("mounted", "sentence"),
+    [
+        ({0: 1}, "tools 0 and 1 cannot both hang in rack slot 1"),
+        ({0: 12}, "tool 0 cannot hang in rack slot 12; the rack has 0 to 9"),
+        ({5: 1}, "slot 5 is not in batch small/B01"),
+    ],
+)
+def test_an_impossible_rack_is_refused(proposed, mounted, sentence):
+    with pytest.raises(UsageError, match=sentence):
+        confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="ada", mounted=mounted))
+    assert proposed.lake.rows(ToolRow) == []
+
+
+def test_a_rejected_tool_leaves_its_slot_to_another(proposed):
+    word = PrintConfirmation(operator="ada", rejected={1: "torn"}, mounted={0: 1})
+    assert confirm_print(proposed.lake, "small", 1, word) == 1
+
+
+def test_a_tool_counts_as_the_finger_that_was_printed(proposed):
+    thin = MeasuredTool(measured_front_thickness_mm=1.9, measured_rib_thickness_mm=2.5)
+    confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="ada", measured={0: thin}))
+    measured, as_asked = proposed.state().tools_of(1)
+    front, back, rib = (PARAMETERS.index(f"{name}_thickness_mm") for name in ("front", "back", "rib"))
+    asked = to_unit([measured.design])[0]
+    assert measured.mounted_point[front] == pytest.approx(-0.1)  # a tenth of the range below it
+    assert measured.mounted_point[rib] == pytest.approx(0.5)
+    assert measured.mounted_point[back] == asked[back]
+    assert (as_asked.mounted_point == to_unit([as_asked.design])[0]).all()

@@ -7,7 +7,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 
-.PHONY: help setup campaign test check format lock clean
+.PHONY: help setup campaign test studies check format lock clean
 
 help:           ## list the commands
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -26,6 +26,9 @@ campaign: setup ## a small complete campaign on the virtual bench, with report a
 
 test: setup     ## the test suite
 	$(BIN)/python -m pytest -n auto
+
+studies: setup  ## tests that take minutes: hundreds of kills, campaigns in an object store
+	$(BIN)/python -m pytest -m study
 
 check: setup    ## format, lint, types, import layers
 	$(BIN)/ruff format --check .

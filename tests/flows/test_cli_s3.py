@@ -114,7 +114,7 @@ def lake_check(address: str) -> tuple[bool, str]:
     return found.ok, found.note
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.timeout(600)
 def test_a_campaign_killed_and_continued_measures_every_grasp_once(there, tmp_path):
     write_config(tmp_path)

@@ -202,7 +202,7 @@ def kill_often_there(environment: dict[str, str], address: str, acks: Path, n_ki
     kill_often(address, acks, n_kills)
 
 
-@pytest.mark.parametrize("n_kills", [8, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_kills", [8, pytest.param(100, marks=pytest.mark.study)])
 def test_kills_at_random_moments_lose_tear_and_double_nothing(lake, server, tmp_path, n_kills):
     acks = tmp_path / "acknowledged.txt"
     acks.touch()
@@ -371,7 +371,7 @@ def test_a_damaged_copy_is_fetched_again(filled):
     assert peaks(Lake.open(filled.address)) == [10, 11, 12]
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_more_objects_than_a_page_of_the_listing(lake, relay):
     n_appends = 1001
     for i in range(n_appends):

@@ -6,6 +6,8 @@ ones minus 40001. Source: notes/hardware.md section 3.1.
 
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from functools import cache
+from typing import NamedTuple
 
 from models.errors import DeviceError
 
@@ -69,7 +71,11 @@ _FAULT_WORDS = {
 
 # As plain numbers: arithmetic with flags is slow, and readings come 80 times a second and faster.
 _FAULT_MASK = 0x003F  # the bits of `_FAULT_WORDS`
-_SIGN_BITS = (Status.GROSS_NEGATIVE.value, Status.NET_NEGATIVE.value, Status.PEAK_NEGATIVE.value)
+_SIGNED_WORDS = (  # first word of gross, net and peak in the measured block, and the bit with their sign
+    (GROSS_REGISTER - STATUS_REGISTER, int(Status.GROSS_NEGATIVE)),
+    (NET_REGISTER - STATUS_REGISTER, int(Status.NET_NEGATIVE)),
+    (PEAK_REGISTER - STATUS_REGISTER, int(Status.PEAK_NEGATIVE)),
+)
 
 
 @dataclass(frozen=True)
@@ -85,8 +91,7 @@ class Scale:
         return max(len(f"{self.division:.4f}".rstrip("0")) - 2, 0) if self.division < 1 else 0
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(NamedTuple):
     """One reading. Weights are signed, in the instrument's unit.
 
     `time_s` on the bench's clock; `peak` is None where the line does not tell it; `alarm` is the display's alarm text.
@@ -103,12 +108,13 @@ class Reading:
     @property
     def fault(self) -> str:
         """Words for the alarm and every fault bit that is on, or an empty text."""
-        if not self.alarm and not self.status.value & _FAULT_MASK:
+        if not self.alarm and not int(self.status) & _FAULT_MASK:
             return ""
         words = [words for bit, words in _FAULT_WORDS.items() if self.status & bit]
         return ", ".join([f"the display shows `{self.alarm}`"] * bool(self.alarm) + words)
 
 
+@cache
 def decode_scale(register: int) -> Scale:
     """Division and unit from register 40014 (division code in the low byte, unit code in the high byte).
 
@@ -131,6 +137,7 @@ def decode_scale(register: int) -> Scale:
     return Scale(division, UNITS[unit_code])
 
 
+@cache
 def encode_scale(scale: Scale) -> int:
     """Inverse of `decode_scale`."""
     return UNITS.index(scale.unit) << 8 | DIVISIONS.index(scale.division)
@@ -150,15 +157,20 @@ def split_magnitude(counts: int) -> tuple[int, int]:
 def decode_measured(registers: list[int], scale: Scale, time_s: float = 0.0) -> Reading:
     """Reading from the block of `N_MEASURED` registers that starts at `FIRST_MEASURED_REGISTER`."""
     status = Status(registers[0] & 0x1FBF)  # undocumented bits are dropped
-    counts = [join_magnitude(registers[i], registers[i + 1]) for i in (1, 3, 5)]
-    signs = [-1 if registers[0] & bit else 1 for bit in _SIGN_BITS]
-    gross, net, peak = (sign * value * scale.division for sign, value in zip(signs, counts, strict=True))
+    gross, net, peak = [_signed_counts(registers, first, bit) * scale.division for first, bit in _SIGNED_WORDS]
     return Reading(time_s, status, gross, net, peak, scale)
 
 
-def encode_measured(status: Status, gross_counts: int, net_counts: int, peak_counts: int, scale: Scale) -> list[int]:
-    """Inverse of `decode_measured`, for signed counts; sets the sign bits."""
+def _signed_counts(registers: list[int], first: int, sign_bit: int) -> int:
+    magnitude = join_magnitude(registers[first], registers[first + 1])
+    return -magnitude if registers[0] & sign_bit else magnitude
+
+
+def encode_measured(status: int, gross_counts: int, net_counts: int, peak_counts: int, scale: Scale) -> list[int]:
+    """Inverse of `decode_measured`, for signed counts; `status` is a plain number, its sign bits are set here."""
     weights = (gross_counts, net_counts, peak_counts)
-    signs = sum(bit for counts, bit in zip(weights, _SIGN_BITS, strict=True) if counts < 0)
-    words = [word for counts in weights for word in split_magnitude(counts)]
-    return [status.value | signs, *words, encode_scale(scale)]
+    words = []
+    for counts, (_, bit) in zip(weights, _SIGNED_WORDS, strict=True):
+        status |= bit if counts < 0 else 0
+        words += split_magnitude(counts)
+    return [status, *words, encode_scale(scale)]

@@ -4,6 +4,7 @@ Weights are magnitudes, high word first; the sign sits in the status register. 0
 ones minus 40001. Source: notes/hardware.md section 3.1.
 """
 
+import struct
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from functools import cache
@@ -71,11 +72,12 @@ _FAULT_WORDS = {
 
 # As plain numbers: arithmetic with flags is slow, and readings come 80 times a second and faster.
 _FAULT_MASK = 0x003F  # the bits of `_FAULT_WORDS`
-_SIGNED_WORDS = (  # first word of gross, net and peak in the measured block, and the bit with their sign
-    (GROSS_REGISTER - STATUS_REGISTER, int(Status.GROSS_NEGATIVE)),
-    (NET_REGISTER - STATUS_REGISTER, int(Status.NET_NEGATIVE)),
-    (PEAK_REGISTER - STATUS_REGISTER, int(Status.PEAK_NEGATIVE)),
+_GROSS_NEGATIVE, _NET_NEGATIVE, _PEAK_NEGATIVE = (
+    int(bit) for bit in (Status.GROSS_NEGATIVE, Status.NET_NEGATIVE, Status.PEAK_NEGATIVE)
 )
+
+_REGISTERS = struct.Struct(f">{N_MEASURED}H")
+_MEASURED = struct.Struct(">HIIIH")  # the same block: status, gross, net, peak, scale
 
 
 @dataclass(frozen=True)
@@ -143,34 +145,26 @@ def encode_scale(scale: Scale) -> int:
     return UNITS.index(scale.unit) << 8 | DIVISIONS.index(scale.division)
 
 
-def join_magnitude(high: int, low: int) -> int:
-    """Magnitude of a 32-bit weight, high word first; a firmware that sends two's complement is undone."""
-    value = high << 16 | low
-    return abs(value - (1 << 32)) if value & 0x80000000 else value
-
-
-def split_magnitude(counts: int) -> tuple[int, int]:
-    """High and low word of the magnitude of signed counts."""
-    return abs(counts) >> 16, abs(counts) & 0xFFFF
+def magnitude(word: int) -> int:
+    """Magnitude of a 32-bit weight; a firmware that sends two's complement is undone."""
+    return (1 << 32) - word if word & 0x80000000 else word
 
 
 def decode_measured(registers: list[int], scale: Scale, time_s: float = 0.0) -> Reading:
     """Reading from the block of `N_MEASURED` registers that starts at `FIRST_MEASURED_REGISTER`."""
-    status = Status(registers[0] & 0x1FBF)  # undocumented bits are dropped
-    gross, net, peak = [_signed_counts(registers, first, bit) * scale.division for first, bit in _SIGNED_WORDS]
-    return Reading(time_s, status, gross, net, peak, scale)
-
-
-def _signed_counts(registers: list[int], first: int, sign_bit: int) -> int:
-    magnitude = join_magnitude(registers[first], registers[first + 1])
-    return -magnitude if registers[0] & sign_bit else magnitude
+    bits, gross, net, peak, _ = _MEASURED.unpack(_REGISTERS.pack(*registers))
+    return Reading(
+        time_s,
+        Status(bits & 0x1FBF),  # undocumented bits are dropped
+        (-magnitude(gross) if bits & _GROSS_NEGATIVE else magnitude(gross)) * scale.division,
+        (-magnitude(net) if bits & _NET_NEGATIVE else magnitude(net)) * scale.division,
+        (-magnitude(peak) if bits & _PEAK_NEGATIVE else magnitude(peak)) * scale.division,
+        scale,
+    )
 
 
 def encode_measured(status: int, gross_counts: int, net_counts: int, peak_counts: int, scale: Scale) -> list[int]:
     """Inverse of `decode_measured`, for signed counts; `status` is a plain number, its sign bits are set here."""
-    weights = (gross_counts, net_counts, peak_counts)
-    words = []
-    for counts, (_, bit) in zip(weights, _SIGNED_WORDS, strict=True):
-        status |= bit if counts < 0 else 0
-        words += split_magnitude(counts)
-    return [status, *words, encode_scale(scale)]
+    signs = (gross_counts < 0) * _GROSS_NEGATIVE | (net_counts < 0) * _NET_NEGATIVE | (peak_counts < 0) * _PEAK_NEGATIVE
+    magnitudes = abs(gross_counts), abs(net_counts), abs(peak_counts)
+    return list(_REGISTERS.unpack(_MEASURED.pack(status | signs, *magnitudes, encode_scale(scale))))

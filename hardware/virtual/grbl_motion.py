@@ -17,7 +17,7 @@ class Phase:
     speed: float
     acceleration: float
 
-    @property
+    @cached_property
     def length_mm(self) -> float:
         """Way covered in the whole phase."""
         return self.way_mm(self.duration_s)

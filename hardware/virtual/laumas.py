@@ -61,8 +61,9 @@ class DigitalFilter:
         start_s = now_s - self.response_s
         while len(self._readings) > 2 and self._readings[1][0] <= start_s:
             self._readings.popleft()
-        if self._refresh_at(now_s) > self._n_refreshes:
-            self._n_refreshes = self._refresh_at(now_s)
+        n_refreshes = self._refresh_at(now_s)
+        if n_refreshes > self._n_refreshes:
+            self._n_refreshes = n_refreshes
             self.shown = self._mean(start_s)
 
     def _refresh_at(self, now_s: float) -> int:

@@ -91,8 +91,11 @@ class Carriage:
 
     def _stopped(self, count_mm: Vector, slip_mm: Vector) -> Vector:
         """True position for a count: the end stops let nothing pass."""
-        ways = zip(count_mm, slip_mm, self._end_stops_mm, strict=True)
-        return tuple([min(max(count + slip, low), high) for count, slip, (low, high) in ways])
+        places = [count + slip for count, slip in zip(count_mm, slip_mm, strict=True)]
+        for axis, (low, high) in enumerate(self._end_stops_mm):
+            if not low <= places[axis] <= high:
+                places[axis] = low if places[axis] < low else high
+        return tuple(places)
 
     def start(self, leg: Leg) -> None:
         """Begin a leg from the present count."""

@@ -4,6 +4,7 @@ import logging
 import math
 import statistics
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from hardware.clock import Clock
 from hardware.laumas.codec import FILTER_REFRESH_HZ, FILTER_RESPONSE_S, OVERLOAD_MASK, SHARPEST_FILTERS, Reading
@@ -28,8 +29,7 @@ class OverloadError(DeviceError):
     """The force reached the cell's full scale: the lift is stopped at once."""
 
 
-@dataclass(frozen=True)
-class ForceReading:
+class ForceReading(NamedTuple):
     """One reading: time on the bench's clock, gross and net force in N."""
 
     time_s: float
@@ -183,10 +183,11 @@ class ForceSensor:
 
     def _force(self, reading: Reading) -> ForceReading:
         newton = self._transmitter.newton_per_unit
-        status = reading.status.value
-        if reading.fault and not status & OVERLOAD_MASK:
+        status = int(reading.status)
+        fault = reading.fault
+        if fault and not status & OVERLOAD_MASK:
             raise SensorFaultError(
-                f"The load cell reports a fault: {reading.fault}. The grasp is abandoned; check the cell's cable and "
+                f"The load cell reports a fault: {fault}. The grasp is abandoned; check the cell's cable and "
                 "the transmitter's display."
             )
         gross_n, net_n = reading.gross * newton, reading.net * newton
@@ -195,7 +196,7 @@ class ForceSensor:
         if abs(gross_n) >= FULL_SCALE_N or status & OVERLOAD_MASK:
             raise OverloadError(
                 f"The load cell is overloaded: it carries {gross_n:.0f} N, its full scale is {FULL_SCALE_N:.0f} N"
-                f"{f' ({reading.fault})' if reading.fault else ''}. The lift was stopped; lower the head by hand "
+                f"{f' ({fault})' if fault else ''}. The lift was stopped; lower the head by hand "
                 "control and look at the gripper."
             )
         self._warn_of_high(gross_n)

@@ -24,6 +24,7 @@ class BeatingClock:
 
     def __init__(self, inner: Clock) -> None:
         self.inner = inner
+        self.now_s: Callable[[], float] = inner.now_s  # asked seven times for each reading of the load cell
         self._plc: ClickPlc | None = None
         self._lost: DeviceError | None = None
         self._hear: Callable[[], None] = lambda: None
@@ -50,10 +51,6 @@ class BeatingClock:
         """Lock of the inner clock."""
         return self.inner.lock
 
-    def now_s(self) -> float:
-        """Time of the inner clock."""
-        return self.inner.now_s()
-
     def sleep(self, duration_s: float) -> None:
         """Sleep on the inner clock, in pieces no longer than a heartbeat.
 
@@ -61,20 +58,20 @@ class BeatingClock:
             DeviceError: the heartbeat was lost; raised once.
             StopAskedError: a person wants to stop.
         """
-        end_s = self.inner.now_s() + duration_s
+        end_s = self.now_s() + duration_s
         remaining_s = duration_s
         while remaining_s > 1e-9:
             self.inner.sleep(min(remaining_s, ClickPlc.heartbeat_period_s))
-            self._beat()
-            self._tell_lost()
+            if self._plc is not None:
+                self._beat(self._plc)
+            if self._lost is not None:
+                self._tell_lost()
             self._hear()
-            remaining_s = end_s - self.inner.now_s()
+            remaining_s = end_s - self.now_s()
 
-    def _beat(self) -> None:
-        if self._plc is None:
-            return
+    def _beat(self, plc: ClickPlc) -> None:
         try:
-            self._plc.beat_if_due()
+            plc.beat_if_due()
         except DeviceError as error:
             self._lost = error
 

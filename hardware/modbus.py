@@ -147,7 +147,7 @@ class ModbusLink:
             self._traced = b""
             self.log.record("sent", data)
         else:
-            is_continued = data.startswith(self._traced)
+            is_continued = self._traced and data.startswith(self._traced)
             self.log.record("received", data[len(self._traced) :] if is_continued else data)
             self._traced = data
         return data

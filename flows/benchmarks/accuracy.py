@@ -8,8 +8,8 @@ from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.outcomes import Outcome
 from flows.benchmarks.study import cases_of, run_study
 from flows.benchmarks.summary import Key, completed, failures_by_reason
-from hardware.world.solver_code import solver_id
 from models.objects.catalogue import OBJECTS
+from models.solver_code import solver_id
 
 TIERS = ("production", "screening")
 REFERENCE = "reference"

@@ -8,9 +8,9 @@ from typing import IO, Literal, Self
 
 from pydantic import ValidationError
 
-from hardware.world.solver_code import solver_id
 from models.errors import UsageError
 from models.records import Record
+from models.solver_code import solver_id
 
 
 class Outcome(Record):

@@ -64,14 +64,12 @@ def decode_line(line: bytes) -> Message:
         return Unknown(line)
     if text == "ok":
         return Ok()
+    if text.startswith("<") and text.endswith(">"):  # nearly every line of a bench at work
+        return _decode_report(text[1:-1]) or Unknown(line)
     for pattern, build in _LINE_FORMS:
         match = pattern.fullmatch(text)
         if match:
             return build(match)
-    if text.startswith("<") and text.endswith(">"):
-        report = _decode_report(text[1:-1])
-        if report is not None:
-            return report
     return Unknown(line)
 
 

@@ -53,7 +53,7 @@ class Workspace:
 
     def from_machine(self, place_mm: Sequence[float]) -> Vector:
         """Workspace place of a machine position (axes beyond z are ignored)."""
-        return tuple(place - origin for place, origin in zip(place_mm, self.origin_mm, strict=False))
+        return tuple([place - origin for place, origin in zip(place_mm, self.origin_mm, strict=False)])
 
     def check(self, place_mm: Sequence[float]) -> None:
         """Refuse a place outside the box.

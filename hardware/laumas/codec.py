@@ -4,8 +4,11 @@ Weights are magnitudes, high word first; the sign sits in the status register. 0
 ones minus 40001. Source: notes/hardware.md section 3.1.
 """
 
+import struct
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from functools import cache
+from typing import NamedTuple
 
 from models.errors import DeviceError
 
@@ -69,7 +72,12 @@ _FAULT_WORDS = {
 
 # As plain numbers: arithmetic with flags is slow, and readings come 80 times a second and faster.
 _FAULT_MASK = 0x003F  # the bits of `_FAULT_WORDS`
-_SIGN_BITS = (Status.GROSS_NEGATIVE.value, Status.NET_NEGATIVE.value, Status.PEAK_NEGATIVE.value)
+_GROSS_NEGATIVE, _NET_NEGATIVE, _PEAK_NEGATIVE = (
+    int(bit) for bit in (Status.GROSS_NEGATIVE, Status.NET_NEGATIVE, Status.PEAK_NEGATIVE)
+)
+
+_REGISTERS = struct.Struct(f">{N_MEASURED}H")
+_MEASURED = struct.Struct(">HIIIH")  # the same block: status, gross, net, peak, scale
 
 
 @dataclass(frozen=True)
@@ -85,8 +93,7 @@ class Scale:
         return max(len(f"{self.division:.4f}".rstrip("0")) - 2, 0) if self.division < 1 else 0
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(NamedTuple):
     """One reading. Weights are signed, in the instrument's unit.
 
     `time_s` on the bench's clock; `peak` is None where the line does not tell it; `alarm` is the display's alarm text.
@@ -103,12 +110,13 @@ class Reading:
     @property
     def fault(self) -> str:
         """Words for the alarm and every fault bit that is on, or an empty text."""
-        if not self.alarm and not self.status.value & _FAULT_MASK:
+        if not self.alarm and not int(self.status) & _FAULT_MASK:
             return ""
         words = [words for bit, words in _FAULT_WORDS.items() if self.status & bit]
         return ", ".join([f"the display shows `{self.alarm}`"] * bool(self.alarm) + words)
 
 
+@cache
 def decode_scale(register: int) -> Scale:
     """Division and unit from register 40014 (division code in the low byte, unit code in the high byte).
 
@@ -131,34 +139,32 @@ def decode_scale(register: int) -> Scale:
     return Scale(division, UNITS[unit_code])
 
 
+@cache
 def encode_scale(scale: Scale) -> int:
     """Inverse of `decode_scale`."""
     return UNITS.index(scale.unit) << 8 | DIVISIONS.index(scale.division)
 
 
-def join_magnitude(high: int, low: int) -> int:
-    """Magnitude of a 32-bit weight, high word first; a firmware that sends two's complement is undone."""
-    value = high << 16 | low
-    return abs(value - (1 << 32)) if value & 0x80000000 else value
-
-
-def split_magnitude(counts: int) -> tuple[int, int]:
-    """High and low word of the magnitude of signed counts."""
-    return abs(counts) >> 16, abs(counts) & 0xFFFF
+def magnitude(word: int) -> int:
+    """Magnitude of a 32-bit weight; a firmware that sends two's complement is undone."""
+    return (1 << 32) - word if word & 0x80000000 else word
 
 
 def decode_measured(registers: list[int], scale: Scale, time_s: float = 0.0) -> Reading:
     """Reading from the block of `N_MEASURED` registers that starts at `FIRST_MEASURED_REGISTER`."""
-    status = Status(registers[0] & 0x1FBF)  # undocumented bits are dropped
-    counts = [join_magnitude(registers[i], registers[i + 1]) for i in (1, 3, 5)]
-    signs = [-1 if registers[0] & bit else 1 for bit in _SIGN_BITS]
-    gross, net, peak = (sign * value * scale.division for sign, value in zip(signs, counts, strict=True))
-    return Reading(time_s, status, gross, net, peak, scale)
+    bits, gross, net, peak, _ = _MEASURED.unpack(_REGISTERS.pack(*registers))
+    return Reading(
+        time_s,
+        Status(bits & 0x1FBF),  # undocumented bits are dropped
+        (-magnitude(gross) if bits & _GROSS_NEGATIVE else magnitude(gross)) * scale.division,
+        (-magnitude(net) if bits & _NET_NEGATIVE else magnitude(net)) * scale.division,
+        (-magnitude(peak) if bits & _PEAK_NEGATIVE else magnitude(peak)) * scale.division,
+        scale,
+    )
 
 
-def encode_measured(status: Status, gross_counts: int, net_counts: int, peak_counts: int, scale: Scale) -> list[int]:
-    """Inverse of `decode_measured`, for signed counts; sets the sign bits."""
-    weights = (gross_counts, net_counts, peak_counts)
-    signs = sum(bit for counts, bit in zip(weights, _SIGN_BITS, strict=True) if counts < 0)
-    words = [word for counts in weights for word in split_magnitude(counts)]
-    return [status.value | signs, *words, encode_scale(scale)]
+def encode_measured(status: int, gross_counts: int, net_counts: int, peak_counts: int, scale: Scale) -> list[int]:
+    """Inverse of `decode_measured`, for signed counts; `status` is a plain number, its sign bits are set here."""
+    signs = (gross_counts < 0) * _GROSS_NEGATIVE | (net_counts < 0) * _NET_NEGATIVE | (peak_counts < 0) * _PEAK_NEGATIVE
+    magnitudes = abs(gross_counts), abs(net_counts), abs(peak_counts)
+    return list(_REGISTERS.unpack(_MEASURED.pack(status | signs, *magnitudes, encode_scale(scale))))

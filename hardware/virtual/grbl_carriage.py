@@ -43,8 +43,8 @@ class Carriage:
         self._since_s = -math.inf
         self._frozen_mm: Vector | None = None
         self._past: deque[_Past] = deque(maxlen=HISTORY_LEGS)
-        ranges = [self.switch_range_mm(axis) for axis in range(len(true_mm))]
-        self._end_stops_mm = [(low - END_STOP_MM, high + END_STOP_MM) for low, high in ranges]
+        self._switch_ranges_mm = [self.switch_range_mm(axis) for axis in range(len(true_mm))]
+        self._end_stops_mm = [(low - END_STOP_MM, high + END_STOP_MM) for low, high in self._switch_ranges_mm]
 
     # Ends
 
@@ -61,12 +61,15 @@ class Carriage:
 
     def is_switch_closed(self, axis: int, now_s: float) -> bool:
         """Whether the limit input of an axis is active."""
-        if axis in self.forced_switches:
-            return True
-        low, high = self.switch_range_mm(axis)
-        place = self.true_mm(now_s)[axis]
-        is_beyond = place >= high - SWITCH_SLACK_MM or place <= low + SWITCH_SLACK_MM
-        return is_beyond and axis not in self.dead_switches
+        return axis in self.closed_switches(now_s)
+
+    def closed_switches(self, now_s: float) -> set[int]:
+        """Axes whose limit input is active."""
+        beyond = set()
+        for axis, (place, (low, high)) in enumerate(zip(self.true_mm(now_s), self._switch_ranges_mm, strict=True)):
+            if place >= high - SWITCH_SLACK_MM or place <= low + SWITCH_SLACK_MM:
+                beyond.add(axis)
+        return beyond - self.dead_switches | self.forced_switches
 
     # Motion
 
@@ -88,8 +91,11 @@ class Carriage:
 
     def _stopped(self, count_mm: Vector, slip_mm: Vector) -> Vector:
         """True position for a count: the end stops let nothing pass."""
-        ways = zip(count_mm, slip_mm, self._end_stops_mm, strict=True)
-        return tuple(min(max(count + slip, low), high) for count, slip, (low, high) in ways)
+        places = [count + slip for count, slip in zip(count_mm, slip_mm, strict=True)]
+        for axis, (low, high) in enumerate(self._end_stops_mm):
+            if not low <= places[axis] <= high:
+                places[axis] = low if places[axis] < low else high
+        return tuple(places)
 
     def start(self, leg: Leg) -> None:
         """Begin a leg from the present count."""

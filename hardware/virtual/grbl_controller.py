@@ -412,7 +412,8 @@ class GrblController:
     # Reports
 
     def _pins(self) -> str:
-        return "".join(letter for axis, letter in enumerate("XYZ") if self.carriage.is_switch_closed(axis, self._now_s))
+        closed = self.carriage.closed_switches(self._now_s)
+        return "".join(letter for axis, letter in enumerate("XYZ") if axis in closed)
 
     def _can_report(self) -> bool:
         return self._is_status_due and self._state != "Home" and not (self._is_alarming or self._is_deaf)

@@ -17,7 +17,7 @@ class Phase:
     speed: float
     acceleration: float
 
-    @property
+    @cached_property
     def length_mm(self) -> float:
         """Way covered in the whole phase."""
         return self.way_mm(self.duration_s)
@@ -83,7 +83,7 @@ class Leg:
     def position_at(self, now_s: float) -> Vector:
         """Position at a time, mm."""
         way = self.way_at(now_s)
-        return tuple(start + part * way for start, part in zip(self.start_mm, self.direction, strict=True))
+        return tuple([start + part * way for start, part in zip(self.start_mm, self.direction, strict=True)])
 
     def time_at_way(self, way_mm: float) -> float:
         """When `way_mm` is first reached; infinite if it never is."""

@@ -60,7 +60,7 @@ class Planner:
     def next_event_s(self) -> float:
         """When the present leg ends or meets a switch."""
         leg = self._carriage.leg
-        return min(math.inf if leg is None else leg.end_s, self.switch_s)
+        return self.switch_s if leg is None else min(leg.end_s, self.switch_s)
 
     def vector(self, first: int) -> Vector:
         """Three settings from number `first`."""

@@ -35,6 +35,8 @@ CAPACITY_KG = 20.0
 N_REGISTERS = 80
 FUNCTIONS = frozenset({READ_HOLDING, WRITE_REGISTERS})  # FC06 is refused, as some models do
 
+_NET_SHOWN = int(Status.NET_SHOWN)  # arithmetic with flags is slow
+_NO_FAULTS = Status(0)
 
 # What the display shows instead of the weight; texts as manuals of the family print them, from memory
 _ALARM_TEXTS = {Status.CELL_ERROR: "ErCEL", Status.CONVERTER_FAULT: "Er AD", Status.GROSS_OVER_FULL_SCALE: "Er FS"}
@@ -59,8 +61,9 @@ class DigitalFilter:
         start_s = now_s - self.response_s
         while len(self._readings) > 2 and self._readings[1][0] <= start_s:
             self._readings.popleft()
-        if self._refresh_at(now_s) > self._n_refreshes:
-            self._n_refreshes = self._refresh_at(now_s)
+        n_refreshes = self._refresh_at(now_s)
+        if n_refreshes > self._n_refreshes:
+            self._n_refreshes = n_refreshes
             self.shown = self._mean(start_s)
 
     def _refresh_at(self, now_s: float) -> int:
@@ -112,6 +115,7 @@ class VirtualLaumas:
         self._zero_counts = 0
         self._peak_counts = 0
         self._is_net = False
+        self._block = [*IDENTITY, *[0] * (N_REGISTERS - len(IDENTITY))]
         self._filter = DigitalFilter(filter_setting, world.gross_n, now_s)
         self.encode_string = encode_plain
 
@@ -129,8 +133,9 @@ class VirtualLaumas:
         """What the display shows, as the continuous mode sends it: the gross, or an alarm."""
         with self._lock:
             self._refresh()
-            faults = self._faults()
-            string = WeightString(alarm=_alarm_text(faults)) if faults else WeightString(self._gross_counts())
+            gross = self._gross_counts()
+            faults = self._faults(gross)
+            string = WeightString(alarm=_alarm_text(faults)) if faults else WeightString(gross)
         return self.encode_string(string)
 
     def read_bits(self, space: str, address: int, count: int) -> list[bool] | None:
@@ -143,11 +148,9 @@ class VirtualLaumas:
             return None
         with self._lock:
             self._refresh()
-            block = [0] * N_REGISTERS
-            block[: len(IDENTITY)] = IDENTITY
             measured = self._measured()
-            block[FIRST_MEASURED_REGISTER : FIRST_MEASURED_REGISTER + len(measured)] = measured
-        return block[address : address + count]
+            self._block[FIRST_MEASURED_REGISTER : FIRST_MEASURED_REGISTER + len(measured)] = measured
+            return self._block[address : address + count]
 
     def write_bits(self, address: int, values: list[bool]) -> bool:
         """The instrument has no coils."""
@@ -172,20 +175,18 @@ class VirtualLaumas:
 
     def _measured(self) -> list[int]:
         gross = self._gross_counts()
-        status = self._faults()
-        if self._is_net:
-            status |= Status.NET_SHOWN
+        status = int(self._faults(gross)) | (_NET_SHOWN if self._is_net else 0)
         return encode_measured(status, gross, gross - self._tare_counts, self._peak_counts, self.scale)
 
-    def _faults(self) -> Status:
-        status = Status(0)
+    def _faults(self, gross_counts: int) -> Status:
+        status = _NO_FAULTS
         if "cell_unplugged" in self._world.faults:
             status |= Status.CELL_ERROR
         if "cell_saturated" in self._world.faults:
             status |= Status.GROSS_OUT_OF_RANGE
         if self._world.has_sensor_fault:
             status |= Status.CONVERTER_FAULT
-        if abs(self._gross_counts()) * self.scale.division > 1.1 * CAPACITY_KG:
+        if abs(gross_counts) * self.scale.division > 1.1 * CAPACITY_KG:
             status |= Status.GROSS_OVER_FULL_SCALE
         return status
 

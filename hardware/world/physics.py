@@ -4,9 +4,12 @@ The solver is injected (`Physics`), so a caller may run it in a process pool or 
 is drawn from (world seed, tool, object, repeat), so a resumed bench measures what an uninterrupted one would.
 """
 
+import math
 import threading
-from collections.abc import Callable, Iterable
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -29,6 +32,7 @@ from models.records import (
 
 NEGLIGIBLE_OFFSET_X_MM = 0.75
 SOLVER_DEADLINE_S = 900.0
+NOISE_BLOCK = 256
 
 
 class PhysicsRequest(Record):
@@ -187,7 +191,17 @@ class GraspCurve:
 
     def lift_force_at(self, lift_mm: float) -> float:
         """Force in N at a lift; the end values hold outside the curve."""
-        return float(np.interp(lift_mm, self.lift_mm, self.lift_force_n))
+        lifts_mm, forces_n = self._lift_points
+        after = bisect_right(lifts_mm, lift_mm)
+        if after == 0 or after == len(lifts_mm):
+            return forces_n[max(after - 1, 0)]
+        slope = (forces_n[after] - forces_n[after - 1]) / (lifts_mm[after] - lifts_mm[after - 1])
+        return slope * (lift_mm - lifts_mm[after - 1]) + forces_n[after - 1]
+
+    @cached_property
+    def _lift_points(self) -> tuple[list[float], list[float]]:
+        """The lift as lists: `np.interp` takes ten times as long for one point, and every reading asks for one."""
+        return self.lift_mm.tolist(), self.lift_force_n.tolist()
 
 
 def grasp_curve(simulation: GraspSimulation, world: World, request: PhysicsRequest, repeat: int) -> GraspCurve:
@@ -248,17 +262,23 @@ class SensorNoise:
         self._sd_n = world.sensor.noise_sd_n
         correlation_s = world.sensor.noise_correlation_s
         self._rho = float(np.exp(-1.0 / (world.sensor.rate_hz * correlation_s))) if correlation_s > 0 else 0.0
-        self._rng = _rng(world, "noise", tool_id, object_id, repeat)
-        self._value_n = self._sd_n * float(self._rng.standard_normal())
+        self._draws = _normal_draws(_rng(world, "noise", tool_id, object_id, repeat))
+        self._value_n = self._sd_n * next(self._draws)
 
     def advance(self, n_readings: int) -> float:
         """Noise in N, `n_readings` after the last call."""
         if self._sd_n == 0.0:
             return 0.0
         rho = self._rho**n_readings
-        step = float(np.sqrt(1.0 - rho * rho)) * self._sd_n
-        self._value_n = rho * self._value_n + step * float(self._rng.standard_normal())
+        step = math.sqrt(1.0 - rho * rho) * self._sd_n
+        self._value_n = rho * self._value_n + step * next(self._draws)
         return self._value_n
+
+
+def _normal_draws(rng: np.random.Generator) -> Iterator[float]:
+    """Standard normal numbers without end, the same as one at a time; in blocks, since a call costs what 100 do."""
+    while True:
+        yield from rng.standard_normal(NOISE_BLOCK).tolist()
 
 
 def _rng(world: World, purpose: str, *parts: str | int) -> np.random.Generator:

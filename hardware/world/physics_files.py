@@ -5,20 +5,28 @@ import logging
 import os
 import tempfile
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hardware.world.physics import PhysicsRequest
-from hardware.world.solver_code import physics_id
 from models.ids import canonical_json, content_id
 from models.records import GraspSimulation, Trace
+from models.solver_code import solver_id, source_id
 
 logger = logging.getLogger(__name__)
 
 MAX_FILES = 20_000  # of some 5 kB: the grasps of 500 tools
 _CHANNELS = ("time_s", "lift_mm", "force_n")
+_WORLD_SOURCES = ("hidden.py", "physics.py")
+
+
+@cache
+def physics_id() -> str:
+    """Id of the source code that decides the physics of a world: the solver's, and that of the hidden laws."""
+    return f"{solver_id()}-{source_id(Path(__file__).parent, _WORLD_SOURCES)}"
 
 
 class PhysicsFiles:

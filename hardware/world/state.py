@@ -82,7 +82,7 @@ class _Grasp:
 
 
 class WorldState:
-    """Everything on the virtual bench that is not inside a controller."""
+    """Everything on the virtual bench that is not inside a controller. `dock_slot`: where the head sits, or None."""
 
     def __init__(
         self,
@@ -101,6 +101,7 @@ class WorldState:
         self.is_locked = False
         self.pressure_psi = 0.0
         self.supply_psi = 0.0
+        self._closing_psi = closing_psi(0.0)
         self.job = (-1, 0)
         self.setup = GraspSetup()
         self.hung_kg = 0.0  # dead weight on the open gripper
@@ -114,7 +115,7 @@ class WorldState:
         self._solver = solver
         self._position_of = head_position_mm
         self._now_s = now_s
-        self._head = head_position_mm(now_s)
+        self._move_head(now_s)
         self._noise = SensorNoise(world, "none", -1, 0)
         self._last_reading = math.floor(now_s * world.sensor.rate_hz)
 
@@ -129,6 +130,7 @@ class WorldState:
             self._grasp = self._begin_grasp()
         self._grip_output, self._supply_output = grip, supply
         self.supply_psi = setpoint_psi if self.is_supply_ok else LOW_AIR_PSI
+        self._closing_psi = closing_psi(self.supply_psi)
 
     def start_job(self, object_id: int, repeat: int) -> None:
         """The host labelled the next grasp: its noise starts here, so that a resumed bench draws the same."""
@@ -185,11 +187,6 @@ class WorldState:
         return not self.is_locked and self._lock_moves_until_s is None
 
     @property
-    def dock_slot(self) -> int | None:
-        """Slot in which the head sits, or None."""
-        return self.layout.dock_at(*self._head)
-
-    @property
     def is_tool_present(self) -> bool:
         """Tool-present input of the head: a tool is on it, or under it in the dock."""
         return self.tool is not None or self.dock_slot in self.docked
@@ -229,16 +226,11 @@ class WorldState:
         held = min(self.pressure_psi / self._closing_psi, 1.0)  # opening jaws let go
         return force_n * held
 
-    @property
-    def _closing_psi(self) -> float:
-        """Pressure at which the jaws move, at this setting of the supply."""
-        return PRESSURE_OK_SHARE * max(min(self.supply_psi, USUAL_PRESSURE_PSI), RESTING_PRESSURE_PSI)
-
     # Time
 
     def step(self, now_s: float) -> None:
         """Advance to `now_s`: lock, air, grasp, drift, reading."""
-        self._head = self._position_of(now_s)
+        self._move_head(now_s)
         duration_s, self._now_s = now_s - self._now_s, now_s
         self._move_lock(now_s)
         self._move_air(duration_s)
@@ -246,6 +238,10 @@ class WorldState:
         if "zero_drift" in self.faults:
             self._drift_n += DRIFT_N_PER_S * duration_s
         self._take_reading(now_s)
+
+    def _move_head(self, now_s: float) -> None:
+        self._head = self._position_of(now_s)
+        self.dock_slot = self.layout.dock_at(*self._head)
 
     def _move_lock(self, now_s: float) -> None:
         if self._lock_moves_until_s is None or now_s < self._lock_moves_until_s:
@@ -342,6 +338,11 @@ class WorldState:
             mass_kg += self.tool.expected_mass_kg * (HEAVY_SHARE if "tool_heavy" in self.faults else 1.0)
             mass_kg -= PART_KG if "part_dropped" in self.faults else 0.0
         return mass_kg + (OBJECT_KG if "object_sticks" in self.faults else 0.0)
+
+
+def closing_psi(supply_psi: float) -> float:
+    """Pressure at which the jaws move, at this setting of the supply."""
+    return PRESSURE_OK_SHARE * max(min(supply_psi, USUAL_PRESSURE_PSI), RESTING_PRESSURE_PSI)
 
 
 def at_pressure(world: World, share: float) -> World:

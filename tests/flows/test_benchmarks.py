@@ -22,9 +22,9 @@ from flows.benchmarks.robustness import measure_robustness, memory, parts
 from flows.benchmarks.study import Case, cases_of, run_study
 from flows.benchmarks.summary import failed_grasps, failures_by_reason
 from flows.benchmarks.tiers import SIMULATORS, TIERS
-from hardware.world.solver_code import solver_id
 from models.design_space import numbered_design
 from models.records import GraspSetup, MeshSettings, SimulatorVersion
+from models.solver_code import solver_id
 from tests.flows.cli_lakes import ROOT, Fast
 
 SHORT = GraspSetup(open_gap_mm=56, closed_gap_mm=24, max_lift_mm=2)

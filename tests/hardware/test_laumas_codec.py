@@ -10,8 +10,7 @@ from hardware.laumas.codec import (
     decode_scale,
     encode_measured,
     encode_scale,
-    join_magnitude,
-    split_magnitude,
+    magnitude,
 )
 from models.errors import DeviceError
 
@@ -35,7 +34,7 @@ def test_the_sign_is_in_the_status_and_weights_are_magnitudes():
 
 
 def test_twos_complement_of_some_firmware_is_undone_before_the_sign_is_applied():
-    assert join_magnitude(0xFFFF, 0xFF06) == 250
+    assert magnitude(0xFFFFFF06) == 250
     reading = decode_measured([0x0080, 0xFFFF, 0xFF06, 0, 0, 0, 0, 15], KILOGRAM)
     assert reading.gross == pytest.approx(-0.25)
 
@@ -51,8 +50,10 @@ def test_measured_registers_round_trip(gross, net, peak):
 
 
 @given(st.integers(-(2**31) + 1, 2**31 - 1))
-def test_magnitudes_round_trip(counts):
-    assert join_magnitude(*split_magnitude(counts)) == abs(counts)
+def test_every_weight_comes_back(counts):
+    reading = decode_measured(encode_measured(0, counts, -counts, counts, KILOGRAM), KILOGRAM)
+
+    assert (reading.gross, reading.net, reading.peak) == (counts * 0.001, -counts * 0.001, counts * 0.001)
 
 
 @pytest.mark.parametrize("bit", range(6))

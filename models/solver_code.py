@@ -5,25 +5,17 @@ from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
-import models
-
 _SOLVER_SOURCES = ("effects", "fem", "geometry", "mesh", "objects", "features.py", "records.py")
-_WORLD_SOURCES = ("hidden.py", "physics.py")
 
 
 @cache
 def solver_id() -> str:
     """Id of the source code that decides a simulated number, 12 hex digits."""
-    return _source_id(Path(models.__file__).parent, _SOLVER_SOURCES)
+    return source_id(Path(__file__).parent, _SOLVER_SOURCES)
 
 
-@cache
-def physics_id() -> str:
-    """Id of the source code that decides the physics of a world: the solver's, and that of the hidden laws."""
-    return f"{solver_id()}-{_source_id(Path(__file__).parent, _WORLD_SOURCES)}"
-
-
-def _source_id(root: Path, names: Iterable[str]) -> str:
+def source_id(root: Path, names: Iterable[str]) -> str:
+    """Id of the Python files and folders `names` under `root`, 12 hex digits."""
     sources = sorted(file for name in names for file in _python_files(root / name))
     digest = hashlib.sha256()
     for file in sources:

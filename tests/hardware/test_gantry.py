@@ -13,6 +13,7 @@ from hardware.grbl.profile import GrblProfile
 from hardware.grbl.workspace import WORKSPACE_SIZE_MM, Workspace
 from hardware.transport import SerialTransport
 from hardware.virtual.grbl import VirtualGrbl
+from hardware.virtual.memory import MemoryTransport
 from models.errors import InterlockError, UsageError
 
 
@@ -120,9 +121,9 @@ def test_lift_stays_in_the_box(homed):
 
 
 def drive(n_moves):
-    """Times, places and bytes of a short session."""
+    """Times, places and bytes of a short session, in one thread: a pty answers when the system lets it."""
     clock = VirtualClock()
-    with VirtualGrbl(clock) as controller, Gantry(SerialTransport(controller.port), clock) as gantry:
+    with VirtualGrbl(clock) as controller, Gantry(MemoryTransport(controller), clock) as gantry:
         gantry.home()
         trace = []
         for n in range(n_moves):

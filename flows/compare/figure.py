@@ -18,7 +18,7 @@ _DASHES = ("-", (0, (5, 1.5)), (0, (2, 1.2)), (0, (6, 1.5, 1.5, 1.5)))
 def races_figure(courses: Sequence[Course], reference: str) -> Figure:
     """Share of the optimum that the best tool reaches per round, and the mean of the last batch, per strategy."""
     names = list(dict.fromkeys([reference, *(course.strategy for course in courses)]))
-    figure = new_figure(9.2, 3.9)
+    figure = new_figure(9.2, 4.6)
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
     for place, name in enumerate(names):
         of_name = [course for course in courses if course.strategy == name]
@@ -28,7 +28,9 @@ def races_figure(courses: Sequence[Course], reference: str) -> Figure:
     left.set_xlabel("round of ten measured tools")
     left.set_ylabel("best tool so far (% of the optimum)")
     left.grid(True, axis="y")
-    left.legend(loc="lower right", fontsize=7.5, handlelength=3.0)
+    figure.legend(
+        *left.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7.5, handlelength=3.0
+    )
     right.set_yticks(range(1, len(names) + 1), reversed(names))
     right.set_xlabel("mean of the last batch (% of the optimum)")
     right.grid(True, axis="x")

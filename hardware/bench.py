@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from hardware.cell import GraspCell
 from hardware.click.driver import ClickPlc
@@ -19,7 +19,11 @@ from hardware.force_sensor import ForceSensor
 from hardware.gantry import Gantry
 from hardware.heartbeat import BeatingClock, HeartbeatThread
 from hardware.journal import Journal
+from hardware.laumas.codec import PLAIN_DIVISIONS, Scale
+from hardware.laumas.continuous import ContinuousTransmitter
 from hardware.laumas.driver import LaumasTransmitter
+from hardware.laumas.source import WeightSource
+from hardware.laumas.strings import least_baud_rate
 from hardware.layout import BenchLayout
 from hardware.modbus import ModbusLink, rtu_link, tcp_link
 from hardware.pneumatics import Pneumatics
@@ -29,7 +33,7 @@ from hardware.tools import MountedTool
 from hardware.transport import SerialTransport, Transport
 from hardware.virtual.bench import Endpoints, VirtualBench
 from hardware.virtual.memory import MemoryTransport, memory_link
-from hardware.watches import AirWatch, GraspWatch, LadderWatch, ReleaseWatch, ZeroWatch
+from hardware.watches import AirWatch, GraspWatch, ReleaseWatch, ZeroWatch
 from hardware.world.physics import Physics, simulate_request
 from hardware.world.spec import World
 from models.errors import DeviceError, FastError
@@ -47,10 +51,17 @@ class BenchSettings(Record):
     serial_port: str = Field(default="/dev/ttyACM0", description="GRBL on an Arduino Mega")
     plc_host: str = "192.168.0.10"
     plc_port: int = Field(default=502, ge=1, le=65535)
+    plc_device_id: int = Field(default=1, ge=0, le=255, description="Modbus unit id")
     transmitter_host: str = Field(default="192.168.0.20", description="Modbus TCP; unused with a serial port")
     transmitter_port: int = Field(default=502, ge=1, le=65535)
-    transmitter_serial_port: str | None = Field(default=None, description="Modbus RTU instead of TCP")
+    transmitter_device_id: int = Field(default=1, ge=0, le=255, description="Modbus unit id or serial address")
+    transmitter_serial_port: str | None = Field(default=None, description="serial line instead of Modbus TCP")
     transmitter_baud_rate: int = Field(default=115200, ge=2400, le=115200)
+    transmitter_mode: Literal["modbus", "continuous"] = Field(
+        default="modbus", description="`continuous`: the serial line sends force_rate_hz strings a second by itself"
+    )
+    transmitter_division: float = Field(default=0.001, gt=0, description="on the keypad; used in continuous mode")
+    transmitter_unit: Literal["kg", "g", "t", "N"] = Field(default="kg", description="as transmitter_division")
     transmitter_filter: int = Field(default=0, ge=0, le=9, description="keypad setting, recorded; 0 or 1 for a lift")
     modbus_time_out_s: float = Field(default=1.0, gt=0, le=30)
     force_rate_hz: float = Field(default=80.0, ge=5, le=300)
@@ -60,6 +71,24 @@ class BenchSettings(Record):
     tool_mass_kg: dict[int, float] = Field(default_factory=dict, description="weighed tools by slot; others estimated")
     layout: BenchLayout = BenchLayout()
     journal: str | None = Field(default=None, description="file of the tool changer's journal; default beside this one")
+
+    @model_validator(mode="after")
+    def _check_continuous_mode(self) -> "BenchSettings":
+        if self.transmitter_mode == "modbus":
+            return self
+        if self.transmitter_serial_port is None:
+            raise ValueError("transmitter_mode `continuous` needs transmitter_serial_port; name the serial line")
+        if self.transmitter_division not in PLAIN_DIVISIONS:
+            raise ValueError(
+                f"transmitter_division is {self.transmitter_division:g}; set the keypad to one of "
+                f"{', '.join(f'{division:g}' for division in sorted(PLAIN_DIVISIONS))}"
+            )
+        if self.transmitter_baud_rate < least_baud_rate(self.force_rate_hz):
+            raise ValueError(
+                f"{self.force_rate_hz:g} strings a second need {least_baud_rate(self.force_rate_hz)} baud, "
+                f"transmitter_baud_rate is {self.transmitter_baud_rate}; raise it here and on the keypad"
+            )
+        return self
 
 
 @dataclass(frozen=True)
@@ -136,9 +165,13 @@ def open_virtual_servers(
     layout: BenchLayout | None = None,
     plc_port: int = 0,
     transmitter_port: int = 0,
+    is_transmitter_continuous: bool = False,
 ) -> Iterator[VirtualBench]:
-    """Only the devices of a virtual bench, for drivers elsewhere (`fast virtual start`); see `.endpoints`."""
-    virtual = VirtualBench(world, tools, physics, clock, layout or BenchLayout())
+    """Only the devices of a virtual bench, for drivers elsewhere (`fast virtual start`); see `.endpoints`.
+
+    `is_transmitter_continuous`: its serial port sends strings by itself instead of speaking Modbus RTU.
+    """
+    virtual = VirtualBench(world, tools, physics, clock, layout or BenchLayout(), is_transmitter_continuous)
     virtual.start(plc_port, transmitter_port)
     try:
         yield virtual
@@ -179,20 +212,25 @@ def _open(
     clock = BeatingClock(inner)
     wires = _memory_wires(virtual) if virtual is not None and is_in_memory else _lines(settings)
     plc = ClickPlc(wires.plc, clock)
-    transmitter = LaumasTransmitter(wires.transmitter, clock)
-    force = ForceSensor(transmitter, clock, settings.force_rate_hz, settings.stale_after_s)
+    force = ForceSensor(
+        _transmitter(settings, wires.transmitter, clock),
+        clock,
+        settings.force_rate_hz,
+        settings.stale_after_s,
+        settings.transmitter_filter,
+    )
     gantry = Gantry(wires.gantry, clock)
     pneumatics = Pneumatics(plc, clock, settings.supply_pressure_psi, settings.pressure_time_out_s)
     journal = Journal(Path(settings.journal) if settings.journal is not None else None)
     changer = ToolChanger(gantry, plc, force, clock, tools, settings.layout, journal)
-    recorded = {
+    recorded: dict[str, float | str] = {
+        "transmitter_mode": settings.transmitter_mode,
         "transmitter_filter": float(settings.transmitter_filter),
         "supply_pressure_psi": settings.supply_pressure_psi,
         "force_rate_hz": settings.force_rate_hz,
     }
-    ladder = LadderWatch(plc, clock)
-    watch = GraspWatch(ladder, AirWatch(pneumatics, clock), ZeroWatch(force), ReleaseWatch(force, pneumatics, clock))
-    supervisor = Supervisor(gantry, plc, pneumatics, ladder, clock, settings.layout.top_z_mm)
+    watch = GraspWatch(AirWatch(pneumatics, clock), ZeroWatch(force), ReleaseWatch(force, pneumatics, clock))
+    supervisor = Supervisor(gantry, plc, pneumatics, clock, settings.layout.top_z_mm)
     clock.listen(supervisor.hear, lambda: supervisor.is_ok)
     cell = GraspCell(gantry, supervisor, watch, pneumatics, changer, force, clock, settings.layout, recorded)
     with ExitStack() as stack:
@@ -217,8 +255,8 @@ class _Wires:
 
 
 def _lines(settings: BenchSettings) -> _Wires:
-    time_out_s = settings.modbus_time_out_s
-    plc = tcp_link("CLICK PLC", settings.plc_host, settings.plc_port, time_out_s=time_out_s)
+    s = settings
+    plc = tcp_link("CLICK PLC", s.plc_host, s.plc_port, s.plc_device_id, s.modbus_time_out_s)
     return _Wires(plc, _transmitter_link(settings), SerialTransport(settings.serial_port))
 
 
@@ -246,11 +284,20 @@ def _terminable() -> Iterator[None]:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
+def _transmitter(settings: BenchSettings, link: ModbusLink, clock: Clock) -> WeightSource:
+    if settings.transmitter_mode == "continuous":
+        transport = SerialTransport(str(settings.transmitter_serial_port), settings.transmitter_baud_rate)
+        scale = Scale(settings.transmitter_division, settings.transmitter_unit)
+        return ContinuousTransmitter(transport, clock, scale, settings.force_rate_hz)
+    return LaumasTransmitter(link, clock)
+
+
 def _transmitter_link(settings: BenchSettings) -> ModbusLink:
-    name, time_out_s = "Weight transmitter", settings.modbus_time_out_s
+    name, device_id, time_out_s = "Weight transmitter", settings.transmitter_device_id, settings.modbus_time_out_s
     if settings.transmitter_serial_port is not None:
-        return rtu_link(name, settings.transmitter_serial_port, settings.transmitter_baud_rate, time_out_s=time_out_s)
-    return tcp_link(name, settings.transmitter_host, settings.transmitter_port, time_out_s=time_out_s)
+        port, baud_rate = settings.transmitter_serial_port, settings.transmitter_baud_rate
+        return rtu_link(name, port, baud_rate, device_id, time_out_s)
+    return tcp_link(name, settings.transmitter_host, settings.transmitter_port, device_id, time_out_s)
 
 
 def _start_heartbeat(stack: ExitStack, clock: BeatingClock, inner: Clock, plc: ClickPlc) -> None:
@@ -258,7 +305,7 @@ def _start_heartbeat(stack: ExitStack, clock: BeatingClock, inner: Clock, plc: C
         clock.start(plc)
         stack.callback(clock.stop)
     else:
-        heartbeat = HeartbeatThread(plc, inner)
+        heartbeat = HeartbeatThread(plc, clock)
         heartbeat.start()
         stack.callback(heartbeat.stop)
 

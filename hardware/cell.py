@@ -236,6 +236,7 @@ class GraspCell:
         z_mm = self._gantry.position_mm()[2]
         self._force.forget()
         self._supervisor.rest_z_mm = z_mm
+        self._force.watch_peak()
         self._pneumatics.grip()
         recorder = grasp.recorder = GraspRecorder(self._clock.now_s(), z_mm, grasp.baseline)
         self._record_until(recorder, self._clock.now_s() + closing_s(setup) + CLOSED_SETTLE_S + grasp.dwell_s)
@@ -247,6 +248,7 @@ class GraspCell:
         self._gantry.stop_lift()
         sample = self._gantry.sample()
         recorder.add_position(sample.time_s, sample.z_mm)
+        grasp.details.update(self._force.peak_details())
         least_contact_n = max(FORCE_BACK_N, CONTACT_SDS * grasp.baseline.sd_n)
         if grasp.object_id != NO_OBJECT and not recorder.is_contact_seen(least_contact_n):
             grasp.reason = (
@@ -260,7 +262,8 @@ class GraspCell:
         next_s = max(recorder.last_force_s + period_s, self._clock.now_s())
         while next_s <= end_s + 1e-9:
             self._clock.sleep(next_s - self._clock.now_s())
-            recorder.add_force(self._force.read())
+            for reading in self._force.read_new():
+                recorder.add_force(reading)
             next_s = max(next_s + period_s, self._clock.now_s())
 
     def _record_lift(self, recorder: GraspRecorder, grasp: "_GraspInProgress") -> str:

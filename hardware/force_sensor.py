@@ -1,16 +1,23 @@
 """The load cell as a device: force in N, tared, with faults, overload and stale readings found."""
 
+import logging
+import math
 import statistics
 from dataclasses import dataclass
 
 from hardware.clock import Clock
-from hardware.laumas.codec import FAULT_MASK, Status
-from hardware.laumas.driver import LaumasTransmitter
+from hardware.laumas.codec import FILTER_REFRESH_HZ, FILTER_RESPONSE_S, OVERLOAD_MASK, SHARPEST_FILTERS, Reading
+from hardware.laumas.source import WeightSource
 from models.errors import DeviceError
 from models.units import force_n_from_kg
 
+logger = logging.getLogger(__name__)
+
 FULL_SCALE_N = force_n_from_kg(20.0)  # 20 kg cell
-_OVERLOAD = Status.MAXIMUM_PASSED | Status.GROSS_OVER_FULL_SCALE
+SILENT_AFTER_S = 0.5  # a transmitter that sends by itself and pauses this long has stopped
+FEWEST_SAME = 8  # readings alike before the instrument counts as frozen: a slow host takes few, and noise repeats
+HIGH_SHARE = 0.8  # of the full scale: warned of
+PEAK_NOISE_SDS = 5.0  # two extremes of the same noise hardly differ by more
 
 
 class SensorFaultError(DeviceError):
@@ -42,23 +49,40 @@ class Baseline:
 class ForceSensor:
     """Load cell and transmitter.
 
-    `stale_after_s`: identical readings for this long mean a frozen transmitter (a live one has noise); None switches
-    the check off. `rate_hz` is what the instrument updates at: polling faster gives duplicates without a time stamp.
+    `stale_after_s`: at least `FEWEST_SAME` identical readings for this long mean a frozen transmitter (a live one has
+    noise); None switches the check off. `rate_hz` is what the instrument updates at: polling faster gives duplicates
+    without a time stamp.
+    `filter_setting` is the digital filter on the keypad, which no register tells; None is unknown.
     """
 
     def __init__(
-        self, transmitter: LaumasTransmitter, clock: Clock, rate_hz: float = 80.0, stale_after_s: float | None = 0.5
+        self,
+        transmitter: WeightSource,
+        clock: Clock,
+        rate_hz: float = 80.0,
+        stale_after_s: float | None = 0.5,
+        filter_setting: int | None = None,
     ) -> None:
         self.rate_hz = rate_hz
+        self.filter_setting = filter_setting
         self._transmitter = transmitter
         self._clock = clock
         self._stale_after_s = stale_after_s
         self._last: tuple[float, float] | None = None
         self._changed_at_s = 0.0
+        self._n_same = 0
+        self._heard_at_s = 0.0
+        self._offset_n = 0.0
+        self._noise_sd_n = 0.0
+        self._peak_n: float | None = None
+        self._watch = _PeakWatch(None)
+        self._is_high = False
 
     def connect(self) -> None:
-        """Connect the transmitter and take one reading."""
+        """Connect the transmitter and take one reading; warns of a filter that flattens the peak of a lift."""
+        self._warn_of_filter()
         self._transmitter.connect()
+        self._heard_at_s = self._clock.now_s()
         self.read()
 
     def close(self) -> None:
@@ -71,54 +95,179 @@ class ForceSensor:
         return self._transmitter.resolution_n
 
     def read(self) -> ForceReading:
-        """The transmitter's present reading.
+        """The transmitter's present reading; waits for one if it sends by itself.
 
         Raises:
-            SensorFaultError: a fault bit is on, or readings have stood still for `stale_after_s`.
+            SensorFaultError: a fault bit or alarm is on, readings have stood still for `stale_after_s`, or none come.
             OverloadError: the gross is at the cell's full scale.
         """
-        reading = self._transmitter.read()
+        while True:
+            readings = self.read_new()
+            if readings:
+                return readings[-1]
+            self._clock.sleep(0.5 / self.rate_hz)
+
+    def read_new(self) -> list[ForceReading]:
+        """All readings since the last call, oldest first, each with its own time; asked ones are one, taken now.
+
+        Raises:
+            SensorFaultError, OverloadError: as `read`.
+        """
+        forces = [self._force(reading) for reading in self._transmitter.read_new()]
         now_s = self._clock.now_s()
-        newton = self._transmitter.newton_per_unit
-        force = ForceReading(now_s, reading.gross * newton, reading.net * newton)
-        if reading.status & FAULT_MASK & ~_OVERLOAD:
+        if forces:
+            self._heard_at_s = now_s
+        elif now_s - self._heard_at_s > SILENT_AFTER_S:
             raise SensorFaultError(
-                f"The load cell reports a fault: {reading.fault}. The grasp is abandoned; check the cell's cable and "
-                "the transmitter's display."
+                f"The weight transmitter has sent nothing for {now_s - self._heard_at_s:.1f} s. The grasp is "
+                "abandoned; check its cable and restart it."
             )
-        if abs(force.gross_n) >= FULL_SCALE_N or reading.status & _OVERLOAD:
-            raise OverloadError(
-                f"The load cell carries {force.gross_n:.0f} N, its full scale is {FULL_SCALE_N:.0f} N. The lift was "
-                "stopped; lower the head by hand control and look at the gripper."
-            )
-        self._check_stale(force)
-        return force
+        return forces
 
     def tare(self) -> None:
-        """Tare the instrument; the gripper must hang free and still."""
+        """Tare as well as the line allows, from one reading or a quarter of a second; the gripper must hang free.
+
+        What the noise of that reading leaves is in the baseline taken afterwards; `zero` takes it out.
+        """
         self._transmitter.tare()
+        self._offset_n = 0.0
         self.forget()
+
+    def zero(self, duration_s: float = 1.0) -> Baseline:
+        """Tare, then count net readings from their mean over `duration_s`; returns the baseline that was taken out."""
+        self.tare()
+        baseline = self.baseline(duration_s)
+        self._offset_n = baseline.net_n
+        return baseline
 
     def forget(self) -> None:
         """Forget earlier readings: the next stretch of readings is judged by itself."""
         self._last = None
+        self._heard_at_s = self._clock.now_s()
 
     def baseline(self, duration_s: float) -> Baseline:
         """Mean and spread over a stretch of readings at the transmitter's rate."""
+        self._transmitter.read_new()  # what came before this stretch
         self.forget()
-        readings = []
+        readings: list[ForceReading] = []
         for _ in range(max(int(duration_s * self.rate_hz), 2)):
             self._clock.sleep(1.0 / self.rate_hz)
-            readings.append(self.read())
+            readings += self.read_new()
+        if not readings:
+            readings = [self.read()]
         net = [reading.net_n for reading in readings]
-        return Baseline(statistics.fmean(r.gross_n for r in readings), statistics.fmean(net), statistics.pstdev(net))
+        self._noise_sd_n = statistics.pstdev(net)
+        return Baseline(statistics.fmean(r.gross_n for r in readings), statistics.fmean(net), self._noise_sd_n)
+
+    def watch_peak(self) -> None:
+        """Remember the instrument's peak, and collect the largest reading from now on: a lift begins."""
+        self._watch = _PeakWatch(self._peak_n)
+
+    def peak_details(self) -> dict[str, float | str]:
+        """The instrument's peak after a lift, and in words how it contradicts the readings taken, if it does.
+
+        The instrument sees every conversion, the host only what it polled. Its peak is the largest since power-up
+        (there is no confirmed command to reset it): if it rose during the lift it must be the largest reading, else it
+        must be above. Manuals do not say whether it follows gross or net: the larger one that it can be is compared.
+        Empty in continuous mode, where the peak is not on the line.
+        """
+        if self._peak_n is None:
+            return {}
+        tolerance_n = PEAK_NOISE_SDS * self._noise_sd_n + 2 * self.resolution_n
+        contradiction = self._watch.contradiction(self._peak_n, tolerance_n, self.resolution_n)
+        if contradiction:
+            logger.warning("%s", contradiction)
+            return {"transmitter_peak_n": self._peak_n, "peak_check": contradiction}
+        return {"transmitter_peak_n": self._peak_n}
+
+    def _force(self, reading: Reading) -> ForceReading:
+        newton = self._transmitter.newton_per_unit
+        if reading.status & OVERLOAD_MASK:
+            raise OverloadError(
+                f"The load cell is overloaded: {reading.fault}. The lift was stopped; lower the head by hand control "
+                "and look at the gripper."
+            )
+        if reading.fault:
+            raise SensorFaultError(
+                f"The load cell reports a fault: {reading.fault}. The grasp is abandoned; check the cell's cable and "
+                "the transmitter's display."
+            )
+        gross_n, net_n = reading.gross * newton, reading.net * newton
+        self._peak_n = None if reading.peak is None else reading.peak * newton
+        self._watch.add(gross_n, net_n)
+        if abs(gross_n) >= FULL_SCALE_N:
+            raise OverloadError(
+                f"The load cell carries {gross_n:.0f} N, its full scale is {FULL_SCALE_N:.0f} N. The lift was "
+                "stopped; lower the head by hand control and look at the gripper."
+            )
+        self._warn_of_high(gross_n)
+        force = ForceReading(reading.time_s, gross_n, net_n - self._offset_n)
+        self._check_stale(force)
+        return force
+
+    def _warn_of_high(self, gross_n: float) -> None:
+        is_high = abs(gross_n) >= HIGH_SHARE * FULL_SCALE_N
+        if is_high and not self._is_high:
+            logger.warning("The load cell carries %.0f N, its full scale is %.0f N.", gross_n, FULL_SCALE_N)
+        self._is_high = is_high
+
+    def _warn_of_filter(self) -> None:
+        setting = self.filter_setting
+        if setting is None or setting in SHARPEST_FILTERS:
+            return
+        if setting < len(FILTER_RESPONSE_S):
+            meaning = (
+                f"shows a step after {1000 * FILTER_RESPONSE_S[setting]:.0f} ms and renews its display "
+                f"{FILTER_REFRESH_HZ[setting]:g} times a second"
+            )
+        else:
+            meaning = "is slower than a second"
+        logger.warning(
+            "The weight transmitter's filter is set to %d, which %s: it flattens the peak of a lift. "
+            "Set it to 0 or 1 on the keypad and in the bench file.", setting, meaning,
+        )  # fmt: skip
 
     def _check_stale(self, force: ForceReading) -> None:
         values = (force.gross_n, force.net_n)
         if values != self._last:
-            self._last, self._changed_at_s = values, force.time_s
-        elif self._stale_after_s is not None and force.time_s - self._changed_at_s > self._stale_after_s:
+            self._last, self._changed_at_s, self._n_same = values, force.time_s, 1
+            return
+        self._n_same += 1
+        is_long = self._stale_after_s is not None and force.time_s - self._changed_at_s > self._stale_after_s
+        if is_long and self._n_same >= FEWEST_SAME:
             raise SensorFaultError(
                 f"The weight transmitter repeats {force.net_n:.2f} N for {self._stale_after_s:g} s: it is frozen. The "
                 "grasp is abandoned; restart the transmitter."
             )
+
+
+class _PeakWatch:
+    """Largest readings of a lift, in N, against the instrument's peak before and after it."""
+
+    def __init__(self, peak_before_n: float | None) -> None:
+        self._peak_before_n = peak_before_n
+        self._largest_gross_n = self._largest_net_n = -math.inf
+
+    def add(self, gross_n: float, net_n: float) -> None:
+        self._largest_gross_n = max(self._largest_gross_n, gross_n)
+        self._largest_net_n = max(self._largest_net_n, net_n)
+
+    def contradiction(self, peak_n: float, tolerance_n: float, resolution_n: float) -> str:
+        """What does not fit, in words, or an empty text."""
+        before_n = self._peak_before_n
+        seen_n = (self._largest_gross_n, self._largest_net_n)
+        if before_n is None or -math.inf in seen_n:
+            return ""
+        possible_n = [value_n for value_n in seen_n if value_n <= peak_n + tolerance_n]
+        if not possible_n:
+            return (
+                f"The largest reading of this lift is {min(seen_n):.2f} N, the transmitter's peak since power-up only "
+                f"{peak_n:.2f} N (noise allows {tolerance_n:.2f} N): one of them is wrong."
+            )
+        is_from_this_lift = peak_n > before_n + resolution_n / 2
+        if not is_from_this_lift or peak_n - max(possible_n) <= tolerance_n:
+            return ""
+        return (
+            f"The transmitter's peak rose to {peak_n:.2f} N in this lift, the largest reading taken is "
+            f"{max(possible_n):.2f} N (noise allows {tolerance_n:.2f} N): readings were missed."
+        )

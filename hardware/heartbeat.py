@@ -1,7 +1,8 @@
-"""Keeps the PLC's watchdog content while the host works.
+"""Keeps the PLC's watchdog content while the host works, and tells the host when the PLC's program stops or restarts.
 
 With a clock that moves by itself a thread beats. In lockstep virtual time nothing happens between two waits, so the
-beats are made by the waits themselves: drivers get a clock that beats while it sleeps.
+beats are made by the waits themselves: drivers get a clock that beats while it sleeps. Either way a lost heartbeat
+is raised once, in the sleep of whoever works with the bench, and no more beats are sent: the ladder's watchdog acts.
 """
 
 import logging
@@ -24,6 +25,7 @@ class BeatingClock:
     def __init__(self, inner: Clock) -> None:
         self.inner = inner
         self._plc: ClickPlc | None = None
+        self._lost: DeviceError | None = None
         self._hear: Callable[[], None] = lambda: None
         self._is_ok: Callable[[], bool] = lambda: True
 
@@ -39,6 +41,10 @@ class BeatingClock:
         """Stop beating."""
         self._plc = None
 
+    def report_lost(self, error: DeviceError) -> None:
+        """Raise `error` in the next sleep, once: the heartbeat thread's way to be heard."""
+        self._lost = error
+
     @property
     def lock(self) -> threading.RLock:
         """Lock of the inner clock."""
@@ -49,26 +55,36 @@ class BeatingClock:
         return self.inner.now_s()
 
     def sleep(self, duration_s: float) -> None:
-        """Sleep on the inner clock, in pieces no longer than a heartbeat."""
+        """Sleep on the inner clock, in pieces no longer than a heartbeat.
+
+        Raises:
+            DeviceError: the heartbeat was lost; raised once.
+            StopAskedError: a person wants to stop.
+        """
         end_s = self.inner.now_s() + duration_s
         remaining_s = duration_s
         while remaining_s > 1e-9:
             self.inner.sleep(min(remaining_s, ClickPlc.heartbeat_period_s))
             self._beat()
+            self._tell_lost()
             self._hear()
             remaining_s = end_s - self.inner.now_s()
 
     def _beat(self) -> None:
-        plc = self._plc
-        if plc is None:
+        if self._plc is None:
             return
         try:
-            plc.beat_if_due()
+            self._plc.beat_if_due()
         except DeviceError as error:
-            if self._is_ok():
-                raise
-            logger.warning("Heartbeat lost in the safe state, the ladder's watchdog takes over: %s", error)
-            plc.stop_heartbeat()
+            self._lost = error
+
+    def _tell_lost(self) -> None:
+        lost, self._lost = self._lost, None
+        if lost is None:
+            return
+        if self._is_ok():
+            raise lost
+        logger.warning("Heartbeat lost in the safe state, the ladder's watchdog takes over: %s", lost)
 
     def wall_s(self, duration_s: float) -> float:
         """Real seconds of the inner clock."""
@@ -86,7 +102,7 @@ class BeatingClock:
 class HeartbeatThread:
     """Beats from a thread of its own, for clocks that move by themselves."""
 
-    def __init__(self, plc: ClickPlc, clock: Clock) -> None:
+    def __init__(self, plc: ClickPlc, clock: BeatingClock) -> None:
         self._plc = plc
         self._clock = clock
         self._stopping = threading.Event()
@@ -108,3 +124,4 @@ class HeartbeatThread:
                 self._plc.beat_if_due()
             except DeviceError as error:
                 logger.warning("Heartbeat lost: %s", error)
+                self._clock.report_lost(error)

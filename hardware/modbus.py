@@ -107,10 +107,11 @@ class ModbusLink:
             client = self._connected_client()
             try:
                 answer = request(client)
-            except (ModbusException, OSError) as error:
+            except Exception as error:  # pymodbus lets struct.error and others out when bytes make no sense
                 self.close()
+                how = "did not answer in time" if isinstance(error, ModbusException | OSError) else "answered nonsense"
                 raise LinkLostError(
-                    f"{self.name} did not answer in time; the outcome of the last request is unknown. "
+                    f"{self.name} {how}; the outcome of the last request is unknown. "
                     "Check power and cable; the batch is paused and no data is lost."
                 ) from error
             except BaseException:

@@ -5,7 +5,6 @@ faulted again. The bench moves only while it is OK.
 """
 
 import logging
-import os
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -31,14 +30,12 @@ from hardware.safety import (
     ending_actions,
     safe_actions,
 )
-from hardware.watches import LadderWatch
 from models.errors import FastError, InterlockError
 
 logger = logging.getLogger(__name__)
 
 HARD_LIMIT = 1
 HOMING_ALARMS = (3, 6, 8, 9)
-MAX_SESSION = 30_000
 DOWN_TOLERANCE_MM = 0.5
 _MOTION = (SafeAction.HOLD_MOTION, SafeAction.DROP_MOTOR_ENABLE)
 
@@ -51,15 +48,12 @@ class Supervisor:
         rest_z_mm: height of the grasp in progress, where a closed gripper holds nothing in the air; None without.
     """
 
-    def __init__(
-        self, gantry: Gantry, plc: ClickPlc, pneumatics: Pneumatics, ladder: LadderWatch, clock: Clock, top_z_mm: float
-    ) -> None:
+    def __init__(self, gantry: Gantry, plc: ClickPlc, pneumatics: Pneumatics, clock: Clock, top_z_mm: float) -> None:
         self.cause = "The bench has just been opened."
         self.rest_z_mm: float | None = None
         self._gantry = gantry
         self._plc = plc
         self._pneumatics = pneumatics
-        self._ladder = ladder
         self._clock = clock
         self._top_z_mm = top_z_mm
         self._latch = Latch()
@@ -90,8 +84,10 @@ class Supervisor:
             self._pneumatics.check_air()
         logger.info("Safety latch OK, acknowledged by %s", who)
         self.cause, self._asked, self._held_since_s = "", None, None
-        self._plc.beat()
-        self._ladder.begin(session=os.getpid() % MAX_SESSION + 1)
+        if self._tripped_by is None:
+            self._plc.beat()
+        else:
+            self._plc.connect()  # what the PLC was told before is void: a new session
 
     def require_ok(self) -> None:
         """Raises InterlockError while the latch is faulted."""

@@ -1,4 +1,4 @@
-"""What is watched around every grasp, and the limits (notes/hardware.md 4.1): ladder, air, zero of the load cell, mass.
+"""What is watched around every grasp, and the limits (notes/hardware.md 4.1): air, zero of the load cell, mass.
 
 A `GraspFaultError` costs the grasp: the gripper is lowered and opened, and the batch goes on. Every other error ends in
 the safe state.
@@ -7,8 +7,6 @@ the safe state.
 import logging
 from collections import deque
 
-from hardware.click import tags
-from hardware.click.driver import ClickPlc
 from hardware.clock import Clock
 from hardware.force_sensor import Baseline, ForceSensor
 from hardware.pneumatics import Pneumatics
@@ -27,7 +25,6 @@ DROPPED_KG = 0.020
 NOT_RELEASED_N = 1.0
 RELEASE_WAIT_S = 1.0
 SURE_S = 3.0  # readings behind an alarm: averages the noise five times better than it has to
-SCAN_S = 0.1  # ten scans of the ladder
 
 
 class GraspFaultError(DeviceError):
@@ -40,47 +37,6 @@ class LeakError(GraspFaultError):
 
 class LowAirError(DeviceError):
     """The air mains is too low to close a gripper: wait for it, then go on."""
-
-
-class PlcRestartedError(DeviceError):
-    """The PLC was restarted or stands in STOP: nothing it was told holds any more."""
-
-
-class LadderWatch:
-    """Proves that the ladder still scans, and that it is the one this host has spoken to."""
-
-    def __init__(self, plc: ClickPlc, clock: Clock) -> None:
-        self._plc = plc
-        self._clock = clock
-        self._scans: int | None = None
-        self._seen_at_s = 0.0
-        self._session = 0
-
-    def begin(self, session: int) -> None:
-        """Leave a mark in the PLC, which its ladder wipes in its first scan after a restart."""
-        self._plc.write_many(tags.SESSION_REGISTER, [session])
-        self._session, self._scans = session, None
-
-    def check(self) -> None:
-        """One look.
-
-        Raises:
-            PlcRestartedError: the mark is gone, or the scan counter stands still.
-        """
-        scans = self._plc.read_int(tags.SCAN_COUNTER_REGISTER)
-        if self._session and self._plc.read_int(tags.SESSION_REGISTER) != self._session:
-            raise PlcRestartedError(
-                "The PLC was restarted, or another host took it over: what it was told is void. The bench is held; "
-                "look at valves and lock, then acknowledge."
-            )
-        now_s = self._clock.now_s()
-        if scans != self._scans:
-            self._scans, self._seen_at_s = scans, now_s
-        elif now_s - self._seen_at_s > SCAN_S:
-            raise PlcRestartedError(
-                f"The PLC's scan counter stands at {scans}: it is in STOP. The bench is held; switch it to RUN, look "
-                "at valves and lock, then acknowledge."
-            )
 
 
 class AirWatch:
@@ -213,18 +169,15 @@ class ReleaseWatch:
 class GraspWatch:
     """All watches of one bench, by when they look."""
 
-    def __init__(self, ladder: LadderWatch, air: AirWatch, zero: ZeroWatch, release: ReleaseWatch) -> None:
-        self.ladder = ladder
+    def __init__(self, air: AirWatch, zero: ZeroWatch, release: ReleaseWatch) -> None:
         self.air = air
         self.zero = zero
         self.release = release
 
     def before_grasp(self) -> None:
-        """Ladder scanning, air there. Raises PlcRestartedError or LowAirError; no grasp has begun."""
-        self.ladder.check()
+        """Air there. Raises LowAirError; no grasp has begun."""
         self.air.wait_for_mains()
 
     def lifting(self) -> None:
-        """Twice a second in a lift. Raises PlcRestartedError or GraspFaultError."""
-        self.ladder.check()
+        """Twice a second in a lift. Raises GraspFaultError."""
         self.air.check()

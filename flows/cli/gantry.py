@@ -52,7 +52,7 @@ def park(*, world: WorldFile = DEFAULT_WORLD, real: RealFile = None, vent: Vent 
 def tare(*, world: WorldFile = DEFAULT_WORLD, real: RealFile = None, json: AsJson = False) -> None:
     """Zero the load cell with the head hanging free, and say what was taken as zero."""
     with _bench(world, real) as bench:
-        bench.force.tare()
+        bench.force.zero(1.0)
         base = bench.force.baseline(1.0)
     text = f"tared: {base.gross_n:.3f} N gross hang free; net {base.net_n:.3f} N, noise {base.sd_n:.3f} N"
     show({"gross_n": base.gross_n, "net_n": base.net_n, "noise_sd_n": base.sd_n}, text, json)

@@ -42,6 +42,9 @@ def start(
         list[str] | None,
         Parameter(negative="", help="NAME@SECONDS: a fault that begins then, e.g. low_air@30; may be repeated."),
     ] = None,
+    continuous: Annotated[
+        bool, Parameter(negative="", help="The transmitter's serial port sends strings instead of Modbus RTU.")
+    ] = False,
     json: AsJson = False,
 ) -> None:
     """Serve a world's gantry, PLC and load cell on a pty and two loopback ports until Ctrl-C."""
@@ -54,7 +57,7 @@ def start(
     faults = [read_fault(text) for text in fault or []]
     asked = watch_signals()
     with open_virtual_servers(
-        spec, tools, simulate_request, clock, plc_port=plc_port, transmitter_port=transmitter_port
+        spec, tools, simulate_request, clock, None, plc_port, transmitter_port, continuous
     ) as bench:
         for name, time_s in faults:
             bench.inject_at(name, time_s)

@@ -4,6 +4,7 @@ Documented addresses count from 1 (Y001 is 8193), the wire counts from 0 (8192).
 each word big-endian: the opposite of the Laumas transmitter. Source: notes/hardware.md section 2.1.
 """
 
+import math
 import re
 import struct
 from dataclasses import dataclass
@@ -42,13 +43,18 @@ class Bank:
         return 2 if self.kind in ("int32", "float32") else 1
 
     @property
+    def step(self) -> int:
+        """Native numbers from one value to the next: a register of TXT holds two characters, so TXT1, TXT3, ..."""
+        return 2 if self.kind == "text" else 1
+
+    @property
     def is_sparse(self) -> bool:
         """True for X and Y, whose numbers have gaps between the slots."""
         return len(self.ranges) > 1
 
     def contains(self, number: int) -> bool:
         """Whether this bank has that native number."""
-        return any(first <= number <= last for first, last in self.ranges)
+        return any(first <= number <= last and (number - first) % self.step == 0 for first, last in self.ranges)
 
     def can_write(self, number: int) -> bool:
         """Whether a Modbus client may write that number."""
@@ -57,7 +63,7 @@ class Bank:
     def wire_of(self, number: int) -> int:
         """0-based wire address of a native number."""
         if not self.is_sparse:
-            return self.base + self.width * (number - self.ranges[0][0])
+            return self.base + self.width * (number - self.ranges[0][0]) // self.step
         if 21 <= number <= 36:  # second slot of the CPU module
             return self.base + 16 + (number - 21)
         return self.base + 32 * (number // 100) + number % 100 - 1
@@ -68,7 +74,7 @@ class Bank:
         if offset < 0:
             return None
         if not self.is_sparse:
-            number = self.ranges[0][0] + offset // self.width
+            number = self.ranges[0][0] + offset // self.width * self.step
             return number if offset % self.width == 0 and self.contains(number) else None
         slot, bit = divmod(offset, 32)
         number = 21 + bit - 16 if slot == 0 and bit >= 16 else 100 * slot + bit + 1
@@ -133,6 +139,8 @@ def parse_address(name: str) -> Address:
     if bank is None:
         raise UsageError(f"CLICK has no memory bank `{match[1]}`; {closest(match[1], list(BANKS))}")
     number = int(match[2])
+    if bank.step > 1 and bank.contains(number - 1):
+        raise UsageError(f"{name} is the second character in the register of {bank.name}{number - 1}; read that.")
     if not bank.contains(number):
         spans = ", ".join(f"{first}-{last}" for first, last in bank.ranges)
         raise UsageError(f"CLICK address {bank.name}{number} does not exist; {bank.name} has {spans}.")
@@ -148,15 +156,21 @@ def address_at(space: Space, wire: int) -> Address | None:
 
 
 def pack_value(kind: Kind, value: Value) -> list[int]:
-    """Registers of one value, low word first. Text is at most two characters, the first in the low byte."""
-    if kind == "text":
-        low, high = str(value).ljust(2, "\0").encode("ascii")
-        return [low | high << 8]
-    number = float(value) if kind == "float32" else int(value)
+    """Registers of one value, low word first. Text is at most two characters, the first in the low byte.
+
+    Raises:
+        UsageError: the value does not fit its type, or is not finite.
+    """
     try:
+        if kind == "text":
+            low, high = str(value).ljust(2, "\0").encode("ascii")
+            return [low | high << 8]
+        number = float(value) if kind == "float32" else int(value)
+        if not math.isfinite(number):
+            raise ValueError("not finite")
         data = struct.pack(_FORMATS[kind], number)
-    except struct.error as error:
-        raise UsageError(f"{value} does not fit the CLICK type {kind}; use a number in its range.") from error
+    except (struct.error, ValueError, OverflowError) as error:
+        raise UsageError(f"{value} does not fit the CLICK type {kind}; use a value in its range.") from error
     return [word for (word,) in struct.iter_unpack("<H", data)]
 
 

@@ -1,6 +1,9 @@
 """Driver of a CLICK PLC: read and write native addresses over one shared Modbus connection."""
 
+import logging
+import math
 import threading
+from collections.abc import Callable
 
 from hardware.click import tags
 from hardware.click.codec import (
@@ -14,15 +17,26 @@ from hardware.click.codec import (
 )
 from hardware.clock import Clock
 from hardware.modbus import ModbusLink
+from hardware.transport import LinkLostError
 from models.errors import DeviceError, InterlockError, UsageError
 
+logger = logging.getLogger(__name__)
+
 _READ_FUNCTION = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
+_SCANNED_AFTER_S = 0.1  # ten scans: by then a running ladder has counted and echoed
+_HIGHEST_COUNT = 30_000  # of heartbeat and session, inside int16
+
+
+class LadderError(DeviceError):
+    """The PLC answers, but its program does not run or has been restarted: what it held is gone or unknown."""
 
 
 class ClickPlc:
     """A CLICK PLC by its native names (`X1`, `C5`, `DF1`).
 
-    Writes are sent once and proven by reading back, since the ladder has the last word on what it drives.
+    Writes are proven by reading back, since the ladder has the last word on what it drives. After a time-out the
+    value is read back on a new connection first, and written once more only if it did not arrive; this is harmless for
+    the absolute values that this bench writes.
     """
 
     heartbeat_period_s = 0.5
@@ -32,26 +46,35 @@ class ClickPlc:
         self._clock = clock
         self._beat_lock = threading.Lock()
         self._beat_count = 0
+        self._scan_count = 0
+        self._session = 0
         self._last_beat_s: float | None = None
 
     def connect(self) -> None:
-        """Open the connection, prove that the ladder scans, and start the heartbeat.
+        """Open the connection, prove that the ladder scans, begin a session, and start the heartbeat.
+
+        Requests that a crashed host left behind are taken back first: with the heartbeat the ladder would obey them.
+        No valve moves by that, except that an open air supply closes.
 
         Raises:
-            DeviceError: no answer, or the PLC answers but its program does not run.
+            LinkLostError: no answer.
+            LadderError: the PLC answers but its program does not run.
         """
-        self._link.connect()
-        self._beat_count = self.read_int(tags.HEARTBEAT_REGISTER)
-        self.beat()
-        before = self.read_int(tags.SCAN_COUNTER_REGISTER)
-        for _ in range(10):
-            self._clock.sleep(0.05)
-            if self.read_int(tags.SCAN_COUNTER_REGISTER) != before:
-                return
-        raise DeviceError(
-            f"{self._link.name} answers, but its scan counter {tags.SCAN_COUNTER_REGISTER} stands still: "
-            "the PLC is in STOP. Switch it to RUN and connect again."
-        )
+        self._last_beat_s = None
+        try:
+            self._link.connect()
+            beat, _, self._scan_count, _, session = self._read_heartbeat()
+        except LinkLostError as error:
+            raise LinkLostError(
+                f"{error} A CLICK serves three connections at a time: programming software and panels take one each, "
+                "those of crashed hosts expire after about 60 s."
+            ) from error
+        self._wait_for_scan()
+        self._take_requests_back()
+        self._session = _next_count(session)
+        self.write_many(tags.SESSION_REGISTER, [self._session])
+        self._beat_count = beat
+        self._send_beat()
 
     def close(self) -> None:
         """Close the connection; the ladder's watchdog then closes the supply and holds lock and grip."""
@@ -84,8 +107,18 @@ class ClickPlc:
         return int(self.read_many(name, 1)[0])
 
     def read_float(self, name: str) -> float:
-        """One float register (DF)."""
-        return float(self.read_many(name, 1)[0])
+        """One float register (DF).
+
+        Raises:
+            DeviceError: no answer, or the register holds no finite number.
+        """
+        value = float(self.read_many(name, 1)[0])
+        if not math.isfinite(value):
+            raise DeviceError(
+                f"{self._link.name} holds {value} in {name}, which is no measurement; check the scaling of that input "
+                "in the ladder."
+            )
+        return value
 
     def write_bit(self, name: str, value: bool) -> None:
         """Write one bit with FC05 and prove it by reading it back.
@@ -94,38 +127,68 @@ class ClickPlc:
             DeviceError: no answer, or the bit reads back otherwise (a bit that the ladder drives).
         """
         address = _writable(name)
-        self._link.write_coil(address.wire, value)
-        if self.read_bit(name) != value:
-            raise DeviceError(
-                f"{self._link.name} accepted {address} = {int(value)} but it reads back {int(not value)}: "
-                "the ladder drives it. Write the request bit instead."
-            )
+        self._write_proven(
+            lambda: self._link.write_coil(address.wire, value),
+            lambda: self.read_bit(name) == value,
+            f"{address} = {int(value)} but it reads back {int(not value)}",
+        )
 
     def write_many(self, first: str, values: list[float]) -> None:
-        """Write consecutive registers in one FC16, at most 123 registers.
+        """Write consecutive registers in one FC16, at most 123 registers, and prove them by reading back.
 
         Raises:
             UsageError: a value does not fit its type, or too many values.
-            DeviceError: no answer; what the PLC holds is unknown until read back.
+            DeviceError: no answer, or the registers read back otherwise (the ladder writes them too).
         """
         address = _writable(first)
         _check_span(address, len(values))
         registers = [word for value in values for word in pack_value(address.bank.kind, value)]
         if len(registers) > MAX_REGISTERS_PER_READ - 1:
             raise UsageError(f"{len(registers)} registers exceed one Modbus write of 123; write them in parts.")
-        self._link.write_registers(address.wire, registers)
+        function = _READ_FUNCTION[address.bank.space]
+        self._write_proven(
+            lambda: self._link.write_registers(address.wire, registers),
+            lambda: self._link.read_registers(function, address.wire, len(registers)) == registers,
+            f"{len(values)} values from {address} but they read back otherwise",
+        )
+
+    def _write_proven(self, send: Callable[[], None], is_there: Callable[[], bool], what: str) -> None:
+        try:
+            send()
+        except LinkLostError as error:
+            if is_there():
+                return
+            logger.warning("%s It did not arrive and is written once more.", error)
+            send()
+        if not is_there():
+            raise DeviceError(
+                f"{self._link.name} accepted {what}: the ladder drives it. Write the request bit instead."
+            )
 
     def beat(self) -> None:
-        """Count the heartbeat register up: tells the ladder that this host is alive."""
+        """Look at what the ladder made of the last heartbeat, and send the next.
+
+        A PLC that stops is found by the second beat after it, a restarted one by the first.
+
+        Raises:
+            LadderError: the PLC has stopped or restarted since, or another host took it over.
+        """
         with self._beat_lock:
-            self._beat_count = (self._beat_count + 1) % 30000
-            self._last_beat_s = self._clock.now_s()
-            self.write_many(tags.HEARTBEAT_REGISTER, [self._beat_count])
+            self._check_ladder()
+            self._send_beat()
 
     def beat_if_due(self) -> None:
-        """Beat when the last one is `heartbeat_period_s` old."""
-        if self._last_beat_s is not None and self._clock.now_s() - self._last_beat_s >= self.heartbeat_period_s:
+        """Beat when the last one is `heartbeat_period_s` old.
+
+        A beat that fails is the last one: the ladder's watchdog then closes the supply and drops the motor enable.
+        """
+        if self._last_beat_s is None or self._clock.now_s() - self._last_beat_s < self.heartbeat_period_s:
+            return
+        try:
             self.beat()
+        except DeviceError:
+            self.stop_heartbeat()
+            raise
 
     def stop_heartbeat(self) -> None:
         """Fall silent on purpose: two seconds later the ladder closes the supply and drops the motor enable."""
@@ -159,6 +222,63 @@ class ClickPlc:
                 )
             self._clock.sleep(0.02)
 
+    def _read_heartbeat(self) -> tuple[int, int, int, int, int]:
+        """Heartbeat, echo, scan counter, fault code and session, from one request."""
+        beat, echo, scans, fault, session = (
+            int(value) for value in self.read_many(tags.HEARTBEAT_REGISTER, tags.N_HEARTBEAT)
+        )
+        return beat, echo, scans, fault, session
+
+    def _wait_for_scan(self) -> None:
+        for _ in range(10):
+            self._clock.sleep(0.05)
+            if self.read_int(tags.SCAN_COUNTER_REGISTER) != self._scan_count:
+                return
+        raise self._stopped()
+
+    def _take_requests_back(self) -> None:
+        are_on = self.read_bits(tags.REQUESTS[0], len(tags.REQUESTS))
+        for request, is_on in zip(tags.REQUESTS, are_on, strict=True):
+            if is_on:
+                logger.warning("%s: request %s was left on by an earlier host and is taken back.",
+                               self._link.name, request)  # fmt: skip
+                self.write_bit(request, False)
+
+    def _send_beat(self) -> None:
+        self._beat_count = _next_count(self._beat_count)
+        self._last_beat_s = self._clock.now_s()
+        wire = parse_address(tags.HEARTBEAT_REGISTER).wire
+        try:
+            self._link.write_registers(wire, [self._beat_count])
+        except LinkLostError as error:
+            logger.warning("%s The heartbeat is written once more.", error)
+            self._link.write_registers(wire, [self._beat_count])
+
+    def _check_ladder(self) -> None:
+        if self._last_beat_s is None or self._clock.now_s() - self._last_beat_s < _SCANNED_AFTER_S:
+            return
+        _, echo, scans, _, session = self._read_heartbeat()
+        if session != self._session:
+            happened = "its program was restarted" if session == 0 else "another host took it over"
+            raise LadderError(
+                f"{self._link.name} has lost this session ({tags.SESSION_REGISTER} is {session} instead of "
+                f"{self._session}): {happened}. Look at the bench, then connect again; outputs may have changed."
+            )
+        if scans == self._scan_count:
+            raise self._stopped()
+        if echo != self._beat_count:
+            raise LadderError(
+                f"{self._link.name} scans, but echoes heartbeat {echo} in {tags.HEARTBEAT_ECHO_REGISTER} instead of "
+                f"{self._beat_count}; its program is not the one of docs/bench.md, or a second host writes to it."
+            )
+        self._scan_count = scans
+
+    def _stopped(self) -> LadderError:
+        return LadderError(
+            f"{self._link.name} answers, but its scan counter {tags.SCAN_COUNTER_REGISTER} stands still: "
+            "the PLC is in STOP. Switch it to RUN and connect again."
+        )
+
     def _read_bits(self, address: Address, count: int) -> list[bool]:
         bits: list[bool] = []
         while len(bits) < count:
@@ -167,8 +287,13 @@ class ClickPlc:
         return bits
 
 
+def _next_count(count: int) -> int:
+    """The count after `count`, 1 to 29999 and over again; never 0, which a restarted PLC shows."""
+    return max((count + 1) % _HIGHEST_COUNT, 1)
+
+
 def _check_span(address: Address, count: int) -> None:
-    last = address.number + count - 1
+    last = address.number + address.bank.step * (count - 1)
     spans = address.bank.ranges
     if count < 1 or not any(low <= address.number and last <= high for low, high in spans):
         raise UsageError(f"{count} values from {address} leave one range of bank {address.bank.name}; read fewer.")

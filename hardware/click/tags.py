@@ -10,13 +10,17 @@ UNLOCK_REQUEST = "C2"  # the ladder obeys only while the head sits in a dock
 GRIP_REQUEST = "C3"
 VENT_REQUEST = "C4"
 SUPPLY_REQUEST = "C5"  # level
+REQUESTS = (LOCK_REQUEST, UNLOCK_REQUEST, GRIP_REQUEST, VENT_REQUEST, SUPPLY_REQUEST)  # adjacent: read together
 MOMENTARY_REQUESTS = (LOCK_REQUEST, UNLOCK_REQUEST, GRIP_REQUEST, VENT_REQUEST)
 
-# Outputs, driven by the ladder
-LOCK_OUTPUT = "Y1"  # bistable lock: on = closed
-GRIP_OUTPUT = "Y2"
+# Outputs, driven by the ladder. Lock and gripper valves are bistable, one coil each way: with the PLC in STOP, outputs
+# off, they stay where they are. Supply valve and motor enable fall off.
+LOCK_OUTPUT = "Y1"  # on = closed
+GRIP_OUTPUT = "Y2"  # on = jaws closed
 SUPPLY_OUTPUT = "Y3"
 MOTOR_ENABLE_OUTPUT = "Y4"
+UNLOCK_OUTPUT = "Y5"  # the contrary of Y1 in RUN
+VENT_OUTPUT = "Y6"  # the contrary of Y2 in RUN
 
 # Inputs X1 to X6 are read together; keep them adjacent
 LOCK_CLOSED_INPUT = "X1"
@@ -32,12 +36,14 @@ SUPPLY_OK_INPUT = "X7"  # pressure switch of the air mains, before the supply va
 FIRST_DOCK_INPUT, N_DOCK_SLOTS = "X21", 10
 
 # Heartbeat: the host counts up; two seconds without a change and the ladder closes the supply, stops the motors, and
-# holds lock and grip
-HEARTBEAT_REGISTER = "DS1"
+# holds lock and grip. DS1 to DS5 are read together; keep them adjacent
+HEARTBEAT_REGISTER, N_HEARTBEAT = "DS1", 5
 HEARTBEAT_ECHO_REGISTER = "DS2"
-SCAN_COUNTER_REGISTER = "DS3"
+SCAN_COUNTER_REGISTER = "DS3"  # counts scans from 0 to 29999 and over again
 FAULT_REGISTER = "DS4"
-SESSION_REGISTER = "DS5"  # the host's mark; the ladder wipes it in its first scan, so that a restart shows
+# Session: written by the host at connect, never 0. On its first scan (SC2) the ladder clears it, the scan counter and
+# all requests, and takes Y1 and Y2 over from the sensors X1 and X4: so a restart shows, and moves no valve
+SESSION_REGISTER = "DS5"
 HOST_TIME_OUT_S = 2.0
 
 # Job label, shown on the panel: which object is gripped, for which time

@@ -17,18 +17,22 @@ from hardware.laumas.codec import (
     decode_measured,
     decode_scale,
 )
+from hardware.laumas.source import NEWTON_PER_UNIT
 from hardware.modbus import ModbusLink
+from hardware.transport import LinkLostError
 from models.errors import DeviceError
-from models.units import force_n_from_kg
 
 logger = logging.getLogger(__name__)
 
-# Newtons of one unit of the instrument, for the units a load cell of force can be set to
-_NEWTON_PER_UNIT = {"kg": force_n_from_kg(1.0), "g": force_n_from_kg(1e-3), "t": force_n_from_kg(1e3), "N": 1.0}
-
 
 class LaumasTransmitter:
-    """A weight transmitter: status, gross, net and peak in one read; tare, zero and gross as commands."""
+    """A weight transmitter: status, gross, net and peak in one read; tare, zero and gross as commands.
+
+    The peak register is an upper bound since power-up: no command that resets it is confirmed (131 is hearsay), so the
+    driver sends none, and only a peak that rises during a lift belongs to that lift.
+    """
+
+    mode = "modbus"
 
     def __init__(self, link: ModbusLink, clock: Clock) -> None:
         self._link = link
@@ -46,11 +50,14 @@ class LaumasTransmitter:
         self.identity = tuple(self._link.read_registers(3, IDENTITY_REGISTER, N_IDENTITY))
         (register,) = self._link.read_registers(3, DIVISION_REGISTER, 1)
         scale = decode_scale(register)
-        if scale.unit not in _NEWTON_PER_UNIT:
+        if scale.unit not in NEWTON_PER_UNIT:
             raise DeviceError(
                 f"{self._link.name} measures in {scale.unit}, which is no force; set it to kg or N on the keypad."
             )
         self._scale = scale
+        if not any(self.identity):
+            logger.warning("%s shows no firmware, type or serial number in its first registers; check with a known "
+                           "weight that its register map is the expected one.", self._link.name)  # fmt: skip
         logger.info("%s: firmware, type, year, serial, program %s; division %s %s",
                     self._link.name, self.identity, scale.division, scale.unit)  # fmt: skip
 
@@ -61,7 +68,7 @@ class LaumasTransmitter:
     @property
     def newton_per_unit(self) -> float:
         """Newtons of one unit of the instrument's readings."""
-        return _NEWTON_PER_UNIT[self._known_scale().unit]
+        return NEWTON_PER_UNIT[self._known_scale().unit]
 
     @property
     def resolution_n(self) -> float:
@@ -74,15 +81,22 @@ class LaumasTransmitter:
         Raises:
             DeviceError: no answer, or somebody changed the scale on the keypad since `connect`.
         """
-        registers = self._link.read_registers(3, FIRST_MEASURED_REGISTER, N_MEASURED)
         scale = self._known_scale()
-        reading = decode_measured(registers, scale)
+        asked_s = self._clock.now_s()
+        registers = self._link.read_registers(3, FIRST_MEASURED_REGISTER, N_MEASURED)
+        reading = decode_measured(registers, scale, (asked_s + self._clock.now_s()) / 2)
         if decode_scale(registers[-1]) != scale:
             raise DeviceError(f"The scale of {self._link.name} was changed on its keypad; connect again.")
         return reading
 
+    def read_new(self) -> list[Reading]:
+        """One reading, taken now: over Modbus the instrument is asked."""
+        return [self.read()]
+
     def tare(self) -> None:
-        """Semi-automatic tare (command 7), proven by the net flag."""
+        """Semi-automatic tare (command 7), proven by the net flag, which an earlier tare is made to drop first."""
+        if self.read().status & Status.NET_SHOWN:
+            self.show_gross()
         self._command(Command.TARE, is_net=True)
 
     def zero(self) -> None:
@@ -94,7 +108,12 @@ class LaumasTransmitter:
         self._command(Command.GROSS, is_net=False)
 
     def _command(self, command: Command, is_net: bool | None, time_out_s: float = 1.0) -> None:
-        self._link.write_registers(COMMAND_REGISTER, [int(command)])  # FC16 always: FC06 is refused by some models
+        try:
+            self._link.write_registers(COMMAND_REGISTER, [int(command)])  # FC16 always: FC06 is refused by some models
+        except LinkLostError as error:
+            if is_net is None:
+                raise  # nothing shows whether it was carried out, and it must not be carried out twice
+            logger.warning("%s Command %s is not repeated; its outcome is read back.", error, command.name.lower())
         deadline_s = self._clock.now_s() + time_out_s
         while is_net is not None and bool(self.read().status & Status.NET_SHOWN) != is_net:
             if self._clock.now_s() >= deadline_s:

@@ -27,7 +27,7 @@ _TICK_S = 0.01  # real time between looks at a world whose clock runs by itself
 
 @dataclass(frozen=True)
 class Endpoints:
-    """Where drivers connect. The transmitter answers on Modbus TCP, and on RTU at its serial port."""
+    """Where drivers connect. The transmitter answers on Modbus TCP; its serial port is RTU or sends strings."""
 
     serial_port: str
     plc_host: str
@@ -45,7 +45,13 @@ class VirtualBench:
     """
 
     def __init__(
-        self, world: World, tools: Mapping[int, MountedTool], physics: Physics, clock: Clock, layout: BenchLayout
+        self,
+        world: World,
+        tools: Mapping[int, MountedTool],
+        physics: Physics,
+        clock: Clock,
+        layout: BenchLayout,
+        is_transmitter_continuous: bool = False,
     ) -> None:
         self.is_lockstep = math.isinf(clock.wall_s(1.0))
         self._physics = physics if isinstance(physics, PhysicsCache) else PhysicsCache(physics)
@@ -62,7 +68,13 @@ class VirtualBench:
         self.plc = VirtualClick(self.state, clock.lock, now_s, self._refresh)
         if not self.is_lockstep:  # a faster clock does not make the host's threads faster
             self.plc.host_time_out_s *= max(1.0, 1.0 / clock.wall_s(1.0))
-        self.transmitter = VirtualLaumas(self.state, clock.lock, refresh=self._refresh)
+        self.transmitter = VirtualLaumas(
+            self.state,
+            clock.lock,
+            refresh=self._refresh,
+            now_s=now_s,
+            strings_clock=clock if is_transmitter_continuous else None,
+        )
 
     def start(self, plc_port: int = 0, transmitter_port: int = 0) -> Endpoints:
         """Start everything; ports 0 are free ones.
@@ -73,7 +85,7 @@ class VirtualBench:
         try:
             self.plc.server.start(plc_port)
             self.transmitter.server.start(transmitter_port)
-            self.transmitter.rtu_server.start()
+            self.transmitter.serial_server.start()
         except BaseException:
             self.stop()
             raise
@@ -86,8 +98,8 @@ class VirtualBench:
     def endpoints(self) -> Endpoints:
         """Where drivers connect."""
         plc, transmitter = self.plc.server, self.transmitter.server
-        rtu_port = self.transmitter.rtu_server.port
-        return Endpoints(self.grbl.port, plc.host, plc.port, transmitter.host, transmitter.port, rtu_port)
+        serial_port = self.transmitter.serial_server.port
+        return Endpoints(self.grbl.port, plc.host, plc.port, transmitter.host, transmitter.port, serial_port)
 
     def inject(self, fault: str) -> None:
         """Start a fault of `hardware.virtual.faults.FAULTS`, now.
@@ -114,7 +126,7 @@ class VirtualBench:
         if self._ticker.is_alive():
             self._ticker.join(timeout=10.0)
         self.transmitter.server.stop()
-        self.transmitter.rtu_server.stop()
+        self.transmitter.serial_server.stop()
         self.plc.server.stop()
         self.grbl.close()
         if self._worker is not None:
@@ -129,7 +141,7 @@ class VirtualBench:
         self._inject_due(now_s)
         self.state.step(now_s)
         self.plc.scan(now_s)
-        self.transmitter.step()
+        self.transmitter.step(now_s)
         if self.state.is_motor_enabled != self.grbl.is_motor_enabled:
             self.grbl.set_motor_enable(self.state.is_motor_enabled)
 

@@ -3,8 +3,11 @@
 Hosts write requests (C) and registers; each scan the ladder decides the outputs (Y), so a Y written by a host reads
 back for a moment and is then overwritten. Without a heartbeat for two seconds the ladder closes the supply and drops
 the motor enable, and holds lock and grip: an object in the air must not fall because a host died.
+
+In STOP the port still answers, outputs are off and nothing scans. Lock and gripper valves are bistable and stay.
 """
 
+import random
 import threading
 from collections.abc import Callable
 
@@ -16,19 +19,35 @@ from hardware.world.state import WorldState, slots_full
 from models.records import GraspSetup
 
 SCAN_PERIOD_S = 0.01
+SCAN_JITTER = 0.2  # of the period, either way
+MOST_CONNECTIONS = 3  # further ones are hung up (notes/hardware.md 2.1)
+IDLE_TIME_OUT_S = 60.0  # of the bench's clock, then the PLC hangs up (SD200 and following)
+CONNECTION_LIMIT_BIT = "SC92"  # on while every connection is in use
+_IDLE_LOOK_S = 1.0
+_COUNTER_END = 30_000
 _NO_HEARTBEAT = 1
 _ESTOP = 2
+
+_OUTPUTS = (
+    tags.LOCK_OUTPUT,
+    tags.GRIP_OUTPUT,
+    tags.SUPPLY_OUTPUT,
+    tags.MOTOR_ENABLE_OUTPUT,
+    tags.UNLOCK_OUTPUT,
+    tags.VENT_OUTPUT,
+)
 
 _Memory = dict[tuple[Space, int], int]
 
 
-def _wires(space: Space) -> frozenset[int]:
+def _wires(space: Space, only_writable: bool = False) -> frozenset[int]:
     return frozenset(
         bank.wire_of(number) + word
         for bank in BANKS.values()
         if bank.space == space
         for first, last in bank.ranges
-        for number in range(first, last + 1)
+        for number in range(first, last + 1, bank.step)
+        if bank.can_write(number) or not only_writable
         for word in range(bank.width)
     )
 
@@ -39,48 +58,84 @@ _LEGAL: dict[Space, frozenset[int]] = {
     "holding": _wires("holding"),
     "input": _wires("input"),
 }
+_WRITABLE: dict[Space, frozenset[int]] = {
+    space: _wires(space, only_writable=True) for space in ("coil", "discrete", "holding")
+}
 
 
 class VirtualClick:
-    """A CLICK PLC in RUN, wired to the virtual world. `is_running` False is the STOP switch.
+    """A CLICK PLC in RUN, wired to the virtual world.
 
-    `lock` is the clock's; `refresh` brings the world up to date before a read, under that lock.
+    `lock` is the clock's; `refresh` brings the world up to date before a read, under that lock. `unit_ids` are those
+    it answers to (None: any).
     """
 
     functions = ALL_FUNCTIONS
 
     def __init__(
-        self, world: WorldState, lock: threading.RLock, now_s: float, refresh: Callable[[], None] = lambda: None
+        self,
+        world: WorldState,
+        lock: threading.RLock,
+        now_s: float,
+        refresh: Callable[[], None] = lambda: None,
+        unit_ids: frozenset[int] | None = None,
     ) -> None:
-        self.server = ModbusServerThread("CLICK PLC", self)
-        self.is_running = True
+        self.server = ModbusServerThread("CLICK PLC", self, MOST_CONNECTIONS, unit_ids)
         self._world = world
         self._lock = lock
         self._refresh = refresh
         self.host_time_out_s = tags.HOST_TIME_OUT_S
         self._memory: _Memory = {}
         self._n_scans = 0
-        self._last_scan_s = now_s
+        self._next_scan_s = self._next_idle_look_s = now_s
+        self._jitter = random.Random(now_s)  # a lockstep bench starts at 0: its scans repeat
+        self._is_running = self._is_first_scan = True
+        self._lock_valve = self._grip_valve = False
         self._last_heartbeat = 0
         self._heartbeat_at_s: float | None = None
+        self._had_host = False
         self._n_writes = 0
         self._last_seen: tuple[object, ...] = ()
         self._set(tags.SUPPLY_SETPOINT_REGISTER, 30.0)
         self._write_recipe(GraspSetup())
         self._show_inputs()
 
-    def restart(self) -> None:
-        """Power off and on: everything a host wrote is gone; the two bistable valves stay as they are."""
+    # The RUN/STOP switch and the power
+
+    @property
+    def is_running(self) -> bool:
+        """The RUN/STOP switch."""
+        return self._is_running
+
+    @is_running.setter
+    def is_running(self, is_running: bool) -> None:
         with self._lock:
-            lock, grip = self._get(tags.LOCK_OUTPUT), self._get(tags.GRIP_OUTPUT)
-            self._memory.clear()
+            self._is_first_scan = self._is_first_scan or (is_running and not self._is_running)
+            self._is_running = is_running
+            if not is_running:
+                self._switch_outputs_off()
+
+    def restart(self, is_retentive: bool = False) -> None:
+        """Lose and regain power: connections are gone, and so is the memory, except that of a retentive PLC."""
+        with self._lock:
+            self._switch_outputs_off()
+            if not is_retentive:
+                self._memory.clear()
+            self._is_first_scan = True
             self._n_writes += 1
-            self._n_scans = self._last_heartbeat = 0
-            self._set(tags.LOCK_OUTPUT, lock)
-            self._set(tags.GRIP_OUTPUT, grip)
-            self._set(tags.SUPPLY_SETPOINT_REGISTER, 30.0)
-            self._write_recipe(self._world.setup)
             self._show_inputs()
+        self.server.drop_all()
+
+    def _switch_outputs_off(self) -> None:
+        for output in _OUTPUTS:
+            self._set(output, False)
+        self._world.is_motor_enabled = False
+        self._drive(supply=False)
+
+    def _drive(self, supply: bool) -> None:
+        """Valves as their coils leave them: bistable ones stay without current."""
+        setpoint_psi = float(self._get(tags.SUPPLY_SETPOINT_REGISTER))
+        self._world.set_outputs(self._lock_valve, self._grip_valve, supply, setpoint_psi)
 
     # The ladder
 
@@ -89,30 +144,55 @@ class VirtualClick:
 
         Of the next scan only the counter is, if it would see the same: the ladder is at rest after one scan.
         """
-        n_due = int((now_s - self._last_scan_s) / SCAN_PERIOD_S + 1e-9)
-        if n_due < 1 or not self.is_running:
+        if now_s >= self._next_idle_look_s:
+            self._next_idle_look_s = now_s + _IDLE_LOOK_S
+            self.server.drop_idle(now_s, IDLE_TIME_OUT_S)
+        first_due_s, n_due = self._next_scan_s, 0
+        while self._next_scan_s <= now_s + 1e-9:
+            self._next_scan_s += SCAN_PERIOD_S * self._jitter.uniform(1 - SCAN_JITTER, 1 + SCAN_JITTER)
+            n_due += 1
+        if n_due < 1 or not self._is_running:
             return
-        first_due_s = self._last_scan_s + SCAN_PERIOD_S
-        self._last_scan_s += n_due * SCAN_PERIOD_S
-        self._n_scans = (self._n_scans + n_due) % 30000
-        self._set(tags.SCAN_COUNTER_REGISTER, self._n_scans)
         seen = (self._n_writes, self._is_host_alive(now_s), *self._world.input_state)
-        if seen == self._last_seen:
+        if seen == self._last_seen and not self._is_first_scan:
+            self._count_scans(n_due)
             return
         self._show_inputs()
+        if self._is_first_scan:
+            self._begin()
+        self._count_scans(n_due)
         is_host_alive = self._watch_heartbeat(first_due_s, now_s)
         self._last_seen = (self._n_writes, is_host_alive, *self._world.input_state)
         is_estop_ok = bool(self._get(tags.ESTOP_OK_INPUT))
-        lock, grip = self._ladder_lock(), self._ladder_grip(is_estop_ok)
+        self._lock_valve, self._grip_valve = self._ladder_lock(), self._ladder_grip(is_estop_ok)
         supply = bool(self._get(tags.SUPPLY_REQUEST)) and is_host_alive and is_estop_ok
-        self._set(tags.LOCK_OUTPUT, lock)
-        self._set(tags.GRIP_OUTPUT, grip)
+        self._set(tags.LOCK_OUTPUT, self._lock_valve)
+        self._set(tags.UNLOCK_OUTPUT, not self._lock_valve)
+        self._set(tags.GRIP_OUTPUT, self._grip_valve)
+        self._set(tags.VENT_OUTPUT, not self._grip_valve)
         self._set(tags.SUPPLY_OUTPUT, supply)
         self._set(tags.MOTOR_ENABLE_OUTPUT, is_host_alive and is_estop_ok)
         # Until the first host the relay stays closed, so that the machine can be set up from a terminal.
-        self._world.is_motor_enabled = is_estop_ok and (is_host_alive or self._heartbeat_at_s is None)
+        self._world.is_motor_enabled = is_estop_ok and (is_host_alive or not self._had_host)
         self._set(tags.FAULT_REGISTER, _NO_HEARTBEAT * (not is_host_alive) + _ESTOP * (not is_estop_ok))
-        self._world.set_outputs(lock, grip, supply, float(self._get(tags.SUPPLY_SETPOINT_REGISTER)))
+        self._set(CONNECTION_LIMIT_BIT, self.server.n_connections >= MOST_CONNECTIONS)
+        self._drive(supply)
+
+    def _count_scans(self, n_scans: int) -> None:
+        self._n_scans = (self._n_scans + n_scans) % _COUNTER_END
+        self._set(tags.SCAN_COUNTER_REGISTER, self._n_scans)
+
+    def _begin(self) -> None:
+        """The first scan after power-up or STOP: forget the session and all requests, move no valve."""
+        self._is_first_scan = False
+        self._n_scans = 0
+        self._last_heartbeat = int(self._get(tags.HEARTBEAT_REGISTER))
+        self._heartbeat_at_s = None
+        self._set(tags.SESSION_REGISTER, 0)
+        for request in tags.REQUESTS:
+            self._set(request, False)
+        self._set(tags.LOCK_OUTPUT, bool(self._get(tags.LOCK_CLOSED_INPUT)))
+        self._set(tags.GRIP_OUTPUT, bool(self._get(tags.PRESSURE_OK_INPUT)))
 
     def _ladder_lock(self) -> bool:
         """Bistable: closes on request, opens on request only while the head sits in a dock."""
@@ -133,7 +213,7 @@ class VirtualClick:
         """Whether the host is alive; what changed since the last scan was seen by the first scan that was due."""
         beat = int(self._get(tags.HEARTBEAT_REGISTER))
         if beat != self._last_heartbeat:
-            self._last_heartbeat, self._heartbeat_at_s = beat, first_due_s
+            self._last_heartbeat, self._heartbeat_at_s, self._had_host = beat, first_due_s, True
             self._set(tags.HEARTBEAT_ECHO_REGISTER, beat)
         return self._is_host_alive(now_s)
 
@@ -189,19 +269,25 @@ class VirtualClick:
             return [self._memory.get((key, wire), 0) for wire in wires]
 
     def write_bits(self, address: int, values: list[bool]) -> bool:
-        """Coils Y and C."""
+        """Coils Y and C, and the few system bits that take writes."""
         wires = range(address, address + len(values))
-        if any(wire not in _LEGAL["coil"] or wire in _LEGAL["discrete"] for wire in wires):
+        keys = [self._writable_bit(wire) for wire in wires]
+        if None in keys:
             return False
         with self._lock:
             self._n_writes += 1
-            self._memory.update({("coil", wire): int(value) for wire, value in zip(wires, values, strict=True)})
+            self._memory.update({key: int(value) for key, value in zip(keys, values, strict=True) if key is not None})
         return True
+
+    @staticmethod
+    def _writable_bit(wire: int) -> tuple[Space, int] | None:
+        spaces: tuple[Space, Space] = ("coil", "discrete")
+        return next(((space, wire) for space in spaces if wire in _WRITABLE[space]), None)
 
     def write_registers(self, address: int, values: list[int]) -> bool:
         """Holding registers; writing the job label starts the world's next grasp."""
         wires = range(address, address + len(values))
-        if any(wire not in _LEGAL["holding"] for wire in wires):
+        if any(wire not in _WRITABLE["holding"] for wire in wires):
             return False
         with self._lock:
             self._n_writes += 1

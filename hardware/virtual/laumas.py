@@ -1,10 +1,20 @@
-"""Virtual Laumas transmitter on Modbus TCP and RTU: the load cell of the virtual world, in kg with 0.001 division."""
+"""Virtual Laumas transmitter: the load cell of the virtual world, in kg with 0.001 division.
 
+Modbus TCP always; its serial port speaks Modbus RTU or sends strings (continuous mode), as set on the keypad. The
+digital filter answers a step as the instrument's does, and renews what is shown at its own rate: who polls faster
+gets duplicates.
+"""
+
+import math
 import threading
+from collections import deque
 from collections.abc import Callable
 
+from hardware.clock import Clock
 from hardware.laumas.codec import (
     COMMAND_REGISTER,
+    FILTER_REFRESH_HZ,
+    FILTER_RESPONSE_S,
     FIRST_MEASURED_REGISTER,
     MAX_REGISTERS_PER_REQUEST,
     Command,
@@ -12,6 +22,8 @@ from hardware.laumas.codec import (
     Status,
     encode_measured,
 )
+from hardware.laumas.strings import WeightString, encode_plain
+from hardware.virtual.laumas_strings import StringServerThread
 from hardware.virtual.modbus import ModbusServerThread
 from hardware.virtual.pdu import READ_HOLDING, WRITE_REGISTERS
 from hardware.virtual.rtu import RtuServerThread
@@ -24,10 +36,53 @@ N_REGISTERS = 80
 FUNCTIONS = frozenset({READ_HOLDING, WRITE_REGISTERS})  # FC06 is refused, as some models do
 
 
+# What the display shows instead of the weight; texts as manuals of the family print them, from memory
+_ALARM_TEXTS = {Status.CELL_ERROR: "ErCEL", Status.CONVERTER_FAULT: "Er AD", Status.GROSS_OVER_FULL_SCALE: "Er FS"}
+
+
+class DigitalFilter:
+    """Mean over the response time of a filter setting, renewed at the setting's rate.
+
+    A step is shown in full after the response time, as the manual's table says; the instrument's own law is not known.
+    """
+
+    def __init__(self, setting: int, value: float, now_s: float) -> None:
+        self.response_s = FILTER_RESPONSE_S[setting]
+        self.refresh_hz = FILTER_REFRESH_HZ[setting]
+        self.shown = value
+        self._readings = deque([(now_s - self.response_s, value), (now_s, value)])
+        self._n_refreshes = self._refresh_at(now_s)
+
+    def add(self, value: float, now_s: float) -> None:
+        """One reading, which stands for the time since the last one."""
+        self._readings.append((now_s, value))
+        start_s = now_s - self.response_s
+        while len(self._readings) > 2 and self._readings[1][0] <= start_s:
+            self._readings.popleft()
+        if self._refresh_at(now_s) > self._n_refreshes:
+            self._n_refreshes = self._refresh_at(now_s)
+            self.shown = self._mean(start_s)
+
+    def _refresh_at(self, now_s: float) -> int:
+        return math.floor(now_s * self.refresh_hz + 1e-6)
+
+    def _mean(self, start_s: float) -> float:
+        total = duration_s = 0.0
+        before_s = start_s
+        for time_s, value in self._readings:
+            if time_s > before_s:
+                total += value * (time_s - before_s)
+                duration_s += time_s - before_s
+                before_s = time_s
+        return total / duration_s if duration_s > 0 else self._readings[-1][1]
+
+
 class VirtualLaumas:
     """A weight transmitter hanging in the virtual world; `scale` is its keypad setting.
 
-    `lock` is the clock's; `refresh` brings the world up to date before a read, under that lock.
+    `lock` is the clock's; `refresh` brings the world up to date before a read, under that lock. `now_s` is its present
+    time; `filter_setting` 0 to 4 is the digital filter. With a `strings_clock` the serial port is in continuous mode
+    and sends the world's readings by that clock, else it speaks Modbus RTU.
     """
 
     functions = FUNCTIONS
@@ -38,9 +93,17 @@ class VirtualLaumas:
         lock: threading.RLock,
         scale: Scale | None = None,
         refresh: Callable[[], None] = lambda: None,
+        filter_setting: int = 0,
+        now_s: float = 0.0,
+        strings_clock: Clock | None = None,
     ) -> None:
         self.server = ModbusServerThread("weight transmitter", self)
-        self.rtu_server = RtuServerThread("weight transmitter", self)
+        self.serial_server: RtuServerThread | StringServerThread
+        if strings_clock is None:
+            self.serial_server = RtuServerThread("weight transmitter", self)
+        else:
+            rate_hz = world.world.sensor.rate_hz
+            self.serial_server = StringServerThread("weight transmitter", self.send_string, rate_hz, strings_clock)
         self.scale = scale or Scale(0.001, "kg")
         self._world = world
         self._lock = lock
@@ -49,10 +112,26 @@ class VirtualLaumas:
         self._zero_counts = 0
         self._peak_counts = 0
         self._is_net = False
+        self._filter = DigitalFilter(filter_setting, world.gross_n, now_s)
+        self.encode_string = encode_plain
 
-    def step(self) -> None:
-        """Follow the world's last reading: keeps the peak."""
+    def set_filter(self, setting: int, now_s: float) -> None:
+        """Change the filter on the keypad."""
+        with self._lock:
+            self._filter = DigitalFilter(setting, self._world.gross_n, now_s)
+
+    def step(self, now_s: float) -> None:
+        """Follow the world's last reading: filters it and keeps the peak."""
+        self._filter.add(self._world.gross_n, now_s)
         self._peak_counts = max(self._peak_counts, self._gross_counts() - self._tare_counts)
+
+    def send_string(self) -> bytes:
+        """What the display shows, as the continuous mode sends it: the gross, or an alarm."""
+        with self._lock:
+            self._refresh()
+            faults = self._faults()
+            string = WeightString(alarm=_alarm_text(faults)) if faults else WeightString(self._gross_counts())
+        return self.encode_string(string)
 
     def read_bits(self, space: str, address: int, count: int) -> list[bool] | None:
         """The instrument has no bits."""
@@ -88,21 +167,28 @@ class VirtualLaumas:
         return True
 
     def _gross_counts(self) -> int:
-        mass_kg = mass_kg_from_n(self._world.gross_n)
+        mass_kg = mass_kg_from_n(self._filter.shown)
         return round(mass_kg / self.scale.division) - self._zero_counts
 
     def _measured(self) -> list[int]:
         gross = self._gross_counts()
-        net = gross - self._tare_counts
-        status = Status(0)
+        status = self._faults()
         if self._is_net:
             status |= Status.NET_SHOWN
+        return encode_measured(status, gross, gross - self._tare_counts, self._peak_counts, self.scale)
+
+    def _faults(self) -> Status:
+        status = Status(0)
         if "cell_unplugged" in self._world.faults:
             status |= Status.CELL_ERROR
         if "cell_saturated" in self._world.faults:
             status |= Status.GROSS_OUT_OF_RANGE
         if self._world.has_sensor_fault:
             status |= Status.CONVERTER_FAULT
-        if abs(gross) * self.scale.division > 1.1 * CAPACITY_KG:
+        if abs(self._gross_counts()) * self.scale.division > 1.1 * CAPACITY_KG:
             status |= Status.GROSS_OVER_FULL_SCALE
-        return encode_measured(status, gross, net, self._peak_counts, self.scale)
+        return status
+
+
+def _alarm_text(faults: Status) -> str:
+    return next(text for bit, text in _ALARM_TEXTS.items() if faults & bit)

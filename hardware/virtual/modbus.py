@@ -78,7 +78,8 @@ class ModbusServerThread:
 
     `most_connections`: further clients are accepted and hung up at once (None: no limit). `unit_ids`: requests for
     other units are not answered (None: all are). Named faults: `is_silent` (requests are swallowed, the client times
-    out), `is_mute` (requests are carried out and not answered), `delay_s` (late answers, real time).
+    out), `n_to_swallow` (so are the next few), `n_to_leave` (the next few are carried out and not answered), `delay_s`
+    (late answers, real time).
     """
 
     def __init__(
@@ -92,7 +93,8 @@ class ModbusServerThread:
         self.host = "127.0.0.1"
         self.port = 0
         self.is_silent = False
-        self.is_mute = False
+        self.n_to_swallow = 0
+        self.n_to_leave = 0
         self.delay_s = 0.0
         self.registers = registers
         self.most_connections = most_connections
@@ -163,8 +165,12 @@ class ModbusServerThread:
         """Answer one request, after the injected faults. Runs in the thread of the server, or of who asks in memory."""
         if self.is_silent or (self.unit_ids is not None and unit not in self.unit_ids):
             return
+        if self.n_to_swallow > 0:
+            self.n_to_swallow -= 1
+            return
         answer = answer_pdu(self.registers, pdu)
-        if self.is_mute:
+        if self.n_to_leave > 0:
+            self.n_to_leave -= 1
             return
         frame = _HEADER.pack(transaction, 0, len(answer) + 1, unit) + answer
         if self.delay_s:

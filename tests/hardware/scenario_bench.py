@@ -49,7 +49,7 @@ def is_pulling(virtual):
 
 def is_free(virtual):
     """Lifted until the object has let go, the gripper still closed."""
-    return virtual.state.outputs[1] and virtual.grbl.position_mm()[2] > REST_Z_MM + 52.0
+    return virtual.state.outputs[1] and virtual.grbl.position_mm()[2] > REST_Z_MM + 49.0
 
 
 def when(bench, is_moment, act):

@@ -1,3 +1,5 @@
+import contextlib
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -30,6 +32,8 @@ from models.errors import UsageError
         ("DF1", 28672),
         ("DF500", 29670),
         ("TXT1", 36864),
+        ("TXT3", 36865),
+        ("TXT999", 37363),
         ("TD1", 45056),
         ("CTD2", 49154),
         ("XD0", 57344),
@@ -45,7 +49,7 @@ def test_every_address_maps_to_the_wire_and_back_without_collision():
     seen: set[tuple[str, int]] = set()
     for bank in BANKS.values():
         for first, last in bank.ranges:
-            for number in range(first, last + 1):
+            for number in range(first, last + 1, bank.step):
                 wire = bank.wire_of(number)
                 assert (bank.space, wire) not in seen, f"{bank.name}{number} shares its wire address"
                 seen.update((bank.space, wire + word) for word in range(bank.width))
@@ -63,6 +67,11 @@ def test_gaps_and_second_words_have_no_address():
 def test_numbers_that_do_not_exist_are_named(name):
     with pytest.raises(UsageError, match=f"{name} does not exist"):
         parse_address(name)
+
+
+def test_a_register_of_text_has_one_address():
+    with pytest.raises(UsageError, match="TXT2 is the second character in the register of TXT1"):
+        parse_address("TXT2")
 
 
 def test_unknown_bank_gets_a_suggestion():
@@ -98,3 +107,40 @@ def test_text_round_trips(text):
 def test_a_value_that_does_not_fit_is_refused():
     with pytest.raises(UsageError, match="40000 does not fit the CLICK type int16"):
         pack_value("int16", 40000)
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [
+        ("float32", float("nan")),
+        ("float32", float("inf")),
+        ("float32", 1e39),
+        ("int32", float("nan")),
+        ("int32", 2**31),
+        ("uint16", -1),
+        ("text", "abc"),
+        ("text", "\u00e9"),
+    ],
+)
+def test_every_value_that_does_not_fit_is_refused_in_words(kind, value):
+    with pytest.raises(UsageError, match=f"does not fit the CLICK type {kind}"):
+        pack_value(kind, value)
+
+
+WORD = st.integers(0, 0xFFFF)
+
+
+@given(st.sampled_from(["int16", "uint16", "text"]), WORD)
+def test_any_register_reads_as_something(kind, word):
+    unpack_value(kind, [word])
+
+
+@given(st.sampled_from(["int32", "float32"]), WORD, WORD)
+def test_any_pair_of_registers_reads_as_something(kind, low, high):
+    unpack_value(kind, [low, high])
+
+
+@given(st.text(max_size=8))
+def test_any_text_is_an_address_or_a_sentence(name):
+    with contextlib.suppress(UsageError):
+        assert parse_address(name).wire >= 0

@@ -4,6 +4,7 @@ import contextlib
 import os
 import socket
 import struct
+import time
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -148,8 +149,9 @@ def test_a_fourth_connection_is_hung_up_and_a_freed_place_is_given_again(server)
     with socket.create_connection((server.host, server.port), timeout=5.0) as fourth, pytest.raises(OSError):  # noqa: PT011
         ask(fourth)
     clients.pop().close()
-    while server.n_connections > 2:
-        pass
+    deadline_s = time.monotonic() + 5.0
+    while server.n_connections > 2 and time.monotonic() < deadline_s:
+        time.sleep(0.005)
     clients.append(socket.create_connection((server.host, server.port), timeout=5.0))
     assert ask(clients[-1]) == 0
     for client in clients:

@@ -255,7 +255,7 @@ def _open(
         _connect({"PLC": plc.connect, "load cell": force.connect, "gantry": gantry.connect})
         _start_heartbeat(stack, clock, inner, plc)
         supervisor.acknowledge("the person who opened the bench")
-        changer.check_before_homing()
+        changer.check_may_rise()
         supervisor.make_ready_to_home(may_vent)
         supervisor.home()
         yield Bench(gantry, plc, pneumatics, changer, force, supervisor, cell, clock, settings, virtual, wire_session)

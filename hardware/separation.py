@@ -56,10 +56,12 @@ def find_separation(trace: Trace, noise_sd_n: float) -> Separation | None:
     The zero is taken to move in proportion to time, from the tare to the last millimetre of lift. A sample touches when
     the mean of the next 0.2 s leaves zero: looking ahead, the sudden end of a grasp is not smeared.
     """
-    is_end = trace.lift_mm >= (trace.lift_mm[-1] if trace.lift_mm.size else 0.0) - WINDOW_MM / 2
-    if not trace.is_lift.any() or not is_free(trace.force_n[is_end], noise_sd_n):
+    if not trace.is_lift.any():
         return None
-    drift_n = _end_n(trace.force_n[is_end])
+    last_n, wider_n = (trace.force_n[trace.lift_mm >= trace.lift_mm[-1] - mm] for mm in (WINDOW_MM / 2, WINDOW_MM))
+    if not (is_free(last_n, noise_sd_n) or is_free(wider_n, noise_sd_n)):
+        return None
+    drift_n = _end_n(last_n)
     force_n = trace.force_n - drift_n * trace.time_s / trace.time_s[-1]
     n_ahead = max(int(_LOOK_AHEAD_S / float(np.median(np.diff(trace.time_s)))), 1)
     sums = np.concatenate([[0.0], np.cumsum(force_n)])

@@ -82,18 +82,12 @@ class ToolChanger:
         sensors = HeadSensors(is_present, is_closed, is_open, tuple(self.full_slots()))
         return judge(self.journal.last, sensors, self.tools)
 
-    def check_before_homing(self) -> None:
-        """Take back requests of a host that was killed, and refuse to raise a tool that could fall.
+    def check_may_rise(self) -> None:
+        """Refuse to raise the head, also for homing, around a tool that could fall.
 
         Raises:
             InterlockError: the lock is neither open nor closed, or open around a carried tool; nothing has moved.
         """
-        for request in tags.MOMENTARY_REQUESTS:
-            self._plc.write_bit(request, False)
-        self._clock.sleep(SENSOR_S)
-        self._check_may_rise()
-
-    def _check_may_rise(self) -> None:
         is_closed, is_open, is_present, _, _, is_in_dock = self._plc.read_bits(tags.FIRST_INPUT, tags.N_INPUTS)
         if not is_present or is_closed or (is_open and is_in_dock):
             return
@@ -250,7 +244,7 @@ class ToolChanger:
     def _leave_dock(self) -> None:
         """Up, when an error left the head in the dock: with an open lock the tool stays, with a closed one it comes."""
         if self._plc.read_bit(tags.HEAD_IN_DOCK_INPUT):
-            self._check_may_rise()
+            self.check_may_rise()
             self._gantry.move_to(z_mm=self._layout.top_z_mm)
             self._clock.sleep(SENSOR_S)
 

@@ -38,7 +38,8 @@ def _tour(object_ids: tuple[int, ...], layout: BenchLayout) -> tuple[int, ...]:
     profile = GrblProfile()
     leg_s = [[_leg_s(a, b, profile) + _TIE_S_PER_MM * math.dist(a, b) for b in places] for a in places]
     best = min((_improve(order, leg_s) for order in (_nearest_first(leg_s), _up_and_down(places))), key=_length(leg_s))
-    return tuple(object_ids[place - 1] for place in best[1:])
+    tour = tuple(object_ids[place - 1] for place in best[1:])
+    return tour if tour[:1] <= tour[-1:] else tour[::-1]  # both ways round are as long
 
 
 def _improve(order: list[int], leg_s: list[list[float]]) -> list[int]:

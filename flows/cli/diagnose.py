@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from hardware.diagnostics import DiagnosticPlan, DiagnosticRun
     from hardware.tools import MountedTool
     from lake.store import Lake
+    from models.records import GraspSetup
     from tasks.state import ProposedTool
 
 Kind = Literal["dwell", "lift_speed", "supply_pressure", "closed_empty", "dead_weight", "reference"]
@@ -55,12 +56,15 @@ def diagnose(
     store, mounted, slot = _target(lake, tool, slot, design)
     write = _writer(store, world if real is None else None)
 
-    def record(grasp: "MeasuredGrasp") -> None:
-        write(grasp)
-        made.append(grasp)
-        tell(f"{len(made)} of {len(runs)}: {grasp.diagnostic.text() if grasp.diagnostic else ''}: {_outcome(grasp)}")
-
+    left = _time_left(mounted[slot], slot, runs, setup)
     with open_bench(world, real, yes_move, tools=mounted) as bench:
+
+        def record(grasp: "MeasuredGrasp") -> None:
+            write(grasp)
+            made.append(grasp)
+            what = grasp.diagnostic.text() if grasp.diagnostic else ""
+            tell(f"{len(made)} of {len(runs)}: {what}: {_outcome(grasp)}; {left(bench.clock.now_s())} left")
+
         bench.cell.measure_tool(slot, runs, setup, record, lambda: False, _hang(bench))
     rows = [_row(grasp) for grasp in made]
     show(rows, table_text(rows), json)
@@ -92,7 +96,7 @@ def tool_place(
     show(data, f"{status.sentence} Way on: {status.way.value}.", json)
 
 
-def _what(config: Path | None, weights_kg: tuple[float, ...]) -> "tuple[DiagnosticPlan, Any, int]":
+def _what(config: Path | None, weights_kg: tuple[float, ...]) -> "tuple[DiagnosticPlan, GraspSetup, int]":
     from hardware.diagnostics import DiagnosticPlan
     from models.records import GraspSetup
     from tasks.config import load_config
@@ -102,6 +106,24 @@ def _what(config: Path | None, weights_kg: tuple[float, ...]) -> "tuple[Diagnost
         loaded = load_config(config)
         plan, setup, seed = loaded.diagnostics, loaded.grasp, loaded.seed
     return plan.model_copy(update={"dead_weights_kg": weights_kg or plan.dead_weights_kg}), setup, seed
+
+
+def _time_left(
+    tool: "MountedTool", slot: int, runs: "list[DiagnosticRun]", setup: "GraspSetup"
+) -> Callable[[float], str]:
+    """Called with the bench's time after each run: how long the rest takes, by the plan and by what was measured."""
+    from hardware.cycle_time import plan_time, remaining_s
+
+    modelled_s = plan_time(tool, slot, runs, setup).item_s
+    ends_s: list[float] = []
+
+    def left(now_s: float) -> str:
+        ends_s.append(now_s)
+        # The first run ends after a pick, which is no part of it: it counts as the model says.
+        measured_s = [*modelled_s[:1], *(b - a for a, b in zip(ends_s, ends_s[1:], strict=False))]
+        return f"{remaining_s(modelled_s, measured_s) / 60:.0f} min"
+
+    return left
 
 
 def _references(plan: "DiagnosticPlan") -> "list[DiagnosticRun]":

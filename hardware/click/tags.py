@@ -11,7 +11,6 @@ GRIP_REQUEST = "C3"
 VENT_REQUEST = "C4"
 SUPPLY_REQUEST = "C5"  # level
 REQUESTS = (LOCK_REQUEST, UNLOCK_REQUEST, GRIP_REQUEST, VENT_REQUEST, SUPPLY_REQUEST)  # adjacent: read together
-MOMENTARY_REQUESTS = (LOCK_REQUEST, UNLOCK_REQUEST, GRIP_REQUEST, VENT_REQUEST)
 
 # Outputs, driven by the ladder. Lock and gripper valves are bistable, one coil each way: with the PLC in STOP, outputs
 # off, they stay where they are. Supply valve and motor enable fall off.

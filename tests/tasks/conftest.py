@@ -21,7 +21,7 @@ def campaign(tmp_path: Path) -> Campaign:
                 "initial_simulations": 2,
                 "simulations_per_batch": 2,
             },
-            "objects": {"ids": [4, 7], "repeats": 2},
+            "objects": {"ids": [4, 7], "repeats": 2, "order": "fixed"},
             "bench": {"world": "world.toml"},
         }
     )

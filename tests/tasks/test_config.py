@@ -79,9 +79,7 @@ def test_cells_are_the_same_for_a_seed_and_cover_everything():
     assert plan.cells(5) == plan.cells(5)
     assert sorted(plan.cells(5)) == [(o, r) for o in (1, 2, 3) for r in (0, 1)]
     assert plan.cells(5) != plan.cells(7), "each tool has its own order"
-    assert ObjectPlan(ids=(3, 1), repeats=2, order="fixed").cells(5) in (
-        [(3, 0), (3, 1), (1, 0), (1, 1)], [(1, 0), (1, 1), (3, 0), (3, 1)],
-    )  # fmt: skip
+    assert ObjectPlan(ids=(3, 1), repeats=2, order="fixed").cells(5) == [(1, 0), (1, 1), (3, 0), (3, 1)]
     assert ObjectPlan(repeats=1, order="fixed").cells(1) == ObjectPlan(repeats=1, order="fixed").cells(2)
     passes = ObjectPlan(ids=(3, 1, 2), repeats=2, repeats_order="interleaved").cells(5)
     assert [repeat for _, repeat in passes] == [0, 0, 0, 1, 1, 1]

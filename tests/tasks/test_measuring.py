@@ -20,7 +20,7 @@ from tasks.proposing import propose_initial
 from tasks.state import ProposedTool
 
 LIFT_MM = np.linspace(0, 10, 11)
-FIRST_CELLS = [(7, 0), (7, 1), (4, 0)]
+FIRST_CELLS = [(4, 0), (4, 1), (7, 0)]
 
 
 class Killed(BaseException):
@@ -106,7 +106,7 @@ def lose(folder: Path, grasp_id: str) -> None:
 def test_it_goes_on_in_the_planned_order_where_it_stopped(campaign, cell, measure):
     measure(max_grasps=2)
     measure()
-    assert cell.made == [*FIRST_CELLS, (4, 1)]
+    assert cell.made == [*FIRST_CELLS, (7, 1)]
     assert [row["order"] for row in rows(campaign)] == [0, 1, 2, 3]
     measure()
     assert len(cell.made) == 4
@@ -114,7 +114,7 @@ def test_it_goes_on_in_the_planned_order_where_it_stopped(campaign, cell, measur
 
 
 def test_a_process_that_dies_in_a_grasp_leaves_that_grasp_to_be_made(campaign, cell, measure):
-    cell.dies_before = (4, 0)
+    cell.dies_before = (7, 0)
     with pytest.raises(Killed):
         measure()
     cell.dies_before = None
@@ -139,18 +139,18 @@ def test_a_process_that_dies_between_trace_and_row_leaves_one_of_each(campaign, 
     assert len(campaign.lake.ids(TraceRow)) == 2
     assert len(rows(campaign)) == 1
     measure()
-    assert cell.made == [(7, 0), (7, 1), (7, 1), (4, 0), (4, 1)]
+    assert cell.made == [(4, 0), (4, 1), (4, 1), (7, 0), (7, 1)]
     assert_once_each(campaign)
     assert [row["order"] for row in rows(campaign)] == [0, 1, 2, 3]
 
 
 def test_a_grasp_whose_trace_was_set_aside_is_made_again_under_its_number(campaign, cell, tool, measure):
     measure()
-    lost = GraspRow.make_id(tool.tool_id, 7, 1)
+    lost = GraspRow.make_id(tool.tool_id, 4, 1)
     lose(campaign.lake.root / "traces", lost)
     assert [finding.kind for finding in check(campaign.lake)] == ["incomplete"]
     measure()
-    assert cell.made[4:] == [(7, 1)]
+    assert cell.made[4:] == [(4, 1)]
     assert_once_each(campaign)
     assert rows(campaign)[-1]["grasp_id"] == lost
     assert [row["order"] for row in rows(campaign)] == [0, 2, 3, 4], "the lost grasp's place is not given again"
@@ -161,7 +161,7 @@ def test_a_grasp_whose_trace_was_set_aside_is_made_again_under_its_number(campai
 
 def test_a_lost_row_does_not_give_its_place_to_another(campaign, tool, measure):
     measure(max_grasps=3)
-    lose(campaign.lake.root / "grasps", GraspRow.make_id(tool.tool_id, 7, 0))
+    lose(campaign.lake.root / "grasps", GraspRow.make_id(tool.tool_id, 4, 0))
     measure()
     assert_once_each(campaign)
     assert [row["order"] for row in rows(campaign)] == [1, 2, 3, 4]
@@ -177,14 +177,14 @@ def test_a_grasp_that_fails_by_itself_is_given_up_after_its_attempts(campaign, c
 
 
 def test_faults_of_the_bench_never_give_a_grasp_up(campaign, cell, measure):
-    cell.faults[4, 0] = BENCH_FAULT
+    cell.faults[7, 0] = BENCH_FAULT
     for _ in range(4):
         with pytest.raises(DeviceError):
             measure()
     cell.faults.clear()
     measure()
     assert_once_each(campaign, n_failed=4)
-    at_fault = [row for row in rows(campaign) if (row["object_id"], row["repeat"]) == (4, 0)]
+    at_fault = [row for row in rows(campaign) if (row["object_id"], row["repeat"]) == (7, 0)]
     assert [row["attempt"] for row in at_fault] == [0, 1, 2, 3, 4]
     assert [row["order"] for row in rows(campaign)] == list(range(8))
 

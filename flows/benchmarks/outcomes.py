@@ -1,16 +1,18 @@
 """Outcomes of simulated grasps as JSON lines: a file that a killed benchmark leaves whole and continues."""
 
 import threading
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Literal, Self
+from typing import IO, Literal, Self, TypeVar
 
 from pydantic import ValidationError
 
 from models.errors import UsageError
 from models.records import Record
 from models.solver_code import solver_id
+
+R = TypeVar("R", bound=Record)
 
 
 class Outcome(Record):
@@ -92,19 +94,28 @@ def read_outcomes(path: Path | None, lasting_tiers: Collection[str] = ()) -> dic
     Raises:
         UsageError: the file holds something else.
     """
-    if path is None or not path.exists():
-        return {}
     found: dict[str, Outcome] = {}
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(keepends=True), start=1):
-        if not line.endswith("\n"):
-            break  # written when the benchmark was killed
-        try:
-            outcome = Outcome.model_validate_json(line)
-        except ValidationError as error:
-            raise UsageError(f"{path}, line {number} is not an outcome of a benchmark; give another file.") from error
+    for outcome in read_records(path, Outcome, "outcome of a benchmark"):
         if outcome.solver == solver_id() or outcome.tier in lasting_tiers:
             found[outcome.simulation_id] = outcome
     return found
+
+
+def read_records(path: Path | None, record_type: type[R], what: str) -> Iterator[R]:
+    """Records of a file that `RecordFile` wrote, in order; none without a file.
+
+    Raises:
+        UsageError: a line is no `what`.
+    """
+    if path is None or not path.exists():
+        return
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(keepends=True), start=1):
+        if not line.endswith("\n"):
+            return  # written when the process was killed
+        try:
+            yield record_type.model_validate_json(line)
+        except ValidationError as error:
+            raise UsageError(f"{path}, line {number} is no {what}; give another file.") from error
 
 
 def _drop_torn_line(path: Path) -> None:

@@ -42,6 +42,7 @@ class Course(Record):
     batch_mean_n: tuple[float, ...]
     n_measured: int
     n_simulated: int
+    schedule: RaceSchedule = RaceSchedule()
     cpu_s: float = 0.0
 
     @property
@@ -128,6 +129,7 @@ class _Race:
             batch_mean_n=tuple(self._batch_means),
             n_measured=len(self._tools.y),
             n_simulated=len(self._simulated.y),
+            schedule=self._schedule,
         )
 
     def _propose(self, rule: str, fidelity: int, n: int) -> np.ndarray:

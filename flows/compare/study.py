@@ -7,16 +7,13 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
-from pydantic import ValidationError
-
-from flows.benchmarks.outcomes import RecordFile
+from flows.benchmarks.outcomes import RecordFile, read_records
 from flows.compare.landscape import Landscape, emulated_landscape, synthetic_landscape
 from flows.compare.race import Course, RaceSchedule, run_race
 from flows.compare.strategies import STRATEGY_BY_NAME
-from models.errors import UsageError
 from models.surrogate.observations import ObservationSet
 
-Key = tuple[str, str, int]  # landscape, strategy, seed
+Key = tuple[str, str, int, RaceSchedule]  # landscape, strategy, seed, schedule
 
 
 @dataclass(frozen=True)
@@ -31,7 +28,8 @@ class Entry:
     @property
     def key(self) -> Key:
         """What the course of this race will be known by."""
-        return f"{'synthetic' if self.data is None else 'emulated'} {self.seed}", self.strategy, self.seed
+        landscape = f"{'synthetic' if self.data is None else 'emulated'} {self.seed}"
+        return landscape, self.strategy, self.seed, self.schedule
 
     def landscape(self) -> Landscape:
         """The world of this race; its seed is the race's."""
@@ -60,8 +58,13 @@ def run_study(
         with RecordFile(results) as file:
             for course in _run(missing, n_workers, tell):
                 file.append(course)
-                known[course.landscape, course.strategy, course.seed] = course
+                known[key_of(course)] = course
     return [known[entry.key] for entry in entries]
+
+
+def key_of(course: Course) -> Key:
+    """What a course is known by."""
+    return course.landscape, course.strategy, course.seed, course.schedule
 
 
 def read_courses(path: Path | None, wanted: Collection[Key]) -> dict[Key, Course]:
@@ -70,17 +73,9 @@ def read_courses(path: Path | None, wanted: Collection[Key]) -> dict[Key, Course
     Raises:
         UsageError: the file holds something else.
     """
-    if path is None or not path.exists():
-        return {}
     found: dict[Key, Course] = {}
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(keepends=True), start=1):
-        if not line.endswith("\n"):
-            break  # written when the comparison was killed
-        try:
-            course = Course.model_validate_json(line)
-        except ValidationError as error:
-            raise UsageError(f"{path}, line {number} is no course of a comparison; give another file.") from error
-        if (key := (course.landscape, course.strategy, course.seed)) in wanted:
+    for course in read_records(path, Course, "course of a comparison"):
+        if (key := key_of(course)) in wanted:
             found[key] = course
     return found
 

@@ -217,7 +217,7 @@ def test_wrong_use_is_refused(capsys, words, sentence):
 def test_a_results_file_of_something_else_is_refused(capsys, tmp_path):
     path = tmp_path / "notes.jsonl"
     path.write_text('{"a": 1}\n')
-    assert "line 1 is not an outcome" in Fast(capsys).refused("bench", "run", "grasp", "--results", path)
+    assert "line 1 is no outcome" in Fast(capsys).refused("bench", "run", "grasp", "--results", path)
 
 
 def test_every_benchmark_says_what_it_measures():

@@ -8,14 +8,14 @@ from matplotlib.figure import Figure
 from flows.report import queries
 from flows.report.content import Content
 from flows.report.folder import Folder
-from flows.report.page import Markup, number, paragraph, section, table
+from flows.report.page import Markup, columns, number, paragraph, section, table
 from flows.report.queries import Result
 from flows.report.style import BEST, SIMULATED, WIDTH_IN, new_axes
 from models.design_space import PARAMETERS
 from models.surrogate.health import SurrogateHealth
 
-_HEADINGS = ("before batch", "measured", "simulated", "rho", "shared variance", "error (N)", "measured alone (N)",
-             "variance predicted", "in 90 % interval", "noise SD (N)")  # fmt: skip
+_HEADINGS = ("batch", "measured", "simulated", "rho", "shared", "error (N)", "alone (N)", "predicted", "in 90 %",
+             "noise SD (N)")  # fmt: skip
 
 
 def surrogate_section(content: Content, folder: Folder) -> Markup:
@@ -30,12 +30,17 @@ def surrogate_section(content: Content, folder: Folder) -> Markup:
         "The surrogate",
         *(paragraph(finding, "note") for finding in _findings(last)),
         _table(fits),
-        paragraph(
-            "Error: each measured design predicted from all others, root mean square; beside it that of a surrogate "
-            "without simulations. Shared variance: what measured designs have in common with their simulation.",
-            "note",
+        columns(
+            figure,
+            paragraph(
+                "Each row is the fit that chose the tools of a batch. Shared: part of the variance that measured "
+                "designs have in common with their simulation. Error: each measured design predicted from all others, root "
+                "mean square; alone: the same without simulations. Predicted: part of the variance between measured "
+                "designs. In 90 %: part of them inside their 90 % interval. Bars: how fast the outcome changes along "
+                "each design parameter, in the last fit.",
+                "note",
+            ),
         ),
-        figure,
         folder.sources(fits),
     )
 

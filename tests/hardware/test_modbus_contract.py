@@ -118,9 +118,11 @@ def test_inputs_are_found_in_their_slots(rig):
 
 def test_a_session_goes_on_while_the_ladder_scans(rig):
     rig.plc.connect()
+    before = rig.plc.read_int(tags.HEARTBEAT_REGISTER)
     for _ in range(4):
         rig.clock.sleep(0.5)
         rig.plc.beat_if_due()
+    assert rig.plc.read_int(tags.HEARTBEAT_REGISTER) > before
 
 
 def test_a_stopped_ladder_is_found_at_connect_and_during_work(rig):

@@ -34,10 +34,10 @@ def surrogate_section(content: Content, folder: Folder) -> Markup:
             figure,
             paragraph(
                 "Each row is the fit that chose the tools of a batch. Shared: part of the variance that measured "
-                "designs have in common with their simulation. Error: each measured design predicted from all others, root "
-                "mean square; alone: the same without simulations. Predicted: part of the variance between measured "
-                "designs. In 90 %: part of them inside their 90 % interval. Bars: how fast the outcome changes along "
-                "each design parameter, in the last fit.",
+                "designs have in common with their simulation. Error: each measured design predicted from all others, "
+                "root mean square; alone: the same without simulations. Predicted: part of the variance between "
+                "measured designs. In 90 %: part of them inside their 90 % interval. Bars: how fast the outcome "
+                "changes along each design parameter, in the last fit.",
                 "note",
             ),
         ),

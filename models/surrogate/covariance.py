@@ -36,7 +36,12 @@ def matern52(x1: np.ndarray, x2: np.ndarray, lengthscales: np.ndarray, sd: float
 
 def matern52_with_slope(x: np.ndarray, lengthscales: np.ndarray, sd: float) -> MaternWithSlope:
     """Covariance among the rows of `x` (n x d) and its slope, each n x n."""
-    r = _scaled_distance(x, x, lengthscales)
+    return matern52_cross_with_slope(x, x, lengthscales, sd)
+
+
+def matern52_cross_with_slope(x1: np.ndarray, x2: np.ndarray, lengthscales: np.ndarray, sd: float) -> MaternWithSlope:
+    """Covariance between the rows of `x1` (n x d) and `x2` (m x d) and its slope, each n x m."""
+    r = _scaled_distance(x1, x2, lengthscales)
     slope = np.exp(-r)
     slope *= sd**2 / 3.0
     covariance = r * r

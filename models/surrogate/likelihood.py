@@ -33,12 +33,12 @@ def log_posterior(vector: Vector, data: ObservationSet) -> tuple[float, np.ndarr
     alpha, _ = dpotrs(factor, data.y, lower=1)
     log_determinant = 2.0 * np.log(np.diag(factor)).sum()
     value = -0.5 * (data.y @ alpha + log_determinant + len(data) * np.log(2.0 * np.pi))
-    gradient = _gradient(vector, data, c, h, e, _half_weights(factor, alpha))
+    gradient = _gradient(vector, data, c, h, e, half_weights(factor, alpha))
     prior, prior_gradient = log_prior(vector)
     return float(value + prior), gradient + prior_gradient
 
 
-def _half_weights(factor: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+def half_weights(factor: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     """W = (a a' - K^-1) / 2, n x n symmetric, from the lower Cholesky factor of K (destroyed)."""
     inverse, _ = dpotri(factor, lower=1, overwrite_c=1)
     lower = np.tril(inverse)
@@ -67,12 +67,12 @@ def _gradient(
     W *= h.slope
     W *= c[:, None]
     W *= c[None, :]
-    gradient[:d] = _lengthscale_gradient(W, data.x, vector.lengthscales_h)
-    gradient[d : 2 * d] = _lengthscale_gradient(W_real * e.slope, data.x[n_sim:], vector.lengthscales_e)
+    gradient[:d] = lengthscale_gradient(W, data.x, vector.lengthscales_h)
+    gradient[d : 2 * d] = lengthscale_gradient(W_real * e.slope, data.x[n_sim:], vector.lengthscales_e)
     return gradient
 
 
-def _lengthscale_gradient(M: np.ndarray, x: np.ndarray, lengthscales: np.ndarray) -> np.ndarray:
+def lengthscale_gradient(M: np.ndarray, x: np.ndarray, lengthscales: np.ndarray) -> np.ndarray:
     """sum_ij M_ij (x_id - x_jd)^2 / l_d^2 for every input d, with M symmetric: one product instead of d."""
     z = x / lengthscales
     return 2.0 * (M.sum(axis=1) @ z**2 - np.einsum("id,id->d", z, M @ z))

@@ -56,7 +56,7 @@ class Setting:
 
 
 def log_likelihood(values: np.ndarray, factor: Factor, setting: Setting) -> float:
-    """log p(y_R | psi, phi) at the vector form of psi (n_psi), without a prior."""
+    """Log density log p(y_R | psi, phi) at the vector form of psi (n_psi), without a prior."""
     psi = setting.layout.psi(values)
     points = _points(setting, psi.theta)
     cross = matern52(setting.data.z_sim, points, factor.phi.lengthscales, factor.phi.sd)
@@ -66,7 +66,7 @@ def log_likelihood(values: np.ndarray, factor: Factor, setting: Setting) -> floa
 
 
 def log_posterior(values: np.ndarray, factor: Factor, setting: Setting) -> tuple[float, np.ndarray]:
-    """log p(y_R | psi, phi) + log p(psi) at the vector form of psi, and its gradient (n_psi).
+    """Log density log p(y_R | psi, phi) + log p(psi) at the vector form of psi, and its gradient (n_psi).
 
     Minus infinity (gradient zero) where the covariance is numerically singular.
     """

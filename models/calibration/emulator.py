@@ -42,7 +42,7 @@ def factorise(phi: Phi, data: Standardised) -> Factor | None:
 
 
 def log_posterior(values: np.ndarray, data: Standardised, layout: Layout) -> tuple[float, np.ndarray]:
-    """log p(y_S | phi) + log p(phi) at the vector form of phi, and its gradient (n_phi).
+    """Log density log p(y_S | phi) + log p(phi) at the vector form of phi, and its gradient (n_phi).
 
     Minus infinity (gradient zero) where the covariance is numerically singular.
     """

@@ -49,14 +49,31 @@ class Measured:
         """Lower entries (p) of a symmetric n x n matrix."""
         return matrix[self._rows, self._columns]
 
+    def unpack(self, packed: np.ndarray) -> np.ndarray:
+        """The symmetric n x n matrix of its lower entries (p)."""
+        matrix = np.zeros((self.n, self.n))
+        matrix[self._rows, self._columns] = packed
+        matrix[self._columns, self._rows] = packed
+        return matrix
+
+    def root(self, psi: Psi, amplitude: float, covariance: np.ndarray) -> np.ndarray:
+        """Lower Cholesky factor of Q (n x n) at packed V.
+
+        Raises:
+            numpy.linalg.LinAlgError: Q is numerically singular.
+        """
+        packed = amplitude**2 * covariance + _matern(self._scaled_distance(psi), psi.sd)[0]
+        packed[self._diagonal] += self._variance + psi.noise_sd**2
+        return np.linalg.cholesky(self.unpack(packed))
+
     def unpack_slopes(self, packed: np.ndarray) -> np.ndarray:
-        """n x n symmetric D with <D, dV> = packed . dV_packed."""
+        """Symmetric D, n x n, with <D, dV> = packed . dV_packed."""
         matrix = np.zeros((self.n, self.n))
         matrix[self._rows, self._columns] = 0.5 * packed
         return matrix + matrix.T
 
     def log_likelihood(self, psi: Psi, amplitude: float, mean: np.ndarray, covariance: np.ndarray) -> float:
-        """log p(y_R); minus infinity where Q is numerically singular. mean: n; covariance: p, packed."""
+        """Log density of y_R; minus infinity where Q is numerically singular. mean: n; covariance: p, packed."""
         r = self._scaled_distance(psi)
         kernel = psi.sd**2 * (1.0 + r + r * r / 3.0) * np.exp(-r)
         return self._solve(psi, amplitude, mean, covariance, kernel)[0]

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs
 from scipy.optimize import minimize
 
 from models.calibration.laplace import curvature, whitener
@@ -16,7 +15,7 @@ from models.calibration.layout import LENGTHSCALE, NUGGET, SD_H, Layout, Phi
 from models.calibration.problem import Standardised
 from models.errors import FastError
 from models.surrogate.covariance import matern52, matern52_with_slope
-from models.surrogate.likelihood import half_weights, lengthscale_gradient
+from models.surrogate.gaussian import half_weights, lengthscale_gradient, log_normal
 
 SUBSET_SIZE = 350  # simulations of the first search
 SEARCH_ITERATIONS, POLISH_ITERATIONS = 60, 30
@@ -38,7 +37,8 @@ def factorise(phi: Phi, data: Standardised) -> Factor | None:
     """Factor of the simulations' covariance at phi; None where it is numerically singular."""
     K = matern52(data.z_sim, data.z_sim, phi.lengthscales, phi.sd)
     K[np.diag_indices_from(K)] += data.variance_sim + phi.nugget**2
-    return _factorise(K, phi, data)
+    found = log_normal(K.T, data.y_sim)
+    return Factor(phi, found.factor, found.alpha, found.value) if found else None
 
 
 def log_posterior(values: np.ndarray, data: Standardised, layout: Layout) -> tuple[float, np.ndarray]:
@@ -50,16 +50,16 @@ def log_posterior(values: np.ndarray, data: Standardised, layout: Layout) -> tup
     h = matern52_with_slope(data.z_sim, phi.lengthscales, phi.sd)
     K = h.covariance.copy(order="F")
     K[np.diag_indices_from(K)] += data.variance_sim + phi.nugget**2
-    factor = _factorise(K, phi, data)
-    if factor is None:
+    found = log_normal(K, data.y_sim)
+    if found is None:
         return -np.inf, np.zeros_like(values)
-    W = half_weights(factor.lower, factor.alpha)
+    W = half_weights(found)
     prior, gradient = layout.log_prior_phi(values)
     gradient[-2] += 2.0 * np.vdot(W, h.covariance)
     gradient[-1] += 2.0 * phi.nugget**2 * np.trace(W)
     W *= h.slope
     gradient[:-2] += lengthscale_gradient(W, data.z_sim, phi.lengthscales)
-    return factor.log_density + prior, gradient
+    return found.value + prior, gradient
 
 
 def find_mode(
@@ -106,7 +106,7 @@ def climb(
         np.zeros(len(start)),
         jac=True,
         method="L-BFGS-B",
-        options={"maxiter": max_iterations, "maxcor": 20, "gtol": _TOLERANCE, "ftol": 1e-9},
+        options={"maxiter": max_iterations, "maxcor": 20, "gtol": _TOLERANCE, "ftol": 1e-8},
     )
     if found.fun >= WALL:
         raise FastError(
@@ -114,17 +114,6 @@ def climb(
             "contradicting forces."
         )
     return np.asarray(start + scale @ found.x)
-
-
-def _factorise(K: np.ndarray, phi: Phi, data: Standardised) -> Factor | None:
-    """Factor of a complete K_SS, which is overwritten."""
-    lower, failed = dpotrf(K.T if K.flags.c_contiguous else K, lower=1, clean=0, overwrite_a=1)
-    if failed:
-        return None
-    alpha, _ = dpotrs(lower, data.y_sim, lower=1)
-    log_determinant = 2.0 * np.log(np.diag(lower)).sum()
-    value = -0.5 * (data.y_sim @ alpha + log_determinant + len(alpha) * np.log(2.0 * np.pi))
-    return Factor(phi, lower, alpha, float(value))
 
 
 def _subset(data: Standardised, rng: np.random.Generator) -> Standardised:

@@ -18,7 +18,7 @@ from models.calibration.conditional import Setting
 from models.calibration.emulator import Factor
 
 MARGIN = 0.15  # of the box's width, on either side: the room t is bent into
-TOLERANCE = 0.01  # root mean square over the grid of the whitened norm of what is dropped of V
+TOLERANCE = 0.005  # root mean square over the grid of the whitened norm of what is dropped of V
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,15 +89,11 @@ class ThetaSurrogate:
         center, half = 0.5 * (self.box.lower + self.box.upper), _half_width(self.box)
         unit = (bent - center) / half
         rows = [_chebyshev(u, n) for u, n in zip(unit, self.orders, strict=True)]
-        slopes = np.array(
-            [_product([row[int(i == k)] for i, row in enumerate(rows)]) for k in range(len(rows))]
-        )
+        slopes = np.array([_product([row[int(i == k)] for i, row in enumerate(rows)]) for k in range(len(rows))])
         return _product([row[0] for row in rows]), slopes * (bend_slope / half)[:, None]
 
 
-def build(
-    factor: Factor, setting: Setting, box: Box, orders: tuple[int, ...], typical: np.ndarray
-) -> ThetaSurrogate:
+def build(factor: Factor, setting: Setting, box: Box, orders: tuple[int, ...], typical: np.ndarray) -> ThetaSurrogate:
     """Interpolate m and V in `box` with `orders` nodes by input; `typical` (n_psi) sets what may be dropped of V."""
     nodes = [chebyshev.chebpts1(n) for n in orders]
     center, half = 0.5 * (box.lower + box.upper), _half_width(box)

@@ -6,21 +6,19 @@ density at thousands of simulations; it depends on phi only, so it is kept while
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
 
-from models.calibration.laplace import curvature, whitener
 from models.calibration.layout import LENGTHSCALE, NUGGET, SD_H, Layout, Phi
+from models.calibration.mode import climb, climb_scaled, laplace_covariance
 from models.calibration.problem import Standardised
-from models.errors import FastError
 from models.surrogate.covariance import matern52, matern52_with_slope
 from models.surrogate.gaussian import half_weights, lengthscale_gradient, log_normal
 
 SUBSET_SIZE = 350  # simulations of the first search
-SEARCH_ITERATIONS, POLISH_ITERATIONS = 60, 30
-WALL = 1e10  # stands in for an infinite objective: keeps the line search going where K is numerically singular
-_TOLERANCE = 1e-3  # of the whitened gradient: the mode to a thousandth of a posterior standard deviation
+SEARCH_ITERATIONS, POLISH_ITERATIONS = 60, 40
+TOLERANCE = 1e-7  # of the log density, relative: its optimum to some hundredths of a posterior standard deviation
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +29,13 @@ class Factor:
     lower: np.ndarray
     alpha: np.ndarray
     log_density: float  # of y_S given phi, without a prior
+
+
+class EmulatorMode(NamedTuple):
+    """Phi in vector form (n_phi), and the root of a rough guess of its posterior covariance (n_phi x n_phi)."""
+
+    values: np.ndarray
+    root: np.ndarray
 
 
 def factorise(phi: Phi, data: Standardised) -> Factor | None:
@@ -64,10 +69,10 @@ def log_posterior(values: np.ndarray, data: Standardised, layout: Layout) -> tup
 
 def find_mode(
     data: Standardised, layout: Layout, seed: int, progress: Callable[[str], None] | None = None
-) -> np.ndarray:
-    """Phi of the largest posterior density given the simulations alone, vector form (n_phi).
+) -> EmulatorMode:
+    """Phi of the largest posterior density given the simulations alone.
 
-    Searched on a random subset first; its curvature then preconditions the search on all simulations.
+    Searched on a random subset first; its curvature then guides the search on all simulations.
 
     Raises:
         FastError: the covariance is singular everywhere the search went.
@@ -75,45 +80,16 @@ def find_mode(
     tell = progress or (lambda line: None)
     start = np.array([LENGTHSCALE[0]] * layout.n_inputs + [SD_H[0], NUGGET[0]])
     subset = _subset(data, np.random.default_rng(seed))
-    found = climb(start, np.eye(len(start)), lambda v: log_posterior(v, subset, layout), SEARCH_ITERATIONS)
-    tell(f"emulator: mode on {len(subset.y_sim)} of {len(data.y_sim)} simulations")
-    if subset is data:
-        return found
-    scale = whitener(curvature(lambda v: log_posterior(v, subset, layout)[1], found))
-    found = climb(found, scale, lambda v: log_posterior(v, data, layout), POLISH_ITERATIONS)
-    tell(f"emulator: mode on all {len(data.y_sim)} simulations")
-    return found
 
+    def of_subset(values: np.ndarray) -> tuple[float, np.ndarray]:
+        return log_posterior(values, subset, layout)
 
-def climb(
-    start: np.ndarray,
-    scale: np.ndarray,
-    log_density: Callable[[np.ndarray], tuple[float, np.ndarray]],
-    max_iterations: int,
-) -> np.ndarray:
-    """Mode of a log density by L-BFGS in the coordinates u of `start + scale u` (k x k).
-
-    Raises:
-        FastError: the density was never finite.
-    """
-
-    def objective(u: np.ndarray) -> tuple[float, np.ndarray]:
-        value, gradient = log_density(start + scale @ u)
-        return (-value, -(scale.T @ gradient)) if np.isfinite(value) else (WALL, np.zeros_like(u))
-
-    found = minimize(
-        objective,
-        np.zeros(len(start)),
-        jac=True,
-        method="L-BFGS-B",
-        options={"maxiter": max_iterations, "maxcor": 20, "gtol": _TOLERANCE, "ftol": 1e-8},
-    )
-    if found.fun >= WALL:
-        raise FastError(
-            "the covariance of the simulations is singular wherever the fit looked; look for repeated designs with "
-            "contradicting forces."
-        )
-    return np.asarray(start + scale @ found.x)
+    found = climb(of_subset, [start], SEARCH_ITERATIONS, TOLERANCE)[0].vector
+    root = np.linalg.cholesky(laplace_covariance(of_subset, found))
+    tell(f"emulator: optimum on {len(subset.y_sim):,} of {len(data.y_sim):,} simulations found")
+    if subset is not data:
+        found = climb_scaled(lambda v: log_posterior(v, data, layout), found, root, POLISH_ITERATIONS, TOLERANCE).vector
+    return EmulatorMode(found, root)
 
 
 def _subset(data: Standardised, rng: np.random.Generator) -> Standardised:

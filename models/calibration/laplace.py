@@ -1,33 +1,48 @@
-"""Gaussian approximation of a density around its mode."""
+"""Normal approximation of the emulator's parameters phi at the mode of the joint posterior."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh
 
-STEP = 0.02  # of the central differences, in logarithms: a fifth of a typical posterior standard deviation
-_LEAST_CURVATURE = 0.05  # the priors alone have more, at least 1 / sd^2 with sd at most 1 and change of variable
+from models.calibration.density import JointDensity
+from models.calibration.mode import covariance_of
+from models.calibration.parallel import spread
 
-
-def curvature(gradient: Callable[[np.ndarray], np.ndarray], mode: np.ndarray, step: float = STEP) -> np.ndarray:
-    """Negative Hessian of a log density at `mode` (k), k x k, by central differences of its gradient."""
-    return symmetric(np.array([slope(gradient, mode, i, step) for i in range(len(mode))]))
+_STEP = 0.02  # of the central differences, in logarithms: a fifth of a typical posterior standard deviation
 
 
-def slope(gradient: Callable[[np.ndarray], np.ndarray], mode: np.ndarray, i: int, step: float = STEP) -> np.ndarray:
-    """One row of the negative Hessian (k); rows can be found in different processes."""
-    ahead, behind = mode.copy(), mode.copy()
-    ahead[i] += step
-    behind[i] -= step
-    return (gradient(behind) - gradient(ahead)) / (2.0 * step)
+@dataclass(frozen=True, eq=False)
+class NormalPhi:
+    """N(mean, root root'): mean n_phi, root n_phi x n_phi."""
+
+    mean: np.ndarray
+    root: np.ndarray
+
+    def draw(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Draws, n x n_phi, and their log densities without the constant, n."""
+        white = rng.standard_normal((n, len(self.mean)))
+        return self.mean + white @ self.root.T, -0.5 * np.sum(white**2, axis=1)
 
 
-def symmetric(rows: np.ndarray) -> np.ndarray:
-    """The symmetric part of a numerical Hessian."""
-    return 0.5 * (rows + rows.T)
+def approximate_phi(
+    density: JointDensity,
+    mode: np.ndarray,
+    n_workers: int,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[NormalPhi, float]:
+    """Normal approximation of phi given psi at the joint mode (n_phi + n_psi), and CPU seconds of other processes.
+
+    One gradient of the joint density for each of the 2 n_phi differences.
+    """
+    n_phi = density.layout.n_phi
+    rows, cpu_s = spread(_row, (density, mode), list(range(n_phi)), n_workers, progress, "curvature of the emulator")
+    return NormalPhi(mode[:n_phi], np.linalg.cholesky(covariance_of(np.array(rows)[:, :n_phi]))), cpu_s
 
 
-def whitener(precision: np.ndarray) -> np.ndarray:
-    """C with C C' = precision^-1 (k x k), its eigenvalues kept above those of any prior."""
-    values, vectors = eigh(precision)
-    return vectors / np.sqrt(np.maximum(values, _LEAST_CURVATURE))
+def _row(shared: tuple[JointDensity, np.ndarray], i: int) -> np.ndarray:
+    """Row i of the negative Hessian of the log density."""
+    density, mode = shared
+    step = np.zeros_like(mode)
+    step[i] = _STEP
+    return (density(mode - step)[1] - density(mode + step)[1]) / (2.0 * _STEP)

@@ -6,7 +6,7 @@ the log density by little. Outside its box, t is bent smoothly into a margin: th
 and whoever sees draws outside the box builds a larger one.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -19,6 +19,9 @@ from models.calibration.emulator import Factor
 
 MARGIN = 0.15  # of the box's width, on either side: the room t is bent into
 TOLERANCE = 0.005  # root mean square over the grid of the whitened norm of what is dropped of V
+
+N_TEST, MAX_ERROR = 24, 0.05
+FIRST_NODES, NODES_PER_LENGTHSCALE, MAX_NODES = 4, 4.0, 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +57,8 @@ class ThetaSurrogate:
     """log p(y_R | psi, phi) + log p(psi) of one phi, as a function of the vector form of psi (n_psi).
 
     coefficients: (n + rank) x number of Chebyshev products, of m and of the weights of `basis` (rank x p), which
-    adds to `center` (p) to make the packed V. orders: number of polynomials by input.
+    adds to `center` (p) to make the packed V. orders: number of polynomials by input. error: standard deviation of the
+    error of the log density at draws like the posterior's, where that was looked at.
     """
 
     setting: Setting
@@ -63,6 +67,7 @@ class ThetaSurrogate:
     coefficients: np.ndarray
     center: np.ndarray
     basis: np.ndarray
+    error: float = np.nan
 
     def __call__(self, values: np.ndarray) -> tuple[float, np.ndarray]:
         """Value and gradient; minus infinity and zero where the covariance is numerically singular."""
@@ -91,6 +96,31 @@ class ThetaSurrogate:
         rows = [_chebyshev(u, n) for u, n in zip(unit, self.orders, strict=True)]
         slopes = np.array([_product([row[int(i == k)] for i, row in enumerate(rows)]) for k in range(len(rows))])
         return _product([row[0] for row in rows]), slopes * (bend_slope / half)[:, None]
+
+
+def build_accurate(
+    factor: Factor,
+    setting: Setting,
+    box: Box,
+    mode: np.ndarray,
+    covariance: np.ndarray,
+    rng: np.random.Generator,
+) -> ThetaSurrogate:
+    """The stand-in with as many nodes as it takes.
+
+    Its error is measured at draws of psi (n_psi) from a normal around `mode`, as far as they are inside the box.
+    """
+    drawn = rng.multivariate_normal(mode, covariance, N_TEST, method="cholesky")
+    draws = [psi for psi in drawn if not box.is_outside(setting.inputs(setting.layout.theta(psi[-3:]))[None]).any()]
+    exact = np.array([conditional.log_likelihood(psi, factor, setting) for psi in draws])
+    width = 2.0 * _half_width(box) / factor.phi.lengthscales[-len(box.lower) :]
+    orders = np.clip(np.ceil(FIRST_NODES + NODES_PER_LENGTHSCALE * width).astype(int), FIRST_NODES, MAX_NODES)
+    while True:
+        found = build(factor, setting, box, tuple(orders.tolist()), mode)
+        error = float(np.std([found.log_likelihood(psi) for psi in draws] - exact)) if len(draws) > 1 else 0.0
+        if error <= MAX_ERROR or orders.min() >= MAX_NODES:
+            return replace(found, error=error)
+        orders = np.minimum(orders + 2, MAX_NODES)
 
 
 def build(factor: Factor, setting: Setting, box: Box, orders: tuple[int, ...], typical: np.ndarray) -> ThetaSurrogate:

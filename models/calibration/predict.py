@@ -130,6 +130,10 @@ class DrawnModel:
         scale = self.emulator.data.force_scale_n
         return scale * (cross @ self.weights), scale**2 * (self.psi.sd**2 - self._explained(cross))
 
+    def discrepancy_mean(self, x: np.ndarray) -> np.ndarray:
+        """Mean of `discrepancy` alone."""
+        return self.discrepancy(x)[0]
+
     def leave_one_out(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean and variance of each measurement given all others and this draw (Rasmussen and Williams, Eq. 5.12)."""
         inverse = cho_solve((self.factor, True), np.eye(len(self.weights)), check_finite=False)
@@ -198,7 +202,7 @@ def predict_simulated(
 
 
 def thinned(result: CalibrationResult, n: int) -> np.ndarray:
-    """n joint draws spread evenly over all chains (all of them where there are fewer), n x len(names)."""
+    """Joint draws spread evenly over all chains (at most n, all where there are fewer), n x len(names)."""
     flat = result.draws.reshape(-1, result.draws.shape[2])
     rows = np.unique(np.linspace(0, len(flat) - 1, n).round().astype(int))
     return np.asarray(flat[rows])

@@ -1,19 +1,15 @@
-"""Theta of calibration after calibration, and whether it drifts."""
+"""Theta of calibration after calibration."""
 
 from collections.abc import Sequence
 from datetime import datetime
 from typing import NamedTuple
 
-import numpy as np
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
 from flows.report.calibration_pairs import LABELS
 from flows.report.style import BEST, FAINT, WIDTH_IN, new_figure
 from models.calibration.problem import THETA
-from models.calibration.summary import WORDS
-
-DRIFT_SD = 2.0
 
 
 class Theta90(NamedTuple):
@@ -48,24 +44,3 @@ def drift_figure(past: Sequence[PastCalibration]) -> Figure:
         axes.xaxis.set_major_locator(locator)
         axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
     return figure
-
-
-def drift_findings(past: Sequence[PastCalibration]) -> tuple[str, ...]:
-    """A sentence for each parameter that left the earlier calibrations: the material, the bench or the data changed.
-
-    The newest median is compared with the median of all earlier ones, in combined posterior standard deviations.
-    Calibrations share data, so that chance alone moves theta less than this.
-    """
-    if len(past) < 2:
-        return ()
-    sentences = []
-    for name in THETA:
-        *earlier, newest = (calibration.theta[name] for calibration in past)
-        before = float(np.median([value.median for value in earlier]))
-        sd = float(np.hypot(newest.sd, np.median([value.sd for value in earlier])))
-        if abs(newest.median - before) > DRIFT_SD * sd:
-            sentences.append(
-                f"{WORDS[name][0].upper()}{WORDS[name][1:]} drifted from {before:.3g} to {newest.median:.3g}, more than "
-                f"{DRIFT_SD:g} posterior standard deviations; look for a new material lot, wear, or a changed setup."
-            )
-    return tuple(sentences)

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, new_figure
-from models.calibration.density import density_of, joint_density_of
+from models.calibration.kernel_density import density_of, joint_density_of
 from models.calibration.problem import THETA
 from models.calibration.result import CalibrationResult
 from models.calibration.summary import prior_of, rank_correlations

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from scipy.stats import rv_continuous
 
 from flows.report.style import BEST, FAINT, MUTED, SIMULATED, WIDTH_IN, new_axes, new_figure
-from models.calibration.density import density_of
+from models.calibration.kernel_density import density_of
 from models.calibration.result import CalibrationResult
 
 _SHOWN = 0.995  # quantile of the draws at the end of an axis

@@ -1,13 +1,11 @@
-"""What a calibration found, in numbers: Table 2 of the paper, what the data taught, what they leave open."""
-
-from collections.abc import Mapping
+"""What a calibration found, in numbers: Table 2 of the paper, and what the data taught beyond the prior."""
 
 import numpy as np
 from scipy import stats
 
-from models.calibration.density import density_of
+from models.calibration.kernel_density import density_of
 from models.calibration.layout import LENGTHSCALE, NOISE_SD, NUGGET, RHO_MEAN, RHO_SD, SD_E, SD_H
-from models.calibration.problem import THETA, THETA_LOWER, THETA_UPPER
+from models.calibration.problem import THETA
 from models.calibration.result import CalibrationResult
 from models.calibration.settings import ThetaPriors
 from models.records import Record
@@ -65,6 +63,11 @@ def summary_of(result: CalibrationResult, force_scale_n: float | None = None) ->
     }
 
 
+def theta_summary(result: CalibrationResult) -> dict[str, ParameterSummary]:
+    """Table 2 of the paper: young_modulus_mpa, friction, poisson_ratio."""
+    return {name: summarise(result.of(name), prior_of(name, result.settings.priors)) for name in THETA}
+
+
 def prior_of(name: str, priors: ThetaPriors, force_scale_n: float | None = None) -> stats.rv_continuous | None:
     """Prior of a parameter as a frozen distribution of scipy, in the unit of its draws; None where it has none."""
     if name == "young_modulus_mpa":
@@ -90,45 +93,6 @@ def rank_correlations(result: CalibrationResult) -> tuple[tuple[str, ...], np.nd
     names = tuple(name for name in (*THETA, "rho", "sd_e_n", "noise_sd_n") if name in result.names)
     ranks = np.apply_along_axis(stats.rankdata, 0, result.flat(*names))
     return names, np.corrcoef(ranks.T)
-
-
-def findings_of(result: CalibrationResult, summary: Mapping[str, ParameterSummary]) -> tuple[str, ...]:
-    """What a person should know about the posterior of theta, a sentence each; beside `result.warnings`."""
-    return (*_little_learned(summary), *_ridges(result), *_outside(result))
-
-
-def _little_learned(summary: Mapping[str, ParameterSummary]) -> list[str]:
-    return [
-        f"The measurements say little about {WORDS[name]}: posterior and prior overlap by {overlap:.0%}."
-        for name in (*THETA, "rho")
-        if name in summary and (overlap := summary[name].overlap) is not None and overlap > LITTLE_LEARNED
-    ]
-
-
-def _ridges(result: CalibrationResult) -> list[str]:
-    names, correlations = rank_correlations(result)
-    strong = np.argwhere(np.triu(np.abs(correlations) > RIDGE, k=1))
-    return [
-        f"{WORDS[names[i]][0].upper()}{WORDS[names[i]][1:]} and {WORDS[names[j]]} are known better together than alone "
-        f"(rank correlation {correlations[i, j]:.2f}); use them as pairs of draws, not each at its mean."
-        for i, j in strong
-        if names[i] in WORDS and names[j] in WORDS
-    ]
-
-
-def _outside(result: CalibrationResult) -> list[str]:
-    sentences = []
-    for name, lower, upper in zip(THETA, THETA_LOWER, THETA_UPPER, strict=True):
-        if f"lengthscale_h.{name}" not in result.names:  # an exact factor is not interpolated
-            continue
-        draws = result.of(name)
-        share = float(np.mean((draws < lower) | (draws > upper)))
-        if share > MOST_OUTSIDE:
-            sentences.append(
-                f"{share:.0%} of the draws of {WORDS[name]} lie outside the simulated range of {lower:g} to {upper:g}, "
-                "where the emulator extrapolates; simulate designs beyond it and calibrate again."
-            )
-    return sentences
 
 
 def _log_normal(parameters: tuple[float, float], scale: float = 1.0) -> stats.rv_continuous:

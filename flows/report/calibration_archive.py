@@ -75,7 +75,7 @@ def _data(data: CalibrationProblem) -> tuple[dict[str, np.ndarray], dict[str, np
 
 
 def _attributes(result: CalibrationResult, calibration_id: str) -> dict[str, str | float | int]:
-    known = {
+    known: dict[str, str | float | int] = {
         "calibration_id": calibration_id,
         "method": result.method,
         "n_divergences": result.n_divergences,

@@ -7,10 +7,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, new_figure
-from models.calibration.kernel_density import density_of, joint_density_of
+from models.calibration.kernel_density import density_map_of, density_of
 from models.calibration.problem import THETA
 from models.calibration.result import CalibrationResult
 from models.calibration.summary import prior_of, rank_correlations
+
+Markers = Mapping[str, Mapping[str, float]]
 
 LABELS = {"young_modulus_mpa": "Young's modulus (MPa)", "friction": "friction", "poisson_ratio": "Poisson's ratio"}
 SHARES = (0.9, 0.5)  # of the draws inside the contours
@@ -19,7 +21,7 @@ _N_DOTS = 1500
 _MARKERS = (("X", FIRST), ("D", SIMULATED), ("s", MUTED))
 
 
-def pairs_figure(result: CalibrationResult, markers: Mapping[str, Mapping[str, float]] | None = None) -> Figure:
+def pairs_figure(result: CalibrationResult, markers: Markers | None = None) -> Figure:
     """Margins on the diagonal, contours of highest density below it, rank correlations above.
 
     `markers` are named points, of some or all of theta: a hidden truth, values measured in another way.
@@ -45,7 +47,7 @@ def pairs_figure(result: CalibrationResult, markers: Mapping[str, Mapping[str, f
     return figure
 
 
-def _limits(draws: np.ndarray, markers: Mapping[str, Mapping[str, float]] | None, name: str) -> tuple[float, float]:
+def _limits(draws: np.ndarray, markers: Markers | None, name: str) -> tuple[float, float]:
     low, high = np.quantile(draws, _SHOWN)
     marked = [point[name] for point in (markers or {}).values() if name in point]
     low, high = min(low, *marked, high), max(high, *marked, low)
@@ -70,7 +72,7 @@ def _joint(axes: Axes, result: CalibrationResult, x_name: str, y_name: str) -> N
     draws = result.flat(x_name, y_name)
     dots = draws[:: max(1, len(draws) // _N_DOTS)]
     axes.plot(*dots.T, ".", color=FAINT, markersize=1.6, markeredgewidth=0, rasterized=True)
-    joint = joint_density_of(*draws.T)
+    joint = density_map_of(*draws.T)
     levels = joint.levels(*SHARES)
     axes.contourf(joint.x, joint.y, joint.density, [*levels, np.inf], colors=[BEST, BEST], alpha=0.22)
     axes.contour(joint.x, joint.y, joint.density, levels, colors=[BEST], linewidths=[0.9, 1.4])
@@ -85,7 +87,7 @@ def _correlation(axes: Axes, result: CalibrationResult, x_name: str, y_name: str
     axes.set_axis_off()
 
 
-def _mark(axes: Axes, markers: Mapping[str, Mapping[str, float]], x_name: str, y_name: str | None) -> None:
+def _mark(axes: Axes, markers: Markers, x_name: str, y_name: str | None) -> None:
     for (name, point), (marker, colour) in zip(markers.items(), _MARKERS, strict=False):
         if y_name is None and x_name in point:
             axes.axvline(point[x_name], color=colour, linewidth=1.3, label=name)

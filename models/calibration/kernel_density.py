@@ -34,7 +34,7 @@ def density_of(draws: np.ndarray) -> Density:
     return Density(np.asarray(grid), np.asarray(density))
 
 
-class JointDensity(NamedTuple):
+class DensityMap(NamedTuple):
     """Density of two parameters: cell middles x (n) and y (n), and the density at [y, x], n x n."""
 
     x: np.ndarray
@@ -48,7 +48,7 @@ class JointDensity(NamedTuple):
         return sorted(float(ranked[np.searchsorted(held, share)]) for share in shares)
 
 
-def joint_density_of(x: np.ndarray, y: np.ndarray, n_cells: int = 128) -> JointDensity:
+def density_map_of(x: np.ndarray, y: np.ndarray, n_cells: int = 128) -> DensityMap:
     """Kernel density of joint draws (n each), on cells between the smallest and the largest: mirrored at the ends.
 
     Gaussian, with Scott's bandwidth for two dimensions on each axis.
@@ -58,4 +58,4 @@ def joint_density_of(x: np.ndarray, y: np.ndarray, n_cells: int = 128) -> JointD
     widths = [scott * float(np.std(v)) / (edges[1] - edges[0]) for v, edges in ((x, x_edges), (y, y_edges))]
     smooth = gaussian_filter(counts, widths, mode="reflect")
     middles = [0.5 * (edges[1:] + edges[:-1]) for edges in (x_edges, y_edges)]
-    return JointDensity(middles[0], middles[1], smooth.T)
+    return DensityMap(middles[0], middles[1], smooth.T)

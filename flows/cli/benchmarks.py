@@ -27,7 +27,7 @@ def run(
     workers: Annotated[int | None, Parameter(help="Worker processes.")] = None,
     figure: Annotated[Path | None, Parameter(help="Picture to draw, e.g. traces.png.")] = None,
     grasps: Annotated[str | None, Parameter(help="Sizes of lakes, in grasps, e.g. 8640,1000000.")] = None,
-    n: Annotated[int | None, Parameter(help="How many kills.")] = None,
+    n: Annotated[int | None, Parameter(help="How many kills, or problems.")] = None,
     json: AsJson = False,
 ) -> None:
     """Run one benchmark; figures are CPU seconds unless their name says otherwise."""

@@ -1,7 +1,6 @@
 """A calibration as the lake has it: its row, draws, history, and the data it learned from."""
 
 import json
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -15,6 +14,7 @@ from flows.report.queries import Result, fetch
 from lake.store import Lake
 from lake.tables import CalibrationRow, PosteriorDrawsRow
 from models.calibration.checks import CalibrationChecks, check_calibration
+from models.calibration.diagnostics import convergence
 from models.calibration.layout import Layout
 from models.calibration.predict import N_DRAWS, predict_measured, predict_simulated
 from models.calibration.problem import THETA, CalibrationProblem, Standardised
@@ -165,7 +165,7 @@ def _result(lake: Lake, row: CalibrationRow) -> CalibrationResult:
         what = f"draws of {missing[0]}" if missing else "any draws"
         raise UsageError(f"Calibration {row.calibration_id} is stored without {what}; run `fast calibrate` again.")
     values = np.array([[draws[name, chain] for name in names] for chain in chains]).swapaxes(1, 2)
-    r_hat, ess_bulk, ess_tail = _convergence(names, values)
+    r_hat, ess_bulk, ess_tail = convergence(names, values)
     return CalibrationResult(
         names=names,
         draws=values,
@@ -191,18 +191,6 @@ def _ordered(parameters: set[str]) -> tuple[str, ...]:
 def _settings(settings_json: str) -> CalibrationSettings:
     stored = json.loads(settings_json)
     return CalibrationSettings(**{name: stored[name] for name in CalibrationSettings.model_fields if name in stored})
-
-
-def _convergence(names: Sequence[str], draws: np.ndarray) -> list[dict[str, float]]:
-    with warnings.catch_warnings():  # ArviZ announces its next version on import
-        warnings.simplefilter("ignore", FutureWarning)
-        import arviz
-    columns = {name: np.ascontiguousarray(draws[:, :, place]) for place, name in enumerate(names)}
-    return [
-        {name: float(arviz.rhat(column)) for name, column in columns.items()},
-        {name: float(arviz.ess(column, method="bulk")) for name, column in columns.items()},
-        {name: float(arviz.ess(column, method="tail")) for name, column in columns.items()},
-    ]
 
 
 def _interval(row: dict[str, float], name: str) -> tuple[float, float, float]:

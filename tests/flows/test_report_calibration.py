@@ -22,6 +22,7 @@ from models.calibration.problem import THETA
 from models.calibration.summary import theta_summary
 from models.calibration.synthetic import made_up_problem
 from models.errors import UsageError
+from tests.flows.cli_lakes import Fast
 from tests.flows.synthetic_lake import Campaign, build
 from tests.models.calibration_draws import made_up_result
 
@@ -202,3 +203,8 @@ def test_other_figures_draw_their_numbers(result):
     ranks = chains.axes[1].patches
     assert len(ranks) == 4
     assert sum(patch.get_data().values.sum() for patch in ranks) == pytest.approx(4 * 20)
+
+
+def test_fast_report_writes_the_page_of_a_calibration(lake, tmp_path, capsys):
+    answer = Fast(capsys)("report", "C000000000002", "--lake", lake.root, "--out", tmp_path / "out", "--json")
+    assert answer.json == {"calibration": "C000000000002", "report": str(tmp_path / "out" / "index.html")}

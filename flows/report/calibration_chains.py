@@ -23,7 +23,7 @@ _LABELS = {
 
 def chains_figure(result: CalibrationResult, names: Sequence[str]) -> Figure:
     """One row a parameter: draws in order, and ranks among all chains (flat where chains agree)."""
-    figure = new_figure(6.4, 0.5 + 1.15 * len(names))
+    figure = new_figure(8.4, 0.5 + 0.95 * len(names))
     grid = figure.subplots(len(names), 2, squeeze=False, gridspec_kw={"width_ratios": (3, 2)})
     for (trace, ranks), name in zip(grid, names, strict=True):
         draws = result.of(name)

@@ -36,7 +36,7 @@ _GONE = (
 def headline(calibration: StoredCalibration) -> Markup:
     """Theta with its 90 % intervals, and whether the draws can be trusted."""
     row, result = calibration.row, calibration.result
-    theta = [(_middle(calibration.summary[name], DIGITS[name]), LABELS[name]) for name in THETA]
+    theta = [_tile(calibration.summary[name], LABELS[name], DIGITS[name]) for name in THETA]
     r_hat, ess = max(result.r_hat[name] for name in THETA), min(result.ess_bulk[name] for name in THETA)
     trust = [(number(r_hat, 3), f"R-hat of theta, at most {R_HAT_LIMIT:g} wanted"),
              (number(ess, 0), f"bulk effective sample size, at least {ESS_LIMIT:.0f} wanted")]  # fmt: skip
@@ -123,7 +123,7 @@ def agreement_columns(panels: Sequence[Panel], folder: Folder) -> Markup:
 
 def scores_table(panels: Sequence[Panel]) -> Markup:
     """Correlation, errors, coverage and CRPS of each panel and set of designs."""
-    headings = ("", "designs", "n", "r", "RMSE (N)", "mean error (N)", "in 90 %", "CRPS (N)")
+    headings = (Markup("&nbsp;"), "designs", "n", "r", "RMSE (N)", "mean error (N)", "in 90 %", "CRPS (N)")
     rows = []
     for panel in panels:
         for cloud in panel.clouds:
@@ -210,9 +210,9 @@ def provenance_section(calibration: StoredCalibration, folder: Folder) -> Markup
     )
 
 
-def _middle(summary: ParameterSummary, digits: int) -> Markup:
+def _tile(summary: ParameterSummary, label: str, digits: int) -> tuple[str, str]:
     interval = f"{number(summary.q05, digits)} to {number(summary.q95, digits)}"
-    return Markup(f"{number(summary.median, digits)} <small>{interval}</small>")
+    return number(summary.median, digits), f"{label}, {interval}"
 
 
 def _prior(calibration: StoredCalibration, parameter: str) -> rv_continuous | None:

@@ -46,7 +46,7 @@ class MeasuredTools:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedPoints:
-    """Designs simulated at a theta of their own. points: n x 9. theta: n x 3. forces_n: n x n_objects, NaN if failed."""
+    """Designs simulated at thetas of their own. points: n x 9. theta: n x 3. forces_n: n x n_objects, NaN if failed."""
 
     points: np.ndarray
     theta: np.ndarray

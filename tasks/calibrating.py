@@ -93,8 +93,8 @@ def infer(
 ) -> tuple[CalibrationRow, CalibrationResult]:
     """Infer theta and write calibration, draws and, if the draws can be trusted, a simulator version.
 
-    The version is the base with the medians of theta. Drift since the calibration before is a warning. The draws are written first: a killed process leaves draws
-    without a calibration, which the next call replaces.
+    The version is the base with the medians of theta. Drift since the calibration before is a warning. The draws are
+    written first: a killed process leaves draws without a calibration, which the next call replaces.
 
     Raises:
         UsageError: there is too little to learn from.

@@ -1,5 +1,6 @@
 """What a calibration compares, from the lake: measured tools, and simulated designs with a theta of their own."""
 
+import json
 import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ import numpy as np
 from lake.handoff_campaign import is_imported
 from lake.store import Lake
 from lake.tables import CalibrationRow, CampaignRow, SimulatorVersionRow, ToolRow
-from models.calibration.problem import CalibrationProblem
+from models.calibration.problem import MIN_DESIGNS, CalibrationProblem
 from models.design_space import to_unit
 from models.effects.catalogue import build_effects
 from models.errors import UsageError
@@ -22,6 +23,10 @@ from tasks.state import ProposedTool, load_designs, tuples
 
 LEAST_SHARE = 0.5  # of the objects a tool must have been measured on to count
 _THICKNESSES = ("front_thickness_mm", "back_thickness_mm", "rib_thickness_mm")
+
+
+class TooLittleDataError(UsageError):
+    """The lake has not enough yet to calibrate with; later it may."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,15 +63,17 @@ def measured_tools(lake: Lake, campaign_id: str | None) -> MeasuredTools:
     """The measured tools of a campaign, or of the whole lake.
 
     Raises:
-        UsageError: nothing was measured, or what was cannot be compared with one simulator.
+        TooLittleDataError: nothing, or of too few tools, was measured.
+        UsageError: what was measured cannot be compared with one simulator.
     """
     where = f"campaign {campaign_id}" if campaign_id else f"the lake {lake.address}"
     sql = f"""SELECT grasp_id, campaign_id, tool_id, design_id, object_id, peak_force_n, setup_id, setup_json,
             bench || ' ' || coalesce(world_hash, '') FROM grasps
-        WHERE status = 'ok' {"AND campaign_id = ?" if campaign_id else ""} ORDER BY created_at, started_at, grasp_id"""
+        WHERE status = 'ok' {"AND campaign_id = ?" if campaign_id else ""}
+        ORDER BY created_at, started_at, tool_id, grasp_id"""
     rows = list(tuples(lake, sql, *([campaign_id] if campaign_id else [])))
     if not rows:
-        raise UsageError(
+        raise TooLittleDataError(
             f"{where} has no measured grasps, so there is nothing to calibrate with; measure tools with "
             "`fast campaign run` or import data with `fast lake import`."
         )
@@ -84,9 +91,13 @@ def measured_tools(lake: Lake, campaign_id: str | None) -> MeasuredTools:
     design_of = dict(zip(tools, designs, strict=True))
     design_ids = tuple(design_of[tool_id] for tool_id in kept)
     found = _designs(lake, design_ids)
+    if len(kept) < MIN_DESIGNS:
+        raise TooLittleDataError(
+            f"{where} has {len(kept)} measured tools, a calibration needs at least {MIN_DESIGNS}; measure more."
+        )
     return MeasuredTools(
         campaign_ids=tuple(dict.fromkeys(campaigns)),
-        setup=GraspSetup.model_validate_json(setup_texts[0]),
+        setup=_stored_setup(setup_texts[0]),
         object_ids=object_ids,
         tool_ids=tuple(kept),
         designs=tuple(found),
@@ -134,7 +145,7 @@ def simulated_points(lake: Lake, base: SimulatorVersion, measured: MeasuredTools
     with them grows with every calibration. So are designs that miss an object, and those that failed on all.
 
     Raises:
-        UsageError: there are none.
+        TooLittleDataError: there are none.
     """
     versions = _drawn_versions(lake, base)
     sql = f"""SELECT simulation_id, version_id || '/' || design_id, design_id, version_id, object_id,
@@ -147,7 +158,7 @@ def simulated_points(lake: Lake, base: SimulatorVersion, measured: MeasuredTools
         n_of[row[1]] = n_of.get(row[1], 0) + 1
     rows = [row for row in rows if n_of[row[1]] == len(measured.object_ids)]
     if not rows:
-        raise UsageError(_nothing_simulated(lake, base, measured))
+        raise TooLittleDataError(_nothing_simulated(lake, base, measured))
     simulation_ids, keys, designs, version_ids, objects, peaks_n = map(list, zip(*rows, strict=True))
     forces_n = _mean_table(keys, objects, peaks_n, measured.object_ids)
     has_value = np.isfinite(forces_n).any(axis=1)
@@ -190,6 +201,11 @@ def problem_of(measured: MeasuredTools, simulated: SimulatedPoints, base: Simula
 def scales_with_modulus(version: SimulatorVersion) -> bool:
     """True when forces are in exact proportion to Young's modulus; jaws that stall break that."""
     return all(np.isinf(effect.closing_force_limit_n()) for effect in build_effects(version.effects))
+
+
+def _stored_setup(setup_json: str) -> GraspSetup:
+    """A setup with the id it was stored under: ids are of the text, in which 70 and 70.0 differ."""
+    return GraspSetup.model_construct(**json.loads(setup_json))
 
 
 def _require_one(what: str, values: Sequence[str], where: str) -> None:
@@ -285,10 +301,9 @@ def _drawn_versions(lake: Lake, base: SimulatorVersion) -> dict[str, SimulatorVe
 
 
 def _nothing_simulated(lake: Lake, base: SimulatorVersion, measured: MeasuredTools) -> str:
-    n_others = len(lake.ids(SimulatorVersionRow)) - 1
-    others = f" ({n_others} other simulator versions are there, of another mesh, tier, effect or setup)"
+    n_others = len(lake.ids(SimulatorVersionRow) - {base.version_id} - set(_drawn_versions(lake, base)))
+    others = f" ({n_others} simulator versions of another mesh, tier or effect are there)" if n_others else ""
     return (
         f"{lake.address} has no design that is simulated with a theta of its own on the {len(measured.object_ids)} "
-        f"measured objects by the simulator of {base.version_id}{others if n_others > 0 else ''}; "
-        "add --simulate 100."
+        f"measured objects, grasped alike, by the simulator of {base.version_id}{others}; add --simulate 100."
     )

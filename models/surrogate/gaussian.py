@@ -6,6 +6,7 @@ d log p = <W, dK> - a' dy. One Cholesky factor and one inverse of a triangle.
 
 from typing import NamedTuple
 
+import numba as nb
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
@@ -32,13 +33,23 @@ def log_normal(K: np.ndarray, y: np.ndarray) -> Factored | None:
 def half_weights(factored: Factored) -> np.ndarray:
     """W = (a a' - K^-1) / 2, n x n symmetric; destroys the factor."""
     inverse, _ = dpotri(factored.factor, lower=1, overwrite_c=1)
-    lower = np.tril(inverse)
-    diagonal = np.diagonal(lower).copy()
-    inverse = lower + lower.T
-    np.fill_diagonal(inverse, diagonal)
-    W = np.outer(factored.alpha, 0.5 * factored.alpha)
-    W -= 0.5 * inverse
-    return W
+    # Fortran order: the lower triangle is the upper one of the transpose, whose rows are contiguous.
+    weights = np.empty_like(inverse, order="C")
+    _fill_weights(inverse.T, factored.alpha, weights)
+    return weights
+
+
+@nb.njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+def _fill_weights(inverse: np.ndarray, alpha: np.ndarray, weights: np.ndarray) -> None:
+    """W from the upper triangle of K^-1 (n x n) and K^-1 y (n), in blocks that stay in the cache."""
+    n, size = len(alpha), 32
+    for row in range(0, n, size):
+        for column in range(row, n, size):
+            for i in range(row, min(row + size, n)):
+                for j in range(max(column, i), min(column + size, n)):
+                    weight = 0.5 * (alpha[i] * alpha[j] - inverse[i, j])
+                    weights[i, j] = weight
+                    weights[j, i] = weight
 
 
 def lengthscale_gradient(M: np.ndarray, x: np.ndarray, lengthscales: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from lake.simulators import missing_version_rows
 from lake.store import Lake
 from lake.tables import CalibrationRow, PosteriorDrawsRow
 from models.calibration.held_out import Score, emulate, is_held_out, score
-from models.calibration.outcome import doubts, refusal, theta_of, theta_summary, worst
+from models.calibration.outcome import refusal, theta_of, theta_summary, worst
 from models.calibration.problem import THETA, CalibrationProblem
 from models.calibration.result import CalibrationResult
 from models.calibration.settings import CalibrationSettings
@@ -177,14 +177,14 @@ def _row(
         n_divergences=result.n_divergences,
         k_hat=result.k_hat,
         **_held_out_columns(data, result, version),
-        warnings=(*data.measured.warnings, *doubts(result, data.fitted), *drift),
+        warnings=(*data.measured.warnings, *result.warnings, *drift),
         cpu_s=result.cpu_s,
     )
 
 
 def _held_out_columns(
     data: CalibrationData, result: CalibrationResult, version: SimulatorVersion | None
-) -> dict[str, float | int | str | None]:
+) -> dict[str, Any]:
     """How well the simulator predicts the held-out designs, by the emulator."""
     if version is None or not data.held_out.any():
         return {"n_held_out": int(data.held_out.sum())}
@@ -196,7 +196,7 @@ def _held_out_columns(
     return held_out_columns(before, after, len(y), "emulator")
 
 
-def held_out_columns(before: Score, after: Score, n: int, by: str) -> dict[str, float | int | str | None]:
+def held_out_columns(before: Score, after: Score, n: int, by: str) -> dict[str, Any]:
     """Columns of `calibrations` about the held-out designs."""
     return {
         "correlation_before": before.correlation,

@@ -1,16 +1,16 @@
-"""Table 2 of the paper from posterior draws, the theta of the next simulator version, and what is doubtful."""
+"""Table 2 of the paper from posterior draws, and the theta of the next simulator version, if one may be built."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import gaussian_kde
 
-from models.calibration.problem import THETA, CalibrationProblem
-from models.calibration.result import ESS_LIMIT, K_HAT_LIMIT, R_HAT_LIMIT, CalibrationResult
+from models.calibration.problem import THETA
+from models.calibration.result import K_HAT_LIMIT, CalibrationResult
 from models.records import Theta
 
 R_HAT_REFUSED, ESS_REFUSED = 1.05, 100.0  # beyond these the draws say nothing that a simulator may be built on
-_SHARE_OUTSIDE = 0.05
+WEIGHTED = "factorised"
 _N_KDE_DRAWS, _N_KDE_POINTS = 4000, 400
 
 
@@ -49,9 +49,10 @@ def refusal(result: CalibrationResult) -> str:
             f"the chains have not converged (R-hat {r_hat:.3f}, limit {R_HAT_REFUSED:g}; bulk ESS {ess:.0f}, at least "
             f"{ESS_REFUSED:g}); give more --tune and --draws."
         )
-    if result.k_hat is not None and result.k_hat > K_HAT_LIMIT:
+    is_weighted = result.method == WEIGHTED  # another method keeps the k-hat for which it replaced this one
+    if is_weighted and (result.k_hat is None or not result.k_hat <= K_HAT_LIMIT):
         return (
-            f"the importance weights cannot be trusted (k-hat {result.k_hat:.2f}, limit {K_HAT_LIMIT:g}); use --method "
+            f"the importance weights cannot be trusted (k-hat {result.k_hat}, limit {K_HAT_LIMIT:g}); use --method "
             "joint."
         )
     if theta_of(theta_summary(result)) is None:
@@ -62,32 +63,6 @@ def refusal(result: CalibrationResult) -> str:
 def worst(result: CalibrationResult) -> tuple[float, float]:
     """Largest R-hat and smallest bulk effective sample size of theta."""
     return max(result.r_hat[name] for name in THETA), min(result.ess_bulk[name] for name in THETA)
-
-
-def doubts(result: CalibrationResult, problem: CalibrationProblem) -> tuple[str, ...]:
-    """Sentences on what a person should know before believing the draws.
-
-    The sampler's own warnings, limits of the diagnostics, draws beyond what was simulated.
-    """
-    found = list(result.warnings)
-    r_hat, ess = worst(result)
-    if r_hat > R_HAT_LIMIT or ess < ESS_LIMIT:
-        found.append(
-            f"R-hat of theta is {r_hat:.3f} (good: up to {R_HAT_LIMIT:g}), bulk ESS {ess:.0f} (good: {ESS_LIMIT:g} and "
-            "more); more --draws make the quantiles surer."
-        )
-    lower, upper = problem.theta_sim.min(axis=0), problem.theta_sim.max(axis=0)
-    for i, name in enumerate(THETA):
-        if i == 0 and problem.scales_with_modulus:
-            continue  # a factor, known at any value
-        draws = result.of(name)
-        share = float(np.mean((draws < lower[i]) | (draws > upper[i])))
-        if share > _SHARE_OUTSIDE:
-            found.append(
-                f"{share:.0%} of the draws of {name} are outside {lower[i]:.3g} to {upper[i]:.3g}, what was simulated; "
-                "the emulator extrapolates there."
-            )
-    return tuple(found)
 
 
 def _summary(draws: np.ndarray) -> Summary:
@@ -106,5 +81,6 @@ def _mode(draws: np.ndarray) -> float:
     few = draws[:: max(1, len(draws) // _N_KDE_DRAWS)]
     if np.ptp(few) == 0:
         return float(few[0])
-    points = np.linspace(*np.quantile(few, [0.001, 0.999]), _N_KDE_POINTS)
+    lower, upper = np.quantile(few, [0.001, 0.999])
+    points = np.linspace(lower, upper, _N_KDE_POINTS)
     return float(points[np.argmax(gaussian_kde(few)(points))])

@@ -73,7 +73,7 @@ def test_the_emulator_predicts_the_simulator_at_any_theta(scales):
     at_truth = score(emulate(problem, result, x, np.array(Truth().theta)), y)
     elsewhere = score(emulate(problem, result, x, np.array([20.0, 0.2, 0.25])), y)
     assert at_truth.correlation > 0.9
-    assert at_truth.rmse_n < 0.15 * np.std(y) + 0.2 * elsewhere.rmse_n
+    assert at_truth.rmse_n < 0.6 * elsewhere.rmse_n
 
 
 def test_every_design_of_a_plan_is_legal():

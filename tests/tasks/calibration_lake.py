@@ -126,6 +126,7 @@ def made_up_result(problem, settings: CalibrationSettings, theta: Theta = TRUTH,
     for place, name in enumerate(names):
         draws[:, :, place] *= centers.get(name, 1.5)
     fields = {
+        "method": "factorised",
         "r_hat": dict.fromkeys(names, 1.002),
         "ess_bulk": dict.fromkeys(names, 1500.0),
         "ess_tail": dict.fromkeys(names, 1200.0),
@@ -133,4 +134,4 @@ def made_up_result(problem, settings: CalibrationSettings, theta: Theta = TRUTH,
         "k_hat": 0.3,
         "cpu_s": 2.0,
     }
-    return CalibrationResult(names, draws, settings, "made up", **(fields | changes))
+    return CalibrationResult(names, draws, settings, **(fields | changes))

@@ -17,7 +17,7 @@ from lake.tables import (
 )
 from models.effects.catalogue import CATALOGUE
 from models.errors import UsageError
-from models.records import EffectValue, SimulatorVersion, Theta
+from models.records import EffectValue, SimulatorVersion
 from tasks.calibrating import find_calibration, gather, infer
 from tasks.calibration_data import base_version, measured_tools, problem_of, scales_with_modulus, simulated_points
 from tests.tasks.calibration_lake import (
@@ -176,13 +176,17 @@ def test_no_simulator_is_built_on_draws_that_cannot_be_trusted(tmp_path, calibra
     assert len(lake.ids(SimulatorVersionRow)) == 40
 
 
-def test_draws_of_the_sampler_that_are_doubtful_are_said(tmp_path, calibrate):
+def test_what_the_sampler_warns_of_is_kept(tmp_path, calibrate):
     calibrate.changes = {"warnings": ("3 divergences.",)}
-    calibrate.theta = Theta(young_modulus_mpa=9.0, friction=1.98, poisson_ratio=0.4)
+    lake = calibration_lake(tmp_path / "lake")
+    row, _ = infer_new(lake)
+    assert lake.records(CalibrationRow)[0].warnings == row.warnings == ("3 divergences.",)
+
+
+def test_a_fallback_is_not_refused_for_the_k_hat_of_what_it_replaced(tmp_path, calibrate):
+    calibrate.changes = {"method": "joint", "k_hat": 1.1}
     row, _ = infer_new(calibration_lake(tmp_path / "lake"))
-    assert row.warnings[0] == "3 divergences."
-    assert any("of the draws of friction are outside" in sentence for sentence in row.warnings)
-    assert not any("young_modulus" in sentence for sentence in row.warnings)  # an exact factor
+    assert (row.status, row.sampler, row.k_hat) == ("ok", "joint", 1.1)
 
 
 def test_drift_since_the_last_calibration_is_a_warning(tmp_path, calibrate):

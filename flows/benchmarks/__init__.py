@@ -5,6 +5,7 @@ from collections.abc import Callable
 from flows.benchmarks.accuracy import measure_accuracy
 from flows.benchmarks.base import Benchmark, Options, Tables
 from flows.benchmarks.bench import measure_bench
+from flows.benchmarks.calibration_peers import measure_calibration_peers
 from flows.benchmarks.calibration_ranks import measure_calibration_ranks
 from flows.benchmarks.fanout import measure_fanout
 from flows.benchmarks.grasp import measure_grasp
@@ -50,5 +51,6 @@ BENCHMARKS: dict[str, Benchmark] = {
     "object-store": _fixed(measure_object_store),
     "bench": _sampled(measure_bench, _SAMPLE),
     "kills": _sampled(measure_kills, frozenset({"n"})),
+    "calibration-peers": _sampled(measure_calibration_peers, frozenset({"results", "worlds"})),
     "host-kills": _sampled(measure_host_kills, frozenset({"n"})),
 }

@@ -45,7 +45,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "traces": _sampled(measure_traces, _SAMPLE | {"figure"}),
     "scientist": _sampled(measure_scientist, frozenset({"figure", "limit_minutes"})),
     "calibration-ranks": _sampled(
-        measure_calibration_ranks, frozenset({"worlds", "results", "limit_minutes", "figure"})
+        measure_calibration_ranks, frozenset({"worlds", "results", "limit_minutes", "workers", "figure"})
     ),
     "lake": _sampled(measure_lake, frozenset({"grasps"})),
     "object-store": _fixed(measure_object_store),

@@ -1,6 +1,7 @@
 """The benchmark that ranks true parameters among posterior draws."""
 
 import json
+from concurrent.futures import Future
 
 import numpy as np
 import pytest
@@ -64,6 +65,30 @@ def test_uniform_ranks_pass_and_narrow_posteriors_are_found_out(tmp_path):
     tables = measure_calibration_ranks(options)
     assert tables["ranks"][0]["chi_square_p"] < 1e-6
     assert tables["coverage"] == [{"kind": "model", "parameter": "friction", "worlds": 200, "inside_90": 100}]
+
+
+def test_worlds_run_in_processes_too(monkeypatch, tmp_path):
+    made = []
+
+    class Pool:
+        def __init__(self, n, context):
+            made.append(n)
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def submit(self, function, kind, world):
+            future = Future()
+            future.set_result(made_up_outcome(world, 50).model_copy(update={"kind": kind}))
+            return future
+
+    monkeypatch.setattr(calibration_ranks, "ProcessPoolExecutor", Pool)
+    tables = measure_calibration_ranks(Options(worlds=3, workers=2, results=tmp_path / "ranks.jsonl"))
+    assert made == [2]
+    assert [row["worlds"] for row in tables["worlds"]] == [3, 3]
 
 
 def test_ranks_fall_into_bins_of_equal_width():

@@ -22,6 +22,7 @@ from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.outcomes import RecordFile, read_records
 from models.calibration.settings import CalibrationSettings
 from models.records import Record
+from models.surrogate.threads import one_blas_thread
 
 N_WORLDS = 100
 N_SIM, N_REAL = 80, 25
@@ -96,6 +97,11 @@ def _calibrate(missing: Sequence[tuple[Kind, int]], options: Options) -> Iterato
 
 def calibrate_world(kind: Kind, world: int) -> WorldOutcome:
     """Make a world, calibrate it by full joint NUTS, rank the truth."""
+    with one_blas_thread():
+        return _calibrate_world(kind, world)
+
+
+def _calibrate_world(kind: Kind, world: int) -> WorldOutcome:
     from models.calibration.density import JointDensity
     from models.calibration.diagnostics import convergence
     from models.calibration.joint import sample_joint

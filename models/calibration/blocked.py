@@ -58,6 +58,7 @@ def calibrate_blocked(
         ess_bulk=found.ess_bulk,
         ess_tail=found.ess_tail,
         n_divergences=samples.n_divergences,
+        n_gradients=samples.n_gradients,
         warnings=found.warnings,
         cpu_s=sum(steps.cpu_s.values()),
         steps=steps.cpu_s,

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from flows.benchmarks.accuracy import measure_accuracy
 from flows.benchmarks.base import Benchmark, Options, Tables
 from flows.benchmarks.bench import measure_bench
+from flows.benchmarks.calibration import measure_calibration
 from flows.benchmarks.calibration_peers import measure_calibration_peers
 from flows.benchmarks.calibration_ranks import measure_calibration_ranks
 from flows.benchmarks.fanout import measure_fanout
@@ -44,6 +45,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "fanout": _sampled(measure_fanout, _SAMPLE | {"workers"}),
     "traces": _sampled(measure_traces, _SAMPLE | {"figure"}),
     "scientist": _sampled(measure_scientist, frozenset({"figure", "limit_minutes"})),
+    "calibration": _sampled(measure_calibration, frozenset({"n_sim", "n_real", "workers"})),
     "calibration-ranks": _sampled(
         measure_calibration_ranks, frozenset({"worlds", "results", "limit_minutes", "workers", "figure"})
     ),

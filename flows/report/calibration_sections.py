@@ -196,6 +196,7 @@ def provenance_section(calibration: StoredCalibration, folder: Folder) -> Markup
     commands = (
         f"fast lake lineage {row.calibration_id}    # every grasp and simulation that went in\n"
         f"fast report {row.calibration_id}          # this page\n"
+        f"fast sql \"SELECT * FROM posterior('{row.calibration_id}')\"    # draws of theta\n"
         "python -c \"import arviz; print(arviz.summary(arviz.from_netcdf('data/posterior.nc')))\""
     )
     return section(

@@ -27,6 +27,7 @@ from tests.flows.synthetic_lake import Campaign, build
 from tests.models.calibration_draws import made_up_result
 
 BEFORE = np.array([11.5, 0.56, 0.45])
+UNMEASURED = Campaign(n_measured_batches=0, n_batches=1)
 PROVENANCE = Provenance(code_version="0.1.0+abc1234", code_dirty=False)
 
 
@@ -72,7 +73,7 @@ def result(evidence):
 
 @pytest.fixture(scope="module")
 def lake(tmp_path_factory, result, evidence):
-    lake = build(Lake.open(tmp_path_factory.mktemp("lake") / "data", create=True), Campaign())
+    lake = build(Lake.open(tmp_path_factory.mktemp("lake") / "data", create=True), UNMEASURED)
     lake.append(calibration_rows("C000000000001", result, evidence.fitted.n_real, shift=0.8), PROVENANCE)
     lake.append(calibration_rows("C000000000002", result, evidence.fitted.n_real), PROVENANCE)
     return lake
@@ -82,7 +83,7 @@ def lake(tmp_path_factory, result, evidence):
 def report(lake, evidence, tmp_path_factory):
     truth = {"truth": dict(zip(THETA, (9.0, 0.55, 0.34), strict=True))}
     out = tmp_path_factory.mktemp("report") / "out"
-    return write_calibration_report(lake, "C000000000002", out, evidence=evidence, markers=truth)
+    return write_calibration_report(lake, "C000000000002", out, evidence=evidence, markers=truth, n_predicted=30)
 
 
 def text_of(index: Path) -> str:
@@ -149,18 +150,28 @@ def test_theta_over_time_shows_both_calibrations(report, lake):
     assert len(first.past) == 1
 
 
-def test_without_its_data_a_calibration_still_shows_theta(lake, tmp_path):
-    index = write_calibration_report(lake, "C000000000001", tmp_path / "out")
+def test_without_its_data_a_calibration_still_shows_theta(lake, tmp_path, capsys):
+    answer = Fast(capsys)("report", "C000000000001", "--lake", lake.root, "--out", tmp_path / "out", "--json")
+    index = tmp_path / "out" / "index.html"
+    assert answer.json == {"calibration": "C000000000001", "report": str(index)}
     seen = text_of(index)
     assert "cannot be found in the lake as they were" in seen
     assert "This is the first calibration of this simulator" in seen
 
 
-def test_campaign_report_shows_the_newest_calibration(lake, tmp_path):
+def test_campaign_report_shows_the_newest_calibration(result, tmp_path):
+    lake = build(Lake.open(tmp_path / "lake", create=True), UNMEASURED)
+    lake.append(calibration_rows("C000000000001", result, 12), PROVENANCE)
+    lake.append(calibration_rows("C000000000002", result, 12), PROVENANCE)
     index = write_report(lake, "demo", tmp_path / "out")
-    seen = text_of(index)
-    assert "Calibration C000000000002 of" in seen
+    assert "Calibration C000000000002 of" in text_of(index)
     assert (tmp_path / "out" / "figures" / "calibration_pairs.svg").is_file()
+
+
+def test_campaign_report_survives_a_calibration_without_draws(result, tmp_path):
+    lake = build(Lake.open(tmp_path / "lake", create=True), UNMEASURED)
+    lake.append(calibration_rows("C000000000003", result, 12)[-1:], PROVENANCE)
+    assert "is stored without any draws" in text_of(write_report(lake, "demo", tmp_path / "out"))
 
 
 def test_unknown_calibration_is_one_sentence(lake, tmp_path):
@@ -203,8 +214,3 @@ def test_other_figures_draw_their_numbers(result):
     ranks = chains.axes[1].patches
     assert len(ranks) == 4
     assert sum(patch.get_data().values.sum() for patch in ranks) == pytest.approx(4 * 20)
-
-
-def test_fast_report_writes_the_page_of_a_calibration(lake, tmp_path, capsys):
-    answer = Fast(capsys)("report", "C000000000002", "--lake", lake.root, "--out", tmp_path / "out", "--json")
-    assert answer.json == {"calibration": "C000000000002", "report": str(tmp_path / "out" / "index.html")}

@@ -66,13 +66,13 @@ def measure_calibration_peers(options: Options) -> Tables:
     _require_surmise()
     known = {(e.tool, e.seed): e for e in read_records(options.results, Estimate, "estimate of a calibration")}
     with RecordFile(options.results) as file:
-        for seed in range(options.n or N_PROBLEMS):
+        for seed in range(options.worlds or N_PROBLEMS):
             for tool in TOOLS:
                 if (tool, seed) not in known:
                     known[tool, seed] = estimate(tool, seed)
                     file.append(known[tool, seed])
                     options.tell(f"problem {seed}, {tool}: {known[tool, seed].cpu_s:.0f} s of CPU")
-    found = [known[tool, seed] for tool in TOOLS for seed in range(options.n or N_PROBLEMS)]
+    found = [known[tool, seed] for tool in TOOLS for seed in range(options.worlds or N_PROBLEMS)]
     return {"calibration peers": summary_rows(found), "features": FEATURES}
 
 

@@ -23,6 +23,7 @@ for _name, _target, _help in (
     ("virtual", "flows.cli.virtual:app", "A virtual bench that stays up."),
     ("lake", "flows.cli.lake:app", "Import, export, check, compact and measure the lake; where its rows come from."),
     ("sql", "flows.cli.sql:sql", "Ask the lake a question in SQL (read-only)."),
+    ("calibrate", "flows.cli.calibrate:calibrate", "Infer theta of the simulator from measurements."),
     ("compare", "flows.cli.compare:compare", "Strategies of the scientist side by side, on the same worlds."),
     ("report", "flows.cli.results:report", "Write a campaign's report: figures, tables, data."),
     ("view", "flows.cli.results:view", "Look at a grasp, design or campaign in Rerun."),

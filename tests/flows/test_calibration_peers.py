@@ -48,7 +48,7 @@ def test_known_estimates_are_not_made_again(tmp_path, monkeypatch):
 
     monkeypatch.setattr(peers, "estimate", estimate)
     monkeypatch.setattr(peers, "_require_surmise", lambda: None)
-    options = Options(n=2, results=tmp_path / "estimates.jsonl")
+    options = Options(worlds=2, results=tmp_path / "estimates.jsonl")
     first = peers.measure_calibration_peers(options)
     assert peers.measure_calibration_peers(options) == first
     assert len(made) == 2 * len(peers.TOOLS)
@@ -58,7 +58,7 @@ def test_known_estimates_are_not_made_again(tmp_path, monkeypatch):
 @pytest.mark.skipif(find_spec("surmise") is not None, reason="surmise is installed")
 def test_without_surmise_the_fix_is_said():
     with pytest.raises(MissingDependencyError, match="surmise is not installed; run `pip install surmise"):
-        peers.measure_calibration_peers(Options(n=1))
+        peers.measure_calibration_peers(Options(worlds=1))
 
 
 @pytest.mark.slow

@@ -1,7 +1,9 @@
 import re
+import sys
 import warnings
 from html import unescape
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.csv as csv
@@ -22,9 +24,12 @@ from models.calibration.problem import THETA
 from models.calibration.summary import theta_summary
 from models.calibration.synthetic import made_up_problem
 from models.errors import UsageError
+from tasks.calibrating import gather, infer
 from tests.flows.cli_lakes import Fast
 from tests.flows.synthetic_lake import Campaign, build
 from tests.models.calibration_draws import made_up_result
+from tests.tasks.calibration_lake import SETTINGS, calibration_lake, measured_rows, simulated_rows
+from tests.tasks.calibration_lake import made_up_result as draws_of_lake
 
 BEFORE = np.array([11.5, 0.56, 0.45])
 UNMEASURED = Campaign(n_measured_batches=0, n_batches=1)
@@ -157,6 +162,27 @@ def test_without_its_data_a_calibration_still_shows_theta(lake, tmp_path, capsys
     seen = text_of(index)
     assert "cannot be found in the lake as they were" in seen
     assert "This is the first calibration of this simulator" in seen
+
+
+def test_data_of_a_calibration_are_found_again_when_the_lake_has_grown(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "models.calibration.calibrate", SimpleNamespace(calibrate=lake_draws))
+    lake = calibration_lake(tmp_path / "lake", n_tools=15, n_points=30)
+    data = gather(lake, None, None, seed=3)
+    row, _ = infer(lake, data, SETTINGS.model_copy(update={"seed": 3}))
+    lake.append([*measured_rows(4, first=40)[1:], *simulated_rows(5, seed=9)], PROVENANCE)
+    assert gather(lake, None, None, seed=3).problem.n_real == 19
+    found = Evidence.of(lake, row.calibration_id)
+    np.testing.assert_array_equal(found.fitted.y_real, data.fitted.y_real)
+    np.testing.assert_array_equal(found.fitted.y_sim, data.fitted.y_sim)
+    np.testing.assert_array_equal(found.y_held_out, data.problem.y_real[data.held_out])
+    stored = StoredCalibration.load(lake, row.calibration_id, n_predicted=10)
+    assert [panel.clouds[0].scores.n for panel in stored.held_out_panels] == [3, 3, 3]
+    assert stored.result.warnings == row.warnings
+
+
+def lake_draws(problem, settings, progress=None):
+    """In the place of the sampler."""
+    return draws_of_lake(problem, settings)
 
 
 def test_campaign_report_shows_the_newest_calibration(result, tmp_path):

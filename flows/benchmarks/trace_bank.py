@@ -10,7 +10,8 @@ import numpy as np
 
 from flows.benchmarks.base import Options
 from flows.benchmarks.outcomes import RecordFile, read_records
-from hardware.world.physics import build_request, physics_id, simulate_request
+from hardware.world.physics import build_request, simulate_request
+from hardware.world.physics_files import physics_id
 from hardware.world.spec import Scatter, World
 from models.calibration.traces.grid import ThetaGrid
 from models.design_space import numbered_design

@@ -2,9 +2,10 @@
 
     y_to = F(theta; t, o) + F b_t + H a_o + c_to + e_to,    b_t ~ N(0, tool_sd^2), a_o ~ N(0, object_sd^2 1),
 
-y: features of tool t on object o, mean over repeats. b: modulus from print to print. a: offsets of every feature of an
-object, relative to the cell's amplitude H: what the simulator has wrong about the object. c: scatter of the cell, of
-covariance cell_sd^2 C. e: sensor noise, repeats, response surface and mesh, of known covariance.
+y: features of tool t on object o, mean over repeats. b: modulus from print to print. H a: what the simulator has wrong
+about the object, in shares of the cell's amplitude and correlated over the lift, covariance object_sd^2 C = H H'.
+c: the same in this cell alone, covariance cell_sd^2 C. e: sensor noise, repeats, response surface and mesh, of known
+covariance.
 
 In whitened coordinates (`Frame`) a cell has independent features of variance 1 + cell_sd^2 d. What couples cells are
 the effects u = (b, a), integrated out by Woodbury's identity; their precision is an arrow, since each cell has one
@@ -13,6 +14,7 @@ joint density of y and u, averaged over u given y.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.special import expit, logit
@@ -30,13 +32,18 @@ SCALE_PRIORS = ((0.04, 0.5), (0.03, 0.7), (0.03, 0.7))
 
 @dataclass(frozen=True, eq=False)
 class _Effects:
-    """Effects u given y. b: t, mean; b_cov: t x t. a: o x f. a_cov: o x f x f. ab_cov: o x f x t."""
+    """Effects u given y: means and covariances. b: t. b_cov: t x t. a: o x f. a_cov: o x f x f. ab_cov: o x f x t.
+
+    log_det: of the precision of u times its prior covariance. explained: squares of y that u takes up.
+    """
 
     b: np.ndarray
     b_cov: np.ndarray
     a: np.ndarray
     a_cov: np.ndarray
     ab_cov: np.ndarray
+    log_det: float
+    explained: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,14 +99,34 @@ class TraceDensity:
     def tool_moduli(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Relative modulus of each tool given the parameters: mean and standard deviation (t, t)."""
         values = self.constrained(vector)
-        predicted, _ = self.surfaces.features(values[3:])
-        residual, weight = self._whitened(predicted), self._weight(values[2])
-        effects, _, _ = self._effects(residual, weight, values[0], values[1])
+        residual, _ = self._residual(values[3:])
+        effects = self._effects(residual, self._weight(values[2]), values[0], values[1])
         return effects.b, np.sqrt(np.diag(effects.b_cov))
 
-    def _whitened(self, predicted: np.ndarray) -> np.ndarray:
-        difference = np.where(self.frame.is_measured[..., None], self.frame.measured - predicted, 0.0)
-        return np.asarray((self.frame.whitener @ difference[..., None])[..., 0])
+    @cached_property
+    def _whitened(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Measured features (t x o x f) and terms of forces and of lifts (k x t x o x f each), whitened."""
+        whitener, coefficients = self.frame.whitener, self.surfaces.coefficients
+        measured = (whitener @ self.frame.measured[..., None])[..., 0]
+        transposed = np.swapaxes(whitener, -1, -2)
+        forces = np.where(self.surfaces.is_force, coefficients, 0.0) @ transposed
+        lifts = np.where(self.surfaces.is_force, 0.0, coefficients) @ transposed
+        return measured, np.moveaxis(forces, 2, 0).copy(), np.moveaxis(lifts, 2, 0).copy()
+
+    def _residual(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Whitened measured less predicted features, t x o x f, and the terms with their slopes, 3 x k."""
+        measured, forces, lifts = self._whitened
+        rows = self.surfaces.basis(theta[1], theta[2])
+        share = theta[0] / self.surfaces.modulus_mpa
+        return measured - np.tensordot(rows[0], share * forces + lifts, 1), rows
+
+    def _by_theta(self, left: np.ndarray, theta: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Slopes by theta (3) of what has slopes `left` by the predicted features."""
+        _, forces, lifts = self._whitened
+        share = theta[0] / self.surfaces.modulus_mpa
+        by_force, by_lift = np.tensordot(forces, left, 3), np.tensordot(lifts, left, 3)
+        by_modulus = rows[0] @ by_force / self.surfaces.modulus_mpa
+        return np.array([by_modulus, *(rows[1:] @ (share * by_force + by_lift))])
 
     def _weight(self, cell_sd: float) -> np.ndarray:
         """Precision of a whitened feature; 0 in cells that were not measured."""
@@ -107,54 +134,48 @@ class TraceDensity:
 
     def _log_likelihood(self, values: np.ndarray) -> tuple[float, np.ndarray]:
         """Value, and slopes by log scales and by theta (6)."""
-        frame, (tool_sd, object_sd, cell_sd) = self.frame, values[:3]
-        predicted, slopes = self.surfaces.features(values[3:])
-        residual, weight = self._whitened(predicted), self._weight(cell_sd)
-        effects, log_det, explained = self._effects(residual, weight, tool_sd, object_sd)
-        slack = cell_sd**2 * frame.slack
-        value = -0.5 * ((weight * residual**2).sum() - explained + np.log1p(slack).sum() + log_det)
-        left = residual - frame.tool * effects.b[:, None, None] - (frame.obj @ effects.a[None, :, :, None])[..., 0]
-        by_theta = np.einsum("tof,tofg,ptog->p", weight * left, frame.whitener, slopes, optimize=True)
-        squared = left**2 + self._variance(effects)
-        by_cell = (slack * (weight**2 * squared - weight)).sum()
-        n_tools, n_offsets = len(effects.b), effects.a.size
-        by_tool = ((effects.b**2).sum() + np.trace(effects.b_cov)) / tool_sd**2 - n_tools
+        frame, theta, (tool_sd, object_sd, cell_sd) = self.frame, values[3:], values[:3]
+        residual, rows = self._residual(theta)
+        weight, slack = self._weight(cell_sd), cell_sd**2 * frame.slack
+        effects = self._effects(residual, weight, tool_sd, object_sd)
+        squares = (weight * residual**2).sum() - effects.explained
+        value = -0.5 * (squares + np.log1p(slack).sum() + effects.log_det)
+        left = residual - frame.tool * effects.b[:, None, None] - (frame.obj @ effects.a[..., None])[..., 0]
+        by_cell = (slack * weight * (weight * (left**2 + self._variance(effects)) - 1.0)).sum()
+        by_tool = (effects.b @ effects.b + np.trace(effects.b_cov)) / tool_sd**2 - effects.b.size
         offsets = (effects.a**2).sum() + np.trace(effects.a_cov, axis1=1, axis2=2).sum()
-        by_object = offsets / object_sd**2 - n_offsets
-        return float(value), np.array([by_tool, by_object, by_cell, *by_theta])
+        by_object = offsets / object_sd**2 - effects.a.size
+        return float(value), np.array([by_tool, by_object, by_cell, *self._by_theta(weight * left, theta, rows)])
 
-    def _effects(
-        self, residual: np.ndarray, weight: np.ndarray, tool_sd: float, object_sd: float
-    ) -> tuple[_Effects, float, float]:
-        """Effects given y; log det of prior covariance times precision; and what they explain of the squares."""
+    def _effects(self, residual: np.ndarray, weight: np.ndarray, tool_sd: float, object_sd: float) -> _Effects:
+        """Effects u given y, by elimination of the objects, which leaves the tools."""
         tool, obj = self.frame.tool, self.frame.obj
         t, o, f = tool.shape
-        weighted = (weight[..., None] * obj).transpose(1, 0, 2, 3).reshape(o, t * f, f)
-        flat = obj.transpose(1, 0, 2, 3).reshape(o, t * f, f)
-        precision = np.swapaxes(weighted, 1, 2) @ flat + np.eye(f) / object_sd**2
-        coupling = np.einsum("otfg,tof->ogt", weighted.reshape(o, t, f, f), tool)
-        own = np.einsum("otfg,tof->og", weighted.reshape(o, t, f, f), residual)
-        root = np.linalg.cholesky(precision)
-        a_own = np.linalg.inv(precision)
-        towards = a_own @ coupling
-        tool_precision = np.diag((weight * tool**2).sum(axis=(1, 2)) + 1.0 / tool_sd**2)
-        schur = tool_precision - np.einsum("ogt,ogs->ts", coupling, towards)
+        transposed = np.swapaxes(weight[..., None] * obj, -1, -2)
+        precision = (transposed @ obj).sum(axis=0) + np.eye(f) / object_sd**2
+        sides = transposed @ np.stack([tool, residual], axis=-1)
+        coupling, own = sides[..., 0].transpose(1, 2, 0), sides[..., 1].sum(axis=0)
+        log_det = 2.0 * np.log(np.diagonal(np.linalg.cholesky(precision), axis1=1, axis2=2)).sum()
+        inverse = np.linalg.inv(precision)
+        towards = inverse @ coupling
+        schur = np.diag((weight * tool**2).sum(axis=(1, 2)) + 1.0 / tool_sd**2) - np.tensordot(
+            coupling, towards, axes=([0, 1], [0, 1])
+        )
         b_cov = np.linalg.inv(schur)
         pull = (weight * tool * residual).sum(axis=(1, 2))
-        b = b_cov @ (pull - np.einsum("ogt,og->t", towards, own))
-        a = (a_own @ own[..., None])[..., 0] - towards @ b
+        b = b_cov @ (pull - np.tensordot(own, towards, 2))
+        a = (inverse @ own[..., None])[..., 0] - towards @ b
         ab_cov = -towards @ b_cov
-        effects = _Effects(b, b_cov, a, a_own - ab_cov @ np.swapaxes(towards, 1, 2), ab_cov)
-        log_det = 2.0 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum() + np.linalg.slogdet(schur)[1]
-        log_det += 2.0 * (t * np.log(tool_sd) + o * f * np.log(object_sd))
-        return effects, float(log_det), float(pull @ b + (own * a).sum())
+        log_det += np.linalg.slogdet(schur)[1] + 2.0 * (t * np.log(tool_sd) + o * f * np.log(object_sd))
+        a_cov = inverse - ab_cov @ np.swapaxes(towards, 1, 2)
+        return _Effects(b, b_cov, a, a_cov, ab_cov, float(log_det), float(pull @ b + (own * a).sum()))
 
     def _variance(self, effects: _Effects) -> np.ndarray:
         """Variance, given y, of what the effects add to each whitened feature, t x o x f."""
         tool, obj = self.frame.tool, self.frame.obj
-        own = tool**2 * np.diag(effects.b_cov)[:, None, None]
-        both = 2.0 * tool * np.einsum("tofg,ogt->tof", obj, effects.ab_cov, optimize=True)
-        return np.asarray(own + both + ((obj @ effects.a_cov[None]) * obj).sum(axis=-1))
+        own = tool * np.diag(effects.b_cov)[:, None, None]
+        shared = (obj @ effects.ab_cov.transpose(2, 0, 1)[..., None])[..., 0]
+        return np.asarray(tool * (own + 2.0 * shared) + ((obj @ effects.a_cov) * obj).sum(axis=-1))
 
     def _log_prior(self, vector: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
         """Priors with the Jacobians of the transforms, and their slopes by the unconstrained vector."""

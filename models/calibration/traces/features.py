@@ -5,7 +5,7 @@ bench count the same millimetres from it. Every trace is first averaged over ste
 traces (16 readings a millimetre, noisy) and simulated ones (a few adaptive steps a millimetre, piecewise linear) alike.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -20,9 +20,14 @@ NEAR_PEAK = 0.9
 
 FORCE_BINS = tuple(f"force_{low:g}_{high:g}_mm_n" for low, high in zip(BIN_EDGES_MM, BIN_EDGES_MM[1:], strict=False))
 FEATURES = (*FORCE_BINS, "peak_n", "lift_at_peak_mm", "dip_n", "tail_n_mm")
-PEAK = FEATURES.index("peak_n")
-# Features that are proportional to Young's modulus where the simulator's force is.
-IS_FORCE = np.array([name != "lift_at_peak_mm" for name in FEATURES])
+PEAK = "peak_n"
+# Lift in the middle of what a feature is about; the peak may be anywhere.
+_TAIL_MM = 0.5 * (BIN_EDGES_MM[-1] + LIFT_MM)
+CENTRES_MM: Mapping[str, float] = {
+    **dict(zip(FORCE_BINS, (0.5 * (BIN_EDGES_MM[1:] + BIN_EDGES_MM[:-1])).tolist(), strict=True)),
+    "dip_n": 0.5 * DIP_MM,
+    "tail_n_mm": float(_TAIL_MM),
+}
 
 
 def features_of(traces: Sequence[Trace]) -> np.ndarray:

@@ -21,9 +21,9 @@ class Frame:
 
     theta: the first estimate (3). whitener: t x o x f x f, W with W K W' = 1 and W C W' = diag(slack), K the known
     covariance of a cell's mean over repeats and C the shape of its scatter. slack: t x o x f. tool: t x o x f, W
-    times the effect of a relative change of the tool's modulus. obj: t x o x f x f, W times the effect of
-    relative offsets of the features of an object. residual_log_det: sum of log det of W. repeat_sd: scatter from grasp
-    to grasp, relative.
+    times the effect of a relative change of the tool's modulus. obj: t x o x f x f, W times the effect of f
+    independent causes of what the simulator has wrong about an object; C is that effect times its transpose.
+    repeat_sd: scatter from grasp to grasp, relative.
     """
 
     theta: np.ndarray
@@ -33,26 +33,22 @@ class Frame:
     slack: np.ndarray
     tool: np.ndarray
     obj: np.ndarray
-    log_det: float
     repeat_sd: float
 
     @staticmethod
     def of(problem: TraceProblem, surfaces: ResponseSurfaces) -> "Frame":
         """The frame of a problem."""
         theta = first_estimate(problem, surfaces)
-        predicted = surfaces.features(theta)[0]
+        predicted = surfaces.features(theta)
         force = np.where(problem.is_force, predicted, 0.0)
         unit = _unit(problem, predicted)
         repeat_sd = _repeat_sd(problem, force)
         known = _known_covariance(problem, surfaces, theta, force, unit, repeat_sd)
         averaged = np.sqrt(np.maximum(problem.n_averaged, 1))[..., None]
-        # Scatter of a cell: a common relative change of its force (placement, grip) and one of each feature.
-        common, own = force / averaged, unit / averaged
-        shape = common[..., :, None] * common[..., None, :] + own[..., None] ** 2 * np.eye(len(problem.features))
-        whitener, slack = _whiten(known, shape)
+        root = (unit / averaged)[..., None] * np.linalg.cholesky(problem.correlation())
+        whitener, slack = _whiten(known, root @ np.swapaxes(root, -1, -2))
         mask = problem.is_measured
         whitener, slack = whitener * mask[..., None, None], slack * mask[..., None]
-        signs, log_dets = np.linalg.slogdet(np.where(mask[..., None, None], whitener, np.eye(whitener.shape[-1])))
         return Frame(
             theta=theta,
             measured=problem.mean_over_repeats(),
@@ -60,8 +56,7 @@ class Frame:
             whitener=whitener,
             slack=slack,
             tool=(whitener @ force[..., None])[..., 0],
-            obj=whitener * own[..., None, :],
-            log_det=float(log_dets.sum()),
+            obj=whitener @ root,
             repeat_sd=repeat_sd,
         )
 
@@ -77,7 +72,7 @@ def first_estimate(problem: TraceProblem, surfaces: ResponseSurfaces) -> np.ndar
     best, lowest = np.zeros(3), np.inf
     for friction in np.linspace(surfaces.lower[0], surfaces.upper[0], _N_FRICTION):
         for ratio in np.linspace(surfaces.lower[1], surfaces.upper[1], _N_RATIO):
-            unscaled = surfaces.features(np.array([problem.modulus_mpa, friction, ratio]))[0]
+            unscaled = surfaces.features(np.array([problem.modulus_mpa, friction, ratio]))
             gain = (weight * measured * unscaled)[..., force].sum() / (weight * unscaled**2)[..., force].sum()
             gain = max(float(gain), 1e-3)
             misfit = float((weight * (measured - np.where(force, gain, 1.0) * unscaled) ** 2).sum())

@@ -5,9 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.calibration.traces.features import CENTRES_MM
 from models.errors import UsageError
 
 MIN_TOOLS = 3
+NEAR_MM = 10.0  # lift over which errors of the simulator are alike: a contact moves so far along the wall
+OWN_SHARE = 0.1
 NUMERICAL_SHARE = 0.01  # of a cell's amplitude: what finer meshes change (notes/gap.md section 3)
 AREA_MM = 10.0  # an area of so many millimetres, and a lift of so many, count as much as the amplitude
 LEAST_AMPLITUDE = 0.05  # of the median cell's: cells without grip say nothing in per cent
@@ -76,6 +79,19 @@ class TraceProblem:
     def unit(self) -> np.ndarray:
         """Size of features in units of the amplitude of their cell, f; of lifts, in mm."""
         return np.array([AREA_MM if name.endswith("_mm") else 1.0 for name in self.features])
+
+    def correlation(self) -> np.ndarray:
+        """Correlation of the errors that a simulator may make in features of one object, f x f.
+
+        Errors of forces are mostly common to the whole lift and shared by neighbouring bins (`NEAR_MM`), in equal
+        parts; `OWN_SHARE` of their variance is of their own, as are those of lifts.
+        """
+        centres = np.array([CENTRES_MM.get(name, np.inf) for name in self.features])
+        with np.errstate(invalid="ignore"):
+            near = np.exp(-np.abs(np.subtract.outer(centres, centres)) / NEAR_MM)
+        near = np.where(np.isfinite(near), near, 0.0)
+        both = np.outer(self.is_force, self.is_force)
+        return np.where(np.eye(len(centres)) > 0, 1.0, np.where(both, 0.5 * (1.0 - OWN_SHARE) * (1.0 + near), 0.0))
 
     def mean_over_repeats(self) -> np.ndarray:
         """Measured features, t x o x f; 0 in cells that were not measured."""

@@ -7,11 +7,8 @@ the fit is linear in them. Young's modulus stays outside, as a factor.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
 from models.calibration.traces.problem import TraceProblem, degrees
-
-_SOLVABLE = 1e10  # condition number up to which the points of a cell determine its surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,15 +39,17 @@ class ResponseSurfaces:
             coefficients[cell], error[cell] = _fit(basis, problem.simulated[cell])
         return ResponseSurfaces(lower, upper, problem.modulus_mpa, problem.is_force, terms, coefficients, error)
 
-    def features(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Features at theta (Young's modulus in MPa, friction, Poisson ratio), t x o x f, and slopes 3 x t x o x f."""
-        share = theta[0] / self.modulus_mpa
-        factor = np.where(self.is_force, share, 1.0)
-        rows, by_friction, by_ratio = _basis(_scaled(theta[None, 1:], self.lower, self.upper), self.terms)
-        scale = 2.0 / (self.upper - self.lower)
-        stacked = np.concatenate([rows, scale[0] * by_friction, scale[1] * by_ratio])
-        value, friction_slope, ratio_slope = np.moveaxis(stacked @ self.coefficients, -2, 0) * factor
-        return value, np.stack([np.where(self.is_force, value, 0.0) / theta[0], friction_slope, ratio_slope])
+    def basis(self, friction: float, poisson_ratio: float) -> np.ndarray:
+        """Values of the terms, and their slopes by friction and by Poisson ratio, 3 x k."""
+        span = 0.5 * (self.upper - self.lower)
+        u, v = (np.array([friction, poisson_ratio]) - self.lower) / span - 1.0
+        rows = np.stack(_basis(np.array([[u, v]]), self.terms))[:, 0]
+        return np.asarray(rows / np.array([1.0, *span])[:, None])
+
+    def features(self, theta: np.ndarray) -> np.ndarray:
+        """Features at theta (Young's modulus in MPa, friction, Poisson ratio), t x o x f."""
+        factor = np.where(self.is_force, theta[0] / self.modulus_mpa, 1.0)
+        return np.asarray((self.basis(theta[1], theta[2])[:1] @ self.coefficients)[..., 0, :] * factor)
 
 
 def _fit(basis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -69,10 +68,14 @@ def _scaled(points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndar
 
 
 def _basis(points: np.ndarray, terms: tuple[tuple[int, int], ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Products of Chebyshev polynomials at points (n x 2) in the square -1 to 1, n x k, and their two slopes."""
+    """Products of Chebyshev polynomials at points (n x 2) in the square -1 to 1, n x k, and their two slopes.
+
+    T_(j+1) = 2 x T_j - T_(j-1), and the same for the slopes, differentiated.
+    """
     first, second = np.array(terms).T
-    highest = max(int(first.max()), int(second.max()))
-    values = chebyshev.chebvander(points, highest)
-    slopes = np.stack([chebyshev.chebval(points, chebyshev.chebder(row)) for row in np.eye(highest + 1)], axis=-1)
-    u, v, du, dv = values[:, 0, first], values[:, 1, second], slopes[:, 0, first], slopes[:, 1, second]
-    return u * v, du * v, u * dv
+    values, slopes = [np.ones_like(points), points], [np.zeros_like(points), np.ones_like(points)]
+    for j in range(1, int(max(first.max(), second.max()))):
+        values.append(2.0 * points * values[j] - values[j - 1])
+        slopes.append(2.0 * (values[j] + points * slopes[j]) - slopes[j - 1])
+    (u, v), (du, dv) = np.stack(values).T, np.stack(slopes).T
+    return u[:, first] * v[:, second], du[:, first] * v[:, second], u[:, first] * dv[:, second]

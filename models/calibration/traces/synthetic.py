@@ -79,9 +79,9 @@ def _trace(shape: np.ndarray, theta: np.ndarray) -> Trace:
 
 def _smooth(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
     """Smooth random curves over the steps with unit standard deviation, shape x 120."""
-    draws = rng.standard_normal((*shape, 9))
-    phase = np.linspace(0.0, np.pi, 120) * np.arange(9)[:, None]
-    return np.asarray(draws @ np.cos(phase) / np.sqrt(5.0))
+    draws = rng.standard_normal((*shape, 5))
+    phase = np.linspace(0.0, np.pi, 120) * np.arange(5)[:, None]
+    return np.asarray(draws @ np.cos(phase) / np.sqrt(3.0))
 
 
 def _noise(steps_n: np.ndarray, noise: SensorNoise) -> tuple[np.ndarray, np.ndarray]:

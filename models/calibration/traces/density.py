@@ -1,13 +1,13 @@
 """Log posterior of theta and three scales given traces, with its gradient; the random effects are integrated out.
 
-    y_to = F(theta; t, o) + F b_t + H a_o + c_to + e_to,    b_t ~ N(0, tool_sd^2), a_o ~ N(0, object_sd^2 1),
+    y_to = F(theta; t, o) (1 + b_t) + H a_o + c_to + e_to,    b_t ~ N(0, tool_sd^2), a_o ~ N(0, object_sd^2 1),
 
 y: features of tool t on object o, mean over repeats. b: modulus from print to print. H a: what the simulator has wrong
 about the object, in shares of the cell's amplitude and correlated over the lift, covariance object_sd^2 C = H H'.
 c: the same in this cell alone, covariance cell_sd^2 C. e: sensor noise, repeats, response surface and mesh, of known
 covariance.
 
-In whitened coordinates (`Frame`) a cell has independent features of variance 1 + cell_sd^2 d. What couples cells are
+Of F only the forces scale with b. In whitened coordinates (`Frame`) a cell has independent features of variance 1 + cell_sd^2 d. What couples cells are
 the effects u = (b, a), integrated out by Woodbury's identity; their precision is an arrow, since each cell has one
 tool and one object, and is eliminated object by object. The gradient follows from Fisher's identity: that of the
 joint density of y and u, averaged over u given y.
@@ -28,6 +28,19 @@ SCALES = ("tool_sd", "object_sd", "cell_sd")
 NAMES = (*SCALES, "young_modulus_mpa", "friction", "poisson_ratio")
 # (median, sd of the logarithm): notes/gap.md, 3 Data model; relative.
 SCALE_PRIORS = ((0.04, 0.5), (0.03, 0.7), (0.03, 0.7))
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Whitened cells at given parameters. terms: 3 x k, of the surfaces, with slopes. force, residual: t x o x f,
+    predicted forces, and measured less predicted features. slack, weight: t x o x f, variance beyond 1, and precision.
+    """
+
+    terms: np.ndarray
+    force: np.ndarray
+    residual: np.ndarray
+    slack: np.ndarray
+    weight: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +110,10 @@ class TraceDensity:
         return likelihood + prior, slopes * self._jacobian(vector, values) + prior_slopes
 
     def tool_moduli(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Relative modulus of each tool given the parameters: mean and standard deviation (t, t)."""
+        """Modulus of each tool over Young's modulus, less 1, given the parameters: mean and sd (t, t)."""
         values = self.constrained(vector)
-        residual, _ = self._residual(values[3:])
-        effects = self._effects(residual, self._weight(values[2]), values[0], values[1])
+        cells = self._cells(values[3:], values[2])
+        effects = self._effects(cells, values[0], values[1])
         return effects.b, np.sqrt(np.diag(effects.b_cov))
 
     @cached_property
@@ -113,69 +126,64 @@ class TraceDensity:
         lifts = np.where(self.surfaces.is_force, 0.0, coefficients) @ transposed
         return measured, np.moveaxis(forces, 2, 0).copy(), np.moveaxis(lifts, 2, 0).copy()
 
-    def _residual(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Whitened measured less predicted features, t x o x f, and the terms with their slopes, 3 x k."""
+    def _cells(self, theta: np.ndarray, cell_sd: float) -> _Cells:
         measured, forces, lifts = self._whitened
-        rows = self.surfaces.basis(theta[1], theta[2])
-        share = theta[0] / self.surfaces.modulus_mpa
-        return measured - np.tensordot(rows[0], share * forces + lifts, 1), rows
-
-    def _by_theta(self, left: np.ndarray, theta: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Slopes by theta (3) of what has slopes `left` by the predicted features."""
-        _, forces, lifts = self._whitened
-        share = theta[0] / self.surfaces.modulus_mpa
-        by_force, by_lift = np.tensordot(forces, left, 3), np.tensordot(lifts, left, 3)
-        by_modulus = rows[0] @ by_force / self.surfaces.modulus_mpa
-        return np.array([by_modulus, *(rows[1:] @ (share * by_force + by_lift))])
-
-    def _weight(self, cell_sd: float) -> np.ndarray:
-        """Precision of a whitened feature; 0 in cells that were not measured."""
-        return np.asarray(self.frame.is_measured[..., None] / (1.0 + cell_sd**2 * self.frame.slack))
+        terms = self.surfaces.basis(theta[1], theta[2])
+        force = theta[0] / self.surfaces.modulus_mpa * np.tensordot(terms[0], forces, 1)
+        residual = measured - force - np.tensordot(terms[0], lifts, 1)
+        slack = cell_sd**2 * self.frame.slack
+        return _Cells(terms, force, residual, slack, self.frame.is_measured[..., None] / (1.0 + slack))
 
     def _log_likelihood(self, values: np.ndarray) -> tuple[float, np.ndarray]:
         """Value, and slopes by log scales and by theta (6)."""
-        frame, theta, (tool_sd, object_sd, cell_sd) = self.frame, values[3:], values[:3]
-        residual, rows = self._residual(theta)
-        weight, slack = self._weight(cell_sd), cell_sd**2 * frame.slack
-        effects = self._effects(residual, weight, tool_sd, object_sd)
-        squares = (weight * residual**2).sum() - effects.explained
-        value = -0.5 * (squares + np.log1p(slack).sum() + effects.log_det)
-        left = residual - frame.tool * effects.b[:, None, None] - (frame.obj @ effects.a[..., None])[..., 0]
-        by_cell = (slack * weight * (weight * (left**2 + self._variance(effects)) - 1.0)).sum()
+        theta, (tool_sd, object_sd, cell_sd) = values[3:], values[:3]
+        cells = self._cells(theta, cell_sd)
+        effects = self._effects(cells, tool_sd, object_sd)
+        squares = (cells.weight * cells.residual**2).sum() - effects.explained
+        value = -0.5 * (squares + np.log1p(cells.slack).sum() + effects.log_det)
+        # From here on averages over the effects given y.
+        obj, b, force = self.frame.obj, effects.b[:, None, None], cells.force
+        left = cells.residual - force * b - (obj @ effects.a[..., None])[..., 0]
+        with_b = force * np.diag(effects.b_cov)[:, None, None]
+        with_b = with_b + (obj @ effects.ab_cov.transpose(2, 0, 1)[..., None])[..., 0]
+        of_a = ((obj @ effects.a_cov) * obj).sum(axis=-1)
+        variance = force * (2.0 * with_b - force * np.diag(effects.b_cov)[:, None, None]) + of_a
+        by_cell = (cells.slack * cells.weight * (cells.weight * (left**2 + variance) - 1.0)).sum()
         by_tool = (effects.b @ effects.b + np.trace(effects.b_cov)) / tool_sd**2 - effects.b.size
         offsets = (effects.a**2).sum() + np.trace(effects.a_cov, axis1=1, axis2=2).sum()
         by_object = offsets / object_sd**2 - effects.a.size
-        return float(value), np.array([by_tool, by_object, by_cell, *self._by_theta(weight * left, theta, rows)])
+        by_theta = self._by_theta(theta, cells.terms, cells.weight * (left * (1.0 + b) - with_b), cells.weight * left)
+        return float(value), np.array([by_tool, by_object, by_cell, *by_theta])
 
-    def _effects(self, residual: np.ndarray, weight: np.ndarray, tool_sd: float, object_sd: float) -> _Effects:
+    def _by_theta(self, theta: np.ndarray, terms: np.ndarray, by_force: np.ndarray, by_lift: np.ndarray) -> np.ndarray:
+        """Slopes by theta (3) from those by the whitened predictions of forces and of lifts (t x o x f each)."""
+        _, forces, lifts = self._whitened
+        force_terms, lift_terms = np.tensordot(forces, by_force, 3), np.tensordot(lifts, by_lift, 3)
+        share = theta[0] / self.surfaces.modulus_mpa
+        by_modulus = terms[0] @ force_terms / self.surfaces.modulus_mpa
+        return np.array([by_modulus, *(terms[1:] @ (share * force_terms + lift_terms))])
+
+    def _effects(self, cells: _Cells, tool_sd: float, object_sd: float) -> _Effects:
         """Effects u given y, by elimination of the objects, which leaves the tools."""
-        tool, obj = self.frame.tool, self.frame.obj
-        t, o, f = tool.shape
+        obj, force, weight = self.frame.obj, cells.force, cells.weight
+        t, o, f = force.shape
         transposed = np.swapaxes(weight[..., None] * obj, -1, -2)
         precision = (transposed @ obj).sum(axis=0) + np.eye(f) / object_sd**2
-        sides = transposed @ np.stack([tool, residual], axis=-1)
+        sides = transposed @ np.stack([force, cells.residual], axis=-1)
         coupling, own = sides[..., 0].transpose(1, 2, 0), sides[..., 1].sum(axis=0)
         log_det = 2.0 * np.log(np.diagonal(np.linalg.cholesky(precision), axis1=1, axis2=2)).sum()
         inverse = np.linalg.inv(precision)
         towards = inverse @ coupling
-        schur = np.diag((weight * tool**2).sum(axis=(1, 2)) + 1.0 / tool_sd**2) - np.tensordot(
-            coupling, towards, axes=([0, 1], [0, 1])
-        )
+        schur = np.diag((weight * force**2).sum(axis=(1, 2)) + 1.0 / tool_sd**2)
+        schur = schur - np.tensordot(coupling, towards, axes=([0, 1], [0, 1]))
         b_cov = np.linalg.inv(schur)
-        pull = (weight * tool * residual).sum(axis=(1, 2))
+        pull = (weight * force * cells.residual).sum(axis=(1, 2))
         b = b_cov @ (pull - np.tensordot(own, towards, 2))
         a = (inverse @ own[..., None])[..., 0] - towards @ b
         ab_cov = -towards @ b_cov
         log_det += np.linalg.slogdet(schur)[1] + 2.0 * (t * np.log(tool_sd) + o * f * np.log(object_sd))
         a_cov = inverse - ab_cov @ np.swapaxes(towards, 1, 2)
         return _Effects(b, b_cov, a, a_cov, ab_cov, float(log_det), float(pull @ b + (own * a).sum()))
-
-    def _variance(self, effects: _Effects) -> np.ndarray:
-        """Variance, given y, of what the effects add to each whitened feature, t x o x f."""
-        tool, obj = self.frame.tool, self.frame.obj
-        own = tool * np.diag(effects.b_cov)[:, None, None]
-        shared = (obj @ effects.ab_cov.transpose(2, 0, 1)[..., None])[..., 0]
-        return np.asarray(tool * (own + 2.0 * shared) + ((obj @ effects.a_cov) * obj).sum(axis=-1))
 
     def _log_prior(self, vector: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
         """Priors with the Jacobians of the transforms, and their slopes by the unconstrained vector."""

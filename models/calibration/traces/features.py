@@ -14,6 +14,7 @@ from models.records import Trace
 
 STEP_MM = 0.5
 LIFT_MM = 60.0  # the tallest object is 50 mm: beyond, nothing is in the fingers
+N_STEPS = round(LIFT_MM / STEP_MM)
 BIN_EDGES_MM = np.array([1.0, 2.0, 4.0, 7.0, 10.0, 14.0, 18.0, 23.0, 28.0, 34.0, 40.0])
 DIP_MM = 3.0  # the object is still pushed down, if ever, at the start of the lift
 NEAR_PEAK = 0.9
@@ -58,7 +59,7 @@ def step_means(trace: Trace) -> np.ndarray:
     # Bench readings may step back by noise; the area under the force needs lifts in order.
     lift_mm = np.maximum.accumulate(lift_mm)
     area = np.concatenate([[0.0], np.cumsum(0.5 * (force_n[1:] + force_n[:-1]) * np.diff(lift_mm))])
-    at_mm = np.arange(0.0, LIFT_MM + 0.5 * STEP_MM, STEP_MM)
+    at_mm = STEP_MM * np.arange(N_STEPS + 1)
     return np.diff(_area_at(at_mm, lift_mm, force_n, area)) / STEP_MM
 
 

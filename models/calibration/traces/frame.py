@@ -20,9 +20,8 @@ class Frame:
     """Whitened random effects of t tools and o objects; everything is 0 in cells that were not measured.
 
     theta: the first estimate (3). whitener: t x o x f x f, W with W K W' = 1 and W C W' = diag(slack), K the known
-    covariance of a cell's mean over repeats and C the shape of its scatter. slack: t x o x f. tool: t x o x f, W
-    times the effect of a relative change of the tool's modulus. obj: t x o x f x f, W times the effect of f
-    independent causes of what the simulator has wrong about an object; C is that effect times its transpose.
+    covariance of a cell's mean over repeats and C the shape of its scatter. slack: t x o x f. obj: t x o x f x f, W
+    times the effect H of f independent causes of what the simulator has wrong about an object, H H' = C.
     repeat_sd: scatter from grasp to grasp, relative.
     """
 
@@ -31,7 +30,6 @@ class Frame:
     is_measured: np.ndarray
     whitener: np.ndarray
     slack: np.ndarray
-    tool: np.ndarray
     obj: np.ndarray
     repeat_sd: float
 
@@ -55,7 +53,6 @@ class Frame:
             is_measured=mask,
             whitener=whitener,
             slack=slack,
-            tool=(whitener @ force[..., None])[..., 0],
             obj=whitener @ root,
             repeat_sd=repeat_sd,
         )

@@ -6,7 +6,7 @@ import numpy as np
 
 from models.calibration.traces.features import FEATURES, N_STEPS, features_of_steps, step_means
 from models.calibration.traces.noise import SensorNoise, feature_noise
-from models.calibration.traces.problem import NUMERICAL_SHARE, TraceProblem
+from models.calibration.traces.problem import TraceProblem, numerical_shares
 from models.errors import UsageError
 from models.records import Trace
 
@@ -21,7 +21,6 @@ def trace_problem(
     modulus_mpa: float,
     noise: SensorNoise,
     lift_speed_mm_per_s: float,
-    numerical_share: float = NUMERICAL_SHARE,
 ) -> TraceProblem:
     """The problem of measured repeats and simulations of the same tools and objects.
 
@@ -59,7 +58,7 @@ def trace_problem(
         measured=seen - bias.reshape(*shape, 1, f),
         noise=covariance.reshape(*shape, f, f),
         n_averaged=np.ones(shape, dtype=int),
-        numerical_share=numerical_share,
+        numerical=numerical_shares(FEATURES),
     )
 
 

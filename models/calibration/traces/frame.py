@@ -41,9 +41,12 @@ class Frame:
         force = np.where(problem.is_force, predicted, 0.0)
         unit = _unit(problem, predicted)
         repeat_sd = _repeat_sd(problem, force)
-        known = _known_covariance(problem, surfaces, theta, force, unit, repeat_sd)
         averaged = np.sqrt(np.maximum(problem.n_averaged, 1))[..., None]
-        root = (unit / averaged)[..., None] * np.linalg.cholesky(problem.correlation())
+        correlation = problem.correlation()
+        numerical = problem.numerical * unit / averaged
+        known = _known_covariance(problem, surfaces, theta, force, repeat_sd)
+        known = known + numerical[..., :, None] * numerical[..., None, :] * correlation
+        root = (unit / averaged)[..., None] * np.linalg.cholesky(correlation)
         whitener, slack = _whiten(known, root @ np.swapaxes(root, -1, -2))
         mask = problem.is_measured
         whitener, slack = whitener * mask[..., None, None], slack * mask[..., None]
@@ -112,18 +115,15 @@ def _known_covariance(
     surfaces: ResponseSurfaces,
     theta: np.ndarray,
     force: np.ndarray,
-    unit: np.ndarray,
     repeat_sd: float,
 ) -> np.ndarray:
-    """Sensor noise and repeats over their number, the surfaces' errors at theta, and the numerical error."""
+    """Sensor noise and repeats over their number, and the surfaces' errors at theta, t x o x f x f."""
     n = np.maximum(problem.n_repeats, 1)[..., None, None]
     repeats = repeat_sd**2 * force[..., :, None] * force[..., None, :]
     factor = np.where(problem.is_force, theta[0] / surfaces.modulus_mpa, 1.0)
     error = surfaces.error * np.outer(factor, factor)
-    averaged = np.maximum(problem.n_averaged, 1)[..., None]
-    numerical = (problem.numerical_share * unit) ** 2 / averaged
     noise = np.where(problem.is_measured[..., None, None], problem.noise, 0.0)
-    return np.asarray((noise + repeats) / n + error + numerical[..., None] * np.eye(len(problem.features)))
+    return np.asarray((noise + repeats) / n + error)
 
 
 def _whiten(known: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

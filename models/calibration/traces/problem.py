@@ -11,8 +11,11 @@ from models.errors import UsageError
 MIN_TOOLS = 3
 NEAR_MM = 10.0  # lift over which errors of the simulator are alike: a contact moves so far along the wall
 OWN_SHARE = 0.1
-NUMERICAL_SHARE = 0.01  # of a cell's amplitude: what finer meshes change (notes/gap.md section 3)
-AREA_MM = 10.0  # an area of so many millimetres, and a lift of so many, count as much as the amplitude
+# What a finer mesh and another contact law change, in units of a feature; `fast bench run calibration-traces` measures
+# it on paired runs. Steps of the first millimetres are few, and a peak moves along its plateau.
+NUMERICAL_SHARE = 0.01
+NUMERICAL_SHARES = {"dip_n": 0.05, "lift_at_peak_mm": 0.3}
+AREA_MM, MOVE_MM = 20.0, 10.0  # the unit of areas, times the amplitude of the cell, and of lifts
 LEAST_AMPLITUDE = 0.05  # of the median cell's: cells without grip say nothing in per cent
 
 
@@ -23,8 +26,8 @@ class TraceProblem:
     features: names (f). grid: g x 2, friction and Poisson ratio. simulated: t x o x g x f at `modulus_mpa`; forces
     scale with Young's modulus, lifts do not. measured: t x o x r x f. noise: t x o x f x f, covariance of the features
     of one repeat under sensor noise. Missing simulations and repeats are NaN in all their features; a cell without a
-    repeat is left out. numerical_share: the standard deviation (per unit of `amplitude`) of what the simulator's mesh
-    and contact law do to a feature. n_averaged: t x o, how many objects a cell is the mean of.
+    repeat is left out. numerical: f, standard deviations of what the simulator's mesh and contact law do to features, in
+    their units (`unit`). n_averaged: t x o, how many objects a cell is the mean of.
     """
 
     tools: tuple[str, ...]
@@ -36,7 +39,7 @@ class TraceProblem:
     measured: np.ndarray
     noise: np.ndarray
     n_averaged: np.ndarray
-    numerical_share: float = NUMERICAL_SHARE
+    numerical: np.ndarray
 
     def __post_init__(self) -> None:
         """Check shapes, values and counts once, at the boundary.
@@ -51,6 +54,7 @@ class TraceProblem:
             "measured": (t, o, self.measured.shape[2] if self.measured.ndim == 4 else -1, f),
             "noise": (t, o, f, f),
             "n_averaged": (t, o),
+            "numerical": (f,),
         }
         for name, shape in wanted.items():
             found = getattr(self, name).shape
@@ -77,8 +81,9 @@ class TraceProblem:
 
     @property
     def unit(self) -> np.ndarray:
-        """Size of features in units of the amplitude of their cell, f; of lifts, in mm."""
-        return np.array([AREA_MM if name.endswith("_mm") else 1.0 for name in self.features])
+        """Units of features, f: of forces 1 and of areas in mm, both times the amplitude of their cell; of lifts in mm."""
+        area = {name: AREA_MM if name.endswith("_n_mm") else 1.0 for name in self.features}
+        return np.array([MOVE_MM if _is_lift(name) else area[name] for name in self.features])
 
     def correlation(self) -> np.ndarray:
         """Correlation of the errors that a simulator may make in features of one object, f x f.
@@ -114,6 +119,7 @@ class TraceProblem:
             simulated=self.simulated[..., columns],
             measured=self.measured[..., columns],
             noise=self.noise[..., columns, :][..., columns],
+            numerical=self.numerical[columns],
         )
 
     def mean_over_objects(self) -> "TraceProblem":
@@ -156,6 +162,11 @@ class TraceProblem:
                 f"tool {self.tools[t]} on object {self.objects[o]} has {n_simulated[t, o]} simulations of the grid, "
                 f"its response surface needs {n_needed}; simulate the missing ones or leave its grasps out."
             )
+
+
+def numerical_shares(features: Sequence[str]) -> np.ndarray:
+    """The numerical error of features as far as it is known, f, in their units."""
+    return np.array([NUMERICAL_SHARES.get(name, NUMERICAL_SHARE) for name in features])
 
 
 def n_terms(grid: np.ndarray) -> int:

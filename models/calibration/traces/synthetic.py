@@ -11,7 +11,7 @@ import numpy as np
 from models.calibration.traces.features import FEATURES, features_of_steps, step_means
 from models.calibration.traces.grid import ThetaGrid
 from models.calibration.traces.noise import SensorNoise, feature_noise
-from models.calibration.traces.problem import TraceProblem
+from models.calibration.traces.problem import TraceProblem, numerical_shares
 from models.records import Trace
 
 MODULUS_MPA = 10.0
@@ -59,6 +59,7 @@ def made_up_traces(
         measured=np.stack(measured, axis=2),
         noise=noise,
         n_averaged=np.ones((n_tools, n_objects), dtype=int),
+        numerical=numerical_shares(FEATURES),
     )
 
 

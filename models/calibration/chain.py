@@ -1,5 +1,6 @@
 """One chain of PyMC's NUTS on any log density with a gradient. Imports PyMC: import this module late."""
 
+import time
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -32,7 +33,7 @@ class Chain(NamedTuple):
     n_gradients: int
     n_deepest: int
     tree_depth: np.ndarray
-    step_size: float
+    cpu_s: float
 
 
 class DensityOp(Op):
@@ -102,6 +103,7 @@ def run_chain(
 
     `tell` hears how many draws, tuning included, are done, and the divergences after tuning.
     """
+    started = time.process_time()
     operation = DensityOp(log_density)
     metric = DenseMetric(np.eye(len(start)) if scale is None else scale)
 
@@ -130,15 +132,15 @@ def run_chain(
                 compute_convergence_checks=False,
                 return_inferencedata=False,
             )
-    return _chain(trace, operation.n_calls)
+    return _chain(trace, operation.n_calls, time.process_time() - started)
 
 
-def _chain(trace: Any, n_gradients: int) -> Chain:
+def _chain(trace: Any, n_gradients: int, cpu_s: float) -> Chain:
     return Chain(
         draws=trace.get_values("z"),
         n_divergences=int(trace.get_sampler_stats("diverging").sum()),
         n_gradients=n_gradients,
         n_deepest=int(trace.get_sampler_stats("reached_max_treedepth").sum()),
         tree_depth=trace.get_sampler_stats("depth"),
-        step_size=float(trace.get_sampler_stats("step_size_bar")[-1]),
+        cpu_s=cpu_s,
     )

@@ -100,6 +100,16 @@ class Layout:
         modulus, friction, poisson = np.moveaxis(np.asarray(theta), -1, 0)
         return np.stack([np.log(modulus), np.log(friction), logit((poisson - lower) / (upper - lower))], axis=-1)
 
+    def constrain(self, values: np.ndarray, force_scale_n: float) -> np.ndarray:
+        """Vectors (... x (n_phi + n_psi)) with every parameter in the unit of `names`, same shape."""
+        sds = self.n_phi + N_DESIGN
+        constrained = np.exp(values)
+        constrained[..., sds : sds + 2] *= force_scale_n
+        if self.has_rho:
+            constrained[..., -4] = values[..., -4]
+        constrained[..., -3:] = self.theta(values[..., -3:])
+        return constrained
+
     def log_prior_phi(self, values: np.ndarray) -> tuple[float, np.ndarray]:
         """Log prior density of phi in the unconstrained form, without its constant, and its gradient (n_phi)."""
         return _normal(values, [LENGTHSCALE] * self.n_inputs + [SD_H, NUGGET])

@@ -30,7 +30,8 @@ class Samples:
     """What NUTS drew. draws: chains x n x k, in the space of the density.
 
     `n_divergences` and `n_deepest` (trees cut at their greatest depth) count draws after tuning, `n_gradients` all
-    evaluations of the density, tuning included. tree_depth: chains x n.
+    evaluations of the density, tuning included. tree_depth: chains x n. `cpu_s` is the CPU time of all processes
+    (s, without their start).
     """
 
     draws: np.ndarray
@@ -38,6 +39,7 @@ class Samples:
     n_divergences: int
     n_deepest: int
     n_gradients: int
+    cpu_s: float
 
     @property
     def flat(self) -> np.ndarray:
@@ -86,6 +88,7 @@ def sample(
         n_divergences=sum(chain.n_divergences for chain in chains),
         n_deepest=sum(chain.n_deepest for chain in chains),
         n_gradients=sum(chain.n_gradients for chain in chains),
+        cpu_s=sum(chain.cpu_s for chain in chains),
     )
 
 
@@ -114,12 +117,15 @@ class _Report:
     def __init__(self, n_chains: int, n_draws: int, progress: Progress | None) -> None:
         self._done, self._divergences = [0] * n_chains, [0] * n_chains
         self._n_draws, self._progress = n_draws, progress
-        self._started = self._last = time.monotonic()
+        self._started: float | None = None  # with the first news: a process imports for seconds
+        self._last = 0.0
 
     def hear(self, chain: int, n_done: int, n_divergences: int) -> None:
         """A chain has made so many draws, tuning included."""
         self._done[chain], self._divergences[chain] = n_done, n_divergences
         now = time.monotonic()
+        if self._started is None:
+            self._started = self._last = now
         if self._progress is not None and now - self._last >= _REPORT_S:
             self._last = now
             self._progress(self._sentence(now - self._started))

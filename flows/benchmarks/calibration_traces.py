@@ -30,7 +30,7 @@ TRUTHS = ((9.2, 0.62, 0.43), (7.0, 0.45, 0.36), (12.5, 0.85, 0.4), (10.5, 0.52, 
 GRID_MODULUS_MPA = 10.0
 TOOL_SD, REPEAT_SD = 0.04, 0.01
 NOISE = SensorNoise(sd_n=0.12, correlation_s=0.05, rate_hz=80.0)
-SAMPLING = CalibrationSettings(chains=2, draws=400, tune=300, workers=1)
+SAMPLING = CalibrationSettings(chains=2, draws=300, tune=150, workers=1)
 LEVELS = ("design means", "peaks", "traces")
 THETA = ("young_modulus_mpa", "friction", "poisson_ratio")
 
@@ -101,11 +101,12 @@ def _measured(true: Trace, scale: float, rng: np.random.Generator) -> Trace:
     is_lift = true.is_lift
     step_mm = SETUP.lift_speed_mm_per_s / NOISE.rate_hz
     lift_mm = np.arange(0.0, true.lift_mm[-1] + step_mm, step_mm)
-    force_n = scale * np.exp(REPEAT_SD * rng.standard_normal()) * np.interp(lift_mm, true.lift_mm[is_lift], true.force_n[is_lift])  # fmt: skip
-    return Trace(lift_mm / SETUP.lift_speed_mm_per_s, lift_mm, force_n + ar1_noise(len(lift_mm), rng))
+    factor = scale * np.exp(REPEAT_SD * rng.standard_normal())
+    force_n = factor * np.interp(lift_mm, true.lift_mm[is_lift], true.force_n[is_lift])
+    return Trace(lift_mm / SETUP.lift_speed_mm_per_s, lift_mm, force_n + _ar1_noise(len(lift_mm), rng))
 
 
-def ar1_noise(n: int, rng: np.random.Generator) -> np.ndarray:
+def _ar1_noise(n: int, rng: np.random.Generator) -> np.ndarray:
     """Sensor noise of n readings, in N."""
     from scipy.signal import lfilter
 
@@ -151,7 +152,9 @@ def _surface_row(problem: TraceProblem, bank: Bank) -> dict[str, float]:
 def _short(answer: Answer) -> str:
     values = answer.result.flat(*THETA)
     means, sds = values.mean(axis=0), values.std(axis=0)
-    return f"{answer.level} E {means[0]:.2f}({sds[0]:.2f}) mu {means[1]:.3f}({sds[1]:.3f}) nu {means[2]:.2f}({sds[2]:.2f})"
+    return (
+        f"{answer.level} E {means[0]:.2f}({sds[0]:.2f}) mu {means[1]:.3f}({sds[1]:.3f}) nu {means[2]:.2f}({sds[2]:.2f})"
+    )
 
 
 def _draw(path: Path, answers: Sequence[Answer]) -> None:
@@ -170,4 +173,3 @@ def _draw(path: Path, answers: Sequence[Answer]) -> None:
         axes.set_ylabel("friction")
         figure.legend(loc="outside right upper", markerscale=3)
         figure.savefig(path, dpi=160)
-

@@ -84,7 +84,9 @@ def job_id(job: BankJob) -> str:
     return content_id("J", job.model_dump(mode="json"))
 
 
-def bank_jobs(designs: Sequence[int], objects: Sequence[int], grid: ThetaGrid, truths: Sequence[Theta]) -> list[BankJob]:
+def bank_jobs(
+    designs: Sequence[int], objects: Sequence[int], grid: ThetaGrid, truths: Sequence[Theta]
+) -> list[BankJob]:
     """The grid of every design and object at 10 MPa, since E is a factor; and the truth of each."""
     jobs = []
     for design in designs:
@@ -145,7 +147,9 @@ def simulate_chunk(jobs: Sequence[BankJob], code: str) -> list[BankTrace]:
         except (SimulationFailed, MeshingFailed):
             traces.append(BankTrace(job=job, code=code, cpu_s=time.process_time() - started))
             continue
-        lift_mm, force_n = (np.round(values, _DIGITS).tolist() for values in (result.trace.lift_mm, result.trace.force_n))
+        lift_mm, force_n = (
+            np.round(values, _DIGITS).tolist() for values in (result.trace.lift_mm, result.trace.force_n)
+        )
         cpu_s = time.process_time() - started
         traces.append(BankTrace(job=job, code=code, lift_mm=tuple(lift_mm), force_n=tuple(force_n), cpu_s=cpu_s))
     return traces

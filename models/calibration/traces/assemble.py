@@ -1,4 +1,4 @@
-"""A trace-level problem from traces: features of what was measured and simulated, and what sensor noise does to them."""
+"""A trace-level problem from traces: features of what was measured and simulated, and their noise."""
 
 from collections.abc import Mapping, Sequence
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import minimize
 
+from models.calibration.diagnostics import convergence
 from models.calibration.result import ESS_LIMIT, R_HAT_LIMIT, CalibrationResult
 from models.calibration.sampling import sample
 from models.calibration.settings import CalibrationSettings, ThetaPriors
@@ -39,7 +40,7 @@ def calibrate_traces(
     """
     started = time.process_time()
     density = trace_density(problem, settings.priors)
-    warnings = list(_unit_warnings(density.frame.theta[0], settings.priors))
+    warnings = list(unit_warnings(density.frame.theta[0], settings.priors))
     best, covariance = laplace(density)
     rng = np.random.default_rng([settings.seed, 1])
     start = rng.multivariate_normal(best, covariance, size=settings.chains)
@@ -47,9 +48,11 @@ def calibrate_traces(
     samples = sample(density, start, settings, scale=covariance, progress=progress)
     draws = density.constrained(samples.draws)
     ended = time.process_time()
-    r_hat, ess_bulk, ess_tail = _diagnostics(draws)
+    r_hat, ess_bulk, ess_tail = convergence(NAMES, draws)
     if samples.n_divergences:
-        warnings.append(f"{samples.n_divergences} draws diverged; raise target_accept above {settings.target_accept:g}.")
+        warnings.append(
+            f"{samples.n_divergences} draws diverged; raise target_accept above {settings.target_accept:g}."
+        )
     warnings += _sampling_warnings(r_hat, ess_bulk)
     warnings += _posterior_warnings(density, draws)
     return CalibrationResult(
@@ -87,22 +90,6 @@ def laplace(density: TraceDensity) -> tuple[np.ndarray, np.ndarray]:
     return found.x, (vectors / np.maximum(values, 0.25)) @ vectors.T
 
 
-def _diagnostics(draws: np.ndarray) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
-    """R-hat, bulk and tail ESS by parameter."""
-    import arviz
-
-    columns = [draws[:, :, column] for column in range(draws.shape[2])]
-    measures = (
-        lambda x: arviz.rhat(x),
-        lambda x: arviz.ess(x, method="bulk"),
-        lambda x: arviz.ess(x, method="tail"),
-    )
-    r_hat, bulk, tail = (
-        {name: float(measure(values)) for name, values in zip(NAMES, columns, strict=True)} for measure in measures
-    )
-    return r_hat, bulk, tail
-
-
 def _sampling_warnings(r_hat: dict[str, float], ess_bulk: dict[str, float]) -> list[str]:
     worst, fewest = max(r_hat, key=r_hat.__getitem__), min(ess_bulk, key=ess_bulk.__getitem__)
     warnings = []
@@ -113,7 +100,7 @@ def _sampling_warnings(r_hat: dict[str, float], ess_bulk: dict[str, float]) -> l
     return warnings
 
 
-def _unit_warnings(modulus_mpa: float, priors: ThetaPriors) -> list[str]:
+def unit_warnings(modulus_mpa: float, priors: ThetaPriors) -> list[str]:
     """What a first estimate of Young's modulus far from its prior says about the unit of the forces.
 
     Raises:
@@ -146,7 +133,7 @@ def _posterior_warnings(density: TraceDensity, draws: np.ndarray) -> list[str]:
         median = float(np.median(draws[:, :, NAMES.index(name)]))
         if median > limit:
             warnings.append(
-                f"{name} is {100 * median:.0f} % of the force, above {100 * limit:.0f} %: the simulator misses something "
-                "that theta cannot make up for."
+                f"{name} is {100 * median:.0f} % of the force, above {100 * limit:.0f} %: the simulator misses "
+                "something that theta cannot make up for."
             )
     return warnings

@@ -7,10 +7,10 @@ about the object, in shares of the cell's amplitude and correlated over the lift
 c: the same in this cell alone, covariance cell_sd^2 C. e: sensor noise, repeats, response surface and mesh, of known
 covariance.
 
-Of F only the forces scale with b. In whitened coordinates (`Frame`) a cell has independent features of variance 1 + cell_sd^2 d. What couples cells are
-the effects u = (b, a), integrated out by Woodbury's identity; their precision is an arrow, since each cell has one
-tool and one object, and is eliminated object by object. The gradient follows from Fisher's identity: that of the
-joint density of y and u, averaged over u given y.
+Of F only the forces scale with b. In whitened coordinates (`Frame`) a cell has independent features of variance
+1 + cell_sd^2 d. What couples cells are the effects u = (b, a), integrated out by Woodbury's identity; their precision
+is an arrow, since each cell has one tool and one object, and is eliminated object by object. The gradient follows from
+Fisher's identity: that of the joint density of y and u, averaged over u given y.
 """
 
 from dataclasses import dataclass
@@ -32,8 +32,10 @@ SCALE_PRIORS = ((0.04, 0.5), (0.03, 0.7), (0.03, 0.7))
 
 @dataclass(frozen=True, eq=False)
 class _Cells:
-    """Whitened cells at given parameters. terms: 3 x k, of the surfaces, with slopes. force, residual: t x o x f,
-    predicted forces, and measured less predicted features. slack, weight: t x o x f, variance beyond 1, and precision.
+    """Whitened cells at given parameters.
+
+    terms: 3 x k, of the surfaces, with slopes. force, residual: t x o x f, predicted forces, and measured less
+    predicted features. slack, weight: t x o x f, variance beyond 1, and precision.
     """
 
     terms: np.ndarray
@@ -187,7 +189,9 @@ class TraceDensity:
 
     def _log_prior(self, vector: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
         """Priors with the Jacobians of the transforms, and their slopes by the unconstrained vector."""
-        medians, sds = np.array([*SCALE_PRIORS, (self.priors.young_modulus_median_mpa, self.priors.young_modulus_log_sd)]).T
+        medians, sds = np.array(
+            [*SCALE_PRIORS, (self.priors.young_modulus_median_mpa, self.priors.young_modulus_log_sd)]
+        ).T
         deviation = (vector[:4] - np.log(medians)) / sds
         low, high = self.limits
         friction, shares = values[4], expit(vector[4:])

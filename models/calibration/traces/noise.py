@@ -1,14 +1,18 @@
 """What sensor noise does to features: their covariance and bias, by Monte Carlo on the averaged traces."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from models.calibration.traces.features import STEP_MM, features_of_steps
 from models.errors import UsageError
+from models.records import Trace
 
 N_DRAWS = 200
 _CHUNK = 64  # traces at a time
+QUIET_S = 0.3  # from the start of closing: the widest object is touched after half a second
+_FEWEST_READINGS = 50
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,32 @@ class SensorNoise:
         apart = np.abs(m * steps[:, None, None] + np.subtract.outer(readings, readings))
         by_lag = self.sd_n**2 * np.power(r, apart).mean(axis=(1, 2))  # 0 to the power of 0 is 1
         return np.asarray(by_lag[np.abs(np.subtract.outer(steps, steps))])
+
+
+def noise_of_readings(traces: Sequence[Trace]) -> SensorNoise:
+    """Sensor noise from the readings of the first `QUIET_S` of traces, before the fingers touch.
+
+    sd of all of them, and the correlation time of an AR(1) process with their correlation of neighbours.
+
+    Raises:
+        UsageError: there are too few readings.
+    """
+    quiet = [trace.force_n[(trace.time_s - trace.time_s[0] < QUIET_S) & (trace.lift_mm <= 0)] for trace in traces]
+    quiet = [readings for readings in quiet if len(readings) > 2]
+    n = sum(len(readings) for readings in quiet)
+    if n < _FEWEST_READINGS:
+        raise UsageError(
+            f"traces have {n} readings in the first {QUIET_S:g} s of closing, {_FEWEST_READINGS} are needed to know "
+            "the noise of the load cell; give its noise."
+        )
+    mean = sum(readings.sum() for readings in quiet) / n
+    variance = sum(((readings - mean) ** 2).sum() for readings in quiet) / n
+    pairs = sum(len(readings) - 1 for readings in quiet)
+    product = sum(((readings[1:] - mean) * (readings[:-1] - mean)).sum() for readings in quiet) / pairs
+    rate_hz = float(1.0 / np.median([np.median(np.diff(trace.time_s)) for trace in traces]))
+    r = product / variance if variance > 0 else 0.0
+    correlation_s = -1.0 / (rate_hz * np.log(r)) if 0 < r < 1 else 0.0
+    return SensorNoise(float(np.sqrt(variance)), float(correlation_s), rate_hz)
 
 
 def feature_noise(

@@ -26,8 +26,8 @@ class TraceProblem:
     features: names (f). grid: g x 2, friction and Poisson ratio. simulated: t x o x g x f at `modulus_mpa`; forces
     scale with Young's modulus, lifts do not. measured: t x o x r x f. noise: t x o x f x f, covariance of the features
     of one repeat under sensor noise. Missing simulations and repeats are NaN in all their features; a cell without a
-    repeat is left out. numerical: f, standard deviations of what the simulator's mesh and contact law do to features, in
-    their units (`unit`). n_averaged: t x o, how many objects a cell is the mean of.
+    repeat is left out. numerical: f, standard deviations of what mesh and contact law do to features, in their `unit`.
+    n_averaged: t x o, how many objects a cell is the mean of.
     """
 
     tools: tuple[str, ...]
@@ -81,7 +81,7 @@ class TraceProblem:
 
     @property
     def unit(self) -> np.ndarray:
-        """Units of features, f: of forces 1 and of areas in mm, both times the amplitude of their cell; of lifts in mm."""
+        """Units of features, f: of forces 1, of areas in mm, both times the amplitude of the cell; of lifts in mm."""
         area = {name: AREA_MM if name.endswith("_n_mm") else 1.0 for name in self.features}
         return np.array([MOVE_MM if _is_lift(name) else area[name] for name in self.features])
 
@@ -151,7 +151,8 @@ class TraceProblem:
         n_tools = int(is_measured.any(axis=1).sum())
         if n_tools < MIN_TOOLS:
             raise UsageError(
-                f"{n_tools} tools have measured traces, a calibration of traces needs at least {MIN_TOOLS}; measure more."
+                f"{n_tools} tools have measured traces, a calibration on traces needs at least {MIN_TOOLS}; "
+                "measure more."
             )
         n_needed = n_terms(self.grid) + 1
         n_simulated = np.isfinite(self.simulated).all(axis=-1).sum(axis=-1)

@@ -32,7 +32,12 @@ class TraceTruth:
 
 
 def made_up_traces(
-    n_tools: int, n_objects: int, seed: int, truth: TraceTruth = TraceTruth(), *, n_repeats: int = 3  # noqa: B008 - frozen
+    n_tools: int,
+    n_objects: int,
+    seed: int,
+    truth: TraceTruth = TraceTruth(),
+    *,
+    n_repeats: int = 3,
 ) -> TraceProblem:
     """A problem with the grid's simulations of every tool and object and noisy repeats of the truth."""
     rng = np.random.default_rng(seed)

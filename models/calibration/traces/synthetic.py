@@ -70,10 +70,11 @@ def made_up_traces(
 
 def _steps(shapes: np.ndarray, theta: np.ndarray) -> np.ndarray:
     """Step means of the traces (... x 120) of shapes (... x 4) at theta."""
-    return np.array([[step_means(_trace(shape, theta)) for shape in row] for row in shapes])
+    return np.array([[step_means(made_up_trace(shape, theta)) for shape in row] for row in shapes])
 
 
-def _trace(shape: np.ndarray, theta: np.ndarray) -> Trace:
+def made_up_trace(shape: np.ndarray, theta: np.ndarray) -> Trace:
+    """Lift of a made-up grasp: `shape` (4) in the unit cube is what tool and object make of it; theta as `THETA`."""
     modulus_mpa, friction, ratio = theta
     stiffness = modulus_mpa / 10.0 * (4.0 + 16.0 * shape[0]) * (1.0 + 0.5 * (ratio - 0.35)) / (1.0 - ratio**2)
     z, length = _LIFT_MM, 30.0 + 20.0 * shape[1]

@@ -4,14 +4,29 @@ Every method's default is "changes nothing", so an effect overrides only what it
 effects is applied by calling each in order. Amplitude zero must reproduce the simulator without the effect.
 """
 
+from typing import ClassVar
+
 import numpy as np
 from shapely.geometry import Polygon
 
-from models.records import Design, GraspSetup, Theta, Trace
+from models.records import Design, GraspContext, GraspSetup, Theta, Trace
 
 
 class Effect:
-    """An effect that changes nothing; subclasses override the hooks of their layer."""
+    """An effect that changes nothing; subclasses override the hooks of their layer.
+
+    `scales_with_modulus`: with the effect, forces are still in exact proportion to Young's modulus (they are without
+    any effect, see `models.fem.elasticity`). False for what brings in a force, pressure or stiffness of its own.
+    """
+
+    scales_with_modulus: ClassVar[bool] = True
+
+    def in_grasp(self, design: Design, setup: GraspSetup, context: GraspContext) -> "Effect":
+        """The effect as it acts in one grasp; what depends on tool, speed or history overrides this.
+
+        Called once per grasp, before all other hooks.
+        """
+        return self
 
     def modify_profile(self, profile: Polygon, design: Design) -> Polygon:
         """Geometry: the planar profile (mm) that is really printed."""
@@ -37,5 +52,10 @@ class Effect:
         return 1.0
 
     def modify_trace(self, trace: Trace) -> Trace:
-        """Sensor: what the load-cell chain reports of the true force."""
+        """What is left to do with the true force over time: relaxation, compliance in series, the load-cell chain."""
         return trace
+
+
+def with_modulus(theta: Theta, factor: float) -> Theta:
+    """Elastic constants with Young's modulus times a factor."""
+    return theta.model_copy(update={"young_modulus_mpa": theta.young_modulus_mpa * factor})

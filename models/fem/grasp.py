@@ -35,7 +35,16 @@ from models.mesh.build import build_mesh
 from models.mesh.plane import PlaneMesh, plane_mesh
 from models.mesh.solid import SolidMesh
 from models.objects.catalogue import RigidObject
-from models.records import Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion, Theta, Trace
+from models.records import (
+    Design,
+    GraspContext,
+    GraspSetup,
+    GraspSimulation,
+    Placement,
+    SimulatorVersion,
+    Theta,
+    Trace,
+)
 
 INWARD, UPWARD = np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 FREE_STEPS = 2  # steps without contact before the end of the lift is considered
@@ -126,6 +135,7 @@ def simulate_grasp(
     setup: GraspSetup = GraspSetup(),  # noqa: B008 - frozen record
     *,
     placement: Placement = Placement(),  # noqa: B008 - frozen record
+    context: GraspContext = GraspContext(),  # noqa: B008 - frozen record
     effects: Sequence[Effect] | None = None,
     mesh: SolidMesh | PlaneMesh | None = None,
     numerics: Numerics | None = None,
@@ -138,10 +148,10 @@ def simulate_grasp(
     finger counts twice when the object is symmetric in x and not offset; half a finger is modelled when the object
     is symmetric in y. Forces are exactly proportional to E (see `models.fem.elasticity`).
 
-    `effects` default to those of the version. `mesh` replaces the mesh of the design (half width only for objects
-    symmetric in y). `numerics` (by default those of the tier) is for convergence studies and for worlds that must not
-    share the simulator's regularisation. `deadline_s` is a wall-clock limit. `recorder` is called with every converged
-    step (see `models.fem.recording`).
+    `context` is what came before, for effects with a memory. `effects` default to those of the version. `mesh`
+    replaces the mesh of the design (half width only for objects symmetric in y). `numerics` (by default those of the
+    tier) is for convergence studies and for worlds that must not share the simulator's regularisation. `deadline_s` is
+    a wall-clock limit. `recorder` is called with every converged step (see `models.fem.recording`).
 
     Raises:
         UsageError: `mesh` is not for the version's tier.
@@ -151,7 +161,8 @@ def simulate_grasp(
     """
     started = time.process_time()
     deadline = deadline_after(deadline_s)
-    active = tuple(build_effects(version.effects) if effects is None else effects)
+    known = build_effects(version.effects) if effects is None else effects
+    active = tuple(effect.in_grasp(design, setup, context) for effect in known)
     theta = version.theta
     for effect in active:
         theta = effect.modify_theta(theta, design)

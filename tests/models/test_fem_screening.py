@@ -7,9 +7,9 @@ import pytest
 from scipy.stats import spearmanr
 
 from models.design_space import BEST_PUBLISHED, random_designs
-from models.effects.actuation import ForceLimitedClosing
-from models.effects.contact import StaticKineticFriction
-from models.effects.geometry import WallThicknessOffset
+from models.effects.force_limited_closing import ForceLimitedClosing
+from models.effects.static_kinetic_friction import StaticKineticFriction
+from models.effects.wall_thickness_offset import WallThicknessOffset
 from models.errors import SimulationFailed, UsageError
 from models.fem.contact import ContactLaw, PointSpacing
 from models.fem.grasp import SCREENING_NUMERICS, simulate_grasp

@@ -1,6 +1,6 @@
 """The catalogue of effects that a simulator version can switch on; one module per effect, listed here."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from models.effects import (
     batch_ageing,
@@ -25,7 +25,7 @@ from models.effects import (
 from models.effects.base import Effect
 from models.effects.spec import LAYERS, EffectSpec, ParameterSpec
 from models.errors import ConfigError
-from models.records import EffectValue
+from models.records import EffectValue, SimulatorVersion
 from models.validation import closest
 
 __all__ = ["CATALOGUE", "EffectSpec", "ParameterSpec", "build_effects", "scales_with_modulus"]
@@ -73,9 +73,10 @@ def build_effects(values: Sequence[EffectValue]) -> list[Effect]:
     return [effect for _, effect in built]
 
 
-def scales_with_modulus(values: Iterable[EffectValue]) -> bool:
-    """Whether a simulator version with these effects gives forces in exact proportion to Young's modulus."""
-    return all(_spec(value).scales_with_modulus for value in values)
+def scales_with_modulus(version: SimulatorVersion) -> bool:
+    """Whether every force of this version is in exact proportion to Young's modulus; False if an effect is unknown."""
+    specs = [CATALOGUE.get(value.effect) for value in version.effects]
+    return all(spec is not None and spec.scales_with_modulus for spec in specs)
 
 
 def _spec(value: EffectValue) -> EffectSpec:

@@ -74,7 +74,8 @@ def test_force_scales_with_the_modulus_exactly_where_an_effect_says_so(effect: s
     value = strong(CATALOGUE[effect])
     single, double = (grasp(SCREENING, [value], modulus).trace for modulus in (11.5, 23.0))
     scales = np.array_equal(double.lift_mm, single.lift_mm) and np.allclose(double.force_n, 2.0 * single.force_n, 1e-9)
-    assert scales == CATALOGUE[effect].scales_with_modulus == scales_with_modulus([value])
+    claimed = scales_with_modulus(SCREENING.model_copy(update={"effects": (value,)}))
+    assert scales == CATALOGUE[effect].scales_with_modulus == claimed
 
 
 @pytest.mark.parametrize("effect", EVERY)
@@ -120,6 +121,10 @@ def test_unknown_names_and_values_are_sentences() -> None:
         build_effects([EffectValue(effect="load_cell_lag", parameters={"time_constant": 1.0})])
     with pytest.raises(ConfigError, match="`gain` is 3.0, it must be within 0.8 to 1.25"):
         build_effects([EffectValue(effect="load_cell_gain", parameters={"gain": 3.0})])
+
+
+def test_an_unknown_effect_is_taken_to_break_the_scaling() -> None:
+    assert not scales_with_modulus(SimulatorVersion(effects=(EffectValue(effect="not_yet_known"),)))
 
 
 def test_effects_act_layer_by_layer_and_else_in_their_order() -> None:

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from shapely.geometry import Polygon
 
+from models.objects.catalogue import RigidObject
 from models.records import Design, GraspContext, GraspSetup, Theta, Trace
 
 
@@ -32,9 +33,21 @@ class Effect:
         """Geometry: the planar profile (mm) that is really printed."""
         return profile
 
+    def modify_section(self, points: np.ndarray, design: Design) -> np.ndarray:
+        """Geometry: where points (n, 2) of the meshed section are really printed, x and z in mm; no wall may move."""
+        return points
+
     def modify_theta(self, theta: Theta, design: Design) -> Theta:
         """Material: elastic constants of this tool."""
         return theta
+
+    def stiffness_factor(self, points: np.ndarray, design: Design) -> np.ndarray | float:
+        """Material: factor (n) on the modulus of elements with their middle at `points` (n, 2) of the section, mm."""
+        return 1.0
+
+    def strain_stiffening(self) -> float:
+        """Material: beta of the strain energy W + beta W^2 / E; those of all effects add up."""
+        return 0.0
 
     def modify_setup(self, setup: GraspSetup, design: Design) -> GraspSetup:
         """Actuation: the stroke, heights and speeds that really happen."""
@@ -44,12 +57,28 @@ class Effect:
         """Actuation: closing-direction force at which one jaw stalls, N; it then holds its place in the lift."""
         return np.inf
 
+    def base_compliance_mm_per_n(self) -> float:
+        """Actuation: how far a finger's base stays behind its jaw per closing force; those of all effects add up."""
+        return 0.0
+
     def friction_factor(self, slip_mm: np.ndarray, pressure_mpa: np.ndarray) -> np.ndarray | float:
         """Contact: factor on the friction coefficient per contact point (n), frozen over a time step.
 
         `slip_mm`: accumulated slip of each point; `pressure_mpa`: its last converged contact pressure.
         """
         return 1.0
+
+    def modify_object(self, obj: RigidObject) -> RigidObject:
+        """Contact: the object as it was really made."""
+        return obj
+
+    def adhesion_mpa(self) -> float:
+        """Contact: tangential stress that a contact carries without pressure, MPa; those of all effects add up."""
+        return 0.0
+
+    def finger_stop_mm(self) -> float:
+        """Contact: how far before the plane between the fingers they stop each other, mm; all effects add up."""
+        return 0.0
 
     def modify_trace(self, trace: Trace) -> Trace:
         """What is left to do with the true force over time: relaxation, compliance in series, the load-cell chain."""

@@ -3,9 +3,12 @@
 from collections.abc import Mapping, Sequence
 
 from models.effects import (
+    base_compliance,
     batch_ageing,
+    finger_finger_contact,
     force_limited_closing,
     friction_wear,
+    hyperelastic_stiffening,
     lift_misalignment,
     lift_start_error,
     load_cell_drift,
@@ -13,8 +16,13 @@ from models.effects import (
     load_cell_lag,
     load_cell_offset,
     mullins_softening,
+    object_edge_radius,
     object_post_compliance,
+    pressure_dependent_friction,
     pressure_droop,
+    print_anisotropy,
+    rib_imperfection,
+    shear_adhesion,
     static_kinetic_friction,
     stress_relaxation,
     temperature_softening,
@@ -34,16 +42,24 @@ _MODULES = (
     # material
     stress_relaxation,
     mullins_softening,
+    hyperelastic_stiffening,
     temperature_softening,
     batch_ageing,
+    print_anisotropy,
     # contact
     static_kinetic_friction,
     velocity_strengthening_friction,
+    pressure_dependent_friction,
+    shear_adhesion,
     friction_wear,
+    object_edge_radius,
+    finger_finger_contact,
     object_post_compliance,
     # geometry
     wall_thickness_offset,
+    rib_imperfection,
     # actuation
+    base_compliance,
     force_limited_closing,
     pressure_droop,
     lift_start_error,

@@ -5,7 +5,7 @@ import pytest
 
 from models.design_space import BEST_PUBLISHED
 from models.fem.assembly import ElasticBody, Material
-from models.fem.contact import ContactLaw, ContactSurface, PointSpacing
+from models.fem.contact import NO_STOP, ContactLaw, ContactSurface, PointSpacing
 from models.fem.finger import FingerStep
 from models.fem.friction import return_mapping
 from models.fem.model import to_object_frame
@@ -126,7 +126,7 @@ def test_mirror_plane_pushes_like_a_wall(solid: SolidMesh) -> None:
 
 def test_step_tangent_is_the_derivative_of_the_residual(solid: SolidMesh) -> None:
     body, surface, nodes = finger_parts(solid, PointSpacing(0.5, 3.0))
-    finger = FingerStep(body, surface, nodes, Wall(0.15), has_mirror=False)
+    finger = FingerStep(body, surface, nodes, Wall(0.15), stop_mm=NO_STOP)
     u = finger.begin(
         finger.undeformed(np.zeros(3), np.zeros(3)), np.array([-0.05, 0, 0.0]), 0.05, np.full(len(surface.areas), 1e6)
     )

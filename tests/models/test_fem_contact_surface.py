@@ -5,7 +5,7 @@ import pytest
 
 from models.design_space import BEST_PUBLISHED
 from models.fem.assembly import ElasticBody, Material
-from models.fem.contact import ContactLaw, ContactResponse, ContactSurface, Obstacle, PointSpacing
+from models.fem.contact import NO_STOP, ContactLaw, ContactResponse, ContactSurface, Obstacle, PointSpacing
 from models.fem.contact_points import contact_points
 from models.fem.model import to_object_frame
 from models.fem.obstacle import ObjectObstacle
@@ -145,10 +145,10 @@ def test_what_was_seen_before_changes_nothing(finger: Finger, object_id: int) ->
     n_touching = 0
     for size in 10 ** rng.uniform(-4, 1, 25):
         moved = x + size * rng.standard_normal(3) + 0.1 * size * rng.standard_normal(x.shape)
-        obstacle, has_mirror = obstacles[rng.choice(3, p=[0.8, 0.1, 0.1])], bool(rng.random() < 0.8)
+        obstacle, stop_mm = obstacles[rng.choice(3, p=[0.8, 0.1, 0.1])], 0.0 if rng.random() < 0.8 else NO_STOP
         blocks[:], fresh_blocks[:] = 0.0, 0.0
-        response = experienced.respond(moved, state, obstacle, friction, has_mirror, blocks)
-        fresh = finger.new_surface().respond(moved, state, obstacle, friction, has_mirror, fresh_blocks)
+        response = experienced.respond(moved, state, obstacle, friction, stop_mm, blocks)
+        fresh = finger.new_surface().respond(moved, state, obstacle, friction, stop_mm, fresh_blocks)
         depth = -obstacle.distance(experienced.positions(moved))
         assert np.array_equal(response.points, np.flatnonzero(depth > 0.0))
         assert np.array_equal(response.pressure, fresh.pressure)

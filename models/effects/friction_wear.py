@@ -38,7 +38,7 @@ SPEC = EffectSpec(
     layer="contact",
     kind=FrictionWear,
     formula="mu_m = mu [1 - loss (1 - exp(-m / scale_grasps))], m: grasps of the tool before",
-    source="running-in curve of wear: Blau 2006",
+    source="running-in curves of friction: Blau 2005",
     cost="C",
     parameters=(amplitude("loss", -0.2, 0.4, (0.1, 0.1)), shape("scale_grasps", 5.0, 500.0, (40.0, 60.0))),
     confusable_with=("mullins_softening", "pressure_droop", "temperature_softening"),

@@ -37,7 +37,7 @@ SPEC = EffectSpec(
     layer="material",
     kind=PrintAnisotropy,
     formula="E of ribs = (1 + rib_excess) E of walls and tip",
-    source="anisotropy of printed parts, notes/gap.md M7",
+    source="anisotropy of printed parts: Ahn et al. 2002",
     cost="F",
     parameters=(amplitude("rib_excess", -0.4, 0.4, (0.1, 0.15)),),
     confusable_with=("wall_thickness_offset", "batch_ageing"),

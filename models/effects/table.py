@@ -51,7 +51,7 @@ def _rows(spec: EffectSpec) -> list[dict[str, Any]]:
         numbers = {
             "parameter": p.name,
             "unit": unit_of(p.name),
-            "bounds": f"{p.lower:g} to {p.upper:g}",
+            "bounds": f"{p.lower:.3g} to {p.upper:.3g}",
             "neutral": f"{p.neutral:g}",
             "prior": f"{p.prior_median:g} +- {p.prior_sd:g}",
         }

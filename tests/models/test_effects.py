@@ -26,7 +26,11 @@ LATE = GraspContext(repeat=2, tool_grasps=60, batch_grasps=300, clock_s=5400.0)
 SHORT = GraspSetup(max_lift_mm=4)
 SCREENING = SimulatorVersion(tier="screening")
 # Where the prior median does not act on this grasp.
-STRONG = {"force_limited_closing": {"max_force_n": 10.0}}
+STRONG = {
+    "force_limited_closing": {"max_force_n": 10.0},
+    "hyperelastic_stiffening": {"stiffening": 10.0},
+    "rib_imperfection": {"bow_mm": 0.5},
+}
 
 
 def strong(spec: EffectSpec) -> EffectValue:

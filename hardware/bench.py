@@ -27,6 +27,7 @@ from hardware.laumas.strings import least_baud_rate
 from hardware.layout import BenchLayout
 from hardware.modbus import ModbusLink, rtu_link, tcp_link
 from hardware.pneumatics import Pneumatics
+from hardware.position_check import PositionCheck
 from hardware.supervisor import Supervisor
 from hardware.tool_changer import ToolChanger
 from hardware.tools import MountedTool
@@ -108,6 +109,7 @@ class Bench:
     force: ForceSensor
     supervisor: Supervisor
     cell: GraspCell
+    position: PositionCheck
     clock: Clock
     settings: BenchSettings
     virtual: VirtualBench | None = None
@@ -258,7 +260,10 @@ def _open(
         changer.check_may_rise()
         supervisor.make_ready_to_home(may_vent)
         supervisor.home()
-        yield Bench(gantry, plc, pneumatics, changer, force, supervisor, cell, clock, settings, virtual, wire_session)
+        position = PositionCheck(gantry, changer, supervisor)
+        yield Bench(
+            gantry, plc, pneumatics, changer, force, supervisor, cell, position, clock, settings, virtual, wire_session
+        )
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,7 @@ class Gantry:
         self._clock = clock
         self._driver = GrblDriver(transport, clock, self._profile)
         self._workspace = Workspace.nominal(self._profile)
+        self._homed_place: Place = (0.0, 0.0, 0.0)
 
     def __enter__(self) -> "Gantry":
         self.connect()
@@ -71,7 +72,23 @@ class Gantry:
         """Home all axes (Z first) and learn where the box is; returns the place afterwards. Clears alarms."""
         homed_mm = self._driver.home()
         self._workspace = Workspace.from_homed(self._profile, homed_mm)
-        return self._to_place(homed_mm)
+        self._homed_place = self._to_place(homed_mm)
+        return self._homed_place
+
+    def slip_mm(self) -> Place:
+        """How far the carriage is from where the controller counts it (lost steps), mm; homed again afterwards.
+
+        Drives to where homing ends, then each axis slowly onto its home switch. The head must be empty, and stands
+        where homing leaves it afterwards.
+
+        Raises:
+            DeviceError: a move, the search or the homing went wrong; a slip beyond the pull-off ends in ALARM:1.
+        """
+        x_mm, y_mm, z_mm = self._homed_place
+        self.move_to(z_mm=z_mm)
+        self.move_to(x_mm=x_mm, y_mm=y_mm)
+        x, y, z = self._driver.slip_mm()
+        return (x, y, z)
 
     def recover_from_limit(self, axis: str, direction: str) -> Place:
         """After a hard limit with a closed switch, once a person has looked: back off 5 mm, then home.

@@ -14,6 +14,7 @@ from models.ids import canonical_json
 from tasks.campaign import Campaign
 from tasks.control import append_event, exclusive, require_room, verbs_noted
 from tasks.diagnosing import append_diagnostic, plan_items
+from tasks.position import check_position
 from tasks.state import Cell, ProposedTool, tuples
 
 OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
@@ -34,10 +35,12 @@ def measure_batch(
     """Have tools of one batch measured one after the other; only one process may hold the bench of a lake.
 
     `open_bench` is given all tools that stand on the rack. A person's stop or abort ends it with the bench in its safe
-    state.
+    state. The gantry is checked for lost steps at the end, also of a batch that is paused, and every
+    `execution.position_check_tools` tools.
 
     Raises:
         FastError: another process holds the bench of this lake.
+        LostStepsError: the gantry was off; an event names the grasps since the last check.
         DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
     """
     batch, state = tools[0].batch, campaign.state()
@@ -45,10 +48,14 @@ def measure_batch(
     mounted = [tool for tool in state.tools_of(batch) if state.confirmed.get(tool.tool_id) == "printed"]
     noted = verbs_noted(campaign.lake, campaign.campaign_id)
     with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), noted, open_bench(mounted) as bench:
-        for tool in tools:
+        every = campaign.config.execution.position_check_tools
+        for number, tool in enumerate(tools):
             if should_stop():
-                return
+                break
+            if every and number and number % every == 0:
+                check_position(campaign, bench, batch)
             measure(bench, tool, partial(on_grasp, tool))
+        check_position(campaign, bench, batch)
     if not should_stop():
         append_event(campaign.lake, campaign.campaign_id, "batch_measured", f"B{batch:02d} measured", batch=batch)
 

@@ -13,9 +13,9 @@ from models.features import initial_force_n, peak_force_n, work_j
 from models.ids import canonical_json
 from tasks.campaign import Campaign
 from tasks.control import append_event, exclusive, require_room, verbs_noted
-from tasks.diagnosing import append_diagnostic, plan_items
+from tasks.diagnosing import append_diagnostic, missing_runs, plan_items
 from tasks.position import check_position
-from tasks.state import Cell, ProposedTool, tuples
+from tasks.state import CampaignState, Cell, ProposedTool, tuples
 
 OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
 MeasureTool = Callable[[Bench, ProposedTool, Callable[[MeasuredGrasp], None]], None]
@@ -69,7 +69,7 @@ def measure_tool(
     should_stop: Callable[[], bool],
     on_grasp: Callable[[MeasuredGrasp], None],
 ) -> None:
-    """Make the missing grasps of a tool; those in the lake already are not repeated.
+    """Make the missing grasps of a tool and the diagnostic runs it owes; those in the lake are not repeated.
 
     `world_hash` names the world of a virtual bench; None is a real one.
 
@@ -79,10 +79,10 @@ def measure_tool(
     """
     state, limit = campaign.state(), campaign.config.execution.max_grasp_attempts
     missing = state.missing_grasps(tool, planned_cells(campaign, tool), limit)
-    if not missing:
+    runs = missing_runs(campaign, state, tool)
+    if not (missing or runs):
         return
     orders = count(_first_order(campaign))
-    diagnostics, seed = campaign.config.diagnostics, _order_seed(campaign, tool)
     made_before = campaign.config.objects.n_grasps - len(missing)
     n_made = made_before
 
@@ -102,7 +102,7 @@ def measure_tool(
         require_room(campaign.lake)
         return should_stop()
 
-    items = plan_items(diagnostics, tool.slot, missing, made_before, seed)
+    items = plan_items(campaign.config.diagnostics, missing, made_before, runs)
     bench.cell.measure_tool(tool.rack_slot, items, campaign.config.grasp, record, may_not_go_on)
 
 
@@ -114,6 +114,19 @@ def _append_run(
     append_diagnostic(
         campaign.lake, provenance, tool, grasp, campaign_id=name, n_grasps_before=n_made, world_hash=world_hash
     )
+
+
+def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> list[ProposedTool]:
+    """Printed tools of a confirmed batch with grasps or diagnostic runs still to be made."""
+    if not state.is_confirmed(batch):
+        return []
+    plan = campaign.config.objects.cells(0)
+    limit = campaign.config.execution.max_grasp_attempts
+    return [
+        tool
+        for tool in state.tools_of(batch)
+        if state.missing_grasps(tool, plan, limit) or missing_runs(campaign, state, tool)
+    ]
 
 
 def planned_cells(campaign: Campaign, tool: ProposedTool) -> list[Cell]:

@@ -15,6 +15,7 @@ from tasks.campaign import Campaign
 from tasks.control import append_event, exclusive, require_room, verbs_noted
 from tasks.diagnosing import append_diagnostic, missing_runs, plan_items
 from tasks.position import check_position
+from tasks.reference import References
 from tasks.state import CampaignState, Cell, ProposedTool, tuples
 
 OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
@@ -46,6 +47,8 @@ def measure_batch(
     batch, state = tools[0].batch, campaign.state()
     # All that stands on the rack, since a finished tool may still be on the head.
     mounted = [tool for tool in state.tools_of(batch) if state.confirmed.get(tool.tool_id) == "printed"]
+    references = References(campaign, batch)
+    mounted = references.added_to(mounted)
     noted = verbs_noted(campaign.lake, campaign.campaign_id)
     with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), noted, open_bench(mounted) as bench:
         every = campaign.config.execution.position_check_tools
@@ -54,7 +57,10 @@ def measure_batch(
                 break
             if every and number and number % every == 0:
                 check_position(campaign, bench, batch)
-            measure(bench, tool, partial(on_grasp, tool))
+            for item in (*references.due(), tool):
+                measure(bench, item, partial(on_grasp, item))
+        for item in references.due(is_last=True):
+            measure(bench, item, partial(on_grasp, item))
         check_position(campaign, bench, batch)
     if not should_stop():
         append_event(campaign.lake, campaign.campaign_id, "batch_measured", f"B{batch:02d} measured", batch=batch)
@@ -79,11 +85,14 @@ def measure_tool(
     """
     state, limit = campaign.state(), campaign.config.execution.max_grasp_attempts
     missing = state.missing_grasps(tool, planned_cells(campaign, tool), limit)
-    runs = missing_runs(campaign, state, tool)
+    references = References(campaign, tool.batch)
+    runs = references.runs() if tool == references.tool else missing_runs(campaign, state, tool)
     if not (missing or runs):
         return
     orders = count(_first_order(campaign))
     made_before = campaign.config.objects.n_grasps - len(missing)
+    if tool == references.tool:
+        made_before = references.n_grasps()
     n_made = made_before
 
     def record(grasp: MeasuredGrasp) -> None:

@@ -243,7 +243,7 @@ def _open(
         "force_rate_hz": settings.force_rate_hz,
     }
     watch = GraspWatch(AirWatch(pneumatics, clock), ZeroWatch(force), ReleaseWatch(force, pneumatics, clock))
-    supervisor = Supervisor(gantry, plc, pneumatics, clock, settings.layout.top_z_mm)
+    supervisor = Supervisor(gantry, plc, pneumatics, settings.layout.top_z_mm)
     clock.listen(supervisor.hear, lambda: supervisor.is_ok)
     with ExitStack() as stack:
         stack.enter_context(_terminable())

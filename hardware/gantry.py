@@ -22,9 +22,13 @@ Place = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class GantrySample:
-    """Where the gantry was, with the clock time halfway between question and answer."""
+    """Where the gantry was, with the clock time halfway between question and answer.
+
+    `late_s`: how far the true time may be from it, half of what the answer took.
+    """
 
     time_s: float
+    late_s: float
     x_mm: float
     y_mm: float
     z_mm: float
@@ -141,7 +145,8 @@ class Gantry:
         report = self._driver.status()
         self._require_position("tell its position")
         x, y, z = self._to_place(report.machine_mm or ())
-        return GantrySample((before_s + self._clock.now_s()) / 2, x, y, z, report.is_moving)
+        late_s = (self._clock.now_s() - before_s) / 2
+        return GantrySample(before_s + late_s, late_s, x, y, z, report.is_moving)
 
     def is_moving(self) -> bool:
         """Whether anything moves now."""

@@ -179,10 +179,11 @@ class GrblLink:
         """
         before, epoch, alarm = self._n_reports, self._epoch, self._alarm
         self.send_real_time(RealTime.STATUS)
-        self.wait(
-            lambda: self._n_reports > before or self._epoch != epoch or (alarm is None and self._alarm is not None),
-            timeout_s,
-        )
+        if self._n_reports == before:  # on wires in memory it is there by now
+            self.wait(
+                lambda: self._n_reports > before or self._epoch != epoch or (alarm is None and self._alarm is not None),
+                timeout_s,
+            )
         with self._changed:
             return self._report if self._n_reports > before and self._epoch == epoch else None
 

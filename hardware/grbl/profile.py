@@ -95,8 +95,10 @@ class GrblProfile(Record):
         return pairs
 
     def limits_off(self, found: Mapping[int, float]) -> list[int]:
-        """Numbers of the limits that the profile has on and the controller off."""
-        return [number for number in (SOFT_LIMITS, HARD_LIMITS) if self.settings[number] and found.get(number) == 0]
+        """Numbers of the limits that the profile has on and the controller off, if nothing else differs."""
+        off = [number for number in (SOFT_LIMITS, HARD_LIMITS) if self.settings[number] and found.get(number) == 0]
+        is_all = not self.differences({**found, **{number: self.settings[number] for number in off}})
+        return off if is_all else []
 
     def with_settings(self, changes: Mapping[int, float]) -> "GrblProfile":
         """A copy with some settings changed."""

@@ -159,12 +159,13 @@ def magnitude(word: int) -> int:
 def decode_measured(registers: list[int], scale: Scale, time_s: float = 0.0) -> Reading:
     """Reading from the block of `N_MEASURED` registers that starts at `FIRST_MEASURED_REGISTER`."""
     bits, gross, net, peak, _ = _MEASURED.unpack(_REGISTERS.pack(*registers))
+    division = scale.division
     return Reading(
         time_s,
         _status(bits),
-        (-magnitude(gross) if bits & _GROSS_NEGATIVE else magnitude(gross)) * scale.division,
-        (-magnitude(net) if bits & _NET_NEGATIVE else magnitude(net)) * scale.division,
-        (-magnitude(peak) if bits & _PEAK_NEGATIVE else magnitude(peak)) * scale.division,
+        (-magnitude(gross) if bits & _GROSS_NEGATIVE else magnitude(gross)) * division,
+        (-magnitude(net) if bits & _NET_NEGATIVE else magnitude(net)) * division,
+        (-magnitude(peak) if bits & _PEAK_NEGATIVE else magnitude(peak)) * division,
         scale,
     )
 

@@ -182,8 +182,7 @@ class VirtualClick:
 
     def _sees(self, now_s: float) -> tuple[object, ...]:
         """All that the outcome of a scan depends on."""
-        n_connections = self.server.n_connections
-        return (self._n_writes, n_connections, self._is_host_alive(now_s), *self._world.input_state)
+        return (self._n_writes, self.server.n_connections, self._is_host_alive(now_s), self._world.input_state)
 
     def _begin(self) -> None:
         """The first scan after power-up or STOP: forget the session and all requests, move no valve."""

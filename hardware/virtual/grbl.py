@@ -109,11 +109,12 @@ class VirtualGrbl:
         """
         with self._clock.lock:
             present_s = self._clock.now_s()
-            self._machine.advance(present_s)
+            if self._machine.time_s < present_s:
+                self._machine.advance(present_s)
             machine_mm = self._machine.carriage.true_mm(present_s if now_s is None else min(now_s, present_s))
             if machine_mm is not self._machine_mm:  # at rest it is the same object
-                x_mm, y_mm, z_mm = self._workspace.from_machine(machine_mm)
-                self._machine_mm, self._place_mm = machine_mm, (x_mm, y_mm, z_mm)
+                (x, y, z), (x_0, y_0, z_0) = machine_mm, self._workspace.origin_mm
+                self._machine_mm, self._place_mm = machine_mm, (x - x_0, y - y_0, z - z_0)
             return self._place_mm
 
     @property

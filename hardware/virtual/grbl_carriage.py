@@ -102,7 +102,11 @@ class Carriage:
 
     def _stopped(self, count_mm: Vector, slip_mm: Vector) -> Vector:
         """True position for a count: the end stops let nothing pass."""
-        places = [count + slip for count, slip in zip(count_mm, slip_mm, strict=True)]
+        (x, y, z), (x_slip, y_slip, z_slip) = count_mm, slip_mm
+        (x_low, x_high), (y_low, y_high), (z_low, z_high) = self._end_stops_mm
+        places = [x + x_slip, y + y_slip, z + z_slip]
+        if x_low <= places[0] <= x_high and y_low <= places[1] <= y_high and z_low <= places[2] <= z_high:
+            return tuple(places)
         for axis, (low, high) in enumerate(self._end_stops_mm):
             if not low <= places[axis] <= high:
                 places[axis] = low if places[axis] < low else high

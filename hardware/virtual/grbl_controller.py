@@ -98,6 +98,11 @@ class GrblController:
     # Wire and time
 
     @property
+    def time_s(self) -> float:
+        """Up to when everything has happened."""
+        return self._now_s
+
+    @property
     def state(self) -> str:
         """`Idle`, `Run`, `Hold`, `Jog`, `Alarm`, `Home`, `Check` or `Sleep`."""
         return self._state

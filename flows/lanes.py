@@ -16,7 +16,7 @@ from models.records import Design
 from tasks import proposing, steps
 from tasks.campaign import Campaign
 from tasks.measuring import OpenBench
-from tasks.observing import observe, observed_rows
+from tasks.observing import closed_batches, observe, observed_rows, unfinished_tools
 from tasks.pool import WorkerPool
 from tasks.state import CampaignState, ProposedTool
 from tasks.steps import opaque
@@ -217,16 +217,14 @@ class SimulationLane:
         proposing.propose_simulation(campaign, self._batch, index, surrogate, fit_id, state)
 
 
-def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> list[ProposedTool]:
-    """Printed tools of a confirmed batch with grasps still to be made."""
-    if not state.is_confirmed(batch):
-        return []
-    plan = campaign.config.objects.cells(0)
-    limit = campaign.config.execution.max_grasp_attempts
-    return [tool for tool in state.tools_of(batch) if state.missing_grasps(tool, plan, limit)]
+class RerunLane(SimulationLane):
+    """Designs of earlier stages, simulated again since the simulator version is new; proposes nothing."""
 
+    def __init__(self, session: Session, stage: int, designs: Sequence[Design]) -> None:
+        super().__init__(session, stage)
+        self._budget = 0
+        self._designs = designs
 
-def closed_batches(campaign: Campaign, state: CampaignState) -> list[int]:
-    """Batches that are confirmed and completely measured."""
-    batches = sorted({tool.batch for tool in state.tools})
-    return [b for b in batches if state.is_confirmed(b) and not unfinished_tools(campaign, state, b)]
+    def _known(self, state: CampaignState) -> list[SimulationJob]:
+        total = len(self._designs)
+        return [SimulationJob(design, f"again {n} of {total}") for n, design in enumerate(self._designs, start=1)]

@@ -84,6 +84,15 @@ class SimulatorSettings(Record):
         default=True, description="also simulate every printed design: the pairs that show where simulation is wrong"
     )
     grasp_deadline_s: float = Field(default=120, gt=0, description="wall time after which one grasp has failed")
+    follow: Literal["pinned", "latest"] = Field(
+        default="pinned", description="stay with this version, or take the newest calibrated one before a guided batch"
+    )
+    old_versions: Literal["fidelity", "rerun"] = Field(
+        default="fidelity", description="simulations of an older version: mapped by designs of both, or left out"
+    )
+    reruns: int = Field(
+        default=20, ge=0, le=100_000, description="designs simulated again when the version changes, the best first"
+    )
 
     @property
     def version(self) -> SimulatorVersion:

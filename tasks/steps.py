@@ -18,6 +18,7 @@ from tasks.measuring import OpenBench
 from tasks.observing import observe, observed_rows
 from tasks.pool import WorkerPool
 from tasks.state import ProposedTool
+from tasks.versions import note_older_simulations
 
 T = TypeVar("T")
 
@@ -44,6 +45,7 @@ def _propose_guided(campaign: Campaign, batch: int) -> None:
     closed = range(1, batch)
     data = observe(campaign, state, closed)
     surrogate = proposing.fit(campaign, batch, data, observed_rows(campaign, state, closed))
+    note_older_simulations(campaign, batch)
     proposing.propose_tools(campaign, batch, data, surrogate, state)
 
 

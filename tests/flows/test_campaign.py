@@ -119,7 +119,7 @@ def test_waits_for_a_person_simulates_meanwhile_and_pauses_on_request(folder):
         config = load_config(folder / "tiny.toml")
         version_id, setup_id = config.simulator.version.version_id, config.grasp.setup_id
         wait_for(folder, lambda lake: len(lake.ids(SimulationRow)) == 4 * N_OBJECTS)  # 2 proposals and 2 tools
-        state = derive_state(Lake.open(folder / "lake"), "tiny", version_id, setup_id)
+        state = derive_state(Lake.open(folder / "lake"), "tiny", setup_id, [version_id])
         assert not state.is_confirmed(1)
         assert not state.measured
         assert (folder / "lake" / "outputs" / "tiny" / "B01-print" / "tray.3mf").is_file()

@@ -17,6 +17,7 @@ from models.validation import closest
 
 RANDOM = "random"
 NO_PENDING = np.zeros((0, len(PARAMETERS) + 1))
+NO_POINTS = np.zeros((0, len(PARAMETERS)))
 # One proposal at a time deserves fewer candidates than a batch that is printed.
 BATCH_CANDIDATES = CandidateSettings()
 SINGLE_CANDIDATES = CandidateSettings(n_random=250, n_local=350)
@@ -40,12 +41,15 @@ def propose(
     *,
     min_distance: float = 0.05,
     acquisition: str = "mes",
+    taken: np.ndarray = NO_POINTS,
+    rejected: np.ndarray = NO_POINTS,
 ) -> list[Proposal]:
     """The next n designs for one fidelity (0 sim, 1 real), best first.
 
     pending: m x 10, unit-cube points under way and their fidelity in the last column; their outcomes are
-    conditioned on. The proposals keep `min_distance` (Euclidean, unit cube) from each other and from pending
-    points of the same fidelity, and never repeat data of the same fidelity. A design known at one fidelity may be
+    conditioned on. The proposals keep `min_distance` (Euclidean, unit cube) from each other, from pending
+    points of the same fidelity and from `rejected` ones (k x 9), and never repeat data of the same fidelity or what was
+    proposed before (`taken`, k x 9), whatever became of it. A design known at one fidelity may be
     proposed at the other. Deterministic given the arguments and the state of `rng`. `surrogate` may be None
     for `acquisition="random"` only.
 
@@ -58,7 +62,9 @@ def propose(
         3
     """
     _check(surrogate, fidelity, n, pending, acquisition)
-    spacing = Spacing(_known(surrogate, fidelity), pending[pending[:, -1] == fidelity, :-1], min_distance)
+    known = np.concatenate([_known(surrogate, fidelity), taken])
+    neighbours = np.concatenate([pending[pending[:, -1] == fidelity, :-1], rejected])
+    spacing = Spacing(known, neighbours, min_distance)
     if surrogate is None or acquisition == RANDOM:
         return _propose_random(n, spacing, rng)
     with one_blas_thread():
@@ -105,7 +111,7 @@ def _propose_random(n: int, spacing: Spacing, rng: np.random.Generator) -> list[
 
 def _known(surrogate: Surrogate | None, fidelity: int) -> np.ndarray:
     if surrogate is None:
-        return np.zeros((0, len(PARAMETERS)))
+        return NO_POINTS
     return surrogate.data.x[surrogate.data.s == fidelity]
 
 

@@ -19,6 +19,7 @@ from models.surrogate.parameters import SurrogateParameters
 from models.surrogate.posterior import Surrogate
 from models.surrogate.threads import one_blas_thread
 from tasks.campaign import Campaign
+from tasks.observing import closed_batches
 from tasks.state import CampaignState
 
 logger = logging.getLogger(__name__)
@@ -119,6 +120,8 @@ def propose_tools(
         np.random.default_rng(seed),
         min_distance=scientist.min_distance,
         acquisition=scientist.acquisition,
+        taken=to_unit([t.design for t in state.tools]),
+        rejected=to_unit([t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]),
     )
     fit_id = _fit_id(campaign, batch, data)
     _append_tools(campaign, batch, proposals, seed, data, len(pending), [fit_id])
@@ -132,18 +135,36 @@ def propose_simulation(
     acquisition = campaign.config.scientist.simulation_acquisition
     pending = pending_points(campaign, state)
     rng = np.random.default_rng(seed)
-    proposal = propose(surrogate, 0, 1, pending, rng, min_distance=0.0, acquisition=acquisition)[0]
+    taken = to_unit(simulated_designs(campaign, state))
+    proposal = propose(surrogate, 0, 1, pending, rng, min_distance=0.0, acquisition=acquisition, taken=taken)[0]
     _append_simulation(campaign, batch, index, proposal, seed, surrogate.data, len(pending), [fit_id])
 
 
 def pending_points(campaign: Campaign, state: CampaignState) -> np.ndarray:
-    """Designs under way as points (x, s), m x 10: s is 1 for tools, 0 for simulations."""
-    plan = campaign.config.objects
-    tools = [t.design for t in state.tools if len(state.measured.get(t.tool_id, ())) < plan.n_grasps]
-    simulations = [s.design for s in state.simulations if state.missing_objects(s.design.design_id, plan.object_ids)]
+    """Designs of which an outcome is still to come as points (x, s), m x 10: s is 1 for tools, 0 for simulations.
+
+    Tools of a batch that is not closed are not learned from yet, measured or not. A design that the simulator could do
+    on no object counts too: its outcome stays unknown, and its surroundings promise no more than a pending one's.
+    """
+    closed = set(closed_batches(campaign, state))
+    tools = [t.design for t in state.tools if t.batch not in closed and state.confirmed.get(t.tool_id) != "rejected"]
+    objects = set(campaign.object_ids)
+    simulations = [
+        design
+        for design in simulated_designs(campaign, state)
+        if not (objects <= state.ever_simulated(design.design_id) and design.design_id in state.fruitful)
+    ]
     points = np.vstack([to_unit(tools), to_unit(simulations)])
     fidelity = np.concatenate([np.ones(len(tools)), np.zeros(len(simulations))])
     return np.column_stack([points, fidelity])
+
+
+def simulated_designs(campaign: Campaign, state: CampaignState) -> list[Design]:
+    """Designs that the campaign simulates, has simulated or will: what was proposed for it, and the tools."""
+    designs = {s.design.design_id: s.design for s in state.simulations}
+    if campaign.config.simulator.simulate_tools:
+        designs |= {t.design.design_id: t.design for t in state.tools}
+    return list(designs.values())
 
 
 def _append_tools(

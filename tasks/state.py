@@ -75,6 +75,7 @@ class CampaignState:
     batch_on_rack: int = 0  # of a real bench: the one it measured last, 0 before its first grasp and on a virtual one
     simulated: dict[str, set[int]] = field(default_factory=dict)  # design_id -> objects with a result or a failure
     simulated_before: dict[str, set[int]] = field(default_factory=dict)  # the same, by an older simulator version
+    fruitful: frozenset[str] = frozenset()  # design ids with a simulated result, by whichever version
 
     def tools_of(self, batch: int) -> list[ProposedTool]:
         """The proposed tools of a batch, by slot."""
@@ -136,8 +137,7 @@ def derive_state(
         confirmed={tool_id: row["status"] for tool_id, row in printed.items()},
         **_grasp_progress(lake, campaign_id),
         batch_on_rack=_batch_on_rack(lake, campaign_id),
-        simulated=_simulated(lake, setup_id, version_ids),
-        simulated_before=_simulated(lake, setup_id, older_ids),
+        **_simulation_progress(lake, setup_id, version_ids, older_ids),
     )
 
 
@@ -186,15 +186,21 @@ def _batch_on_rack(lake: Lake, campaign_id: str) -> int:
     return int(batch)
 
 
-def _simulated(lake: Lake, setup_id: str, version_ids: Collection[str]) -> dict[str, set[int]]:
-    simulated: dict[str, set[int]] = defaultdict(set)
-    if not version_ids:
-        return {}
-    marks = ", ".join("?" * len(version_ids))
-    sql = f"SELECT design_id, object_id FROM simulations WHERE setup_id = ? AND version_id IN ({marks})"
-    for design_id, object_id in tuples(lake, sql, setup_id, *sorted(version_ids)):
-        simulated[design_id].add(object_id)
-    return dict(simulated)
+def _simulation_progress(
+    lake: Lake, setup_id: str, version_ids: Collection[str], older_ids: Collection[str]
+) -> dict[str, Any]:
+    present: dict[str, set[int]] = defaultdict(set)
+    before: dict[str, set[int]] = defaultdict(set)
+    fruitful = set()
+    marks = ", ".join("?" * (len(version_ids) + len(older_ids)))
+    sql = f"""SELECT design_id, object_id, version_id, status = 'ok' FROM simulations
+        WHERE setup_id = ? AND version_id IN ({marks})"""
+    found = tuples(lake, sql, setup_id, *sorted(version_ids), *sorted(older_ids))
+    for design_id, object_id, version_id, is_good in found:
+        (present if version_id in version_ids else before)[design_id].add(object_id)
+        if is_good:
+            fruitful.add(design_id)
+    return {"simulated": dict(present), "simulated_before": dict(before), "fruitful": frozenset(fruitful)}
 
 
 def tuples(lake: Lake, sql: str, *params: str) -> Iterable[tuple[Any, ...]]:

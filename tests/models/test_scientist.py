@@ -77,6 +77,25 @@ def test_a_simulated_design_may_be_measured_but_not_simulated_again():
     assert again.design != best.design
 
 
+@pytest.mark.parametrize("acquisition", ["mes", "nei", "jes", "thompson", "random"])
+def test_what_was_proposed_before_never_comes_again_and_rejects_keep_their_surroundings_free(
+    acquisition: str, monkeypatch: pytest.MonkeyPatch
+):
+    """Only three candidates are left: one proposed before, one near a reject, one free."""
+    surrogate = fitted()
+    before, reject, free = random_unit(3, np.random.default_rng(8))
+    near = reject.copy()
+    near[0] += 0.04 if near[0] < 0.5 else -0.04
+    candidates = np.array([before, near, free])
+    monkeypatch.setattr("models.scientist.candidate_points", lambda *_: candidates)
+    monkeypatch.setattr("models.scientist.random_unit", lambda *_: candidates)
+    proposals = [
+        propose(surrogate, 1, 1, NO_PENDING, np.random.default_rng(0), acquisition=acquisition, **kept_off)[0]
+        for kept_off in ({"taken": before[None], "rejected": reject[None]}, {"taken": candidates[1:]})
+    ]
+    assert [np.abs(to_unit([p.design]) - candidates).max(axis=1).argmin() for p in proposals] == [2, 0]
+
+
 def test_random_needs_no_surrogate():
     proposals = propose(None, 1, 30, NO_PENDING, np.random.default_rng(0), acquisition="random")
     assert len({proposal.design.design_id for proposal in proposals}) == 30

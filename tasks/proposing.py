@@ -8,7 +8,9 @@ import numpy as np
 
 from lake.tables import BatchRow, DesignRow, FitRow, ProposalRow
 from models.design_space import random_designs, to_unit
+from models.errors import UsageError
 from models.ids import content_id
+from models.printability import broken_rules
 from models.records import Design
 from models.scientist import Proposal as ProposedDesign
 from models.scientist import propose
@@ -26,6 +28,7 @@ logger = logging.getLogger(__name__)
 
 # How much the simulated designs must grow before simulations are chosen with fresh hyperparameters
 REFIT_LEAST, REFIT_SHARE = 5, 0.05
+_MAX_DRAWS = 100  # times the initial tools: what so few designs can be printed of is a slip of the pen
 
 
 def propose_initial(campaign: Campaign) -> None:
@@ -36,11 +39,31 @@ def propose_initial(campaign: Campaign) -> None:
     for index, design in enumerate(random_designs(schedule.initial_simulations, np.random.default_rng(seed))):
         _append_simulation(campaign, last, index, ProposedDesign(design=design, value=0.0), seed)
     seed = campaign.seed("initial tools")
-    designs = random_designs(schedule.initial_tools, np.random.default_rng(seed))
+    designs = _random_tools(campaign, schedule.initial_tools, np.random.default_rng(seed))
     for batch in schedule.batches_of(0):
         start = (batch - 1) * schedule.tools_per_batch
         chosen = designs[start : start + schedule.tools_of(batch)]
         _append_tools(campaign, batch, [ProposedDesign(design=d, value=0.0) for d in chosen], seed)
+
+
+def _random_tools(campaign: Campaign, n: int, rng: np.random.Generator) -> list[Design]:
+    """Random designs to print, without those that break a rule of printing.
+
+    Raises:
+        UsageError: hardly any design keeps the rules.
+    """
+    rules = campaign.config.scientist.printing_rules
+    if rules is None:
+        return random_designs(n, rng)
+    designs: list[Design] = []
+    for _ in range(_MAX_DRAWS):
+        designs += [design for design in random_designs(n, rng) if not broken_rules(design, rules)]
+        if len(designs) >= n:
+            return designs[:n]
+    raise UsageError(
+        f"only {len(designs)} of {_MAX_DRAWS * n} random designs keep the rules of `scientist.printing`, "
+        f"{n} are needed; relax them."
+    )
 
 
 def fit(campaign: Campaign, batch: int, data: ObservationSet, rows: Sequence[str]) -> Surrogate:
@@ -122,6 +145,7 @@ def propose_tools(
         acquisition=scientist.acquisition,
         taken=to_unit([t.design for t in state.tools]),
         rejected=to_unit([t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]),
+        printing=scientist.printing_rules,
     )
     fit_id = _fit_id(campaign, batch, data)
     _append_tools(campaign, batch, proposals, seed, data, len(pending), [fit_id])
@@ -132,11 +156,19 @@ def propose_simulation(
 ) -> None:
     """One more design for the simulator, given what is simulated, printed and measured right now."""
     seed = campaign.seed("simulation", batch, index)
-    acquisition = campaign.config.scientist.simulation_acquisition
+    scientist = campaign.config.scientist
     pending = pending_points(campaign, state)
-    rng = np.random.default_rng(seed)
-    taken = to_unit(simulated_designs(campaign, state))
-    proposal = propose(surrogate, 0, 1, pending, rng, min_distance=0.0, acquisition=acquisition, taken=taken)[0]
+    proposal = propose(
+        surrogate,
+        0,
+        1,
+        pending,
+        np.random.default_rng(seed),
+        min_distance=0.0,
+        acquisition=scientist.simulation_acquisition,
+        taken=to_unit(simulated_designs(campaign, state)),
+        printing=scientist.printing_rules,
+    )[0]
     _append_simulation(campaign, batch, index, proposal, seed, surrogate.data, len(pending), [fit_id])
 
 

@@ -6,6 +6,7 @@ from typing import Any, Literal
 from pydantic import Field, field_validator
 
 from hardware.travel import shortest_tour
+from models.printability import PrintingRules
 from models.records import EffectValue, MeshSettings, Record, SimulatorVersion, Theta
 
 N_OBJECTS = 36
@@ -110,8 +111,18 @@ class ScientistSettings(Record):
         default="mes", description="how designs to simulate are chosen"
     )
     min_distance: float = Field(
-        default=0.05, ge=0, le=1, description="between tools of one batch, in the unit cube of the design space"
+        default=0.05,
+        ge=0,
+        le=1,
+        description="of tools from others of the batch and from rejected ones, in the unit cube of the design space",
     )
+    manufacturable: bool = Field(default=False, description="propose only what keeps the rules of `printing`")
+    printing: PrintingRules = PrintingRules()
+
+    @property
+    def printing_rules(self) -> PrintingRules | None:
+        """The rules that proposals keep, if any."""
+        return self.printing if self.manufacturable else None
 
 
 class Schedule(Record):

@@ -6,6 +6,8 @@ import pytest
 from lake.store import Lake
 from lake.tables import FitRow, SimulationRow
 from models.design_space import random_designs, random_unit, to_unit
+from models.errors import UsageError
+from models.printability import PrintingRules, broken_rules
 from models.records import Design
 from models.surrogate.observations import REAL, SIM, ObservationSet
 from tasks.campaign import Campaign
@@ -21,6 +23,7 @@ from tasks.proposing import (
     propose_tools,
     surrogate_for_simulation,
 )
+from tasks.settings import ScientistSettings
 from tests.tasks.made_up import append_grasp, append_simulation
 
 N_REAL, N_SIM = 8, 12
@@ -151,3 +154,19 @@ def test_only_tools_of_open_batches_are_waited_for(campaign):
     # The first tool is measured, but the batch is not closed, so that it is not learned from yet either.
     assert (waited[:, -1] == REAL).sum() == 2
     assert (waited[:, -1] == SIM).sum() == 2  # and their simulations have not run
+
+
+def test_a_manufacturable_campaign_prints_nothing_else(campaign):
+    rules = PrintingRules(min_cavity_mm=5.0, max_mass_g=30.0)
+    scientist = ScientistSettings(manufacturable=True, printing=rules)
+    simulator = campaign.config.simulator.model_copy(update={"simulate_tools": False})
+    changes = {"scientist": scientist, "simulator": simulator}
+    campaign = begun(Campaign(campaign.lake, campaign.config.model_copy(update=changes)))
+    data = observe(campaign, campaign.state(), [1])
+    propose_tools(campaign, 2, data, fit(campaign, 2, data, []), campaign.state())
+    designs = [propose_one(campaign), *(tool.design for tool in campaign.state().tools)]
+    assert len(designs) == 5
+    assert not any(broken_rules(design, rules) for design in designs)
+    impossible = scientist.model_copy(update={"printing": PrintingRules(max_mass_g=1.0)})
+    with pytest.raises(UsageError, match="only 0 of 200 random designs keep the rules"):
+        propose_initial(Campaign(campaign.lake, campaign.config.model_copy(update={"scientist": impossible})))

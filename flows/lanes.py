@@ -16,7 +16,7 @@ from models.records import Design
 from tasks import proposing, steps
 from tasks.campaign import Campaign
 from tasks.measuring import OpenBench
-from tasks.observing import closed_batches, observe, observed_rows, unfinished_tools
+from tasks.observing import unfinished_tools
 from tasks.pool import WorkerPool
 from tasks.state import CampaignState, ProposedTool
 from tasks.steps import opaque
@@ -192,7 +192,7 @@ class SimulationLane:
         index = len(state.simulations_of(self._batch))
         if index >= self._budget:
             return None
-        self._propose(state, index)
+        proposing.propose_simulated(campaign, self._batch, index, state)
         return self._proposed(campaign.state())[-1]
 
     def _known(self, state: CampaignState) -> list[SimulationJob]:
@@ -206,15 +206,6 @@ class SimulationLane:
         name = f"B{self._batch:02d} design"
         proposals = state.simulations_of(self._batch)
         return [SimulationJob(p.design, f"{name} {p.index + 1} of {self._budget}") for p in proposals]
-
-    def _propose(self, state: CampaignState, index: int) -> None:
-        campaign = self._session.campaign
-        closed = closed_batches(campaign, state)
-        data = observe(campaign, state, closed)
-        surrogate, fit_id = proposing.surrogate_for_simulation(
-            campaign, self._batch, index, data, lambda: observed_rows(campaign, state, closed)
-        )
-        proposing.propose_simulation(campaign, self._batch, index, surrogate, fit_id, state)
 
 
 class RerunLane(SimulationLane):

@@ -12,8 +12,8 @@ from models.errors import UsageError
 from models.ids import content_id
 from models.printability import broken_rules
 from models.records import Design
+from models.scientist import RANDOM, propose
 from models.scientist import Proposal as ProposedDesign
-from models.scientist import propose
 from models.surrogate.fit import fit_surrogate
 from models.surrogate.health import health_of
 from models.surrogate.observations import ObservationSet
@@ -21,8 +21,9 @@ from models.surrogate.parameters import SurrogateParameters
 from models.surrogate.posterior import Surrogate
 from models.surrogate.threads import one_blas_thread
 from tasks.campaign import Campaign
-from tasks.observing import closed_batches
+from tasks.observing import closed_batches, observe, observed_rows
 from tasks.state import CampaignState
+from tasks.versions import note_older_simulations
 
 logger = logging.getLogger(__name__)
 
@@ -33,17 +34,28 @@ _MAX_DRAWS = 100  # times the initial tools: what so few designs can be printed 
 
 def propose_initial(campaign: Campaign) -> None:
     """Random designs for the initial simulations and the initial trays (the paper: 50 and 30)."""
+    propose_initial_simulations(campaign)
+    propose_initial_tools(campaign)
+
+
+def propose_initial_simulations(campaign: Campaign) -> None:
+    """Random designs to simulate."""
     schedule = campaign.config.schedule
     seed = campaign.seed("initial simulations")
     last = schedule.batches_of(0)[-1]
     for index, design in enumerate(random_designs(schedule.initial_simulations, np.random.default_rng(seed))):
-        _append_simulation(campaign, last, index, ProposedDesign(design=design, value=0.0), seed)
+        append_simulation(campaign, last, index, ProposedDesign(design=design, value=0.0), RANDOM, seed)
+
+
+def propose_initial_tools(campaign: Campaign) -> None:
+    """Random designs to print."""
+    schedule = campaign.config.schedule
     seed = campaign.seed("initial tools")
     designs = _random_tools(campaign, schedule.initial_tools, np.random.default_rng(seed))
     for batch in schedule.batches_of(0):
         start = (batch - 1) * schedule.tools_per_batch
         chosen = designs[start : start + schedule.tools_of(batch)]
-        _append_tools(campaign, batch, [ProposedDesign(design=d, value=0.0) for d in chosen], seed)
+        append_tools(campaign, batch, [ProposedDesign(design=d, value=0.0) for d in chosen], RANDOM, seed)
 
 
 def _random_tools(campaign: Campaign, n: int, rng: np.random.Generator) -> list[Design]:
@@ -64,6 +76,26 @@ def _random_tools(campaign: Campaign, n: int, rng: np.random.Generator) -> list[
         f"only {len(designs)} of {_MAX_DRAWS * n} random designs keep the rules of `scientist.printing`, "
         f"{n} are needed; relax them."
     )
+
+
+def propose_guided(campaign: Campaign, batch: int) -> None:
+    """Tools of a guided batch, with the surrogate fitted to all that was measured and simulated before."""
+    state = campaign.state()
+    closed = range(1, batch)
+    data = observe(campaign, state, closed)
+    surrogate = fit(campaign, batch, data, observed_rows(campaign, state, closed))
+    note_older_simulations(campaign, batch)
+    propose_tools(campaign, batch, data, surrogate, state)
+
+
+def propose_simulated(campaign: Campaign, batch: int, index: int, state: CampaignState) -> None:
+    """One more design to simulate, with the surrogate conditioned on all that is known in `state`."""
+    closed = closed_batches(campaign, state)
+    data = observe(campaign, state, closed)
+    surrogate, fit_id = surrogate_for_simulation(
+        campaign, batch, index, data, lambda: observed_rows(campaign, state, closed)
+    )
+    propose_simulation(campaign, batch, index, surrogate, fit_id, state)
 
 
 def fit(campaign: Campaign, batch: int, data: ObservationSet, rows: Sequence[str]) -> Surrogate:
@@ -148,7 +180,7 @@ def propose_tools(
         printing=scientist.printing_rules,
     )
     fit_id = _fit_id(campaign, batch, data)
-    _append_tools(campaign, batch, proposals, seed, data, len(pending), [fit_id])
+    append_tools(campaign, batch, proposals, scientist.acquisition, seed, data, len(pending), [fit_id])
 
 
 def propose_simulation(
@@ -169,7 +201,8 @@ def propose_simulation(
         taken=to_unit(simulated_designs(campaign, state)),
         printing=scientist.printing_rules,
     )[0]
-    _append_simulation(campaign, batch, index, proposal, seed, surrogate.data, len(pending), [fit_id])
+    rule = scientist.simulation_acquisition
+    append_simulation(campaign, batch, index, proposal, rule, seed, surrogate.data, len(pending), [fit_id])
 
 
 def pending_points(campaign: Campaign, state: CampaignState) -> np.ndarray:
@@ -199,10 +232,11 @@ def simulated_designs(campaign: Campaign, state: CampaignState) -> list[Design]:
     return list(designs.values())
 
 
-def _append_tools(
+def append_tools(
     campaign: Campaign,
     batch: int,
     proposals: Sequence[ProposedDesign],
+    acquisition: str,
     seed: int,
     data: ObservationSet | None = None,
     n_pending: int = 0,
@@ -211,9 +245,10 @@ def _append_tools(
     """Write the proposals of a batch; the batch row comes last and makes the batch complete."""
     provenance = campaign.provenance(seed, parents)
     _append_designs(campaign, [p.design for p in proposals], seed)
-    campaign.lake.append(
-        [_proposal_row(campaign, batch, slot, slot, p, data, n_pending) for slot, p in enumerate(proposals)], provenance
-    )
+    rows = [
+        _proposal_row(campaign, batch, slot, slot, p, acquisition, data, n_pending) for slot, p in enumerate(proposals)
+    ]
+    campaign.lake.append(rows, provenance)
     row = BatchRow(
         batch_id=BatchRow.make_id(campaign.campaign_id, batch),
         campaign_id=campaign.campaign_id,
@@ -224,18 +259,20 @@ def _append_tools(
     campaign.lake.append([row], provenance)
 
 
-def _append_simulation(
+def append_simulation(
     campaign: Campaign,
     batch: int,
     index: int,
     proposal: ProposedDesign,
+    acquisition: str,
     seed: int,
     data: ObservationSet | None = None,
     n_pending: int = 0,
     parents: Sequence[str] = (),
 ) -> None:
+    """Write the proposal of one more simulation."""
     _append_designs(campaign, [proposal.design], seed)
-    row = _proposal_row(campaign, batch, None, index, proposal, data, n_pending)
+    row = _proposal_row(campaign, batch, None, index, proposal, acquisition, data, n_pending)
     campaign.lake.append([row], campaign.provenance(seed, parents))
 
 
@@ -250,12 +287,11 @@ def _proposal_row(
     slot: int | None,
     index: int,
     proposal: ProposedDesign,
+    acquisition: str,
     data: ObservationSet | None,
     n_pending: int,
 ) -> ProposalRow:
     """A row of `proposals`; `data` None means that the design was drawn at random, without a model."""
-    scientist = campaign.config.scientist
-    acquisition = scientist.simulation_acquisition if slot is None else scientist.acquisition
     return ProposalRow(
         proposal_id=content_id("P", [campaign.campaign_id, batch, slot, index]),
         campaign_id=campaign.campaign_id,
@@ -264,7 +300,7 @@ def _proposal_row(
         index=index,
         fidelity="sim" if slot is None else "real",
         design_id=proposal.design.design_id,
-        acquisition="random" if data is None else acquisition,
+        acquisition=acquisition,
         acquisition_value=None if data is None else proposal.value,
         n_real=0 if data is None else data.n_real,
         n_sim=0 if data is None else data.n_sim,

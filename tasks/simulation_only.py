@@ -7,13 +7,13 @@ from models.scientist import Proposal, propose
 from models.surrogate.observations import REAL, ObservationSet
 from models.surrogate.posterior import Surrogate
 from tasks.campaign import Campaign
+from tasks.fitting import surrogate_for_simulation
 from tasks.observing import means_of_simulations, observe, observed_rows, proposed_designs
 from tasks.proposing import (
     append_simulation,
     append_tools,
     pending_points,
     simulated_designs,
-    surrogate_for_simulation,
 )
 from tasks.state import CampaignState
 

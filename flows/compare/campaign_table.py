@@ -53,6 +53,7 @@ def campaigns_figure(courses: Sequence[BenchCourse], reference: str) -> Figure:
         of_name, colour = [c for c in courses if c.strategy == name], COLOURS[place % len(COLOURS)]
         _best_line(left, of_name, name, colour)
         _last_tools(right, of_name, len(names) - place, colour)
+    left.set_xticks(sorted({int(n) for c in courses if len(c.batches_n) > 1 for n in _counts(c)}))
     left.set_xlabel("tools measured")
     left.set_ylabel("best tool so far, mean peak force (N)")
     left.grid(True, axis="y")
@@ -82,7 +83,7 @@ def _summary(name: str, courses: list[BenchCourse]) -> dict[str, Any]:
 
 def _best_line(axes: Axes, courses: list[BenchCourse], name: str, colour: str) -> None:
     best = np.array([course.best_n for course in courses])
-    counts = np.cumsum([len(batch) for batch in courses[0].batches_n])
+    counts = _counts(courses[0])
     if len(counts) == 1:  # measured once, at the end
         axes.axhline(float(best.mean()), color=colour, linestyle=(0, (1, 1.5)), linewidth=1.2, label=name)
         return
@@ -98,6 +99,11 @@ def _last_tools(axes: Axes, courses: list[BenchCourse], row: int, colour: str) -
     mean_n = float(np.mean([np.mean(course.batches_n[-1]) for course in courses]))
     axes.plot([mean_n, mean_n], [row - 0.3, row + 0.3], color=INK, linewidth=1.6)
     axes.annotate(f"{mean_n:.1f}", (mean_n, row + 0.32), ha="center", va="bottom", fontsize=7, color=MUTED)
+
+
+def _counts(course: BenchCourse) -> np.ndarray:
+    """Tools measured after each batch."""
+    return np.cumsum([len(batch) for batch in course.batches_n])
 
 
 def _names(courses: Sequence[BenchCourse]) -> list[str]:

@@ -11,17 +11,14 @@ from models.printability import PrintingRules, broken_rules
 from models.records import Design
 from models.surrogate.observations import REAL, SIM, ObservationSet
 from tasks.campaign import Campaign
+from tasks.fitting import REFIT_LEAST, fit, fitted_before, surrogate_for_simulation
 from tasks.observing import closed_batches, observe
 from tasks.printing import MeasuredTool, PrintConfirmation, confirm_print
 from tasks.proposing import (
-    REFIT_LEAST,
-    fit,
-    fitted_before,
     pending_points,
     propose_initial,
     propose_simulation,
     propose_tools,
-    surrogate_for_simulation,
 )
 from tasks.settings import ScientistSettings
 from tests.tasks.made_up import append_grasp, append_simulation

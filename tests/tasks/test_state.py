@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 from tasks.campaign import Campaign
+from tasks.fitting import fit
 from tasks.observing import observe
 from tasks.printing import PrintConfirmation, confirm_print
-from tasks.proposing import fit, propose_initial, propose_simulation, propose_tools
+from tasks.proposing import propose_initial, propose_simulation, propose_tools
 from tasks.settings import Schedule
 from tests.tasks.made_up import append_grasp, append_simulation
 

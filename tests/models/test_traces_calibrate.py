@@ -143,7 +143,7 @@ def brute_force(density: TraceDensity, vector: np.ndarray) -> float:
     force = np.where(density.surfaces.is_force, predicted, 0.0)
 
     def block(one: tuple[int, int], two: tuple[int, int]) -> np.ndarray:
-        total = np.zeros((14, 14))
+        total = (back[one] @ frame.shared[one]) @ (back[two] @ frame.shared[two]).T
         if one[0] == two[0]:
             total += tool_sd**2 * np.outer(force[one], force[two])
         if one[1] == two[1]:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from scipy.optimize import minimize
@@ -33,14 +34,19 @@ _STEP = 1e-4  # of finite differences of the gradient
 
 
 def calibrate_traces(
-    problem: TraceProblem, settings: CalibrationSettings, progress: Callable[[str], None] | None = None
+    problem: TraceProblem,
+    settings: CalibrationSettings,
+    progress: Callable[[str], None] | None = None,
+    *,
+    theta_of: Literal["bench", "simulator"] = "bench",
 ) -> CalibrationResult:
     """Posterior of theta given features of traces, by NUTS on the density of `models.calibration.traces.density`.
 
     Parameters of the result: `tool_sd` (modulus from print to print), `object_sd` (what the simulator has wrong about
-    objects), `cell_sd` (scatter from grasp to grasp of other tools and objects), all relative, and theta:
-    `young_modulus_mpa`, `friction`, `poisson_ratio`. Uses `priors`, chains, draws, tune, target_accept, seed and
-    workers of the settings; `rho` and `method` are for the calibration on mean forces.
+    objects), `cell_sd` (the same for a tool on an object), all relative, and theta: `young_modulus_mpa`, `friction`,
+    `poisson_ratio`. `theta_of`: of the bench, or what this simulator needs to answer like it, which leaves out what its
+    numerical error is worth in theta. Uses `priors`, chains, draws, tune, target_accept, seed and workers of the
+    settings; `rho` and `method` are for the calibration on mean forces.
 
     Raises:
         UsageError: forces are a thousand times what theta can explain, or grid and priors do not meet.
@@ -57,7 +63,8 @@ def calibrate_traces(
     samples = sample(density, start, settings, scale=covariance, progress=progress)
     draws = density.constrained(samples.draws)
     r_hat, ess_bulk, ess_tail = convergence(NAMES, draws)
-    draws = _with_numerical_shift(draws, density, rng)
+    if theta_of == "bench":
+        draws = with_numerical_shift(draws, density, rng)
     ended = time.process_time()
     if samples.n_divergences:
         warnings.append(
@@ -152,13 +159,13 @@ def unit_warnings(modulus_mpa: float, priors: ThetaPriors) -> list[str]:
     return [f"{found}; check the unit of the forces and the simulator."]
 
 
-def _with_numerical_shift(draws: np.ndarray, density: TraceDensity, rng: np.random.Generator) -> np.ndarray:
-    """Draws whose friction and Poisson ratio are the bench's: a mesh answers a little like another theta would.
+def with_numerical_shift(draws: np.ndarray, density: TraceDensity, rng: np.random.Generator) -> np.ndarray:
+    """Draws (... x 6) with the friction and Poisson ratio of the bench: a mesh answers a little as another theta would.
 
     No data of the bench can tell the two apart, so the shift is added to the draws, reflected at the ends of the range.
     """
     low, high = density.limits
-    noise = rng.standard_normal((*draws.shape[:2], 2)) * np.array([FRICTION_SHIFT, RATIO_SHIFT])
+    noise = rng.standard_normal((*draws.shape[:-1], 2)) * np.array([FRICTION_SHIFT, RATIO_SHIFT])
     noise[..., 0] *= draws[..., 4]
     shifted = draws[..., 4:] + noise
     shifted = high - np.abs(high - (low + np.abs(shifted - low)))

@@ -73,6 +73,16 @@ def test_theta_is_found_without_noise() -> None:
     np.testing.assert_allclose(found, QUIET.theta, rtol=0.03)
 
 
+def test_the_modulus_of_each_tool_is_found() -> None:
+    density = trace_density(made_up_traces(6, 6, 4, replace(QUIET, tool_sd=0.05)), ThetaPriors())
+    best, _ = laplace(density)
+    mean, sd = density.tool_moduli(best)
+    true = np.exp(0.05 * np.random.default_rng(4).standard_normal(6))
+    modulus_mpa = density.constrained(best)[3] * (1.0 + mean)
+    np.testing.assert_allclose(modulus_mpa, 9.2 * true, rtol=0.03)
+    assert (sd < 0.05).all()
+
+
 def test_a_pair_that_lies_far_off_counts_for_little() -> None:
     problem = made_up_traces(6, 5, 0)
     problem.measured[2, 3] *= 1.0 + 0.6 * problem.is_force

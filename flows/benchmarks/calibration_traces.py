@@ -213,5 +213,6 @@ def _draw(path: Path, results: Mapping[str, CalibrationResult], truth: tuple[flo
         axes.plot(*truth[:2], "+", color=INK, markersize=12, markeredgewidth=1.5, label="truth")
         axes.set_xlabel("Young's modulus (MPa)")
         axes.set_ylabel("friction")
-        figure.legend(loc="outside right upper", markerscale=3)
+        for handle in figure.legend(loc="outside right upper").legend_handles[: len(results)]:
+            handle.set_markersize(7)
         figure.savefig(path, dpi=160)

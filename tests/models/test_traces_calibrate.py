@@ -8,6 +8,7 @@ import pytest
 from models.calibration.settings import CalibrationSettings, ThetaPriors
 from models.calibration.traces.calibrate import (
     FRICTION_SHIFT,
+    MODULUS_SHIFT,
     RATIO_SHIFT,
     calibrate_traces,
     laplace,
@@ -96,12 +97,13 @@ def test_a_pair_that_lies_far_off_counts_for_little() -> None:
     assert abs(friction[1] - 0.62) < 0.05
 
 
-def test_numerical_shift_widens_friction_and_poisson_ratio_within_their_range(gappy: TraceProblem) -> None:
+def test_numerical_shift_widens_theta_within_its_range(gappy: TraceProblem) -> None:
     density = trace_density(gappy, ThetaPriors())
     low, high = density.limits
     draws = np.tile(np.array([0.04, 0.03, 0.03, 9.0, 0.6, high[1] - 0.001]), (2, 3000, 1))
     shifted = with_numerical_shift(draws, density, np.random.default_rng(0))
-    np.testing.assert_array_equal(shifted[..., :4], draws[..., :4])
+    np.testing.assert_array_equal(shifted[..., :3], draws[..., :3])
+    assert shifted[..., 3].std() == pytest.approx(MODULUS_SHIFT * 9.0, rel=0.05)
     assert shifted[..., 4].std() == pytest.approx(FRICTION_SHIFT * 0.6, rel=0.05)
     assert shifted[..., 5].std() > 0.5 * RATIO_SHIFT
     assert ((shifted[..., 4:] >= low) & (shifted[..., 4:] <= high)).all()

@@ -24,9 +24,9 @@ _UNIT_TOLERANCE = 0.4  # of the logarithm: how near a factor counts as suspected
 _FAR_SD = 2.0  # prior standard deviations of ln E that call for a suspicion
 _NEAR_BOUND, _PILE = 0.02, 0.05  # share of the range, and of the draws in it
 _SCALE_LIMITS = {"object_sd": 0.1, "cell_sd": 0.1, "tool_sd": 0.1}
-# What the numerical error is worth in theta: in worlds of a finer mesh and another contact law, friction (relative) and
-# Poisson ratio are found off by so much (`fast bench run calibration-traces`).
-FRICTION_SHIFT, RATIO_SHIFT = 0.03, 0.015
+# What the numerical error is worth in theta: in worlds of a finer mesh and another contact law, Young's modulus and
+# friction (relative) and Poisson ratio are found off by so much (`fast bench run calibration-traces`).
+MODULUS_SHIFT, FRICTION_SHIFT, RATIO_SHIFT = 0.02, 0.03, 0.015
 FREEDOM = 4.0
 _SPREAD_STEPS, _SPREAD_CHANGE = 12, 0.05
 _OUTLYING = 5.0  # factor on the covariance of a cell
@@ -160,16 +160,17 @@ def unit_warnings(modulus_mpa: float, priors: ThetaPriors) -> list[str]:
 
 
 def with_numerical_shift(draws: np.ndarray, density: TraceDensity, rng: np.random.Generator) -> np.ndarray:
-    """Draws (... x 6) with the friction and Poisson ratio of the bench: a mesh answers a little as another theta would.
+    """Draws (... x 6) with the theta of the bench: a mesh answers a little as another theta would.
 
-    No data of the bench can tell the two apart, so the shift is added to the draws, reflected at the ends of the range.
+    No data of the bench can tell the two apart, so the shift is added to the draws; friction and Poisson ratio are
+    reflected at the ends of their range.
     """
     low, high = density.limits
-    noise = rng.standard_normal((*draws.shape[:-1], 2)) * np.array([FRICTION_SHIFT, RATIO_SHIFT])
-    noise[..., 0] *= draws[..., 4]
-    shifted = draws[..., 4:] + noise
-    shifted = high - np.abs(high - (low + np.abs(shifted - low)))
-    return np.concatenate([draws[..., :4], shifted], axis=-1)
+    noise = rng.standard_normal((*draws.shape[:-1], 3)) * np.array([MODULUS_SHIFT, FRICTION_SHIFT, RATIO_SHIFT])
+    noise[..., :2] *= draws[..., 3:5]
+    theta = draws[..., 3:] + noise
+    bounded = high - np.abs(high - (low + np.abs(theta[..., 1:] - low)))
+    return np.concatenate([draws[..., :3], theta[..., :1], bounded], axis=-1)
 
 
 def _outlier_warnings(problem: TraceProblem, spread: np.ndarray) -> list[str]:

@@ -12,8 +12,9 @@ from lake.row import Row
 from lake.simulators import missing_version_rows
 from lake.store import Lake
 from lake.tables import CalibrationRow, PosteriorDrawsRow
-from models.calibration.held_out import Score, emulate, is_held_out, score
+from models.calibration.held_out import Score, is_held_out, score
 from models.calibration.outcome import refusal, theta_of, theta_summary, worst
+from models.calibration.predict import predict_simulated
 from models.calibration.problem import THETA, CalibrationProblem
 from models.calibration.result import CalibrationResult
 from models.calibration.settings import CalibrationSettings
@@ -30,6 +31,7 @@ from tasks.calibration_data import (
 from tasks.drift import drift_warnings, theta_history
 
 DATA: Literal["design_mean"] = "design_mean"
+N_PREDICTED = 60  # draws behind a prediction; each costs a Cholesky factor of the simulations
 Progress = Callable[[str], None]
 
 
@@ -190,10 +192,15 @@ def _held_out_columns(
         return {"n_held_out": int(data.held_out.sum())}
     x, y = data.problem.x_real[data.held_out], data.problem.y_real[data.held_out]
     before, after = (
-        score(emulate(data.fitted, result, x, np.array(list(v.theta.model_dump().values()))), y)
+        score(predict_simulated(data.fitted, result, x, theta_array(v), N_PREDICTED).mean, y)
         for v in (data.base, version)
     )
     return held_out_columns(before, after, len(y), "emulator")
+
+
+def theta_array(version: SimulatorVersion) -> np.ndarray:
+    """Theta of a version, 3, in the order of `THETA`."""
+    return np.array([getattr(version.theta, name) for name in THETA])
 
 
 def held_out_columns(before: Score, after: Score, n: int, by: str) -> dict[str, Any]:

@@ -1,13 +1,9 @@
-"""Designs that a calibration never sees, and how well the simulator predicts them with one theta or another."""
+"""Designs that a calibration never sees, and how well predictions agree with their measurements."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.spatial.distance import cdist
 
-from models.calibration.problem import CalibrationProblem, Standardised, unit_theta
-from models.calibration.result import CalibrationResult
 from models.ids import seed_from
 
 BLOCK = 5  # one design of each five is held out
@@ -42,27 +38,3 @@ def score(predicted_n: np.ndarray, measured_n: np.ndarray) -> Score:
     rmse_n = float(np.sqrt(np.mean((predicted_n - measured_n) ** 2)))
     can_correlate = len(measured_n) >= MIN_CORRELATED and min(np.ptp(predicted_n), np.ptp(measured_n)) > 0
     return Score(float(np.corrcoef(predicted_n, measured_n)[0, 1]) if can_correlate else None, rmse_n)
-
-
-def emulate(problem: CalibrationProblem, result: CalibrationResult, x: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Mean peak force that the simulator would give, by the calibration's emulator with median hyperparameters.
-
-    x: m x 9 designs in the unit cube. theta: 3, in physical units. Returns m, N, without discrepancy and rho: what
-    `SimulatorVersion` with this theta predicts. Matern-5/2 with a lengthscale for each input, as in Eq. 9.
-    """
-    data = Standardised.of(problem)
-    lengthscale_names = [name for name in result.names if name.startswith("lengthscale_h.")]
-    lengthscales = np.median(result.flat(*lengthscale_names), axis=0)
-    sd, nugget = np.median(result.flat("sd_h", "nugget"), axis=0)
-    covariance = sd**2 * _matern52(data.z_sim, data.z_sim, lengthscales)
-    covariance[np.diag_indices_from(covariance)] += nugget**2 + data.variance_sim
-    weights = cho_solve(cho_factor(covariance, lower=True), data.y_sim)
-    thetas = np.broadcast_to(theta, (len(x), 3))
-    z = np.column_stack([x, unit_theta(thetas, data.scales_with_modulus)])
-    y = data.mean + sd**2 * _matern52(z, data.z_sim, lengthscales) @ weights
-    return data.center_n + data.force_scale_n * data.amplitude(float(theta[0]), rho=1.0) * y
-
-
-def _matern52(a: np.ndarray, b: np.ndarray, lengthscales: np.ndarray) -> np.ndarray:
-    distance = np.sqrt(5.0) * cdist(a / lengthscales, b / lengthscales)
-    return np.asarray((1.0 + distance + distance**2 / 3.0) * np.exp(-distance))

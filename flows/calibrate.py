@@ -13,7 +13,7 @@ from lake.tables import CalibrationRow, SimTraceRow, SimulationRow
 from models.calibration.hypercube import HypercubePlan, hypercube
 from models.calibration.settings import CalibrationSettings
 from models.records import SimulatorVersion
-from tasks.calibrating import CalibrationData, find_calibration, gather, infer, theta_array
+from tasks.calibrating import CalibrationData, find_calibration, gather, infer
 from tasks.calibration_data import MeasuredTools, base_version, measured_tools
 from tasks.control import exclusive
 from tasks.hypercube import PointDone, SimulationPlan, missing_objects, simulate_plan
@@ -42,14 +42,13 @@ class CalibrationOutcome:
 
     row: CalibrationRow
     is_new: bool
-    data: CalibrationData
+    n_grasps: int
 
     @property
     def sentence(self) -> str:
         """What happened, for people and for the state of a flow run."""
         row = self.row
-        n_grasps = len(self.data.measured.grasp_ids)
-        what = f"{n_grasps} grasps of {row.n_designs} tools and {row.n_simulations} simulated designs"
+        what = f"{self.n_grasps} grasps of {row.n_designs} tools and {row.n_simulations} simulated designs"
         if row.version_id is None:
             return f"calibration {row.calibration_id} of {what} gave no simulator version: {row.reason}"
         if not self.is_new:
@@ -74,25 +73,15 @@ def run_calibration(
         row = known or _infer(lake, data, order.settings, voice)
         if order.verify:
             row = _verify(lake, data, row, order.settings.workers, voice)
-    return CalibrationOutcome(row, known is None, data)
+    return CalibrationOutcome(row, known is None, len(data.measured.grasp_ids))
 
 
 def write_page(lake: Lake, outcome: CalibrationOutcome, out: Path | None = None) -> Path:
     """Write the page of a calibration into a folder, by default in the lake's outputs; returns its path."""
     from flows.report.calibration import write_calibration_report
-    from flows.report.calibration_data import Evidence
 
-    data, calibration_id = outcome.data, outcome.row.calibration_id
-    problem, held_out = data.problem, data.held_out
-    evidence = Evidence(
-        fitted=data.fitted,
-        theta_before=theta_array(data.base),
-        x_held_out=problem.x_real[held_out],
-        y_held_out=problem.y_real[held_out],
-        variance_held_out=problem.variance_real[held_out],
-    )
-    folder = out or lake.root / "outputs" / calibration_id / "report"
-    return write_calibration_report(lake, calibration_id, folder, evidence=evidence)
+    calibration_id = outcome.row.calibration_id
+    return write_calibration_report(lake, calibration_id, out or lake.root / "outputs" / calibration_id / "report")
 
 
 def simulate_hypercube(

@@ -15,7 +15,7 @@ from hardware.safety import Verb
 from models.records import Design
 from tasks import proposing, steps
 from tasks.campaign import Campaign
-from tasks.measuring import OpenBench
+from tasks.measuring import OpenBench, unfinished_tools
 from tasks.observing import observe, observed_rows
 from tasks.pool import WorkerPool
 from tasks.state import CampaignState, ProposedTool
@@ -215,15 +215,6 @@ class SimulationLane:
             campaign, self._batch, index, data, lambda: observed_rows(campaign, state, closed)
         )
         proposing.propose_simulation(campaign, self._batch, index, surrogate, fit_id, state)
-
-
-def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> list[ProposedTool]:
-    """Printed tools of a confirmed batch with grasps still to be made."""
-    if not state.is_confirmed(batch):
-        return []
-    plan = campaign.config.objects.cells(0)
-    limit = campaign.config.execution.max_grasp_attempts
-    return [tool for tool in state.tools_of(batch) if state.missing_grasps(tool, plan, limit)]
 
 
 def closed_batches(campaign: Campaign, state: CampaignState) -> list[int]:

@@ -24,7 +24,7 @@ class Options:
 
     `results` is a JSON-lines file that keeps every outcome, so that a benchmark can be stopped and continued;
     `figure` is a picture to draw; `grasps` are sizes of lakes; `n` is how often the event of a study happens;
-    `worlds` is how many made-up problems to solve.
+    `worlds` is how many made-up problems to solve; `n_sim` and `n_real` are the sizes of one.
     """
 
     designs: int | None = None
@@ -37,6 +37,8 @@ class Options:
     grasps: tuple[int, ...] | None = None
     n: int | None = None
     worlds: int | None = None
+    n_sim: int | None = None
+    n_real: int | None = None
     tell: Callable[[str], None] = _say_nothing
 
 

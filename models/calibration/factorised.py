@@ -33,7 +33,8 @@ from models.errors import FastError
 from models.surrogate.threads import one_blas_thread
 
 N_WEIGHTED = 2400  # draws that are weighted exactly, at most
-BOX_SD = 4.5  # half width of the first box of theta, posterior standard deviations
+MOST_DRAWS = MOST_TUNE = 1000  # per chain: of more draws, more would be left out of the weighting
+BOX_SD = 5.0  # half width of the first box of theta, posterior standard deviations
 CONTACT_LIMIT = 0.002  # share of draws outside the box at which it is grown
 MAX_GROWTH = 4
 _PRIOR_TAIL = 1e-7  # the box ends where the prior leaves that much
@@ -74,8 +75,9 @@ def calibrate_factorised(
 ) -> CalibrationResult:
     """Posterior of every parameter (Eq. 12), as draws resampled by weight into `settings.chains` chains.
 
-    NUTS draws as many psi as `settings` ask for; at most `N_WEIGHTED` of them, evenly spaced, are weighted, and as many
-    are returned. `k_hat` of the result must be below `K_HAT_LIMIT`, or the result must not be used.
+    NUTS draws as many psi as `settings` ask for, at most `MOST_DRAWS` a chain; at most `N_WEIGHTED` of them, evenly
+    spaced, are weighted, and as many are returned. `k_hat` of the result must be below `K_HAT_LIMIT`, or the result
+    must not be used.
     """
     data = Standardised.of(problem)
     setting = Setting.of(data, Layout.of(data, settings))
@@ -135,6 +137,8 @@ def sample_psi(
     """NUTS on psi at the mode's phi, in a box of theta that grows until the draws stay inside."""
     psi = peak.vector[setting.layout.n_phi :]
     box = first_box(setting, psi, peak.psi_covariance)
+    shorter = {"draws": min(settings.draws, MOST_DRAWS), "tune": min(settings.tune, MOST_TUNE)}
+    settings = settings.model_copy(update=shorter)
     for attempt in range(MAX_GROWTH + 1):
         with steps("theta surrogate"):
             surrogate = build_accurate(peak.factor, setting, box, psi, peak.psi_covariance, rng)
@@ -156,8 +160,12 @@ def sample_psi(
 
 
 def first_box(setting: Setting, psi: np.ndarray, covariance: np.ndarray) -> Box:
-    """Box of the inputs t around the mode, within what the prior of theta allows."""
+    """Box of the inputs t around the mode, within what the prior of theta allows.
+
+    The Poisson ratio keeps its whole range: it is short, and posteriors lean against its ends.
+    """
     reach = BOX_SD * np.sqrt(np.diag(covariance)[-3:])
+    reach[-1] = np.inf
     lower, upper = _prior_range(setting)
     ends = (np.maximum(psi[-3:] - reach, lower), np.minimum(psi[-3:] + reach, upper))
     low, high = (setting.inputs(theta) for theta in setting.layout.theta(np.array(ends)))
@@ -203,6 +211,7 @@ def _result(
         ess_bulk=found.ess_bulk,
         ess_tail=found.ess_tail,
         n_divergences=samples.n_divergences,
+        n_gradients=samples.n_gradients,
         k_hat=k_hat,
         warnings=found.warnings,
         cpu_s=sum(steps.cpu_s.values()),

@@ -41,7 +41,7 @@ def weigh(
 ) -> Weighted:
     """Pair about n draws of psi, evenly from `chains` (chains x draws x n_psi), with draws of phi, and weigh them."""
     setting = surrogate.setting
-    psi = _thin(chains, n)  # phis x PSI_PER_PHI x n_psi
+    psi = thin(chains, n)  # phis x PSI_PER_PHI x n_psi
     phi, log_q = normal_phi.draw(len(psi), rng)
     jobs = list(zip(phi, psi, strict=True))
     exact, cpu_s = spread(_exact, setting, jobs, n_workers, progress, "exact weights")
@@ -51,7 +51,7 @@ def weigh(
     return Weighted(draws.reshape(-1, draws.shape[2]), smooth(log_weights.ravel()), cpu_s)
 
 
-def _thin(chains: np.ndarray, n: int) -> np.ndarray:
+def thin(chains: np.ndarray, n: int) -> np.ndarray:
     """About n draws, the same number of each chain, as groups of PSI_PER_PHI that follow each other."""
     n_chains, n_draws, k = chains.shape
     n_groups = max(1, min(n, n_chains * n_draws) // (n_chains * PSI_PER_PHI))

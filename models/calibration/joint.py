@@ -39,6 +39,7 @@ def calibrate_joint(
         ess_bulk=found.ess_bulk,
         ess_tail=found.ess_tail,
         n_divergences=samples.n_divergences,
+        n_gradients=samples.n_gradients,
         warnings=found.warnings,
         cpu_s=sum(steps.values()),
         steps=steps,

@@ -1,17 +1,12 @@
-"""The theta of the next simulator version from posterior draws, if a simulator may be built on them."""
+"""The theta of the next simulator version, if one may be built on the draws."""
 
 from models.calibration.problem import THETA
 from models.calibration.result import K_HAT_LIMIT, CalibrationResult
-from models.calibration.summary import ParameterSummary, summarise
+from models.calibration.summary import ParameterSummary, theta_summary
 from models.records import Theta
 
 R_HAT_REFUSED, ESS_REFUSED = 1.05, 100.0  # beyond these the draws say nothing that a simulator may be built on
 WEIGHTED = "factorised"
-
-
-def theta_summary(result: CalibrationResult) -> dict[str, ParameterSummary]:
-    """Table 2: young_modulus_mpa, friction, poisson_ratio."""
-    return {name: summarise(result.of(name)) for name in THETA}
 
 
 def theta_of(summary: dict[str, ParameterSummary]) -> Theta | None:

@@ -16,7 +16,7 @@ from tasks.control import append_event, exclusive, require_room, verbs_noted
 from tasks.diagnosing import append_diagnostic, missing_runs, plan_items
 from tasks.position import check_position
 from tasks.reference import References
-from tasks.state import CampaignState, Cell, ProposedTool, tuples
+from tasks.state import Cell, ProposedTool, tuples
 
 OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
 MeasureTool = Callable[[Bench, ProposedTool, Callable[[MeasuredGrasp], None]], None]
@@ -123,19 +123,6 @@ def _append_run(
     append_diagnostic(
         campaign.lake, provenance, tool, grasp, campaign_id=name, n_grasps_before=n_made, world_hash=world_hash
     )
-
-
-def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> list[ProposedTool]:
-    """Printed tools of a confirmed batch with grasps or diagnostic runs still to be made."""
-    if not state.is_confirmed(batch):
-        return []
-    plan = campaign.config.objects.cells(0)
-    limit = campaign.config.execution.max_grasp_attempts
-    return [
-        tool
-        for tool in state.tools_of(batch)
-        if state.missing_grasps(tool, plan, limit) or missing_runs(campaign, state, tool)
-    ]
 
 
 def planned_cells(campaign: Campaign, tool: ProposedTool) -> list[Cell]:

@@ -14,7 +14,8 @@ from hardware.world.spec import World
 from lake.store import Lake
 from tasks.campaign import Campaign
 from tasks.config import CampaignConfig
-from tasks.measuring import OpenBench, measure_batch, measure_tool, unfinished_tools
+from tasks.measuring import OpenBench, measure_batch, measure_tool
+from tasks.observing import unfinished_tools
 from tasks.printing import PrintConfirmation, confirm_print
 from tasks.proposing import propose_initial
 from tasks.state import ProposedTool

@@ -28,12 +28,26 @@ def planar_profile(design: Design, fillet_mm: float = 0.5, arc_segments: int = A
     fillets of radius `fillet_mm`, as printed ones do; 0 leaves them sharp. A fillet is drawn with `arc_segments`
     per quarter circle; with one it is a chamfer of the same area.
     """
-    voids = _cavity(design).difference(shapely.union_all(_ribs(design)))
-    printable = [void for part in _polygons(voids) for void in _printable(part, fillet_mm, arc_segments)]
+    printable = [void for part in _voids(design) for void in _printable(part, fillet_mm, arc_segments)]
     # The lowest void is open towards the base, so it is a notch of the outline and no hole.
     parts = _polygons(_outline(design).difference(shapely.union_all(printable)))
     body = max(parts, key=lambda part: part.area)
     return shapely.geometry.polygon.orient(Polygon(_above_base(body), body.interiors))
+
+
+def cavities(design: Design) -> list[Polygon]:
+    """The voids between the ribs above the base as drawn, mm: sharp, and however small."""
+    above = box(0.0, BASE_HEIGHT_MM, design.length_mm, design.height_mm)
+    return [part for void in _voids(design) for part in _polygons(void.intersection(above))]
+
+
+def outline_area_mm2(design: Design) -> float:
+    """Area of the compliant body in the (x, z) plane with its voids."""
+    return float(_outline(design).area)
+
+
+def _voids(design: Design) -> list[Polygon]:
+    return _polygons(_cavity(design).difference(shapely.union_all(_ribs(design))))
 
 
 def _above_base(body: Polygon) -> np.ndarray:

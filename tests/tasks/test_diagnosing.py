@@ -13,7 +13,7 @@ from models.errors import UsageError
 from models.records import BENCH_FAULT, GraspSetup, Trace
 from tasks.campaign import Campaign
 from tasks.diagnosing import append_diagnostic, missing_runs, plan_items, protocol_runs
-from tasks.measuring import unfinished_tools
+from tasks.observing import unfinished_tools
 from tasks.printing import PrintConfirmation, confirm_print
 from tasks.proposing import propose_initial
 from tests.tasks.test_state import append_grasp

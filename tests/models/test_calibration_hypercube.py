@@ -1,10 +1,13 @@
 import numpy as np
 import pytest
 
-from models.calibration.held_out import is_held_out, score
+from models.calibration.held_out import emulate, is_held_out, score
 from models.calibration.hypercube import HypercubePlan, hypercube
 from models.calibration.problem import THETA_LOWER, THETA_UPPER
+from models.calibration.settings import CalibrationSettings
+from models.calibration.synthetic import Truth, made_up_problem
 from models.design_space import PARAMETERS, RIB_COUNT_COLUMN, to_unit
+from tests.tasks.calibration_lake import made_up_result
 
 
 def columns(plan):
@@ -60,6 +63,17 @@ def test_scores_of_few_or_constant_forces_have_no_correlation():
     assert score(measured + 1.0, measured).rmse_n == pytest.approx(1.0)
     assert score(measured[:2], measured[:2]).correlation is None
     assert score(np.ones(3), measured).correlation is None
+
+
+@pytest.mark.parametrize("scales", [True, False])
+def test_the_emulator_predicts_the_simulator_at_any_theta(scales):
+    problem = made_up_problem(400, 20, 1, Truth(discrepancy=0.0, noise_sd_n=0.0), scales_with_modulus=scales)
+    result = made_up_result(problem, CalibrationSettings(chains=2, draws=50))
+    x, y = problem.x_real, problem.y_real
+    at_truth = score(emulate(problem, result, x, np.array(Truth().theta)), y)
+    elsewhere = score(emulate(problem, result, x, np.array([20.0, 0.2, 0.25])), y)
+    assert at_truth.correlation > 0.9
+    assert at_truth.rmse_n < 0.6 * elsewhere.rmse_n
 
 
 def test_every_design_of_a_plan_is_legal():

@@ -163,3 +163,18 @@ def test_the_page_shows_theta_over_time_and_the_held_out_designs(tmp_path, fast,
     assert "held out" in page
     history = theta_history(lake, SimulatorVersion().version_id, None)
     assert [round(past.intervals["young_modulus_mpa"][1]) for past in history] == [9, 14]
+
+
+@pytest.mark.slow
+def test_theta_of_a_lake_is_found_by_the_real_sampler(tmp_path, fast):
+    lake = calibration_lake(tmp_path / "lake", n_tools=20, n_points=60)
+    answer = fast(
+        "calibrate", "--lake", lake.root, "--method", "joint", "--chains", 2, "--draws", 250, "--tune", 250, "--json"
+    )
+    assert answer.status == 0, answer
+    row = answer.json
+    for name, unit in (("young_modulus", "_mpa"), ("friction", ""), ("poisson_ratio", "")):
+        truth = getattr(TRUTH, f"{name}{unit}")
+        assert row[f"{name}_q05{unit}"] <= truth <= row[f"{name}_q95{unit}"], name
+    assert row["correlation_after"] > 0.7  # of four designs, by an emulator of 60 points
+    assert row["rmse_after_n"] < 0.5 * row["rmse_before_n"]

@@ -48,10 +48,10 @@ class CalibrationOutcome:
         """What happened, for people and for the state of a flow run."""
         row = self.row
         what = f"{self.n_grasps} grasps of {row.n_designs} tools and {row.n_simulations} simulated designs"
-        if not self.is_new:
-            return f"nothing new since calibration {row.calibration_id}: the same {what}"
         if row.version_id is None:
             return f"calibration {row.calibration_id} of {what} gave no simulator version: {row.reason}"
+        if not self.is_new:
+            return f"nothing new since calibration {row.calibration_id}: the same {what}"
         return f"calibration {row.calibration_id} of {what} gave simulator version {row.version_id}"
 
 

@@ -11,6 +11,7 @@ from flows.theta_history import write_theta_history
 from lake.provenance import current_provenance
 from lake.store import Lake
 from lake.tables import FlowRunRow
+from models.errors import FastError
 from tasks.calibration_data import TooLittleDataError
 
 FLOW = "recalibrate"
@@ -40,9 +41,12 @@ def _recalibrate(lake: Lake, order: CalibrationOrder, voice: Voice) -> str:
         outcome = run_calibration(lake, order, voice)
     except TooLittleDataError as error:
         return f"nothing to calibrate: {error}"
-    if outcome.is_new:
-        _show_drift(lake, order, outcome, voice)
-    return " ".join([f"{outcome.sentence}.", *outcome.row.warnings]) if outcome.is_new else outcome.sentence
+    if outcome.row.version_id is None:
+        raise FastError(outcome.sentence)
+    if not outcome.is_new:
+        return outcome.sentence
+    _show_drift(lake, order, outcome, voice)
+    return " ".join([f"{outcome.sentence}.", *outcome.row.warnings])
 
 
 def _show_drift(lake: Lake, order: CalibrationOrder, outcome: CalibrationOutcome, voice: Voice) -> None:

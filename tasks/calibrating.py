@@ -1,6 +1,6 @@
 """Infer theta from what the lake has, and write what was found: calibration, draws, simulator version."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -11,12 +11,14 @@ from lake.provenance import Provenance, current_provenance
 from lake.row import Row
 from lake.simulators import missing_version_rows
 from lake.store import Lake
-from lake.tables import CalibrationRow, PosteriorDrawsRow
+from lake.tables import CalibrationRow, PosteriorDrawsRow, SimulatorVersionRow
 from models.calibration.held_out import Score, emulate, is_held_out, score
-from models.calibration.outcome import refusal, theta_of, theta_summary, worst
+from models.calibration.outcome import refusal, theta_of, worst
 from models.calibration.problem import THETA, CalibrationProblem
 from models.calibration.result import CalibrationResult
 from models.calibration.settings import CalibrationSettings
+from models.calibration.summary import theta_summary
+from models.errors import UsageError
 from models.ids import canonical_json, content_id
 from models.records import SimulatorVersion
 from tasks.calibration_data import (
@@ -63,15 +65,17 @@ class CalibrationData:
         return CalibrationRow.make_id(self.base.version_id, DATA, self.row_ids, settings_text(settings), settings.seed)
 
 
-def gather(lake: Lake, campaign_id: str | None, version_id: str | None, seed: int) -> CalibrationData:
-    """Read what a calibration compares.
+def gather(
+    lake: Lake, campaign_id: str | None, version_id: str | None, seed: int, only: Collection[str] | None = None
+) -> CalibrationData:
+    """Read what a calibration compares; `only` are ids of the grasps and simulations that count, by default all.
 
     Raises:
         UsageError: it is not there, too little, or of several benches, setups, simulators.
     """
-    measured = measured_tools(lake, campaign_id)
+    measured = measured_tools(lake, campaign_id, only)
     base = base_version(lake, measured.campaign_ids, version_id)
-    simulated = simulated_points(lake, base, measured)
+    simulated = simulated_points(lake, base, measured, only)
     problem = problem_of(measured, simulated, base)
     held_out = is_held_out(list(measured.design_ids), seed)
     return CalibrationData(campaign_id, base, measured, simulated, problem, held_out)
@@ -80,6 +84,22 @@ def gather(lake: Lake, campaign_id: str | None, version_id: str | None, seed: in
 def settings_text(settings: CalibrationSettings) -> str:
     """Settings that decide the result, as JSON; the seed has a column of its own, processes change nothing."""
     return canonical_json(settings.model_dump(mode="json", exclude={"workers", "seed"}))
+
+
+def regather(lake: Lake, calibration_id: str) -> CalibrationData | None:
+    """What a stored calibration compared, whatever the lake has learned since; None where it cannot be found again."""
+    rows = lake.rows(CalibrationRow, calibration_id=calibration_id)
+    if not rows or rows[-1]["data"] != DATA:
+        return None
+    row = rows[-1]
+    # A simulator that no campaign consults and nothing was simulated with is the program's own, and in no lake.
+    base = row["base_version_id"] if lake.has(SimulatorVersionRow, row["base_version_id"]) else None
+    try:
+        data = gather(lake, row["campaign_id"], base, row["seed"], only=set(row["parents"]))
+    except UsageError:
+        return None
+    again = CalibrationRow.make_id(data.base.version_id, DATA, data.row_ids, row["settings_json"], row["seed"])
+    return data if again == calibration_id else None
 
 
 def find_calibration(lake: Lake, calibration_id: str) -> CalibrationRow | None:

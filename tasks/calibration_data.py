@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,8 +59,8 @@ class SimulatedPoints:
     simulation_ids: tuple[str, ...]
 
 
-def measured_tools(lake: Lake, campaign_id: str | None) -> MeasuredTools:
-    """The measured tools of a campaign, or of the whole lake.
+def measured_tools(lake: Lake, campaign_id: str | None, only: Collection[str] | None = None) -> MeasuredTools:
+    """The measured tools of a campaign, or of the whole lake; by grasps with these ids, if some are given.
 
     Raises:
         TooLittleDataError: nothing, or of too few tools, was measured.
@@ -71,7 +71,7 @@ def measured_tools(lake: Lake, campaign_id: str | None) -> MeasuredTools:
             bench || ' ' || coalesce(world_hash, '') FROM grasps
         WHERE status = 'ok' {"AND campaign_id = ?" if campaign_id else ""}
         ORDER BY created_at, started_at, tool_id, grasp_id"""
-    rows = list(tuples(lake, sql, *([campaign_id] if campaign_id else [])))
+    rows = [row for row in tuples(lake, sql, *([campaign_id] if campaign_id else [])) if only is None or row[0] in only]
     if not rows:
         raise TooLittleDataError(
             f"{where} has no measured grasps, so there is nothing to calibrate with; measure tools with "
@@ -138,8 +138,12 @@ def family(version: SimulatorVersion) -> str:
     return canonical_json(version.model_dump(exclude={"theta"}))
 
 
-def simulated_points(lake: Lake, base: SimulatorVersion, measured: MeasuredTools) -> SimulatedPoints:
+def simulated_points(
+    lake: Lake, base: SimulatorVersion, measured: MeasuredTools, only: Collection[str] | None = None
+) -> SimulatedPoints:
     """Designs simulated by the family of `base` on the measured objects, each with a theta that was drawn.
+
+    By simulations with these ids, if some are given.
 
     Versions that somebody believes in (campaigns consult them, calibrations found them) are left out: what is simulated
     with them grows with every calibration. So are designs that miss an object, and those that failed on all.
@@ -153,6 +157,7 @@ def simulated_points(lake: Lake, base: SimulatorVersion, measured: MeasuredTools
         WHERE setup_id = ? AND object_id IN ({", ".join(map(str, measured.object_ids))})
         ORDER BY version_id, design_id, object_id"""
     rows = [row for row in tuples(lake, sql, measured.setup.setup_id) if row[3] in versions]
+    rows = [row for row in rows if only is None or row[0] in only]
     n_of: dict[str, int] = {}
     for row in rows:
         n_of[row[1]] = n_of.get(row[1], 0) + 1

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from lake.store import Lake
 from lake.tables import CalibrationRow
-from models.calibration.outcome import Summary
 from models.calibration.problem import THETA
+from models.calibration.summary import ParameterSummary
 
 _WORDS = {
     "young_modulus_mpa": ("Young's modulus", " MPa"),
@@ -33,7 +33,7 @@ def theta_history(lake: Lake, base_version_id: str, campaign_id: str | None) -> 
     ]
 
 
-def drift_warnings(history: Sequence[PastCalibration], summary: Mapping[str, Summary]) -> tuple[str, ...]:
+def drift_warnings(history: Sequence[PastCalibration], summary: Mapping[str, ParameterSummary]) -> tuple[str, ...]:
     """A sentence for each parameter whose 90 % interval excludes the median that the last calibration found."""
     if not history:
         return ()

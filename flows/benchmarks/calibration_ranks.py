@@ -9,6 +9,9 @@ there it counts how often the 90 % interval holds the truth.
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from itertools import islice
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -19,6 +22,7 @@ from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.outcomes import RecordFile, read_records
 from models.calibration.settings import CalibrationSettings
 from models.records import Record
+from models.surrogate.threads import one_blas_thread
 
 N_WORLDS = 100
 N_SIM, N_REAL = 80, 25
@@ -63,24 +67,41 @@ def _outcomes(options: Options) -> list[WorldOutcome]:
     records = read_records(options.results, WorldOutcome, "outcome of a calibrated world")
     known = {(record.kind, record.world): record for record in records if record.sampler == SAMPLER}
     wanted = [(kind, world) for world in range(options.worlds or N_WORLDS) for kind in get_args(Kind)]
-    started = time.monotonic()
+    missing = [key for key in wanted if key not in known]
     with RecordFile(options.results) as file:
-        for kind, world in wanted:
-            if (kind, world) in known:
-                continue
-            if time.monotonic() - started > 60.0 * options.limit_minutes:
-                break
-            known[kind, world] = outcome = calibrate_world(kind, world)
+        for outcome in _calibrate(missing, options):
+            known[outcome.kind, outcome.world] = outcome
             file.append(outcome)
             options.tell(
-                f"{kind} world {world}: {outcome.cpu_s:.1f} s of CPU, R-hat {outcome.worst_r_hat:.3f}, "
+                f"{outcome.kind} world {outcome.world}: {outcome.cpu_s:.1f} s of CPU, R-hat {outcome.worst_r_hat:.3f}, "
                 f"{outcome.n_divergences} divergences"
             )
     return [known[key] for key in wanted if key in known]
 
 
+def _calibrate(missing: Sequence[tuple[Kind, int]], options: Options) -> Iterator[WorldOutcome]:
+    """Outcomes as they come, from one process or several, until the time is up."""
+    end = time.monotonic() + 60.0 * options.limit_minutes
+    left = iter(missing)
+    if (options.workers or 1) == 1:
+        yield from (calibrate_world(*key) for key in left if time.monotonic() < end)
+        return
+    with ProcessPoolExecutor(options.workers, get_context("spawn")) as pool:
+        running = {pool.submit(calibrate_world, *key) for key in islice(left, options.workers)}
+        while running:
+            done, running = wait(running, return_when=FIRST_COMPLETED)
+            if time.monotonic() < end:
+                running |= {pool.submit(calibrate_world, *key) for key in islice(left, len(done))}
+            yield from (future.result() for future in done)
+
+
 def calibrate_world(kind: Kind, world: int) -> WorldOutcome:
     """Make a world, calibrate it by full joint NUTS, rank the truth."""
+    with one_blas_thread():
+        return _calibrate_world(kind, world)
+
+
+def _calibrate_world(kind: Kind, world: int) -> WorldOutcome:
     from models.calibration.density import JointDensity
     from models.calibration.diagnostics import convergence
     from models.calibration.joint import sample_joint

@@ -1,5 +1,6 @@
 """`fast calibrate`: theta of the simulator from the measurements of a lake."""
 
+import sys
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
@@ -71,6 +72,8 @@ def calibrate(
     order = CalibrationOrder(settings, name, version, plan, verify)
     outcome = run_calibration(found, order, Voice(tell, tell))
     show(_data(outcome), _text(outcome), json)
+    if outcome.row.version_id is None:
+        sys.exit(1)
 
 
 def _data(outcome: "CalibrationOutcome") -> dict[str, Any]:

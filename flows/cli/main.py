@@ -25,6 +25,7 @@ for _name, _target, _help in (
     ("sql", "flows.cli.sql:sql", "Ask the lake a question in SQL (read-only)."),
     ("calibrate", "flows.cli.calibrate:calibrate", "Infer theta of the simulator from measurements."),
     ("compare", "flows.cli.compare:compare", "Strategies of the scientist side by side, on the same worlds."),
+    ("gap", "flows.cli.gap:gap", "The effects by which simulation and measurement may differ."),
     ("report", "flows.cli.results:report", "Write a campaign's report: figures, tables, data."),
     ("view", "flows.cli.results:view", "Look at a grasp, design or campaign in Rerun."),
     ("serve", "flows.cli.serve:serve", "Prefect server with its pages; prints the address."),

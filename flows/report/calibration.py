@@ -24,6 +24,8 @@ from flows.report.folder import Folder
 from flows.report.page import Markup, columns, moment, page, paragraph, section, text
 from flows.report.style import figure_style
 from lake.store import Lake
+from models.calibration.predict import N_DRAWS
+from models.errors import UsageError
 
 _LOG = logging.getLogger(__name__)
 _N_SECTION_DRAWS = 60  # a campaign's report is written often; its page has all
@@ -50,16 +52,17 @@ def write_calibration_report(
     *,
     evidence: Evidence | None = None,
     markers: Markers | None = None,
+    n_predicted: int = N_DRAWS,
 ) -> Path:
     """Write the page of a calibration into the folder `out`, with figures, numbers and `data/posterior.nc`.
 
-    `evidence` is what it learned from; by default it is read from the lake. `markers` are named points
-    for the pair plot, of some or all of theta. Returns the path of `out/index.html`.
+    `evidence` is what it learned from; by default it is read from the lake. `markers` are named points for the pair
+    plot, of some or all of theta. `n_predicted` draws are used for predictions. Returns the path of `out/index.html`.
 
     Raises:
         UsageError: there is no such calibration, or the folder cannot be written.
     """
-    calibration = StoredCalibration.load(lake, calibration_id, evidence)
+    calibration = StoredCalibration.load(lake, calibration_id, evidence, n_predicted)
     folder = Folder(Path(out))
     data = calibration.evidence.fitted if calibration.evidence else None
     write_archive(folder.root / "data" / "posterior.nc", calibration.result, calibration_id, data)
@@ -85,7 +88,10 @@ def calibration_section(content: Content, folder: Folder) -> Markup:
         said = "The simulator has not been calibrated with these measurements yet; `fast calibrate` does it."
         return section("calibration", "Calibration", paragraph(said))
     calibration_id = newest.rows[0]["calibration_id"]
-    calibration = StoredCalibration.load(content.lake, calibration_id, n_predicted=_N_SECTION_DRAWS)
+    try:
+        calibration = StoredCalibration.load(content.lake, calibration_id, n_predicted=_N_SECTION_DRAWS)
+    except UsageError as error:  # the rest of the campaign's report is worth having without it
+        return section("calibration", "Calibration", paragraph(str(error)))
     pairs = folder.figure("calibration_pairs", pairs_figure(calibration.result), "Joint posterior of theta")
     panels = calibration.held_out_panels or calibration.panels
     agreement = agreement_columns(panels, folder) + scores_table(panels) if panels else ""

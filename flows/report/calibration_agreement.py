@@ -90,5 +90,5 @@ def _draw(axes: Axes, panel: Panel, limits: tuple[float, float]) -> None:
 
 def _statistics(label: str, scores: Scores, has_intervals: bool) -> str:
     correlation = "" if scores.correlation is None else f"r {scores.correlation:.2f}, "
-    inside = f"; {scores.coverage_90:.0%} inside" if has_intervals else ""
+    inside = f"; {100 * scores.coverage_90:.0f} % inside" if has_intervals else ""
     return f"{label}: {correlation}RMSE {scores.rmse_n:.2f} N{inside}"

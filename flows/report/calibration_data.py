@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from flows.report.calibration_agreement import Cloud, Panel
-from flows.report.calibration_drift import PastCalibration
 from flows.report.queries import Result, fetch
 from lake.store import Lake
 from lake.tables import CalibrationRow, PosteriorDrawsRow
@@ -24,6 +23,8 @@ from models.calibration.summary import ParameterSummary, summary_of
 from models.design_space import PARAMETERS
 from models.errors import UsageError
 from models.validation import closest
+from tasks.calibrating import regather
+from tasks.drift import PastCalibration
 
 CALIBRATION = """
 SELECT * EXCLUDE (parents) FROM calibrations WHERE calibration_id = {calibration}"""
@@ -58,6 +59,21 @@ class Evidence:
     y_held_out: np.ndarray
     variance_held_out: np.ndarray
 
+    @staticmethod
+    def of(lake: Lake, calibration_id: str) -> "Evidence | None":
+        """What a stored calibration was fitted to; None where the lake does not have it any more."""
+        data = regather(lake, calibration_id)
+        if data is None:
+            return None
+        held_out, problem = data.held_out, data.problem
+        return Evidence(
+            fitted=data.fitted,
+            theta_before=np.array(list(data.base.theta.model_dump().values())),
+            x_held_out=problem.x_real[held_out],
+            y_held_out=problem.y_real[held_out],
+            variance_held_out=problem.variance_real[held_out],
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class StoredCalibration:
@@ -91,7 +107,8 @@ class StoredCalibration:
             name: fetch(lake, name, sql, row.campaign_id or "", {"calibration": calibration_id})
             for name, sql in (("calibration", CALIBRATION), ("posterior_draws", DRAWS), ("history", HISTORY))
         }
-        return StoredCalibration(row, rows[-1]["created_at"], _result(lake, row), results, evidence, n_predicted)
+        found = Evidence.of(lake, calibration_id) if evidence is None else evidence
+        return StoredCalibration(row, rows[-1]["created_at"], _result(lake, row), results, found, n_predicted)
 
     @cached_property
     def summary(self) -> dict[str, ParameterSummary]:
@@ -107,7 +124,7 @@ class StoredCalibration:
     def past(self) -> list[PastCalibration]:
         """This calibration and those before it, of the same simulator and campaign, oldest first."""
         return [
-            PastCalibration(row["created_at"], {name: _interval(row, name) for name in THETA})
+            PastCalibration(row["calibration_id"], row["created_at"], {name: _interval(row, name) for name in THETA})
             for row in self.queries["history"].rows
         ]
 
@@ -176,6 +193,7 @@ def _result(lake: Lake, row: CalibrationRow) -> CalibrationResult:
         ess_tail=ess_tail,
         n_divergences=row.n_divergences or 0,
         k_hat=row.k_hat,
+        warnings=row.warnings,
         cpu_s=row.cpu_s,
     )
 

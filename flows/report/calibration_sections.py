@@ -9,7 +9,6 @@ from scipy.stats import rv_continuous
 from flows.report.calibration_agreement import Panel, before_after_figure, common_limits, panel_figure
 from flows.report.calibration_chains import chains_figure
 from flows.report.calibration_data import StoredCalibration
-from flows.report.calibration_drift import drift_figure
 from flows.report.calibration_pairs import LABELS, Markers, pairs_figure
 from flows.report.calibration_supplement import (
     DISCREPANCY_COLOUR,
@@ -21,6 +20,7 @@ from flows.report.calibration_supplement import (
 )
 from flows.report.folder import Folder
 from flows.report.page import Markup, columns, number, paragraph, section, table, text, tiles
+from flows.theta_history import theta_history_figure
 from models.calibration.problem import THETA
 from models.calibration.result import ESS_LIMIT, K_HAT_LIMIT, R_HAT_LIMIT
 from models.calibration.summary import ParameterSummary, prior_of, rank_correlations
@@ -183,7 +183,7 @@ def drift_section(calibration: StoredCalibration, folder: Folder) -> Markup:
         shown = paragraph("This is the first calibration of this simulator with these measurements.")
     else:
         shown = folder.print_figure(
-            "calibration_drift", drift_figure(past), "Theta over time",
+            "calibration_drift", theta_history_figure(past), "Theta over time",
             f"Median and 90 % interval of {len(past)} calibrations.",
         )  # fmt: skip
     return section("drift", "Theta over time", shown, folder.sources(calibration.queries["history"]))
@@ -196,6 +196,7 @@ def provenance_section(calibration: StoredCalibration, folder: Folder) -> Markup
     commands = (
         f"fast lake lineage {row.calibration_id}    # every grasp and simulation that went in\n"
         f"fast report {row.calibration_id}          # this page\n"
+        f"fast sql \"SELECT * FROM posterior('{row.calibration_id}')\"    # draws of theta\n"
         "python -c \"import arviz; print(arviz.summary(arviz.from_netcdf('data/posterior.nc')))\""
     )
     return section(

@@ -53,6 +53,7 @@ def _automatic(
         warnings=(sentence, *fallback.warnings),
         cpu_s=result.cpu_s + fallback.cpu_s,
         steps=steps,
+        k_hat=result.k_hat,
     )
 
 

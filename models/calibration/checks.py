@@ -5,7 +5,6 @@ Leaving a design out would need one calibration per design; instead the draws of
 tells where that is not enough.
 """
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +12,7 @@ import numpy as np
 from models.calibration.mixture import Mixture
 from models.calibration.predict import N_DRAWS, DrawnModel, drawn_models
 from models.calibration.problem import CalibrationProblem
+from models.calibration.psis import smooth
 from models.calibration.relevance import discrepancy_relevance, emulator_relevance
 from models.calibration.result import CalibrationResult
 
@@ -70,10 +70,6 @@ def _at_draw(model: DrawnModel, x: np.ndarray, theta_before: np.ndarray, rng: np
 
 def _left_out_weights(left_out: Mixture, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Weights of the draws without each measurement, draws x m, and their Pareto k, m."""
-    with warnings.catch_warnings():  # ArviZ announces its next version on import
-        warnings.simplefilter("ignore", FutureWarning)
-        from arviz import psislw
     log_weights = np.log(left_out.sds) + 0.5 * ((y - left_out.means) / left_out.sds) ** 2
-    with np.errstate(all="ignore"):
-        smoothed, k_hat = psislw(log_weights.T)
-    return np.exp(np.asarray(smoothed).T), np.asarray(k_hat)
+    smoothed = [smooth(column) for column in log_weights.T]
+    return np.column_stack([s.weights for s in smoothed]), np.array([s.k_hat for s in smoothed])

@@ -10,7 +10,7 @@ from models.calibration.problem import THETA, CalibrationProblem
 from models.calibration.result import ESS_LIMIT, R_HAT_LIMIT
 from models.calibration.settings import CalibrationSettings, ThetaPriors
 
-EDGE_SHARE, EDGE_LIMIT, OUTSIDE_LIMIT = 0.05, 0.2, 0.01
+EDGE_SHARE, EDGE_LIMIT, OUTSIDE_LIMIT = 0.05, 0.2, 0.05
 OVERLAP_LIMIT = 0.85
 CORRELATION_LIMIT = 0.7
 _N_PRIOR_DRAWS, _N_BINS = 20_000, 30

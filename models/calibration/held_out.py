@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.spatial.distance import cdist
 
-from models.calibration.problem import CalibrationProblem, Standardised, unit_theta
+from models.calibration.layout import Phi
+from models.calibration.predict import Emulator
+from models.calibration.problem import CalibrationProblem, Standardised
 from models.calibration.result import CalibrationResult
 from models.ids import seed_from
 
@@ -48,21 +48,10 @@ def emulate(problem: CalibrationProblem, result: CalibrationResult, x: np.ndarra
     """Mean peak force that the simulator would give, by the calibration's emulator with median hyperparameters.
 
     x: m x 9 designs in the unit cube. theta: 3, in physical units. Returns m, N, without discrepancy and rho: what
-    `SimulatorVersion` with this theta predicts. Matern-5/2 with a lengthscale for each input, as in Eq. 9.
+    `SimulatorVersion` with this theta predicts.
     """
-    data = Standardised.of(problem)
     lengthscale_names = [name for name in result.names if name.startswith("lengthscale_h.")]
     lengthscales = np.median(result.flat(*lengthscale_names), axis=0)
     sd, nugget = np.median(result.flat("sd_h", "nugget"), axis=0)
-    covariance = sd**2 * _matern52(data.z_sim, data.z_sim, lengthscales)
-    covariance[np.diag_indices_from(covariance)] += nugget**2 + data.variance_sim
-    weights = cho_solve(cho_factor(covariance, lower=True), data.y_sim)
-    thetas = np.broadcast_to(theta, (len(x), 3))
-    z = np.column_stack([x, unit_theta(thetas, data.scales_with_modulus)])
-    y = data.mean + sd**2 * _matern52(z, data.z_sim, lengthscales) @ weights
-    return data.center_n + data.force_scale_n * data.amplitude(float(theta[0]), rho=1.0) * y
-
-
-def _matern52(a: np.ndarray, b: np.ndarray, lengthscales: np.ndarray) -> np.ndarray:
-    distance = np.sqrt(5.0) * cdist(a / lengthscales, b / lengthscales)
-    return np.asarray((1.0 + distance + distance**2 / 3.0) * np.exp(-distance))
+    emulator = Emulator.condition(Standardised.of(problem), Phi(lengthscales, float(sd), float(nugget)))
+    return emulator.simulated(x, theta)[0]

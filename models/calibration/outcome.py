@@ -1,37 +1,15 @@
-"""Table 2 of the paper from posterior draws, and the theta of the next simulator version, if one may be built."""
-
-from dataclasses import dataclass
-
-import numpy as np
-from scipy.stats import gaussian_kde
+"""The theta of the next simulator version, if one may be built on the draws."""
 
 from models.calibration.problem import THETA
 from models.calibration.result import K_HAT_LIMIT, CalibrationResult
+from models.calibration.summary import ParameterSummary, theta_summary
 from models.records import Theta
 
 R_HAT_REFUSED, ESS_REFUSED = 1.05, 100.0  # beyond these the draws say nothing that a simulator may be built on
 WEIGHTED = "factorised"
-_N_KDE_DRAWS, _N_KDE_POINTS = 4000, 400
 
 
-@dataclass(frozen=True)
-class Summary:
-    """One row of Table 2: posterior of one parameter, in its unit."""
-
-    mean: float
-    sd: float
-    q05: float
-    median: float
-    q95: float
-    mode: float
-
-
-def theta_summary(result: CalibrationResult) -> dict[str, Summary]:
-    """Table 2: young_modulus_mpa, friction, poisson_ratio. The mode is that of a kernel density of the draws."""
-    return {name: _summary(result.of(name).ravel()) for name in THETA}
-
-
-def theta_of(summary: dict[str, Summary]) -> Theta | None:
+def theta_of(summary: dict[str, ParameterSummary]) -> Theta | None:
     """Theta of the calibrated simulator: the medians; None where they are outside what a simulator takes.
 
     Medians, since they do not depend on whether E or ln E is averaged, and long tails do not move them.
@@ -63,24 +41,3 @@ def refusal(result: CalibrationResult) -> str:
 def worst(result: CalibrationResult) -> tuple[float, float]:
     """Largest R-hat and smallest bulk effective sample size of theta."""
     return max(result.r_hat[name] for name in THETA), min(result.ess_bulk[name] for name in THETA)
-
-
-def _summary(draws: np.ndarray) -> Summary:
-    q05, median, q95 = np.quantile(draws, [0.05, 0.5, 0.95])
-    return Summary(
-        mean=float(draws.mean()),
-        sd=float(draws.std(ddof=1)),
-        q05=float(q05),
-        median=float(median),
-        q95=float(q95),
-        mode=_mode(draws),
-    )
-
-
-def _mode(draws: np.ndarray) -> float:
-    few = draws[:: max(1, len(draws) // _N_KDE_DRAWS)]
-    if np.ptp(few) == 0:
-        return float(few[0])
-    lower, upper = np.quantile(few, [0.001, 0.999])
-    points = np.linspace(lower, upper, _N_KDE_POINTS)
-    return float(points[np.argmax(gaussian_kde(few)(points))])

@@ -67,6 +67,16 @@ class Emulator:
         cross = matern52(self.data.z_sim, z, self.phi.lengthscales, self.phi.sd)
         return np.asarray(solve_triangular(self.factor, cross, lower=True, check_finite=False))
 
+    def simulated(self, x: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (N) and variance (N^2) of the simulator's force for designs x (m x 9, unit cube) at theta (3, physical).
+
+        Learned from the simulations alone, without rho; the nugget is part of the variance.
+        """
+        z = self.inputs(x, theta)
+        a = self.data.amplitude(float(theta[0]), 1.0)
+        variance = a**2 * (self.phi.sd**2 - _squares(self.whitened(z)) + self.phi.nugget**2)
+        return _in_newton(self.data, a * (self.data.mean + self.mean(z)), variance)
+
 
 @dataclass(frozen=True, eq=False)
 class DrawnModel:
@@ -110,19 +120,11 @@ class DrawnModel:
         cross += matern52(x, data.x_real, psi.lengthscales, psi.sd)
         mean = a * (data.mean + self.emulator.mean(z)) + cross @ self.weights
         prior = a**2 * (phi.sd**2 - _squares(A)) + psi.sd**2 + psi.noise_sd**2
-        return self._in_newton(mean, prior - self._explained(cross), variance)
+        return _in_newton(self.emulator.data, mean, prior - self._explained(cross), variance)
 
     def simulated(self, x: np.ndarray, theta: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and variance of the simulator's force for designs x (m x 9), at theta (3) or at the draw's own.
-
-        Learned from the simulations alone, without rho; the nugget is part of the variance.
-        """
-        data, phi = self.emulator.data, self.emulator.phi
-        point = self.psi.theta if theta is None else np.asarray(theta, dtype=float)
-        z = self.emulator.inputs(x, point)
-        a = data.amplitude(float(point[0]), 1.0)
-        variance = a**2 * (phi.sd**2 - _squares(self.emulator.whitened(z)) + phi.nugget**2)
-        return self._in_newton(a * (data.mean + self.emulator.mean(z)), variance)
+        """`Emulator.simulated` at theta (3) or at the draw's own."""
+        return self.emulator.simulated(x, self.psi.theta if theta is None else np.asarray(theta, dtype=float))
 
     def discrepancy(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean and variance of what the calibrated simulator misses at designs x (m x 9)."""
@@ -138,7 +140,7 @@ class DrawnModel:
         """Mean and variance of each measurement given all others and this draw (Rasmussen and Williams, Eq. 5.12)."""
         inverse = cho_solve((self.factor, True), np.eye(len(self.weights)), check_finite=False)
         precision = np.diagonal(inverse)
-        return self._in_newton(self.emulator.data.y_real - self.weights / precision, 1.0 / precision)
+        return _in_newton(self.emulator.data, self.emulator.data.y_real - self.weights / precision, 1.0 / precision)
 
     @property
     def _amplitude(self) -> float:
@@ -147,12 +149,6 @@ class DrawnModel:
     def _explained(self, cross: np.ndarray) -> np.ndarray:
         """Diagonal of C Q^-1 C' for cross covariances C (p x m), p."""
         return _squares(solve_triangular(self.factor, cross.T, lower=True, check_finite=False))
-
-    def _in_newton(
-        self, mean: np.ndarray, variance: np.ndarray, extra: np.ndarray | float = 0.0
-    ) -> tuple[np.ndarray, np.ndarray]:
-        data = self.emulator.data
-        return data.center_n + data.force_scale_n * mean, data.force_scale_n**2 * variance + extra
 
 
 def drawn_models(problem: CalibrationProblem, result: CalibrationResult, n: int = N_DRAWS) -> Iterator[DrawnModel]:
@@ -223,6 +219,12 @@ def _psi(row: np.ndarray, force_scale_n: float) -> Psi:
 def _stacked(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
     means, variances = zip(*parts, strict=True)
     return np.array(means), np.array(variances)
+
+
+def _in_newton(
+    data: Standardised, mean: np.ndarray, variance: np.ndarray, extra: np.ndarray | float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    return data.center_n + data.force_scale_n * mean, data.force_scale_n**2 * variance + extra
 
 
 def _factor(K: np.ndarray, what: str) -> np.ndarray:

@@ -169,6 +169,10 @@ class _Processes:
             while any(chain is None for chain in self._chains):
                 for pipe in wait(pipes):
                     self._take(pipe)
+        except (EOFError, BrokenPipeError, ConnectionResetError) as error:
+            raise FastError(
+                "a process that sampled died, perhaps for lack of memory; sample again with fewer workers."
+            ) from error
         finally:
             for process in processes:
                 process.terminate()
@@ -182,12 +186,7 @@ class _Processes:
             pipe.send((number, self._jobs[number]))
 
     def _take(self, pipe: Any) -> None:
-        try:
-            kind, number, news = pipe.recv()
-        except EOFError:
-            raise FastError(
-                "a process that sampled died, perhaps for lack of memory; sample again with fewer workers."
-            ) from None
+        kind, number, news = pipe.recv()
         if kind == "error":
             raise news
         if kind == "news":

@@ -1,7 +1,9 @@
 import re
+import sys
 import warnings
 from html import unescape
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.csv as csv
@@ -22,11 +24,15 @@ from models.calibration.problem import THETA
 from models.calibration.summary import theta_summary
 from models.calibration.synthetic import made_up_problem
 from models.errors import UsageError
+from tasks.calibrating import gather, infer
 from tests.flows.cli_lakes import Fast
 from tests.flows.synthetic_lake import Campaign, build
 from tests.models.calibration_draws import made_up_result
+from tests.tasks.calibration_lake import SETTINGS, calibration_lake, measured_rows, simulated_rows
+from tests.tasks.calibration_lake import made_up_result as draws_of_lake
 
 BEFORE = np.array([11.5, 0.56, 0.45])
+UNMEASURED = Campaign(n_measured_batches=0, n_batches=1)
 PROVENANCE = Provenance(code_version="0.1.0+abc1234", code_dirty=False)
 
 
@@ -72,7 +78,7 @@ def result(evidence):
 
 @pytest.fixture(scope="module")
 def lake(tmp_path_factory, result, evidence):
-    lake = build(Lake.open(tmp_path_factory.mktemp("lake") / "data", create=True), Campaign())
+    lake = build(Lake.open(tmp_path_factory.mktemp("lake") / "data", create=True), UNMEASURED)
     lake.append(calibration_rows("C000000000001", result, evidence.fitted.n_real, shift=0.8), PROVENANCE)
     lake.append(calibration_rows("C000000000002", result, evidence.fitted.n_real), PROVENANCE)
     return lake
@@ -82,7 +88,7 @@ def lake(tmp_path_factory, result, evidence):
 def report(lake, evidence, tmp_path_factory):
     truth = {"truth": dict(zip(THETA, (9.0, 0.55, 0.34), strict=True))}
     out = tmp_path_factory.mktemp("report") / "out"
-    return write_calibration_report(lake, "C000000000002", out, evidence=evidence, markers=truth)
+    return write_calibration_report(lake, "C000000000002", out, evidence=evidence, markers=truth, n_predicted=30)
 
 
 def text_of(index: Path) -> str:
@@ -149,18 +155,49 @@ def test_theta_over_time_shows_both_calibrations(report, lake):
     assert len(first.past) == 1
 
 
-def test_without_its_data_a_calibration_still_shows_theta(lake, tmp_path):
-    index = write_calibration_report(lake, "C000000000001", tmp_path / "out")
+def test_without_its_data_a_calibration_still_shows_theta(lake, tmp_path, capsys):
+    answer = Fast(capsys)("report", "C000000000001", "--lake", lake.root, "--out", tmp_path / "out", "--json")
+    index = tmp_path / "out" / "index.html"
+    assert answer.json == {"calibration": "C000000000001", "report": str(index)}
     seen = text_of(index)
     assert "cannot be found in the lake as they were" in seen
     assert "This is the first calibration of this simulator" in seen
 
 
-def test_campaign_report_shows_the_newest_calibration(lake, tmp_path):
+def test_data_of_a_calibration_are_found_again_when_the_lake_has_grown(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "models.calibration.calibrate", SimpleNamespace(calibrate=lake_draws))
+    lake = calibration_lake(tmp_path / "lake", n_tools=15, n_points=30)
+    data = gather(lake, None, None, seed=3)
+    row, _ = infer(lake, data, SETTINGS.model_copy(update={"seed": 3}))
+    lake.append([*measured_rows(4, first=40)[1:], *simulated_rows(5, seed=9)], PROVENANCE)
+    assert gather(lake, None, None, seed=3).problem.n_real == 19
+    found = Evidence.of(lake, row.calibration_id)
+    np.testing.assert_array_equal(found.fitted.y_real, data.fitted.y_real)
+    np.testing.assert_array_equal(found.fitted.y_sim, data.fitted.y_sim)
+    np.testing.assert_array_equal(found.y_held_out, data.problem.y_real[data.held_out])
+    stored = StoredCalibration.load(lake, row.calibration_id, n_predicted=10)
+    assert [panel.clouds[0].scores.n for panel in stored.held_out_panels] == [3, 3, 3]
+    assert stored.result.warnings == row.warnings
+
+
+def lake_draws(problem, settings, progress=None):
+    """In the place of the sampler."""
+    return draws_of_lake(problem, settings)
+
+
+def test_campaign_report_shows_the_newest_calibration(result, tmp_path):
+    lake = build(Lake.open(tmp_path / "lake", create=True), UNMEASURED)
+    lake.append(calibration_rows("C000000000001", result, 12), PROVENANCE)
+    lake.append(calibration_rows("C000000000002", result, 12), PROVENANCE)
     index = write_report(lake, "demo", tmp_path / "out")
-    seen = text_of(index)
-    assert "Calibration C000000000002 of" in seen
+    assert "Calibration C000000000002 of" in text_of(index)
     assert (tmp_path / "out" / "figures" / "calibration_pairs.svg").is_file()
+
+
+def test_campaign_report_survives_a_calibration_without_draws(result, tmp_path):
+    lake = build(Lake.open(tmp_path / "lake", create=True), UNMEASURED)
+    lake.append(calibration_rows("C000000000003", result, 12)[-1:], PROVENANCE)
+    assert "is stored without any draws" in text_of(write_report(lake, "demo", tmp_path / "out"))
 
 
 def test_unknown_calibration_is_one_sentence(lake, tmp_path):
@@ -203,8 +240,3 @@ def test_other_figures_draw_their_numbers(result):
     ranks = chains.axes[1].patches
     assert len(ranks) == 4
     assert sum(patch.get_data().values.sum() for patch in ranks) == pytest.approx(4 * 20)
-
-
-def test_fast_report_writes_the_page_of_a_calibration(lake, tmp_path, capsys):
-    answer = Fast(capsys)("report", "C000000000002", "--lake", lake.root, "--out", tmp_path / "out", "--json")
-    assert answer.json == {"calibration": "C000000000002", "report": str(tmp_path / "out" / "index.html")}

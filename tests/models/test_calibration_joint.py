@@ -1,4 +1,4 @@
-"""Full joint NUTS on small problems: priors come back without information, truths are found with it."""
+"""Full joint NUTS on small problems: priors come back without information; repeated designs; optima."""
 
 import dataclasses
 
@@ -8,18 +8,17 @@ from scipy import stats
 
 from models.calibration.joint import calibrate_joint
 from models.calibration.mode import climb, laplace_covariance
-from models.calibration.problem import THETA
 from models.calibration.settings import CalibrationSettings
-from models.calibration.synthetic import Truth, made_up_problem
+from models.calibration.synthetic import made_up_problem
 from models.errors import FastError
 
-SETTINGS = CalibrationSettings(chains=2, tune=150, draws=150, target_accept=0.8, workers=1)
+SETTINGS = CalibrationSettings(chains=2, tune=80, draws=80, target_accept=0.8, workers=1)
 
 
 def test_measurements_without_information_return_the_prior():
     problem = made_up_problem(20, 5, seed=1)
     problem = dataclasses.replace(problem, variance_real=np.full(5, 1e8))
-    settings = SETTINGS.model_copy(update={"tune": 200, "draws": 500, "rho": "free"})
+    settings = SETTINGS.model_copy(update={"tune": 100, "draws": 200, "rho": "free"})
     result = calibrate_joint(problem, settings)
     priors = {
         "young_modulus_mpa": stats.lognorm(1.0, scale=settings.priors.young_modulus_median_mpa),
@@ -35,30 +34,6 @@ def test_measurements_without_information_return_the_prior():
         assert abs(np.mean(ranks < 0.1) - 0.1) < 4 * error * 0.3, name
         assert abs(np.mean(ranks > 0.9) - 0.1) < 4 * error * 0.3, name
     assert sum("posterior and prior overlap" in sentence for sentence in result.warnings) == 3
-
-
-@pytest.mark.parametrize(("seed", "theta"), [(0, (9.0, 0.55, 0.34)), (1, (25.0, 0.9, 0.25)), (2, (6.0, 0.7, 0.45))])
-def test_the_truth_lies_within_the_posterior(seed, theta):
-    result = calibrate_joint(made_up_problem(45, 15, seed, Truth(theta=theta)), SETTINGS)
-    lower, upper = np.quantile(result.flat(*THETA), [0.005, 0.995], axis=0)
-    assert (lower < theta).all()
-    assert (theta < upper).all()
-    assert result.n_divergences < 3
-    assert max(result.r_hat.values()) < 1.06
-    assert result.method == "joint"
-    assert result.cpu_s == pytest.approx(result.steps["optimum"] + result.steps["sampling"])
-
-
-def test_a_factor_e_gives_the_theta_that_an_input_e_gives_and_more_sharply():
-    as_factor = made_up_problem(50, 15, seed=4, scales_with_modulus=True)
-    as_input = dataclasses.replace(as_factor, scales_with_modulus=False)
-    settings = SETTINGS.model_copy(update={"draws": 200})
-    factor, found = (calibrate_joint(problem, settings) for problem in (as_factor, as_input))
-    assert len(factor.names) == len(found.names) - 1
-    for name in THETA:
-        a, b = (np.log(result.of(name)) for result in (factor, found))
-        assert abs(a.mean() - b.mean()) < 1.5 * max(a.std(), b.std()), name
-        assert a.std() < 1.3 * b.std(), name
 
 
 def test_repeated_designs_with_other_forces_are_the_nuggets_and_the_noises():

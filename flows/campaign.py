@@ -18,7 +18,8 @@ from prefect.futures import PrefectFuture
 from prefect.runtime import flow_run
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
-from flows.lanes import BenchLane, Session, SimulationLane, closed_batches
+from flows.events import announce_measured
+from flows.lanes import BenchLane, RerunLane, Session, SimulationLane
 from flows.progress import workload
 from lake.maintenance import compact
 from lake.tables import TABLES
@@ -27,7 +28,9 @@ from tasks import steps
 from tasks.campaign import Campaign
 from tasks.control import append_event, requested_verb
 from tasks.flow_runs import recorded
+from tasks.observing import closed_batches
 from tasks.steps import opaque
+from tasks.versions import at_present, at_stage, designs_to_rerun
 
 POLL_S = 2.0  # how often requests of people are looked up while nothing else happens
 
@@ -79,13 +82,27 @@ def _run_stages(session: Session, finish: Callable[[], str]) -> bool:
 
 
 def run_stage(session: Session, stage: int, on_event: Callable[[], None]) -> bool:
-    """One stage: its tools and its simulations, side by side. False when asked to stop before the end."""
-    campaign = session.campaign
+    """One stage: its tools and its simulations, side by side. False when asked to stop before the end.
+
+    Where the simulator version is new, designs of earlier stages are simulated again first.
+    """
     if session.should_stop():
         return False
+    campaign = session.campaign = at_stage(session.campaign, stage)
+    if designs := designs_to_rerun(campaign, stage):
+        _run_lanes(session, BenchLane(session, []), RerunLane(session, stage, designs), on_event)
+        if session.should_stop():
+            return False
     _ensure_proposed(campaign, stage)
-    bench = BenchLane(session, campaign.config.schedule.batches_of(stage))
-    simulations = SimulationLane(session, stage)
+    batches = campaign.config.schedule.batches_of(stage)
+    _run_lanes(session, BenchLane(session, batches), SimulationLane(session, stage), on_event)
+    if not session.should_stop():
+        _close_stage(campaign, stage)
+    return not session.should_stop()
+
+
+def _run_lanes(session: Session, bench: BenchLane, simulations: SimulationLane, on_event: Callable[[], None]) -> None:
+    """Let both lanes work until they are idle; what went wrong is raised then."""
     try:
         error = _drive(session, bench, simulations, on_event)
     except BaseException:
@@ -94,9 +111,6 @@ def run_stage(session: Session, stage: int, on_event: Callable[[], None]) -> boo
         raise
     if error is not None:
         raise error
-    if not session.should_stop():
-        _close_stage(campaign, stage)
-    return not session.should_stop()
 
 
 def _drive(
@@ -159,7 +173,8 @@ def _close_stage(campaign: Campaign, stage: int) -> None:
     append_event(
         campaign.lake, campaign.campaign_id, "stage_closed", f"stage {stage} closed", stage=stage, batches=closed
     )
+    announce_measured(campaign, closed)
 
 
 def _show_progress(artifact_id: UUID, campaign: Campaign) -> None:
-    update_progress_artifact(artifact_id, progress=100.0 * workload(campaign, campaign.state()).fraction)
+    update_progress_artifact(artifact_id, progress=100.0 * workload(campaign, at_present(campaign).state()).fraction)

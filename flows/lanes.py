@@ -16,7 +16,7 @@ from models.records import Design
 from tasks import proposing, steps
 from tasks.campaign import Campaign
 from tasks.measuring import OpenBench
-from tasks.observing import observe, observed_rows
+from tasks.observing import unfinished_tools
 from tasks.pool import WorkerPool
 from tasks.state import CampaignState, ProposedTool
 from tasks.steps import opaque
@@ -192,7 +192,7 @@ class SimulationLane:
         index = len(state.simulations_of(self._batch))
         if index >= self._budget:
             return None
-        self._propose(state, index)
+        proposing.propose_simulated(campaign, self._batch, index, state)
         return self._proposed(campaign.state())[-1]
 
     def _known(self, state: CampaignState) -> list[SimulationJob]:
@@ -207,26 +207,15 @@ class SimulationLane:
         proposals = state.simulations_of(self._batch)
         return [SimulationJob(p.design, f"{name} {p.index + 1} of {self._budget}") for p in proposals]
 
-    def _propose(self, state: CampaignState, index: int) -> None:
-        campaign = self._session.campaign
-        closed = closed_batches(campaign, state)
-        data = observe(campaign, state, closed)
-        surrogate, fit_id = proposing.surrogate_for_simulation(
-            campaign, self._batch, index, data, lambda: observed_rows(campaign, state, closed)
-        )
-        proposing.propose_simulation(campaign, self._batch, index, surrogate, fit_id, state)
 
+class RerunLane(SimulationLane):
+    """Designs of earlier stages, simulated again since the simulator version is new; proposes nothing."""
 
-def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> list[ProposedTool]:
-    """Printed tools of a confirmed batch with grasps still to be made."""
-    if not state.is_confirmed(batch):
-        return []
-    plan = campaign.config.objects.cells(0)
-    limit = campaign.config.execution.max_grasp_attempts
-    return [tool for tool in state.tools_of(batch) if state.missing_grasps(tool, plan, limit)]
+    def __init__(self, session: Session, stage: int, designs: Sequence[Design]) -> None:
+        super().__init__(session, stage)
+        self._budget = 0
+        self._designs = designs
 
-
-def closed_batches(campaign: Campaign, state: CampaignState) -> list[int]:
-    """Batches that are confirmed and completely measured."""
-    batches = sorted({tool.batch for tool in state.tools})
-    return [b for b in batches if state.is_confirmed(b) and not unfinished_tools(campaign, state, b)]
+    def _known(self, state: CampaignState) -> list[SimulationJob]:
+        total = len(self._designs)
+        return [SimulationJob(design, f"again {n} of {total}") for n, design in enumerate(self._designs, start=1)]

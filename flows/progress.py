@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from tasks.campaign import Campaign
 from tasks.state import CampaignState
+from tasks.versions import at_present
 
 logger = logging.getLogger(__name__)
 
@@ -41,7 +42,7 @@ def workload(campaign: Campaign, state: CampaignState) -> Workload:
         n_designs += n_tools + rejected
         designs |= {tool.design.design_id for tool in state.tools}
     wanted = set(campaign.object_ids)
-    simulated = (len(wanted & state.simulated.get(design_id, set())) for design_id in designs)
+    simulated = (len(wanted & state.ever_simulated(design_id)) for design_id in designs)
     return Workload(
         grasps_done=sum(len(cells) for cells in state.measured.values()),
         grasps_total=n_tools * per_tool - given_up,
@@ -92,7 +93,7 @@ class ProgressReporter:
         if not force and now - self._last < self._interval_s:
             return
         self._last = now
-        load = workload(self._campaign, self._campaign.state())
+        load = workload(self._campaign, at_present(self._campaign).state())
         self._grasps.update(load.grasps_done, now)
         self._simulations.update(load.simulated_done, now)
         self._emit(

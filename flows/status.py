@@ -14,6 +14,7 @@ from tasks.campaign import Campaign
 from tasks.config import CampaignConfig
 from tasks.control import is_held, requested_verb
 from tasks.summary import ranked_tools
+from tasks.versions import at_present
 
 _ENDED_BY = {
     Verb.PAUSE: "paused",
@@ -34,7 +35,7 @@ def campaign_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
     """Counts, best tool and what the campaign is doing or waiting for."""
     if is_imported(lake.rows(CampaignRow, campaign_id=campaign_id)[-1]["config_toml"]):
         return _imported_status(lake, campaign_id)
-    campaign = stored_campaign(lake, campaign_id)
+    campaign = at_present(stored_campaign(lake, campaign_id))
     state = campaign.state()
     load = workload(campaign, state)
     waiting = [batch for batch in sorted({t.batch for t in state.tools}) if not state.is_confirmed(batch)]

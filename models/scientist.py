@@ -9,6 +9,7 @@ from models.acquisition.catalogue import ACQUISITIONS, Selection
 from models.acquisition.spacing import Spacing
 from models.design_space import PARAMETERS, from_unit, random_unit
 from models.errors import UsageError
+from models.printability import PrintingRules, printable
 from models.records import Design
 from models.surrogate.observations import REAL, SIM
 from models.surrogate.posterior import Surrogate
@@ -17,6 +18,7 @@ from models.validation import closest
 
 RANDOM = "random"
 NO_PENDING = np.zeros((0, len(PARAMETERS) + 1))
+NO_POINTS = np.zeros((0, len(PARAMETERS)))
 # One proposal at a time deserves fewer candidates than a batch that is printed.
 BATCH_CANDIDATES = CandidateSettings()
 SINGLE_CANDIDATES = CandidateSettings(n_random=250, n_local=350)
@@ -40,14 +42,19 @@ def propose(
     *,
     min_distance: float = 0.05,
     acquisition: str = "mes",
+    taken: np.ndarray = NO_POINTS,
+    rejected: np.ndarray = NO_POINTS,
+    printing: PrintingRules | None = None,
 ) -> list[Proposal]:
     """The next n designs for one fidelity (0 sim, 1 real), best first.
 
     pending: m x 10, unit-cube points under way and their fidelity in the last column; their outcomes are
-    conditioned on. The proposals keep `min_distance` (Euclidean, unit cube) from each other and from pending
-    points of the same fidelity, and never repeat data of the same fidelity. A design known at one fidelity may be
-    proposed at the other. Deterministic given the arguments and the state of `rng`. `surrogate` may be None
-    for `acquisition="random"` only.
+    conditioned on. The proposals keep `min_distance` (Euclidean, unit cube) from each other, from pending
+    points of the same fidelity and from `rejected` ones (k x 9), and never repeat data of the same fidelity or what was
+    proposed before (`taken`, k x 9), whatever became of it. What is known at one fidelity may be proposed at the other.
+    Candidates that break a rule of `printing` are left out before anything is chosen, so that the optimum looked for is
+    that of what can be printed. Deterministic given the arguments and the state of `rng`. `surrogate` may be None for
+    `acquisition="random"` only.
 
     Raises:
         UsageError: unknown acquisition or fidelity, wrong shape of pending, no surrogate, or no room for n designs.
@@ -58,11 +65,13 @@ def propose(
         3
     """
     _check(surrogate, fidelity, n, pending, acquisition)
-    spacing = Spacing(_known(surrogate, fidelity), pending[pending[:, -1] == fidelity, :-1], min_distance)
+    known = np.concatenate([_known(surrogate, fidelity), taken])
+    neighbours = np.concatenate([pending[pending[:, -1] == fidelity, :-1], rejected])
+    spacing = Spacing(known, neighbours, min_distance)
     if surrogate is None or acquisition == RANDOM:
-        return _propose_random(n, spacing, rng)
+        return _propose_random(n, spacing, rng, printing)
     with one_blas_thread():
-        return _propose_by(ACQUISITIONS[acquisition], surrogate, fidelity, n, pending, spacing, rng)
+        return _propose_by(ACQUISITIONS[acquisition], surrogate, fidelity, n, pending, spacing, rng, printing)
 
 
 def _propose_by(
@@ -73,12 +82,15 @@ def _propose_by(
     pending: np.ndarray,
     spacing: Spacing,
     rng: np.random.Generator,
+    printing: PrintingRules | None,
 ) -> list[Proposal]:
     """Choose from fresh candidates until n are found; what is already chosen counts as pending."""
     settings = SINGLE_CANDIDATES if n == 1 else BATCH_CANDIDATES
     proposals: list[Proposal] = []
     for _ in range(_MAX_ROUNDS):
-        points = candidate_points(surrogate, rng, settings)
+        points = _printable(candidate_points(surrogate, rng, settings), printing)
+        if not len(points):
+            continue
         chosen = select(surrogate, points, fidelity, n - len(proposals), pending, spacing, rng)
         rows = [row for row, _ in chosen]
         designs = from_unit(points[rows])
@@ -90,9 +102,11 @@ def _propose_by(
     raise _no_room(n, len(proposals))
 
 
-def _propose_random(n: int, spacing: Spacing, rng: np.random.Generator) -> list[Proposal]:
+def _propose_random(
+    n: int, spacing: Spacing, rng: np.random.Generator, printing: PrintingRules | None
+) -> list[Proposal]:
     chosen: list[np.ndarray] = []
-    for point in random_unit(max(200, 20 * n), rng):
+    for point in _printable(random_unit(max(200, 20 * n), rng), printing):
         if len(chosen) == n:
             break
         if spacing.allowed(point[None, :])[0]:
@@ -103,9 +117,13 @@ def _propose_random(n: int, spacing: Spacing, rng: np.random.Generator) -> list[
     return [Proposal(design, 0.0) for design in from_unit(np.array(chosen).reshape(-1, len(PARAMETERS)))]
 
 
+def _printable(points: np.ndarray, rules: PrintingRules | None) -> np.ndarray:
+    return points if rules is None else points[printable(points, rules)]
+
+
 def _known(surrogate: Surrogate | None, fidelity: int) -> np.ndarray:
     if surrogate is None:
-        return np.zeros((0, len(PARAMETERS)))
+        return NO_POINTS
     return surrogate.data.x[surrogate.data.s == fidelity]
 
 

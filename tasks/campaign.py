@@ -7,6 +7,7 @@ from pathlib import Path
 from lake.provenance import Provenance, current_provenance
 from lake.store import Lake
 from lake.tables import CampaignRow
+from models.effects.scaling import force_ratio
 from models.ids import seed_from
 from models.records import SimulatorVersion
 from tasks.config import CampaignConfig
@@ -15,10 +16,14 @@ from tasks.state import CampaignState, derive_state
 
 @dataclass(frozen=True)
 class Campaign:
-    """A config and the lake in which the campaign lives; its id is the config's name."""
+    """A config and the lake in which the campaign lives; its id is the config's name.
+
+    `versions`: simulator versions of its stages so far, oldest first (`tasks.versions`); none is the config's.
+    """
 
     lake: Lake
     config: CampaignConfig
+    versions: tuple[SimulatorVersion, ...] = ()
 
     @property
     def campaign_id(self) -> str:
@@ -28,7 +33,25 @@ class Campaign:
     @property
     def version(self) -> SimulatorVersion:
         """The simulator that the scientist consults."""
-        return self.config.simulator.version
+        return self.versions[-1] if self.versions else self.config.simulator.version
+
+    @property
+    def older_versions(self) -> tuple[SimulatorVersion, ...]:
+        """Those of its versions whose results are not those of the present one, newest first."""
+        older: list[SimulatorVersion] = []
+        for version in reversed(self.versions):
+            if all(force_ratio(version, other) is None for other in (self.version, *older)):
+                older.append(version)
+        return tuple(older)
+
+    def force_ratios(self, version: SimulatorVersion) -> dict[str, float]:
+        """By id, versions of the campaign with exactly the results of `version`, and what forces are multiplied with.
+
+        `version` itself comes last.
+        """
+        ratios = {v.version_id: ratio for v in self.versions if (ratio := force_ratio(v, version)) is not None}
+        ratios.pop(version.version_id, None)
+        return ratios | {version.version_id: 1.0}
 
     @property
     def object_ids(self) -> tuple[int, ...]:
@@ -42,7 +65,9 @@ class Campaign:
 
     def state(self) -> CampaignState:
         """Where the campaign stands now, from the lake."""
-        return derive_state(self.lake, self.campaign_id, self.version.version_id, self.config.grasp.setup_id)
+        present = set(self.force_ratios(self.version))
+        older = {v.version_id for v in self.versions} - present
+        return derive_state(self.lake, self.campaign_id, self.config.grasp.setup_id, present, older)
 
     def seed(self, *parts: str | int) -> int:
         """A random seed for one decision, the same whenever it is taken again."""

@@ -1,107 +1,92 @@
 """Ask the scientist: tools for the next batch, one more design to simulate. Decisions go to the lake."""
 
-import logging
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Literal
+from collections.abc import Sequence
 
 import numpy as np
 
-from lake.tables import BatchRow, DesignRow, FitRow, ProposalRow
+from lake.tables import BatchRow, DesignRow, ProposalRow
 from models.design_space import random_designs, to_unit
+from models.errors import UsageError
 from models.ids import content_id
+from models.printability import broken_rules
 from models.records import Design
+from models.scientist import RANDOM, propose
 from models.scientist import Proposal as ProposedDesign
-from models.scientist import propose
-from models.surrogate.fit import fit_surrogate
-from models.surrogate.health import health_of
 from models.surrogate.observations import ObservationSet
-from models.surrogate.parameters import SurrogateParameters
 from models.surrogate.posterior import Surrogate
-from models.surrogate.threads import one_blas_thread
 from tasks.campaign import Campaign
+from tasks.fitting import fit, surrogate_for_simulation, tools_fit_id
+from tasks.observing import closed_batches, observe, observed_rows
 from tasks.state import CampaignState
+from tasks.versions import note_older_simulations
 
-logger = logging.getLogger(__name__)
-
-# How much the simulated designs must grow before simulations are chosen with fresh hyperparameters
-REFIT_LEAST, REFIT_SHARE = 5, 0.05
+_MAX_DRAWS = 100  # times the initial tools: what so few designs can be printed of is a slip of the pen
 
 
 def propose_initial(campaign: Campaign) -> None:
     """Random designs for the initial simulations and the initial trays (the paper: 50 and 30)."""
+    propose_initial_simulations(campaign)
+    propose_initial_tools(campaign)
+
+
+def propose_initial_simulations(campaign: Campaign) -> None:
+    """Random designs to simulate."""
     schedule = campaign.config.schedule
     seed = campaign.seed("initial simulations")
     last = schedule.batches_of(0)[-1]
     for index, design in enumerate(random_designs(schedule.initial_simulations, np.random.default_rng(seed))):
-        _append_simulation(campaign, last, index, ProposedDesign(design=design, value=0.0), seed)
+        append_simulation(campaign, last, index, ProposedDesign(design=design, value=0.0), RANDOM, seed)
+
+
+def propose_initial_tools(campaign: Campaign) -> None:
+    """Random designs to print."""
+    schedule = campaign.config.schedule
     seed = campaign.seed("initial tools")
-    designs = random_designs(schedule.initial_tools, np.random.default_rng(seed))
+    designs = _random_tools(campaign, schedule.initial_tools, np.random.default_rng(seed))
     for batch in schedule.batches_of(0):
         start = (batch - 1) * schedule.tools_per_batch
         chosen = designs[start : start + schedule.tools_of(batch)]
-        _append_tools(campaign, batch, [ProposedDesign(design=d, value=0.0) for d in chosen], seed)
+        append_tools(campaign, batch, [ProposedDesign(design=d, value=0.0) for d in chosen], RANDOM, seed)
 
 
-def fit(campaign: Campaign, batch: int, data: ObservationSet, rows: Sequence[str]) -> Surrogate:
-    """Fit the surrogate to all data before a batch is chosen, and record the fit with its health.
+def _random_tools(campaign: Campaign, n: int, rng: np.random.Generator) -> list[Design]:
+    """Random designs to print, without those that break a rule of printing.
 
-    `rows` are the ids of the grasps and simulations behind `data`.
+    Raises:
+        UsageError: hardly any design keeps the rules.
     """
-    seed = campaign.seed("fit", batch)
-    surrogate = fit_surrogate(data, None, seed=seed)
-    row = _fit_row(campaign, _fit_id(campaign, batch, data), batch, surrogate, seed, "tools")
-    campaign.lake.append([_with_health(row, surrogate)], campaign.provenance(seed, rows))
-    return surrogate
-
-
-def surrogate_for_simulation(
-    campaign: Campaign, batch: int, index: int, data: ObservationSet, rows: Callable[[], Sequence[str]]
-) -> tuple[Surrogate, str]:
-    """The surrogate that the next simulation is chosen with, and the id of its fit.
-
-    The last fit of the batch, conditioned on all data, while these have grown little; then a new fit, recorded, that
-    starts from the last. Which it is depends on the lake alone, so that a restart changes no proposal.
-    """
-    last = _last_fit(campaign, batch)
-    if last is not None and not _is_outgrown(last, data):
-        return fitted_before(last, data), last["fit_id"]
-    seed = campaign.seed("simulation fit", batch)
-    surrogate = fit_surrogate(data, _parameters(last) if last else None, seed=seed)
-    fit_id = _simulation_fit_id(campaign, batch, index)
-    row = _fit_row(campaign, fit_id, batch, surrogate, seed, "simulations")
-    campaign.lake.append([row], campaign.provenance(seed, rows()))
-    return surrogate, fit_id
-
-
-def fitted_before(row: Mapping[str, Any], data: ObservationSet) -> Surrogate:
-    """The surrogate of a row of `fits`, conditioned on `data`."""
-    with one_blas_thread():
-        return Surrogate.condition(data, _parameters(row))
-
-
-def _last_fit(campaign: Campaign, batch: int) -> dict[str, Any] | None:
-    fits = campaign.lake.rows(FitRow, campaign_id=campaign.campaign_id, batch=batch, purpose="simulations")
-    return max(fits, key=lambda row: (row["n_real"], row["n_sim"]), default=None)
-
-
-def _is_outgrown(last: Mapping[str, Any], data: ObservationSet) -> bool:
-    """Whether the data have grown so much since a fit that hyperparameters are worth fitting again."""
-    least = last["n_sim"] + max(REFIT_LEAST, REFIT_SHARE * last["n_sim"])
-    return bool(data.n_real != last["n_real"] or data.n_sim >= least)
-
-
-def _parameters(row: Mapping[str, Any]) -> SurrogateParameters:
-    return SurrogateParameters(
-        rho=row["rho"],
-        lengthscales_h=tuple(row["lengthscales_h"]),
-        lengthscales_e=tuple(row["lengthscales_e"]),
-        sd_h=row["sd_h"],
-        sd_e=row["sd_e"],
-        noise_sd=row["noise_sd_n"],
-        nugget=row["nugget_n"],
-        mean_sim=row["mean_sim_n"],
-        mean_real=row["mean_real_n"],
+    rules = campaign.config.scientist.printing_rules
+    if rules is None:
+        return random_designs(n, rng)
+    designs: list[Design] = []
+    for _ in range(_MAX_DRAWS):
+        designs += [design for design in random_designs(n, rng) if not broken_rules(design, rules)]
+        if len(designs) >= n:
+            return designs[:n]
+    raise UsageError(
+        f"only {len(designs)} of {_MAX_DRAWS * n} random designs keep the rules of `scientist.printing`, "
+        f"{n} are needed; relax them."
     )
+
+
+def propose_guided(campaign: Campaign, batch: int) -> None:
+    """Tools of a guided batch, with the surrogate fitted to all that was measured and simulated before."""
+    state = campaign.state()
+    closed = range(1, batch)
+    data = observe(campaign, state, closed)
+    surrogate = fit(campaign, batch, data, observed_rows(campaign, state, closed))
+    note_older_simulations(campaign, batch)
+    propose_tools(campaign, batch, data, surrogate, state)
+
+
+def propose_simulated(campaign: Campaign, batch: int, index: int, state: CampaignState) -> None:
+    """One more design to simulate, with the surrogate conditioned on all that is known in `state`."""
+    closed = closed_batches(campaign, state)
+    data = observe(campaign, state, closed)
+    surrogate, fit_id = surrogate_for_simulation(
+        campaign, batch, index, data, lambda: observed_rows(campaign, state, closed)
+    )
+    propose_simulation(campaign, batch, index, surrogate, fit_id, state)
 
 
 def propose_tools(
@@ -119,9 +104,12 @@ def propose_tools(
         np.random.default_rng(seed),
         min_distance=scientist.min_distance,
         acquisition=scientist.acquisition,
+        taken=to_unit([t.design for t in state.tools]),
+        rejected=to_unit([t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]),
+        printing=scientist.printing_rules,
     )
-    fit_id = _fit_id(campaign, batch, data)
-    _append_tools(campaign, batch, proposals, seed, data, len(pending), [fit_id])
+    fit_id = tools_fit_id(campaign, batch, data)
+    append_tools(campaign, batch, proposals, scientist.acquisition, seed, data, len(pending), [fit_id])
 
 
 def propose_simulation(
@@ -129,27 +117,55 @@ def propose_simulation(
 ) -> None:
     """One more design for the simulator, given what is simulated, printed and measured right now."""
     seed = campaign.seed("simulation", batch, index)
-    acquisition = campaign.config.scientist.simulation_acquisition
+    scientist = campaign.config.scientist
     pending = pending_points(campaign, state)
-    rng = np.random.default_rng(seed)
-    proposal = propose(surrogate, 0, 1, pending, rng, min_distance=0.0, acquisition=acquisition)[0]
-    _append_simulation(campaign, batch, index, proposal, seed, surrogate.data, len(pending), [fit_id])
+    proposal = propose(
+        surrogate,
+        0,
+        1,
+        pending,
+        np.random.default_rng(seed),
+        min_distance=0.0,
+        acquisition=scientist.simulation_acquisition,
+        taken=to_unit(simulated_designs(campaign, state)),
+        printing=scientist.printing_rules,
+    )[0]
+    rule = scientist.simulation_acquisition
+    append_simulation(campaign, batch, index, proposal, rule, seed, surrogate.data, len(pending), [fit_id])
 
 
 def pending_points(campaign: Campaign, state: CampaignState) -> np.ndarray:
-    """Designs under way as points (x, s), m x 10: s is 1 for tools, 0 for simulations."""
-    plan = campaign.config.objects
-    tools = [t.design for t in state.tools if len(state.measured.get(t.tool_id, ())) < plan.n_grasps]
-    simulations = [s.design for s in state.simulations if state.missing_objects(s.design.design_id, plan.object_ids)]
+    """Designs of which an outcome is still to come as points (x, s), m x 10: s is 1 for tools, 0 for simulations.
+
+    Tools of a batch that is not closed are not learned from yet, measured or not. A design that the simulator could do
+    on no object counts too: its outcome stays unknown, and its surroundings promise no more than a pending one's.
+    """
+    closed = set(closed_batches(campaign, state))
+    tools = [t.design for t in state.tools if t.batch not in closed and state.confirmed.get(t.tool_id) != "rejected"]
+    objects = set(campaign.object_ids)
+    simulations = [
+        design
+        for design in simulated_designs(campaign, state)
+        if not (objects <= state.ever_simulated(design.design_id) and design.design_id in state.fruitful)
+    ]
     points = np.vstack([to_unit(tools), to_unit(simulations)])
     fidelity = np.concatenate([np.ones(len(tools)), np.zeros(len(simulations))])
     return np.column_stack([points, fidelity])
 
 
-def _append_tools(
+def simulated_designs(campaign: Campaign, state: CampaignState) -> list[Design]:
+    """Designs that the campaign simulates, has simulated or will: what was proposed for it, and the tools."""
+    designs = {s.design.design_id: s.design for s in state.simulations}
+    if campaign.config.simulator.simulate_tools:
+        designs |= {t.design.design_id: t.design for t in state.tools}
+    return list(designs.values())
+
+
+def append_tools(
     campaign: Campaign,
     batch: int,
     proposals: Sequence[ProposedDesign],
+    acquisition: str,
     seed: int,
     data: ObservationSet | None = None,
     n_pending: int = 0,
@@ -158,9 +174,10 @@ def _append_tools(
     """Write the proposals of a batch; the batch row comes last and makes the batch complete."""
     provenance = campaign.provenance(seed, parents)
     _append_designs(campaign, [p.design for p in proposals], seed)
-    campaign.lake.append(
-        [_proposal_row(campaign, batch, slot, slot, p, data, n_pending) for slot, p in enumerate(proposals)], provenance
-    )
+    rows = [
+        _proposal_row(campaign, batch, slot, slot, p, acquisition, data, n_pending) for slot, p in enumerate(proposals)
+    ]
+    campaign.lake.append(rows, provenance)
     row = BatchRow(
         batch_id=BatchRow.make_id(campaign.campaign_id, batch),
         campaign_id=campaign.campaign_id,
@@ -171,18 +188,20 @@ def _append_tools(
     campaign.lake.append([row], provenance)
 
 
-def _append_simulation(
+def append_simulation(
     campaign: Campaign,
     batch: int,
     index: int,
     proposal: ProposedDesign,
+    acquisition: str,
     seed: int,
     data: ObservationSet | None = None,
     n_pending: int = 0,
     parents: Sequence[str] = (),
 ) -> None:
+    """Write the proposal of one more simulation."""
     _append_designs(campaign, [proposal.design], seed)
-    row = _proposal_row(campaign, batch, None, index, proposal, data, n_pending)
+    row = _proposal_row(campaign, batch, None, index, proposal, acquisition, data, n_pending)
     campaign.lake.append([row], campaign.provenance(seed, parents))
 
 
@@ -197,12 +216,11 @@ def _proposal_row(
     slot: int | None,
     index: int,
     proposal: ProposedDesign,
+    acquisition: str,
     data: ObservationSet | None,
     n_pending: int,
 ) -> ProposalRow:
     """A row of `proposals`; `data` None means that the design was drawn at random, without a model."""
-    scientist = campaign.config.scientist
-    acquisition = scientist.simulation_acquisition if slot is None else scientist.acquisition
     return ProposalRow(
         proposal_id=content_id("P", [campaign.campaign_id, batch, slot, index]),
         campaign_id=campaign.campaign_id,
@@ -211,56 +229,9 @@ def _proposal_row(
         index=index,
         fidelity="sim" if slot is None else "real",
         design_id=proposal.design.design_id,
-        acquisition="random" if data is None else acquisition,
+        acquisition=acquisition,
         acquisition_value=None if data is None else proposal.value,
         n_real=0 if data is None else data.n_real,
         n_sim=0 if data is None else data.n_sim,
         n_pending=n_pending,
     )
-
-
-def _fit_id(campaign: Campaign, batch: int, data: ObservationSet) -> str:
-    """Id of the fit that the tools of a batch are chosen with."""
-    return content_id("F", [campaign.campaign_id, batch, data.n_real, data.n_sim])
-
-
-def _simulation_fit_id(campaign: Campaign, batch: int, index: int) -> str:
-    """Id of the fit that one more simulation is chosen with."""
-    return content_id("F", [campaign.campaign_id, batch, "simulation", index])
-
-
-def _fit_row(
-    campaign: Campaign,
-    fit_id: str,
-    batch: int,
-    surrogate: Surrogate,
-    seed: int,
-    purpose: Literal["tools", "simulations"],
-) -> FitRow:
-    parameters, data = surrogate.parameters, surrogate.data
-    return FitRow(
-        fit_id=fit_id,
-        campaign_id=campaign.campaign_id,
-        batch=batch,
-        n_real=data.n_real,
-        n_sim=data.n_sim,
-        rho=parameters.rho,
-        noise_sd_n=parameters.noise_sd,
-        log_posterior=float(surrogate.log_posterior or 0.0),
-        lengthscales_h=parameters.lengthscales_h,
-        lengthscales_e=parameters.lengthscales_e,
-        sd_h=parameters.sd_h,
-        sd_e=parameters.sd_e,
-        seed=seed,
-        purpose=purpose,
-        nugget_n=parameters.nugget,
-        mean_sim_n=parameters.mean_sim,
-        mean_real_n=parameters.mean_real,
-    )
-
-
-def _with_health(row: FitRow, surrogate: Surrogate) -> FitRow:
-    health = health_of(surrogate)
-    for finding in health.findings:
-        logger.warning("%s, before B%02d: %s", row.campaign_id, row.batch, finding)
-    return row.model_copy(update=health.model_dump(include=set(FitRow.model_fields) - {"n_real", "n_sim", "rho"}))

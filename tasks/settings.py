@@ -6,6 +6,7 @@ from typing import Any, Literal
 from pydantic import Field, field_validator
 
 from hardware.travel import shortest_tour
+from models.printability import PrintingRules
 from models.records import EffectValue, MeshSettings, Record, SimulatorVersion, Theta
 
 N_OBJECTS = 36
@@ -84,6 +85,15 @@ class SimulatorSettings(Record):
         default=True, description="also simulate every printed design: the pairs that show where simulation is wrong"
     )
     grasp_deadline_s: float = Field(default=120, gt=0, description="wall time after which one grasp has failed")
+    follow: Literal["pinned", "latest"] = Field(
+        default="pinned", description="stay with this version, or take the newest calibrated one before a guided batch"
+    )
+    old_versions: Literal["fidelity", "rerun"] = Field(
+        default="fidelity", description="simulations of an older version: mapped by designs of both, or left out"
+    )
+    reruns: int = Field(
+        default=20, ge=0, le=100_000, description="designs simulated again when the version changes, the best first"
+    )
 
     @property
     def version(self) -> SimulatorVersion:
@@ -101,8 +111,18 @@ class ScientistSettings(Record):
         default="mes", description="how designs to simulate are chosen"
     )
     min_distance: float = Field(
-        default=0.05, ge=0, le=1, description="between tools of one batch, in the unit cube of the design space"
+        default=0.05,
+        ge=0,
+        le=1,
+        description="of tools from others of the batch and from rejected ones, in the unit cube of the design space",
     )
+    manufacturable: bool = Field(default=False, description="propose only what keeps the rules of `printing`")
+    printing: PrintingRules = PrintingRules()
+
+    @property
+    def printing_rules(self) -> PrintingRules | None:
+        """The rules that proposals keep, if any."""
+        return self.printing if self.manufacturable else None
 
 
 class Schedule(Record):
@@ -147,3 +167,6 @@ class Execution(Record):
     physics_workers: int = Field(default=1, ge=1, le=64, description="processes behind a virtual bench")
     print_poll_s: float = Field(default=5.0, gt=0, le=3600)
     max_grasp_attempts: int = Field(default=2, ge=1, le=10)
+    position_check_tools: int = Field(
+        default=0, ge=0, le=10, description="tools between checks of the gantry for lost steps; 0: after a batch only"
+    )

@@ -1,7 +1,7 @@
 """Where a campaign stands, derived from the lake alone: any process can be killed and ask again."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -74,6 +74,8 @@ class CampaignState:
     next_attempts: dict[tuple[str, Cell], int] = field(default_factory=dict)  # (tool_id, cell) -> number, if not 0
     batch_on_rack: int = 0  # of a real bench: the one it measured last, 0 before its first grasp and on a virtual one
     simulated: dict[str, set[int]] = field(default_factory=dict)  # design_id -> objects with a result or a failure
+    simulated_before: dict[str, set[int]] = field(default_factory=dict)  # the same, by an older simulator version
+    fruitful: frozenset[str] = frozenset()  # design ids with a simulated result, by whichever version
 
     def tools_of(self, batch: int) -> list[ProposedTool]:
         """The proposed tools of a batch, by slot."""
@@ -92,6 +94,10 @@ class CampaignState:
         """Number of the next attempt at a grasp: that of a good one without trace, which it replaces, or a new one."""
         return self.next_attempts.get((tool_id, cell), 0)
 
+    def is_to_be_had(self, tool: ProposedTool) -> bool:
+        """Whether a tool was printed, and no later batch has taken its slot on a real rack."""
+        return tool.batch >= self.batch_on_rack and self.confirmed.get(tool.tool_id) == "printed"
+
     def missing_grasps(self, tool: ProposedTool, plan: Iterable[Cell], max_attempts: int) -> list[Cell]:
         """Grasps still to be made, in the order of the plan: not measured, or measured and the trace is lost.
 
@@ -99,7 +105,7 @@ class CampaignState:
         not held against it. None for a rejected tool, and for one of a batch that a real bench's rack held before: in
         its slot stands another tool now.
         """
-        if tool.batch < self.batch_on_rack or self.confirmed.get(tool.tool_id) != "printed":
+        if not self.is_to_be_had(tool):
             return []
         done = self.measured.get(tool.tool_id, set())
         return [c for c in plan if c not in done and self.failures.get((tool.tool_id, c), 0) < max_attempts]
@@ -109,9 +115,19 @@ class CampaignState:
         done = self.simulated.get(design_id, set())
         return [o for o in object_ids if o not in done]
 
+    def ever_simulated(self, design_id: str) -> set[int]:
+        """Objects on which a design has been simulated by any of the campaign's simulator versions."""
+        return self.simulated.get(design_id, set()) | self.simulated_before.get(design_id, set())
 
-def derive_state(lake: Lake, campaign_id: str, version_id: str, setup_id: str) -> CampaignState:
-    """Read the state of a campaign; `version_id` and `setup_id` say which simulations count."""
+
+def derive_state(
+    lake: Lake,
+    campaign_id: str,
+    setup_id: str,
+    version_ids: Collection[str],
+    older_ids: Collection[str] = (),
+) -> CampaignState:
+    """Read the state of a campaign; `version_ids` and `setup_id` say which simulations count, `older_ids` which did."""
     proposals = lake.rows(ProposalRow, campaign_id=campaign_id)
     designs = load_designs(lake)
     printed = {row["tool_id"]: row for row in lake.rows(ToolRow, campaign_id=campaign_id)}
@@ -125,7 +141,7 @@ def derive_state(lake: Lake, campaign_id: str, version_id: str, setup_id: str) -
         confirmed={tool_id: row["status"] for tool_id, row in printed.items()},
         **_grasp_progress(lake, campaign_id),
         batch_on_rack=_batch_on_rack(lake, campaign_id),
-        simulated=_simulated(lake, version_id, setup_id),
+        **_simulation_progress(lake, setup_id, version_ids, older_ids),
     )
 
 
@@ -174,12 +190,21 @@ def _batch_on_rack(lake: Lake, campaign_id: str) -> int:
     return int(batch)
 
 
-def _simulated(lake: Lake, version_id: str, setup_id: str) -> dict[str, set[int]]:
-    simulated: dict[str, set[int]] = defaultdict(set)
-    sql = "SELECT design_id, object_id FROM simulations WHERE version_id = ? AND setup_id = ?"
-    for design_id, object_id in tuples(lake, sql, version_id, setup_id):
-        simulated[design_id].add(object_id)
-    return dict(simulated)
+def _simulation_progress(
+    lake: Lake, setup_id: str, version_ids: Collection[str], older_ids: Collection[str]
+) -> dict[str, Any]:
+    present: dict[str, set[int]] = defaultdict(set)
+    before: dict[str, set[int]] = defaultdict(set)
+    fruitful = set()
+    marks = ", ".join("?" * (len(version_ids) + len(older_ids)))
+    sql = f"""SELECT design_id, object_id, version_id, status = 'ok' FROM simulations
+        WHERE setup_id = ? AND version_id IN ({marks})"""
+    found = tuples(lake, sql, setup_id, *sorted(version_ids), *sorted(older_ids))
+    for design_id, object_id, version_id, is_good in found:
+        (present if version_id in version_ids else before)[design_id].add(object_id)
+        if is_good:
+            fruitful.add(design_id)
+    return {"simulated": dict(present), "simulated_before": dict(before), "fruitful": frozenset(fruitful)}
 
 
 def tuples(lake: Lake, sql: str, *params: str) -> Iterable[tuple[Any, ...]]:

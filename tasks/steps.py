@@ -15,7 +15,6 @@ from models.records import Design
 from tasks import measuring, printing, proposing, simulating
 from tasks.campaign import Campaign
 from tasks.measuring import OpenBench
-from tasks.observing import observe, observed_rows
 from tasks.pool import WorkerPool
 from tasks.state import ProposedTool
 
@@ -34,17 +33,9 @@ def propose_batch(label: str, campaign: Campaign, stage: int) -> None:
     if stage == 0:
         proposing.propose_initial(campaign)
     else:
-        _propose_guided(campaign, batches[0])
+        proposing.propose_guided(campaign, batches[0])
     for batch in batches:
         printing.ensure_tray(campaign.lake, campaign.campaign_id, batch)
-
-
-def _propose_guided(campaign: Campaign, batch: int) -> None:
-    state = campaign.state()
-    closed = range(1, batch)
-    data = observe(campaign, state, closed)
-    surrogate = proposing.fit(campaign, batch, data, observed_rows(campaign, state, closed))
-    proposing.propose_tools(campaign, batch, data, surrogate, state)
 
 
 @task(task_run_name="simulate {label}", cache_policy=NO_CACHE)

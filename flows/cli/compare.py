@@ -1,7 +1,8 @@
 """`fast compare`: the scientist's strategies side by side, at the same budget, on the same worlds."""
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -9,45 +10,125 @@ from cyclopts.validators import Number
 from flows.cli.common import AsJson, show, table_text, tell
 
 if TYPE_CHECKING:
-    from flows.compare.race import Course
+    from matplotlib.figure import Figure
+
     from models.surrogate.observations import ObservationSet
 
 AT_LEAST_ONE = Number(gte=1)
+Rows = list[dict[str, Any]]
 _COLUMNS = ("strategy", "last_batch_n", "last_batch_sd_n", "best_n", "final_regret_n", "mean_regret_n",
             "reached_97_percent", "rounds_to_97_percent", "cpu_s")  # fmt: skip
 
 
 def compare(
+    config: Annotated[
+        Path | None, Parameter(help="Campaign config: whole campaigns on its virtual bench instead of landscapes.")
+    ] = None,
     *,
-    races: Annotated[int, Parameter(help="How many landscapes, one seed each.", validator=AT_LEAST_ONE)] = 20,
-    strategies: Annotated[str | None, Parameter(help="Names separated by `;`; default: all.")] = None,
+    races: Annotated[
+        int | None,
+        Parameter(help="Landscapes (20) or seeds of a config (2).", validator=AT_LEAST_ONE),
+    ] = None,
+    strategies: Annotated[
+        str | None, Parameter(help="Names separated by `;`; default: all, or the paper's four of a config.")
+    ] = None,
     emulate: Annotated[
         Path | None, Parameter(help="Lake whose simulated designs are emulated, instead of synthetic landscapes.")
     ] = None,
-    rounds: Annotated[int, Parameter(help="Rounds of ten measured tools.", validator=AT_LEAST_ONE)] = 8,
+    rounds: Annotated[
+        int | None, Parameter(help="Rounds of ten measured tools (8) on a landscape.", validator=AT_LEAST_ONE)
+    ] = None,
     results: Annotated[
         Path | None, Parameter(help="JSON-lines file of the races; what is in it is not run again.")
     ] = None,
+    lakes: Annotated[
+        Path | None,
+        Parameter(help="Folder (compare-data) of the lakes of campaigns; may be continued."),
+    ] = None,
     figure: Annotated[Path | None, Parameter(help="Picture to draw, e.g. compare.png.")] = None,
-    workers: Annotated[int, Parameter(help="Worker processes.", validator=AT_LEAST_ONE)] = 2,
+    workers: Annotated[int | None, Parameter(help="Processes (2) for landscapes.", validator=AT_LEAST_ONE)] = None,
     json: AsJson = False,
 ) -> None:
-    """Race the scientist's strategies on worlds that answer at once, with the paper's schedule and paired seeds."""
+    """Race the scientist's strategies with paired seeds: on worlds that answer at once, or as whole campaigns.
+
+    Landscapes have the paper's schedule. Campaigns have that of their config, the same number of measured tools for
+    each strategy, and the same first designs.
+    """
+    if config is not None:
+        _refuse({"emulate": emulate, "rounds": rounds, "results": results, "workers": workers}, "CONFIG")
+        _compare_campaigns(config, races or 2, strategies, lakes or Path("compare-data"), figure, json)
+        return
+    _refuse({"lakes": lakes}, "landscapes")
+    data = _simulated(emulate) if emulate else None
+    _compare_on_landscapes(races or 20, _names(strategies), data, rounds or 8, results, figure, workers or 2, json)
+
+
+def _compare_on_landscapes(
+    races: int,
+    names: list[str],
+    data: "ObservationSet | None",
+    rounds: int,
+    results: Path | None,
+    figure: Path | None,
+    workers: int,
+    json: bool,
+) -> None:
     from flows.compare.race import RaceSchedule
     from flows.compare.strategies import REFERENCE
     from flows.compare.study import Entry, run_study
     from flows.compare.verdict import paired_rows, summary_rows
 
-    names = _names(strategies)
-    data = _simulated(emulate) if emulate else None
     schedule = RaceSchedule(rounds=rounds)
     entries = [Entry(name, seed, schedule, data) for seed in range(races) for name in names]
     courses = run_study(entries, results, workers, tell)
-    summary, paired = summary_rows(courses), paired_rows(courses, REFERENCE)
-    text = f"{table_text(summary, list(_COLUMNS))}\n\nagainst `{REFERENCE}` on the same seeds (positive: better)\n\n"
-    show({"strategies": summary, "paired": paired}, text + table_text(paired), json)
+    _show(summary_rows(courses), paired_rows(courses, REFERENCE), _COLUMNS, json)
     if figure is not None:
-        _draw(courses, figure)
+        from flows.compare.figure import races_figure
+
+        _draw(lambda: races_figure(courses, REFERENCE), figure)
+
+
+def _compare_campaigns(
+    config: Path, seeds: int, strategies: str | None, lakes: Path, figure: Path | None, json: bool
+) -> None:
+    from flows.compare.campaign_table import COLUMNS, campaign_rows, campaigns_figure, paired_campaign_rows
+    from flows.compare.campaigns import BenchRace, run_races
+    from flows.compare.strategies import OF_THE_PAPER, REFERENCE, STRATEGY_BY_NAME
+    from flows.launch import read_world
+    from tasks.config import load_config, relative_to
+
+    names = _names(strategies) if strategies else list(OF_THE_PAPER)
+    loaded = load_config(config)
+    world = read_world(relative_to(config, loaded.bench.world))
+    races = [
+        BenchRace(STRATEGY_BY_NAME[name], loaded.seed + seed, loaded, world, lakes)
+        for seed in range(seeds)
+        for name in names
+    ]
+    courses = run_races(races, tell)
+    _show(campaign_rows(courses), paired_campaign_rows(courses, REFERENCE), COLUMNS, json)
+    if figure is not None:
+        _draw(lambda: campaigns_figure(courses, REFERENCE), figure)
+
+
+def _refuse(options: dict[str, object], beside: str) -> None:
+    """Refuse options that do not belong to what is compared.
+
+    Raises:
+        UsageError: naming the first of them that was given.
+    """
+    from models.errors import UsageError
+
+    for name, value in options.items():
+        if value is not None:
+            raise UsageError(f"--{name} says nothing about {beside}; leave it out.")
+
+
+def _show(summary: Rows, paired: Rows, columns: Sequence[str], as_json: bool) -> None:
+    from flows.compare.strategies import REFERENCE
+
+    text = f"{table_text(summary, list(columns))}\n\nagainst `{REFERENCE}` on the same seeds (positive: better)\n\n"
+    show({"strategies": summary, "paired": paired}, text + table_text(paired), as_json)
 
 
 def _names(text: str | None) -> list[str]:
@@ -100,12 +181,10 @@ def _simulated(lake: Path) -> "ObservationSet":
     return ObservationSet(x, np.full(len(y), SIM), y, np.zeros(len(y)))
 
 
-def _draw(courses: "list[Course]", path: Path) -> None:
-    from flows.compare.figure import races_figure
-    from flows.compare.strategies import REFERENCE
+def _draw(make: "Callable[[], Figure]", path: Path) -> None:
     from flows.report.style import figure_style
 
     path.parent.mkdir(parents=True, exist_ok=True)
     with figure_style():
-        races_figure(courses, REFERENCE).savefig(path, dpi=160)
+        make().savefig(path, dpi=160)
     tell(f"{path} drawn")

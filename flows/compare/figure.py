@@ -11,7 +11,7 @@ from flows.compare.race import Course
 from flows.report.style import INK, MUTED, new_figure
 
 # Okabe and Ito (2008); the paper's hybrid in black
-_COLOURS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d1f", "#5f6670")
+COLOURS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d1f", "#5f6670")
 _DASHES = ("-", (0, (5, 1.5)), (0, (2, 1.2)), (0, (6, 1.5, 1.5, 1.5)))
 
 
@@ -22,7 +22,7 @@ def races_figure(courses: Sequence[Course], reference: str) -> Figure:
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
     for place, name in enumerate(names):
         of_name = [course for course in courses if course.strategy == name]
-        colour = _COLOURS[place % len(_COLOURS)]
+        colour = COLOURS[place % len(COLOURS)]
         _best_line(left, of_name, name, colour, _DASHES[place // 2 % len(_DASHES)])
         _last_batches(right, of_name, len(names) - place, colour)
     left.set_xlabel("round of ten measured tools")

@@ -31,3 +31,5 @@ STRATEGIES = (
 )
 STRATEGY_BY_NAME = {strategy.name: strategy for strategy in STRATEGIES}
 REFERENCE = "hybrid, MES"
+# What whole campaigns compare unless told otherwise: the table of the paper
+OF_THE_PAPER = ("random", "simulation only", "measured only", REFERENCE)

@@ -9,8 +9,8 @@ DUPLICATE_DISTANCE = 1e-4  # unit-cube length below which two designs print as t
 class Spacing:
     """Keeps proposals off what is already known or under way at their fidelity.
 
-    known: n x 9 evaluated points, excluded themselves. pending: m x 9 points under way; like the points
-    chosen so far they keep `min_distance` (Euclidean in the unit cube) around them free.
+    known: n x 9 points evaluated or proposed before, excluded themselves. pending: m x 9 points under way or rejected;
+    like the points chosen so far they keep `min_distance` (Euclidean in the unit cube) around them free.
     """
 
     def __init__(self, known: np.ndarray, pending: np.ndarray, min_distance: float) -> None:

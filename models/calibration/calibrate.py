@@ -60,7 +60,8 @@ def _automatic(
 def _doubt(result: CalibrationResult) -> str | None:
     """Why the factorised result is not good enough, if so."""
     if result.k_hat is None or not result.k_hat < K_HAT_LIMIT:
-        return f"k-hat of its importance weights is {result.k_hat}, it must be below {K_HAT_LIMIT:g}"
+        k_hat = "unknown" if result.k_hat is None else f"{result.k_hat:.2f}"
+        return f"k-hat of its importance weights is {k_hat}, it must be below {K_HAT_LIMIT:g}"
     wanted = min(ESS_LIMIT, 0.1 * result.draws.shape[0] * result.draws.shape[1])
     worst = min(THETA, key=lambda name: result.ess_bulk[name])
     if not result.ess_bulk[worst] >= wanted:

@@ -11,7 +11,7 @@ c = (1 | a), the slope G of H (`models.surrogate.covariance`) and M = W * G * c 
     d/dt_k = -(2 / l_k^2) sum_{i in R, j in S} M_ij (t_k - z_jk)        d/dlog s = 2 <W, its covariance>
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,6 +46,13 @@ class JointDensity:
         value = factored.value + prior_phi + prior_psi
         return value, np.concatenate([by_phi + slope_phi, by_psi + slope_psi])
 
+    def draw_outputs(self, values: np.ndarray, rng: np.random.Generator) -> Standardised:
+        """The same designs with outputs drawn from the model at a vector."""
+        n_phi, n_sim = self.layout.n_phi, len(self.data.y_sim)
+        terms = _Terms.of(self.data, self.layout.phi(values[:n_phi]), self.layout.psi(values[n_phi:]))
+        y = np.linalg.cholesky(terms.covariance()) @ rng.standard_normal(len(terms.z))
+        return replace(self.data, y_sim=y[:n_sim], y_real=y[n_sim:] + terms.amplitude * self.data.mean)
+
 
 @dataclass(frozen=True, eq=False)
 class _Terms:
@@ -73,14 +80,19 @@ class _Terms:
         """Factor of the emulated process in every output, n + m."""
         return np.repeat([1.0, self.amplitude], [len(self.data.y_sim), len(self.data.y_real)])
 
-    def density(self) -> Factored | None:
-        """Density of all outputs."""
+    def covariance(self) -> np.ndarray:
+        """K of all outputs, in Fortran order."""
         data, n_sim = self.data, len(self.data.y_sim)
         K = np.multiply(self.h.covariance, self.c[:, None] * self.c[None, :], order="F")
         K[n_sim:, n_sim:] += self.e.covariance
         sim, real = data.variance_sim + self.phi.nugget**2, data.variance_real + self.psi.noise_sd**2
         K[np.diag_indices_from(K)] += np.concatenate([sim, real])
-        return log_normal(K, np.concatenate([data.y_sim, data.y_real - self.amplitude * data.mean]))
+        return K
+
+    def density(self) -> Factored | None:
+        """Density of all outputs."""
+        residual = np.concatenate([self.data.y_sim, self.data.y_real - self.amplitude * self.data.mean])
+        return log_normal(self.covariance(), residual)
 
     def gradient(self, factored: Factored, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
         """By phi (n_phi) and psi (n_psi) in their unconstrained form."""

@@ -39,6 +39,7 @@ def calibrate_joint(
         ess_bulk=found.ess_bulk,
         ess_tail=found.ess_tail,
         n_divergences=samples.n_divergences,
+        n_gradients=samples.n_gradients,
         warnings=found.warnings,
         cpu_s=sum(steps.values()),
         steps=steps,
@@ -52,7 +53,7 @@ def sample_joint(
     density = JointDensity(data, layout)
     started = time.process_time()
     with one_blas_thread():
-        optima = climb(density, _first_guesses(layout))
+        optima = climb(density, first_guesses(layout))
         covariance = laplace_covariance(density, optima[0].vector)
         rng = np.random.default_rng([settings.seed, 1])
         starts = starts_around(density, optima, covariance, settings.chains, rng)
@@ -63,7 +64,7 @@ def sample_joint(
     return samples, {"optimum": found_s, "sampling": samples.cpu_s}
 
 
-def _first_guesses(layout: Layout) -> list[np.ndarray]:
+def first_guesses(layout: Layout) -> list[np.ndarray]:
     """Medians of the priors, with a soft, a likely and a hard material."""
     phi = [LENGTHSCALE[0]] * layout.n_inputs + [SD_H[0], NUGGET[0]]
     psi = [LENGTHSCALE[0]] * N_DESIGN + [SD_E[0], NOISE_SD[0]] + [RHO_MEAN] * layout.has_rho

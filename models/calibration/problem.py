@@ -1,6 +1,6 @@
 """What a calibration is fitted to, and its standardised form."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -162,6 +162,10 @@ class Standardised:
     def n_inputs(self) -> int:
         """Number d of the simulator's inputs: 12, or 11 where E is a factor."""
         return self.z_sim.shape[1]
+
+    def take_sim(self, rows: np.ndarray) -> "Standardised":
+        """The same measurements with some of the simulations (row numbers or a mask), in the same units."""
+        return replace(self, z_sim=self.z_sim[rows], y_sim=self.y_sim[rows], variance_sim=self.variance_sim[rows])
 
     def amplitude(self, young_modulus_mpa: float, rho: float) -> float:
         """Factor a between the emulated process and measured forces."""

@@ -17,7 +17,8 @@ class CalibrationResult:
     draws: chains x n x len(names), constrained: theta in physical units, `lengthscale_*` in unit-cube lengths,
     `sd_e_n` and `noise_sd_n` in N, `sd_h` and `nugget` standardised. `method` is the algorithm that made the draws.
     `r_hat`, `ess_bulk`, `ess_tail` by parameter (rank-normalised; Vehtari et al. 2021). `k_hat`: Pareto k of the
-    importance weights (Vehtari et al. 2024), None where nothing was weighted. `n_divergences` after tuning.
+    importance weights (Vehtari et al. 2024), None where none were tried; with a `method` other than "factorised" it is
+    why that one was replaced. `n_divergences` after tuning. `n_gradients`: all that NUTS evaluated, tuning included.
     `warnings`: sentences on what is wrong or doubtful, never hidden.
     """
 
@@ -33,6 +34,7 @@ class CalibrationResult:
     warnings: tuple[str, ...] = ()
     cpu_s: float = 0.0
     steps: Mapping[str, float] = field(default_factory=dict)  # CPU seconds by step of the algorithm
+    n_gradients: int = 0
 
     def of(self, name: str) -> np.ndarray:
         """Draws of one parameter, chains x n."""

@@ -5,8 +5,10 @@ forked (threads of BLAS or of a caller would deadlock), keep to one BLAS thread,
 """
 
 import multiprocessing
+import signal
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any
@@ -169,6 +171,10 @@ class _Processes:
             while any(chain is None for chain in self._chains):
                 for pipe in wait(pipes):
                     self._take(pipe)
+        except (EOFError, BrokenPipeError, ConnectionResetError) as error:
+            raise FastError(
+                "a process that sampled died, perhaps for lack of memory; sample again with fewer workers."
+            ) from error
         finally:
             for process in processes:
                 process.terminate()
@@ -182,12 +188,7 @@ class _Processes:
             pipe.send((number, self._jobs[number]))
 
     def _take(self, pipe: Any) -> None:
-        try:
-            kind, number, news = pipe.recv()
-        except EOFError:
-            raise FastError(
-                "a process that sampled died, perhaps for lack of memory; sample again with fewer workers."
-            ) from None
+        kind, number, news = pipe.recv()
         if kind == "error":
             raise news
         if kind == "news":
@@ -201,16 +202,15 @@ def _serve(pipe: Connection) -> None:
     """Sample the chains that come through the pipe until it closes; it closes when the parent ends."""
     import cloudpickle
 
-    log_density = cloudpickle.loads(pipe.recv())
-    while True:
-        try:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent too, which ends this process
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):  # raised when the parent has ended
+        log_density = cloudpickle.loads(pipe.recv())
+        while True:
             number, job = pipe.recv()
-        except EOFError:
-            return
-        try:
-            pipe.send(("chain", number, _run(log_density, job, _Sender(pipe, number))))
-        except Exception as error:
-            pipe.send(("error", number, error))
+            try:
+                pipe.send(("chain", number, _run(log_density, job, _Sender(pipe, number))))
+            except Exception as error:
+                pipe.send(("error", number, error))
 
 
 class _Sender:

@@ -3,6 +3,7 @@
 import math
 from typing import Literal
 
+import numpy as np
 from pydantic import Field
 
 from models.records import Record
@@ -28,6 +29,14 @@ class ThetaPriors(Record):
     def young_modulus_mode_mpa(self) -> float:
         """Mode of the log-normal."""
         return self.young_modulus_median_mpa * math.exp(-(self.young_modulus_log_sd**2))
+
+    def draw(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        """Draws of theta, n x 3: young_modulus_mpa, friction, poisson_ratio."""
+        modulus_mpa = self.young_modulus_median_mpa * np.exp(self.young_modulus_log_sd * rng.standard_normal(n))
+        friction = rng.gamma(self.friction_shape, 1.0 / self.friction_rate, n)
+        return np.column_stack(
+            [modulus_mpa, friction, rng.uniform(self.poisson_ratio_lower, self.poisson_ratio_upper, n)]
+        )
 
 
 class CalibrationSettings(Record):

@@ -28,12 +28,26 @@ def planar_profile(design: Design, fillet_mm: float = 0.5, arc_segments: int = A
     fillets of radius `fillet_mm`, as printed ones do; 0 leaves them sharp. A fillet is drawn with `arc_segments`
     per quarter circle; with one it is a chamfer of the same area.
     """
-    voids = _cavity(design).difference(shapely.union_all(_ribs(design)))
-    printable = [void for part in _polygons(voids) for void in _printable(part, fillet_mm, arc_segments)]
+    printable = [void for part in _voids(design) for void in _printable(part, fillet_mm, arc_segments)]
     # The lowest void is open towards the base, so it is a notch of the outline and no hole.
     parts = _polygons(_outline(design).difference(shapely.union_all(printable)))
     body = max(parts, key=lambda part: part.area)
     return shapely.geometry.polygon.orient(Polygon(_above_base(body), body.interiors))
+
+
+def cavities(design: Design) -> list[Polygon]:
+    """The voids between the ribs above the base as drawn, mm: sharp, and however small."""
+    above = box(0.0, BASE_HEIGHT_MM, design.length_mm, design.height_mm)
+    return [part for void in _voids(design) for part in _polygons(void.intersection(above))]
+
+
+def outline_area_mm2(design: Design) -> float:
+    """Area of the compliant body in the (x, z) plane with its voids."""
+    return float(_outline(design).area)
+
+
+def _voids(design: Design) -> list[Polygon]:
+    return _polygons(_cavity(design).difference(shapely.union_all(_ribs(design))))
 
 
 def _above_base(body: Polygon) -> np.ndarray:
@@ -70,18 +84,32 @@ def _cavity(design: Design) -> BaseGeometry:
     return inner.intersection(window)
 
 
-def _ribs(design: Design) -> list[BaseGeometry]:
-    foot, apex = _back_line(design)
+def cavity_share(points: np.ndarray, design: Design) -> np.ndarray:
+    """How far points (n, 2) in mm are across the cavity: 0 from the front wall on, 1 from the back wall on."""
+    back_x = _back_x(design, points[:, 1])
+    return np.clip((points[:, 0] - design.front_thickness_mm) / (back_x - design.front_thickness_mm), 0.0, 1.0)
+
+
+def rib_centres(design: Design) -> np.ndarray:
+    """Points (n, 2) in mm half way between the walls, about which the ribs are turned."""
     bottom, top = BASE_HEIGHT_MM, design.height_mm - design.tip_length_mm
+    z = bottom + (top - bottom) * np.arange(1, design.rib_count + 1) / (design.rib_count + 1)
+    return np.column_stack([(design.front_thickness_mm + _back_x(design, z)) / 2, z])
+
+
+def _back_x(design: Design, z: np.ndarray) -> np.ndarray:
+    """The inner side of the back wall at heights z (n)."""
+    foot, apex = _back_line(design)
+    return np.asarray(foot[0] + (apex[0] - foot[0]) * (z - foot[1]) / (apex[1] - foot[1]))
+
+
+def _ribs(design: Design) -> list[BaseGeometry]:
     reach = 4 * design.length_mm  # longer than any cavity is wide at any angle
     ribs = []
-    for index in range(1, design.rib_count + 1):
-        z = bottom + (top - bottom) * index / (design.rib_count + 1)
-        back_x = foot[0] + (apex[0] - foot[0]) * (z - foot[1]) / (apex[1] - foot[1])
-        centre = (design.front_thickness_mm + back_x) / 2, z
-        middle = LineString([(centre[0] - reach, z), (centre[0] + reach, z)])
+    for x, z in rib_centres(design).tolist():
+        middle = LineString([(x - reach, z), (x + reach, z)])
         strip = middle.buffer(design.rib_thickness_mm / 2, cap_style="flat")
-        ribs.append(affinity.rotate(strip, design.rib_angle_deg, origin=centre))
+        ribs.append(affinity.rotate(strip, design.rib_angle_deg, origin=(x, z)))
     return ribs
 
 

@@ -43,6 +43,20 @@ def matern52_with_slope(x: np.ndarray, lengthscales: np.ndarray, sd: float) -> M
     return MaternWithSlope(covariance, slope)
 
 
+def matern52_cross_with_slope(x1: np.ndarray, x2: np.ndarray, lengthscales: np.ndarray, sd: float) -> MaternWithSlope:
+    """Covariance between the rows of `x1` (n x d) and `x2` (m x d) and its slope, each n x m."""
+    r = _scaled_distance(x1, x2, lengthscales)
+    slope = np.exp(-r)
+    slope *= sd**2 / 3.0
+    covariance = r * r
+    r += 1.0
+    covariance += 3.0 * r
+    covariance *= slope
+    slope *= r
+    slope *= 5.0
+    return MaternWithSlope(covariance, slope)
+
+
 @nb.njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
 def _fill_matern(scaled: np.ndarray, third: float, covariance: np.ndarray, slope: np.ndarray) -> None:
     """Both n x n matrices from scaled inputs (d x n) and sd^2 / 3: one pass over a triangle, which is then mirrored.

@@ -1,6 +1,7 @@
 """The closed loop on the virtual bench, killed in the middle and continued: the same set of grasps, once each."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from lake.store import Lake
-from lake.tables import EventRow, FlowRunRow, GraspRow, SimulationRow, ToolRow
+from lake.tables import EventRow, FlowRunRow, GraspRow, ProposalRow, SimulationRow, ToolRow
 from models.errors import FastError
 from tasks.config import load_config
 from tasks.state import derive_state
@@ -59,7 +60,7 @@ def start(folder: Path, *options: str) -> "subprocess.Popen[str]":
     )
 
 
-def wait_for(folder: Path, condition, limit_s: float = 150.0) -> None:
+def wait_for(folder: Path, condition, limit_s: float = 600.0) -> None:
     deadline = time.monotonic() + limit_s
     while time.monotonic() < deadline:
         try:
@@ -119,7 +120,7 @@ def test_waits_for_a_person_simulates_meanwhile_and_pauses_on_request(folder):
         config = load_config(folder / "tiny.toml")
         version_id, setup_id = config.simulator.version.version_id, config.grasp.setup_id
         wait_for(folder, lambda lake: len(lake.ids(SimulationRow)) == 4 * N_OBJECTS)  # 2 proposals and 2 tools
-        state = derive_state(Lake.open(folder / "lake"), "tiny", version_id, setup_id)
+        state = derive_state(Lake.open(folder / "lake"), "tiny", setup_id, [version_id])
         assert not state.is_confirmed(1)
         assert not state.measured
         assert (folder / "lake" / "outputs" / "tiny" / "B01-print" / "tray.3mf").is_file()
@@ -155,6 +156,59 @@ def test_ctrl_c_at_the_terminal_ends_cleanly_while_a_person_is_awaited(folder):
     assert "the same command continues it" in output
     assert "Traceback" not in output
     assert {r["status"] for r in Lake.open(folder / "lake").rows(SimulationRow)} == {"ok"}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1500)
+def test_killed_among_simulations_it_proposes_what_it_would_have_uninterrupted(folder):
+    """The lake is copied while the process stands still, as a kill would leave it; both copies are continued."""
+    toml = folder / "tiny.toml"
+    toml.write_text(CONFIG.replace("simulations_per_batch = 1", "simulations_per_batch = 3"))
+    campaign = start(folder)
+    try:
+        wait_for(folder, lambda lake: any(r["kind"] == "print_waiting" for r in lake.rows(EventRow)))
+        fast(folder, "print", "confirm", "tiny/B01", "--operator", "tester")
+        wait_for(folder, lambda lake: begun_simulations(lake) >= 1)
+        os.killpg(campaign.pid, signal.SIGSTOP)
+        shutil.copytree(folder / "lake", folder / "killed" / "lake", ignore=shutil.ignore_patterns(".state"))
+        os.killpg(campaign.pid, signal.SIGCONT)
+        at_kill = begun_simulations(Lake.open(folder / "killed" / "lake"))
+        wait_for(folder, lambda lake: is_simulated(lake, 3))  # nobody confirms B02, so the bench stands still
+    finally:
+        end(campaign)
+    for name in ("tiny.toml", "world.toml"):
+        shutil.copy(folder / name, folder / "killed")
+    continued = start(folder / "killed")
+    try:
+        wait_for(folder / "killed", lambda lake: is_simulated(lake, 3))
+    finally:
+        end(continued)
+    uninterrupted, killed = (guided(Lake.open(root / "lake")) for root in (folder, folder / "killed"))
+    assert at_kill < 3
+    assert len(uninterrupted) == 2 + 3
+    assert killed == uninterrupted
+
+
+def guided(lake: Lake) -> dict[tuple, tuple]:
+    """What was proposed for the guided batch, tools and simulations, with what was known when it was."""
+    rows = lake.rows(ProposalRow, campaign_id="tiny", batch=2)
+    known = ("design_id", "acquisition_value", "n_real", "n_sim", "n_pending")
+    return {(r["fidelity"], r["index"]): tuple(r[name] for name in known) for r in rows}
+
+
+def begun_simulations(lake: Lake) -> int:
+    return len(lake.rows(ProposalRow, campaign_id="tiny", batch=2, fidelity="sim"))
+
+
+def is_simulated(lake: Lake, n_designs: int) -> bool:
+    designs = {r["design_id"] for r in lake.rows(ProposalRow, campaign_id="tiny", batch=2, fidelity="sim")}
+    done = sum(r["design_id"] in designs for r in lake.rows(SimulationRow))
+    return len(designs) == n_designs and done == n_designs * N_OBJECTS
+
+
+def end(campaign: "subprocess.Popen[str]") -> None:
+    campaign.kill()
+    campaign.communicate()
 
 
 def fast(folder: Path, *arguments: str) -> None:

@@ -2,10 +2,15 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from flows import campaign as campaign_flow
+from flows.lanes import RerunLane
+from models.design_space import random_designs
 from models.errors import DeviceError, LakeError
+from tasks.settings import Schedule
+from tasks.state import CampaignState
 
 
 class ScriptedLane:
@@ -56,6 +61,18 @@ def test_a_failed_bench_stops_new_work_and_lets_simulations_end(session):
     assert drive(session, bench, simulations) is fault
     assert simulations.n_finished == 2
     assert session.stopping.is_set()
+
+
+def test_designs_are_simulated_again_in_order_and_nothing_new_is_proposed():
+    designs = random_designs(3, np.random.default_rng(1))
+    config = SimpleNamespace(schedule=Schedule(initial_simulations=5, simulations_per_batch=5))
+    session = SimpleNamespace(campaign=SimpleNamespace(config=config, object_ids=(4, 7)))
+    lane = RerunLane(session, 1, designs)
+    state = CampaignState((), (), simulated={designs[0].design_id: {4, 7}, designs[1].design_id: {4}})
+    assert lane._next(state).design == designs[1]
+    assert lane._next(state).label == "again 2 of 3"
+    done = CampaignState((), (), simulated={design.design_id: {4, 7} for design in designs})
+    assert lane._next(done) is None
 
 
 def test_a_lake_that_stays_unreadable_ends_the_wheel(session):

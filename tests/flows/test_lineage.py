@@ -33,10 +33,11 @@ from tasks.attempt import Attempt
 from tasks.campaign import Campaign
 from tasks.config import CampaignConfig
 from tasks.control import append_event
+from tasks.fitting import fit, surrogate_for_simulation
 from tasks.measuring import measure_tool
 from tasks.observing import observe, observed_rows
 from tasks.printing import PrintConfirmation, confirm_print
-from tasks.proposing import fit, propose_initial, propose_simulation, propose_tools, surrogate_for_simulation
+from tasks.proposing import propose_initial, propose_simulation, propose_tools
 from tasks.simulating import simulate_design
 from tests.flows.cli_lakes import Fast
 

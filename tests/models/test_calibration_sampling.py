@@ -1,11 +1,13 @@
 """NUTS through PyMC on densities with known answers."""
 
+import os
+
 import numpy as np
 import pytest
 
 from models.calibration.sampling import sample
 from models.calibration.settings import CalibrationSettings
-from models.errors import UsageError
+from models.errors import FastError, UsageError
 
 SETTINGS = CalibrationSettings(draws=400, tune=300, seed=3, workers=1)
 
@@ -43,12 +45,13 @@ def test_a_correlated_normal_is_found_with_and_without_a_first_metric(has_scale)
     assert samples.n_gradients > samples.draws[..., 0].size
 
 
-def test_processes_change_no_draw_and_progress_is_told():
+def test_processes_change_no_draw_and_seeds_do():
     density = Gaussian(3)
-    one = sample(density, np.zeros((3, 3)), SETTINGS)
-    two = sample(Gaussian(3), np.zeros((3, 3)), SETTINGS.model_copy(update={"workers": 2}))
+    settings = SETTINGS.model_copy(update={"draws": 100, "tune": 50})
+    one = sample(density, np.zeros((3, 3)), settings)
+    two = sample(Gaussian(3), np.zeros((3, 3)), settings.model_copy(update={"workers": 2}))
     np.testing.assert_array_equal(one.draws, two.draws)
-    other = sample(density, np.zeros((3, 3)), SETTINGS.model_copy(update={"seed": 4}))
+    other = sample(density, np.zeros((3, 3)), settings.model_copy(update={"seed": 4}))
     assert (one.draws != other.draws).any()
     assert (one.draws[0] != one.draws[1]).any()
 
@@ -68,3 +71,32 @@ def test_divergences_are_counted():
 def test_a_start_outside_the_support_is_refused():
     with pytest.raises(UsageError, match="the log density is -inf .* start of chain 1"):
         sample(lambda z: (0.0 if z[0] >= 0 else -np.inf, 0 * z), np.array([[0.0], [-1.0]]), SETTINGS)
+
+
+class Deadly(Gaussian):
+    """Ends the process that unpickles it."""
+
+    def __reduce__(self):
+        return os._exit, (3,)
+
+
+def test_a_dead_process_is_one_sentence():
+    with pytest.raises(FastError, match="a process that sampled died, .* fewer workers"):
+        sample(Deadly(3), np.zeros((2, 3)), SETTINGS.model_copy(update={"workers": 2}))
+
+
+class Refusing(Gaussian):
+    """Raises where it is sampled, and not where it is checked."""
+
+    n_calls = 0
+
+    def __call__(self, z):
+        self.n_calls += 1
+        if self.n_calls > 20:
+            raise UsageError("no density today.")
+        return super().__call__(z)
+
+
+def test_an_error_of_the_density_reaches_the_caller():
+    with pytest.raises(UsageError, match="no density today"):
+        sample(Refusing(3), np.zeros((1, 3)), SETTINGS)

@@ -6,6 +6,7 @@ from scipy.spatial.distance import pdist
 
 from models.design_space import RIB_COUNT_COLUMN, random_unit, to_unit
 from models.errors import UsageError
+from models.printability import PrintingRules, broken_rules
 from models.scientist import NO_PENDING, propose
 from models.surrogate.fit import ObservationSet, fit_surrogate
 from models.surrogate.posterior import Surrogate
@@ -75,6 +76,40 @@ def test_a_simulated_design_may_be_measured_but_not_simulated_again():
     )
     again = propose(surrogate.updated(more), 0, 1, NO_PENDING, np.random.default_rng(6))[0]
     assert again.design != best.design
+
+
+@pytest.mark.parametrize("acquisition", ["mes", "nei", "jes", "thompson", "random"])
+def test_what_was_proposed_before_never_comes_again_and_rejects_keep_their_surroundings_free(
+    acquisition: str, monkeypatch: pytest.MonkeyPatch
+):
+    """Only three candidates are left: one proposed before, one near a reject, one free."""
+    surrogate = fitted()
+    before, reject, free = random_unit(3, np.random.default_rng(8))
+    near = reject.copy()
+    near[0] += 0.04 if near[0] < 0.5 else -0.04
+    candidates = np.array([before, near, free])
+    monkeypatch.setattr("models.scientist.candidate_points", lambda *_: candidates)
+    monkeypatch.setattr("models.scientist.random_unit", lambda *_: candidates)
+    proposals = [
+        propose(surrogate, 1, 1, NO_PENDING, np.random.default_rng(0), acquisition=acquisition, **kept_off)[0]
+        for kept_off in ({"taken": before[None], "rejected": reject[None]}, {"taken": candidates[1:]})
+    ]
+    assert [np.abs(to_unit([p.design]) - candidates).max(axis=1).argmin() for p in proposals] == [2, 0]
+
+
+@pytest.mark.parametrize("acquisition", ["mes", "random"])
+def test_only_what_can_be_printed_is_proposed(acquisition: str):
+    rules = PrintingRules(min_cavity_mm=5.0, max_mass_g=26.0)
+    surrogate = fitted()
+    free, kept = (
+        propose(surrogate, 1, 5, NO_PENDING, np.random.default_rng(2), acquisition=acquisition, printing=printing)
+        for printing in (None, rules)
+    )
+    assert any(broken_rules(proposal.design, rules) for proposal in free)
+    assert not any(broken_rules(proposal.design, rules) for proposal in kept)
+    nothing = PrintingRules(max_mass_g=0.1)
+    with pytest.raises(UsageError, match="Only 0 of 1 designs"):
+        propose(surrogate, 1, 1, NO_PENDING, np.random.default_rng(2), acquisition=acquisition, printing=nothing)
 
 
 def test_random_needs_no_surrogate():

@@ -97,7 +97,7 @@ def measured_tools(lake: Lake, campaign_id: str | None, only: Collection[str] | 
         )
     return MeasuredTools(
         campaign_ids=tuple(dict.fromkeys(campaigns)),
-        setup=_stored_setup(setup_texts[0]),
+        setup=stored_setup(setup_texts[0]),
         object_ids=object_ids,
         tool_ids=tuple(kept),
         designs=tuple(found),
@@ -203,7 +203,7 @@ def problem_of(measured: MeasuredTools, simulated: SimulatedPoints, base: Simula
     )
 
 
-def _stored_setup(setup_json: str) -> GraspSetup:
+def stored_setup(setup_json: str) -> GraspSetup:
     """A setup with the id it was stored under: ids are of the text, in which 70 and 70.0 differ."""
     return GraspSetup.model_construct(**json.loads(setup_json))
 

@@ -8,13 +8,16 @@ import numpy as np
 from lake.store import Lake
 from lake.tables import DesignRow, GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow, TraceRow
 from models.calibration.traces.assemble import Cell, GridPoint, trace_problem
+from models.calibration.traces.features import is_usable
 from models.calibration.traces.grid import ThetaGrid
 from models.calibration.traces.noise import SensorNoise, noise_of_readings
 from models.calibration.traces.problem import TraceProblem, n_terms
-from models.effects.catalogue import build_effects
+from models.effects.catalogue import CATALOGUE, build_effects
 from models.errors import UsageError
 from models.ids import canonical_json
-from models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace
+from models.records import Design, SimulatorVersion, Theta, Trace
+from tasks.calibration_data import stored_setup
+from tasks.hypercube import SimulationPlan
 
 GRID_MODULUS_MPA = 10.0  # of the simulations to make; others count too, since forces are proportional to it
 _Pair = tuple[str, int]  # (design, object)
@@ -40,7 +43,7 @@ def trace_data(
     """Everything that trace-level calibration of the simulator `base` needs, from a campaign or the whole lake.
 
     Measured: every repeat that ended well, the last attempt of each, of tools on objects whose designs are simulated on
-    enough of the grid by versions that differ from `base` in theta alone; `grid_points` are the ones to simulate.
+    enough of the grid by versions that differ from `base` in theta alone; `grid_plan` are the ones to simulate.
     `noise` is estimated from the readings before the fingers touch unless given. Then
     `calibrate_traces(data.problem, settings, progress)` gives the result, whose calibration has `data = "trace"`.
 
@@ -50,7 +53,7 @@ def trace_data(
     """
     _require_scaling(base)
     grasps = _measured_grasps(lake, campaign_id)
-    setup = GraspSetup.model_validate_json(grasps[0].setup_json)
+    setup = stored_setup(grasps[0].setup_json)
     pairs = {(row.design_id, row.object_id) for row in grasps}
     simulations = _grid_simulations(lake, base, grasps[0].setup_id, pairs, grid)
     enough = n_terms(np.array(grid.points)) + 1
@@ -61,19 +64,24 @@ def trace_data(
             f"none of the {len(pairs)} measured pairs of a design and an object has the {enough} simulations around it "
             f"that a calibration on traces needs; simulate the {len(grid.points)} points of the grid for them."
         )
-    measured = _measured_traces(lake, used)
+    measured, grasp_ids = _measured_traces(lake, used)
     designs = {(row.tool_id, str(row.object_id)): (row.design_id, row.object_id) for row in used}
     made = _simulated_traces(lake, {pair: simulations[pair] for pair in complete})
     problem = trace_problem(
         measured,
-        {cell: made[pair] for cell, pair in designs.items()},
+        {cell: made[pair] for cell, pair in designs.items() if cell in measured},
         modulus_mpa=GRID_MODULUS_MPA,
         noise=noise or noise_of_readings([trace for traces in measured.values() for trace in traces]),
         lift_speed_mm_per_s=setup.lift_speed_mm_per_s,
     )
     simulation_ids = [row_id for pair in complete for row_id, _ in simulations[pair].values()]
-    warnings = [_left_out(len(pairs) - len(complete), len(pairs), enough)] if len(complete) < len(pairs) else []
-    return TraceData(problem, tuple(row.grasp_id for row in used), tuple(simulation_ids), tuple(warnings))
+    warnings = []
+    if len(complete) < len(pairs):
+        warnings.append(_left_out(len(pairs) - len(complete), len(pairs), enough))
+    if len(grasp_ids) < len(used):
+        n = len(used) - len(grasp_ids)
+        warnings.append(f"{n} of {len(used)} grasps have no trace, or one without a lift of 3 mm; left out.")
+    return TraceData(problem, tuple(grasp_ids), tuple(simulation_ids), tuple(warnings))
 
 
 def grid_points(
@@ -109,11 +117,28 @@ def measured_designs(lake: Lake, campaign_id: str | None = None) -> tuple[list[D
     return [known[design_id] for design_id in wanted], sorted({row.object_id for row in grasps})
 
 
+def grid_plan(
+    lake: Lake,
+    base: SimulatorVersion,
+    campaign_id: str | None = None,
+    grid: ThetaGrid = ThetaGrid(),  # noqa: B008 - frozen
+) -> SimulationPlan:
+    """The grid of everything that was measured, for `tasks.hypercube.simulate_plan`, which makes what the lake lacks.
+
+    Raises:
+        UsageError: as `measured_designs` and `grid_points`.
+    """
+    designs, objects = measured_designs(lake, campaign_id)
+    setup = stored_setup(_measured_grasps(lake, campaign_id)[0].setup_json)
+    return SimulationPlan(grid_points(designs, base, grid), tuple(objects), setup)
+
+
 def _require_scaling(version: SimulatorVersion) -> None:
-    limited = [v.effect for v in version.effects if np.isfinite(build_effects([v])[0].closing_force_limit_n())]
-    if limited:
+    build_effects(version.effects)  # names an effect that does not exist
+    breaking = [value.effect for value in version.effects if not CATALOGUE[value.effect].scales_with_modulus]
+    if breaking:
         raise UsageError(
-            f"with `{limited[0]}` forces do not scale with Young's modulus, which a calibration on traces takes for "
+            f"with `{breaking[0]}` forces do not scale with Young's modulus, which a calibration on traces takes for "
             "granted; calibrate on mean forces, or without the effect."
         )
 
@@ -159,15 +184,19 @@ def _grid_simulations(
     return found
 
 
-def _measured_traces(lake: Lake, grasps: Sequence[GraspRow]) -> dict[Cell, list[Trace]]:
+def _measured_traces(lake: Lake, grasps: Sequence[GraspRow]) -> tuple[dict[Cell, list[Trace]], list[str]]:
+    """Traces that can be used, by cell, and the ids of their grasps."""
     found: dict[Cell, list[Trace]] = {}
+    grasp_ids: list[str] = []
     by_tool: dict[str, dict[str, Cell]] = {}
     for row in grasps:
         by_tool.setdefault(row.tool_id, {})[row.grasp_id] = (row.tool_id, str(row.object_id))
     for cells in by_tool.values():
         for grasp_id, trace in _traces(lake, TraceRow, list(cells)):
-            found.setdefault(cells[grasp_id], []).append(trace)
-    return found
+            if is_usable(trace):
+                found.setdefault(cells[grasp_id], []).append(trace)
+                grasp_ids.append(grasp_id)
+    return found, grasp_ids
 
 
 def _simulated_traces(

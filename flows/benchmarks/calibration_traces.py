@@ -8,6 +8,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -213,6 +214,7 @@ def _draw(path: Path, results: Mapping[str, CalibrationResult], truth: tuple[flo
         axes.plot(*truth[:2], "+", color=INK, markersize=12, markeredgewidth=1.5, label="truth")
         axes.set_xlabel("Young's modulus (MPa)")
         axes.set_ylabel("friction")
-        for handle in figure.legend(loc="outside right upper").legend_handles[: len(results)]:
+        handles: Any = figure.legend(loc="outside right upper").legend_handles
+        for handle in handles[: len(results)]:
             handle.set_markersize(7)
         figure.savefig(path, dpi=160)

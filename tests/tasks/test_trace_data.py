@@ -15,7 +15,8 @@ from models.calibration.traces.synthetic import made_up_trace
 from models.design_space import numbered_design
 from models.errors import UsageError
 from models.records import Design, EffectValue, GraspSetup, SimulatorVersion, Theta, Trace
-from tasks.trace_data import grid_points, measured_designs, trace_data
+from tasks.hypercube import missing_objects
+from tasks.trace_data import grid_plan, grid_points, measured_designs, trace_data
 
 BASE, SETUP, OBJECTS, N_REPEATS = SimulatorVersion(), GraspSetup(), (4, 7, 30), 2
 DESIGNS = [numbered_design(number) for number in range(4)]
@@ -116,9 +117,12 @@ def test_what_to_simulate_follows_from_what_was_measured(lake: Lake) -> None:
     designs, objects = measured_designs(lake, "demo")
     assert sorted(d.design_id for d in designs) == sorted(d.design_id for d in DESIGNS)
     assert objects == [4, 7, 30]
-    points = grid_points(designs, BASE)
-    assert len(points) == 4 * 12
-    assert len({version.version_id for _, version in points}) == 12
+    plan = grid_plan(lake, BASE, "demo")
+    assert plan.n_grasps == 4 * 12 * 3
+    assert len({version.version_id for _, version in plan.points}) == 12
+    missing = missing_objects(lake, plan)
+    assert {design.design_id for (design, _), _ in missing} == {DESIGNS[3].design_id}
+    assert [objects for _, objects in missing] == [[30]] * 12
 
 
 def test_what_cannot_be_calibrated_is_refused_in_one_sentence(lake: Lake, tmp_path: Path) -> None:

@@ -63,6 +63,13 @@ def step_means(trace: Trace) -> np.ndarray:
     return np.diff(_area_at(at_mm, lift_mm, force_n, area)) / STEP_MM
 
 
+def is_usable(trace: Trace) -> bool:
+    """Whether `features_of` takes the trace: values are finite, and it lifts by `DIP_MM` or more."""
+    lift_mm = trace.lift_mm[trace.is_lift]
+    is_finite = bool(np.isfinite(trace.lift_mm).all() and np.isfinite(trace.force_n).all())
+    return is_finite and len(lift_mm) > 1 and bool(lift_mm[-1] - lift_mm[0] >= DIP_MM)
+
+
 def features_of_steps(steps_n: np.ndarray) -> np.ndarray:
     """Features (... x 14) of mean forces over steps (... x 120); see `features_of`."""
     centres_mm = STEP_MM * (np.arange(steps_n.shape[-1]) + 0.5)

@@ -12,7 +12,7 @@ from lake.store import Lake
 from lake.tables import CalibrationRow, CampaignRow, SimulatorVersionRow, ToolRow
 from models.calibration.problem import MIN_DESIGNS, CalibrationProblem
 from models.design_space import to_unit
-from models.effects.catalogue import build_effects
+from models.effects.scaling import scales_with_modulus
 from models.errors import UsageError
 from models.ids import canonical_json
 from models.records import Design, GraspSetup, SimulatorVersion
@@ -201,11 +201,6 @@ def problem_of(measured: MeasuredTools, simulated: SimulatedPoints, base: Simula
         variance_real=variance_real,
         scales_with_modulus=scales,
     )
-
-
-def scales_with_modulus(version: SimulatorVersion) -> bool:
-    """True when forces are in exact proportion to Young's modulus; jaws that stall break that."""
-    return all(np.isinf(effect.closing_force_limit_n()) for effect in build_effects(version.effects))
 
 
 def _stored_setup(setup_json: str) -> GraspSetup:

@@ -15,11 +15,10 @@ from lake.tables import (
     SimulatorVersionRow,
     ToolRow,
 )
-from models.effects.catalogue import CATALOGUE
 from models.errors import UsageError
-from models.records import EffectValue, SimulatorVersion
+from models.records import SimulatorVersion
 from tasks.calibrating import find_calibration, gather, infer
-from tasks.calibration_data import base_version, measured_tools, problem_of, scales_with_modulus, simulated_points
+from tasks.calibration_data import base_version, measured_tools, problem_of, simulated_points
 from tests.tasks.calibration_lake import (
     OBJECTS,
     PROVENANCE,
@@ -244,12 +243,3 @@ def test_an_imported_campaign_is_compared_with_the_programs_simulator(tmp_path):
     lake = calibration_lake(tmp_path / "lake")
     lake.append([CampaignRow(campaign_id="small", name="small", config_toml='kind = "imported"\n')], PROVENANCE)
     assert base_version(lake, ["small"], None) == SimulatorVersion()
-
-
-def test_only_jaws_that_stall_break_the_scaling_with_modulus():
-    stalling = {"force_limited_closing"}
-    for name in ("force_limited_closing", "load_cell_lag", "wall_thickness_offset"):
-        parameters = {p.name: p.prior_median for p in CATALOGUE[name].parameters}
-        version = SimulatorVersion(effects=(EffectValue(effect=name, parameters=parameters),))
-        assert scales_with_modulus(version) == (name not in stalling)
-    assert scales_with_modulus(SimulatorVersion())

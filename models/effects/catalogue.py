@@ -38,7 +38,11 @@ from models.validation import closest
 
 __all__ = ["CATALOGUE", "EffectSpec", "ParameterSpec", "build_effects"]
 
+# Layer by layer, as `LAYERS`.
 _MODULES = (
+    # geometry
+    wall_thickness_offset,
+    rib_imperfection,
     # material
     stress_relaxation,
     mullins_softening,
@@ -55,20 +59,18 @@ _MODULES = (
     object_edge_radius,
     finger_finger_contact,
     object_post_compliance,
-    # geometry
-    wall_thickness_offset,
-    rib_imperfection,
     # actuation
     base_compliance,
     force_limited_closing,
     pressure_droop,
+    # time
     lift_start_error,
+    lift_misalignment,
     # sensor
     load_cell_gain,
     load_cell_offset,
     load_cell_drift,
     load_cell_lag,
-    lift_misalignment,
     tool_weight,
 )
 

@@ -12,7 +12,7 @@ from models.effects.load_cell_gain import LoadCellGain
 from models.effects.load_cell_lag import LoadCellLag
 from models.effects.replay import replayed
 from models.effects.scaling import scales_with_modulus
-from models.effects.spec import EffectSpec
+from models.effects.spec import LAYERS, EffectSpec
 from models.effects.stress_relaxation import StressRelaxation
 from models.errors import ConfigError, UsageError
 from models.fem.grasp import simulate_grasp
@@ -111,6 +111,8 @@ def test_catalogue_entries_are_complete(effect: str) -> None:
 
 
 def test_the_first_release_is_complete() -> None:
+    layers = [LAYERS.index(spec.layer) for spec in CATALOGUE.values()]
+    assert layers == sorted(layers)
     codes = {spec.code for spec in CATALOGUE.values()}
     assert len(codes) == len(CATALOGUE)
     first_release = "M1 M2 M3 M5 M7 C1 C4 C5 C7 C8 C9 C11 G1 G2 G5 A1 A3 A5 S1 S2 S3 S4 S5 S6"

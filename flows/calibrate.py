@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from flows.launch import Voice
 from flows.progress import RateEstimate, in_words
@@ -73,6 +74,14 @@ def run_calibration(
         if order.verify:
             row = _verify(lake, data, row, order.settings.workers, voice)
     return CalibrationOutcome(row, known is None, len(data.measured.grasp_ids))
+
+
+def write_page(lake: Lake, outcome: CalibrationOutcome, out: Path | None = None) -> Path:
+    """Write the page of a calibration into a folder, by default in the lake's outputs; returns its path."""
+    from flows.report.calibration import write_calibration_report
+
+    calibration_id = outcome.row.calibration_id
+    return write_calibration_report(lake, calibration_id, out or lake.root / "outputs" / calibration_id / "report")
 
 
 def simulate_hypercube(

@@ -5,9 +5,8 @@ import socket
 from datetime import UTC, datetime
 from typing import Literal
 
-from flows.calibrate import CalibrationOrder, CalibrationOutcome, run_calibration
+from flows.calibrate import CalibrationOrder, run_calibration, write_page
 from flows.launch import Voice
-from flows.theta_history import write_theta_history
 from lake.provenance import current_provenance
 from lake.store import Lake
 from lake.tables import FlowRunRow
@@ -20,8 +19,8 @@ FLOW = "recalibrate"
 def recalibrate_lake(lake: Lake, order: CalibrationOrder, flow_run_id: str, voice: Voice) -> str:
     """Calibrate the lake if anything is new; a sentence says what was done, or why nothing was.
 
-    The run and its sentence are a row of `flow_runs`. After a new calibration the picture of theta over time is drawn
-    again, in `outputs/calibration` of the lake.
+    The run and its sentence are a row of `flow_runs`. A new calibration gets its page, which shows theta over time, in
+    the lake's outputs.
 
     Raises:
         FastError: the calibration could not be done, or gave no simulator version.
@@ -45,15 +44,8 @@ def _recalibrate(lake: Lake, order: CalibrationOrder, voice: Voice) -> str:
         raise FastError(outcome.sentence)
     if not outcome.is_new:
         return outcome.sentence
-    _show_drift(lake, order, outcome, voice)
+    voice.progress(f"page: {write_page(lake, outcome)}")
     return " ".join([f"{outcome.sentence}.", *outcome.row.warnings])
-
-
-def _show_drift(lake: Lake, order: CalibrationOrder, outcome: CalibrationOutcome, voice: Voice) -> None:
-    folder = lake.root / "outputs" / "calibration"
-    picture = write_theta_history(lake, outcome.row.base_version_id, order.campaign_id, folder)
-    if picture is not None:
-        voice.progress(f"theta over time: {picture}")
 
 
 def _note(

@@ -1,33 +1,18 @@
 """Theta over time as a picture: the median and 90 % interval that each calibration of a simulator found."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from flows.report.style import BEST, MUTED, WIDTH_IN, figure_style
-from lake.store import Lake
-from tasks.drift import PastCalibration, theta_history
+from flows.report.style import BEST, MUTED, WIDTH_IN
+from tasks.drift import PastCalibration
 
-FILE_NAME = "theta-history.png"
 _PANELS = (
     ("young_modulus_mpa", "Young's modulus, MPa"),
     ("friction", "friction"),
     ("poisson_ratio", "Poisson's ratio"),
 )
-
-
-def write_theta_history(lake: Lake, base_version_id: str, campaign_id: str | None, folder: Path) -> Path | None:
-    """Draw the calibrations of a simulator into `folder`; None with fewer than two, which show no drift."""
-    history = theta_history(lake, base_version_id, campaign_id)
-    if len(history) < 2:
-        return None
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / FILE_NAME
-    with figure_style():
-        theta_history_figure(history).savefig(path, dpi=160)
-    return path
 
 
 def theta_history_figure(history: Sequence[PastCalibration]) -> Figure:

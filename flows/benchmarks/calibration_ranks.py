@@ -209,7 +209,7 @@ def _draw(path: Path, outcomes: Sequence[WorldOutcome]) -> None:
         for axis, (name, own) in zip(axes, ranks, strict=False):
             axis.axhspan(low, high, color=FAINT)
             axis.bar(np.arange(N_BINS) + 0.5, _counts(own), width=0.9, color=BEST)
-            axis.set_title(name, fontsize=7)
+            axis.set_title(name, fontsize=6)
             axis.set_xticks([0, N_BINS], ["0", "1"])
         for axis in axes[len(ranks) :]:
             axis.set_visible(False)

@@ -4,7 +4,8 @@ Measured grasps are those of a world that does not share the simulator's mesh no
 each of four thetas, then given a modulus, scatter from print to print and grasp to grasp, and sensor noise.
 """
 
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +16,13 @@ from flows.benchmarks.trace_bank import SETUP, Bank, BankJob, bank_jobs, fill_ba
 from models.calibration.result import CalibrationResult
 from models.calibration.settings import CalibrationSettings
 from models.calibration.traces.assemble import Cell, GridPoint, trace_problem
-from models.calibration.traces.calibrate import calibrate_traces
+from models.calibration.traces.calibrate import (
+    calibrate_traces,
+    laplace,
+    spread_outliers,
+    trace_density,
+    with_numerical_shift,
+)
 from models.calibration.traces.features import PEAK
 from models.calibration.traces.grid import ThetaGrid
 from models.calibration.traces.noise import SensorNoise
@@ -24,7 +31,7 @@ from models.calibration.traces.surface import ResponseSurfaces
 from models.records import Theta, Trace
 
 N_DESIGNS, OBJECTS = 10, (1, 6, 14, 25, 28, 30, 32, 34)
-N_WORLDS = 8
+N_WORLDS, N_DRAWS = 40, 4000
 N_REPEATS = 3
 TRUTHS = ((9.2, 0.62, 0.43), (7.0, 0.45, 0.36), (12.5, 0.85, 0.4), (10.5, 0.52, 0.46))
 GRID_MODULUS_MPA = 10.0
@@ -37,11 +44,13 @@ THETA = ("young_modulus_mpa", "friction", "poisson_ratio")
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What one level of detail makes of a world."""
+    """What one level of detail makes of a world: draws of theta (n x 3), of the simulator and of the bench."""
 
     level: str
     theta: tuple[float, float, float]
-    result: CalibrationResult
+    simulator: np.ndarray
+    bench: np.ndarray
+    cpu_s: float
 
 
 def measure_calibration_traces(options: Options) -> Tables:
@@ -49,20 +58,36 @@ def measure_calibration_traces(options: Options) -> Tables:
     designs, objects = range(options.designs or N_DESIGNS), options.objects or OBJECTS
     truths = [_bank_theta(friction, ratio) for _, friction, ratio in TRUTHS]
     bank = fill_bank(bank_jobs(designs, objects, ThetaGrid(), truths), options)
+    first = _levels(_problem(bank, designs, objects, TRUTHS[0], 0))
+    nuts = {level: calibrate_traces(data, SAMPLING, theta_of="simulator") for level, data in first.items()}
     answers: list[Answer] = []
     for world in range(options.n or N_WORLDS):
         theta = TRUTHS[world % len(TRUTHS)]
-        problem = _problem(bank, designs, objects, theta, world)
-        peaks = problem.only([PEAK])
-        for level, data in zip(LEVELS, (peaks.mean_over_objects(), peaks, problem), strict=True):
-            answers.append(Answer(level, theta, calibrate_traces(data, SAMPLING.model_copy(update={"seed": world}))))
+        problems = _levels(_problem(bank, designs, objects, theta, world))
+        answers += [_answer(level, theta, data) for level, data in problems.items()]
         options.tell(f"world {world}: " + ", ".join(_short(answer) for answer in answers[-len(LEVELS) :]))
     if options.figure is not None:
-        _draw(options.figure, answers[: len(LEVELS)])
+        _draw(options.figure, nuts, TRUTHS[0])
     return {
         "how well theta is known": [_level_row(answers, level) for level in LEVELS],
-        "surfaces": [_surface_row(problem, bank)],
+        "NUTS in the first world": [_nuts_row(level, nuts[level], answers) for level in LEVELS],
+        "surfaces": [_surface_row(first["traces"], bank)],
     }
+
+
+def _levels(problem: TraceProblem) -> dict[str, TraceProblem]:
+    peaks = problem.only([PEAK])
+    return dict(zip(LEVELS, (peaks.mean_over_objects(), peaks, problem), strict=True))
+
+
+def _answer(level: str, theta: tuple[float, float, float], problem: TraceProblem) -> Answer:
+    """The posterior as the normal distribution at its mode: NUTS of every world would take hours."""
+    rng, started = np.random.default_rng(0), time.process_time()
+    density = spread_outliers(trace_density(problem, SAMPLING.priors))
+    best, covariance = laplace(density)
+    draws = density.constrained(rng.multivariate_normal(best, covariance, size=N_DRAWS))
+    cpu_s = time.process_time() - started
+    return Answer(level, theta, draws[:, 3:], with_numerical_shift(draws, density, rng)[:, 3:], cpu_s)
 
 
 def _bank_theta(friction: float, poisson_ratio: float) -> Theta:
@@ -117,19 +142,39 @@ def _ar1_noise(n: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def _level_row(answers: Sequence[Answer], level: str) -> dict[str, float | str]:
-    """Means over worlds: standard deviations, errors, and the share of 90 % intervals that hold the truth."""
+    """Over worlds: mean standard deviation, root mean square error, share of 90 % intervals with the truth."""
     own = [answer for answer in answers if answer.level == level]
+    truth = np.array([answer.theta for answer in own])
+    error = np.array([answer.simulator.mean(axis=0) for answer in own]) - truth
+    low, high = np.swapaxes([np.quantile(answer.bench, (0.05, 0.95), axis=0) for answer in own], 0, 1)
+    inside = (low <= truth) & (truth <= high)
     row: dict[str, float | str] = {"data": level, "worlds": len(own)}
     for place, name in enumerate(THETA):
-        draws = [answer.result.flat(name)[:, 0] for answer in own]
-        truth = np.array([answer.theta[place] for answer in own])
-        row[f"{name}_sd"] = float(np.mean([d.std() for d in draws]))
-        row[f"{name}_error"] = float(np.sqrt(np.mean([(d.mean() - t) ** 2 for d, t in zip(draws, truth, strict=True)])))
-        inside = [np.quantile(d, 0.05) <= t <= np.quantile(d, 0.95) for d, t in zip(draws, truth, strict=True)]
-        row[f"{name}_in_90"] = float(np.mean(inside))
-    pairs = [np.log(answer.result.flat(*THETA[:2])) for answer in own]
-    row["correlation_log_e_log_friction"] = float(np.mean([np.corrcoef(pair.T)[0, 1] for pair in pairs]))
-    row["cpu_s"] = float(np.mean([answer.result.cpu_s for answer in own]))
+        row[f"{name}_sd"] = float(np.mean([answer.simulator[:, place].std() for answer in own]))
+        row[f"{name}_error"] = float(np.sqrt(np.mean(error[:, place] ** 2)))
+        row[f"{name}_in_90"] = float(inside[:, place].mean())
+    row["correlation_log_e_log_friction"] = float(np.mean([_correlation(answer.simulator) for answer in own]))
+    row["cpu_s"] = float(np.mean([answer.cpu_s for answer in own]))
+    return row
+
+
+def _correlation(theta: np.ndarray) -> float:
+    return float(np.corrcoef(np.log(theta[:, :2]).T)[0, 1])
+
+
+def _nuts_row(level: str, result: CalibrationResult, answers: Sequence[Answer]) -> dict[str, float | str]:
+    """Standard deviations by NUTS, over those of the normal distribution at the mode."""
+    normal = next(answer for answer in answers if answer.level == level)
+    theta = result.flat(*THETA)
+    row: dict[str, float | str] = {"data": level}
+    for place, name in enumerate(THETA):
+        row[f"{name}_mean"], row[f"{name}_sd"] = float(theta[:, place].mean()), float(theta[:, place].std())
+        row[f"{name}_over_normal"] = float(theta[:, place].std() / normal.simulator[:, place].std())
+    row["correlation_log_e_log_friction"] = _correlation(theta)
+    row["r_hat"] = max(result.r_hat[name] for name in THETA)
+    row["ess_bulk"] = min(result.ess_bulk[name] for name in THETA)
+    row["divergences"] = result.n_divergences
+    row["cpu_s"] = result.cpu_s
     return row
 
 
@@ -150,26 +195,24 @@ def _surface_row(problem: TraceProblem, bank: Bank) -> dict[str, float]:
 
 
 def _short(answer: Answer) -> str:
-    values = answer.result.flat(*THETA)
-    means, sds = values.mean(axis=0), values.std(axis=0)
-    return (
-        f"{answer.level} E {means[0]:.2f}({sds[0]:.2f}) mu {means[1]:.3f}({sds[1]:.3f}) nu {means[2]:.2f}({sds[2]:.2f})"
-    )
+    means, sds = answer.simulator.mean(axis=0), answer.simulator.std(axis=0)
+    values = " ".join(f"{mean:.3f}({sd:.3f})" for mean, sd in zip(means, sds, strict=True))
+    return f"{answer.level} {values}"
 
 
-def _draw(path: Path, answers: Sequence[Answer]) -> None:
-    """Young's modulus against friction: draws of the three levels in one world, and its truth."""
+def _draw(path: Path, results: Mapping[str, CalibrationResult], truth: tuple[float, float, float]) -> None:
+    """Young's modulus against friction: draws from the three levels of detail in one world, and its truth."""
     from flows.report.style import BEST, FIRST, INK, MUTED, figure_style, new_axes
 
     path.parent.mkdir(parents=True, exist_ok=True)
     with figure_style():
         figure, axes = new_axes(4.8, 3.6, grid="both")
-        for answer, colour in zip(answers, (MUTED, FIRST, BEST), strict=True):
-            draws = answer.result.flat(*THETA[:2])
-            axes.plot(*draws.T, ".", color=colour, markersize=2.5, alpha=0.5, label=answer.level, markeredgewidth=0)
-        modulus, friction, _ = answers[0].theta
-        axes.plot(modulus, friction, "+", color=INK, markersize=12, markeredgewidth=1.5, label="truth")
+        for (level, result), colour in zip(results.items(), (MUTED, FIRST, BEST), strict=True):
+            draws = result.flat(*THETA[:2])
+            axes.plot(*draws.T, ".", color=colour, markersize=2.5, alpha=0.5, label=level, markeredgewidth=0)
+        axes.plot(*truth[:2], "+", color=INK, markersize=12, markeredgewidth=1.5, label="truth")
         axes.set_xlabel("Young's modulus (MPa)")
         axes.set_ylabel("friction")
-        figure.legend(loc="outside right upper", markerscale=3)
+        for handle in figure.legend(loc="outside right upper").legend_handles[: len(results)]:
+            handle.set_markersize(7)
         figure.savefig(path, dpi=160)

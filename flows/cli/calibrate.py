@@ -1,6 +1,7 @@
 """`fast calibrate`: theta of the simulator from the measurements of a lake."""
 
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
@@ -48,6 +49,10 @@ def calibrate(
         Literal["fixed", "free"], Parameter(help="Scale between simulation and measurement: 1, or inferred.")
     ] = "fixed",
     workers: Annotated[int, Parameter(help="Worker processes; changes no result.", validator=AT_LEAST_ONE)] = 2,
+    out: Annotated[
+        Path | None,
+        Parameter(help="Folder for the page: Table 2, figures, ArviZ file; `fast report C...` writes it later."),
+    ] = None,
     json: AsJson = False,
 ) -> None:
     """Infer Young's modulus, friction and Poisson's ratio from measured and simulated designs (Table 2 of the paper).
@@ -55,7 +60,7 @@ def calibrate(
     Writes calibration, draws and a new simulator version to the lake. The same data and settings are not calibrated
     twice; a killed command continues when it is given again.
     """
-    from flows.calibrate import CalibrationOrder, run_calibration
+    from flows.calibrate import CalibrationOrder, run_calibration, write_page
     from flows.cli.campaign import open_lake, resolve_campaign
     from flows.launch import Voice
     from models.calibration.hypercube import HypercubePlan
@@ -71,7 +76,8 @@ def calibrate(
     name = resolve_campaign(found, campaign) if campaign is not None else None
     order = CalibrationOrder(settings, name, version, plan, verify)
     outcome = run_calibration(found, order, Voice(tell, tell))
-    show(_data(outcome), _text(outcome), json)
+    page = str(write_page(found, outcome, out)) if out is not None else None
+    show(_data(outcome) | {"report": page}, _text(outcome, page), json)
     if outcome.row.version_id is None:
         sys.exit(1)
 
@@ -80,7 +86,7 @@ def _data(outcome: "CalibrationOutcome") -> dict[str, Any]:
     return {**outcome.row.model_dump(mode="json"), "is_new": outcome.is_new, "summary": outcome.sentence}
 
 
-def _text(outcome: "CalibrationOutcome") -> str:
+def _text(outcome: "CalibrationOutcome", page: str | None) -> str:
     row = outcome.row
     table = [
         {"": f"{stem}{unit}", **{column: getattr(row, f"{stem}_{column}{unit}") for column in _COLUMNS}}
@@ -96,6 +102,7 @@ def _text(outcome: "CalibrationOutcome") -> str:
         f"{row.ess_bulk_min:.0f}, {row.n_divergences} divergences{k_hat}, {row.cpu_s:.0f} s of CPU",
         _held_out_line(row),
         *(f"warning: {sentence}" for sentence in row.warnings),
+        *([f"page: {page}"] if page else []),
     ]
     return "\n".join(lines)
 

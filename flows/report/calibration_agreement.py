@@ -46,7 +46,7 @@ def before_after_figure(panels: Sequence[Panel]) -> Figure:
     for axes, panel in zip(all_axes, panels, strict=True):
         axes.grid(True)
         _draw(axes, panel, limits)
-        axes.set_title(f"{panel.title}\n{axes.get_title(loc='left')}", loc="left", fontsize=8, linespacing=1.35)
+        axes.set_title(f"{panel.title}\n{axes.get_title(loc='left')}", loc="left", fontsize=7.3, linespacing=1.35)
     handles, labels = all_axes[0].get_legend_handles_labels()
     figure.legend(handles[::-1], labels[::-1], loc="outside lower center", ncols=len(labels))
     return figure

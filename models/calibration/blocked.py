@@ -93,14 +93,14 @@ class GivenPhi(ChangingDensity):
 
     def move(self, values: np.ndarray, rng: np.random.Generator) -> None:
         """Crank-Nicolson moves of phi given psi."""
-        here = self._log_ratio(self._white, self._factor, values)
+        here = self.log_ratio(self._white, self._factor, values)
         for b in MOVES:
             white = np.sqrt(1.0 - b**2) * self._white + b * rng.standard_normal(len(self._white))
             chance = np.log(rng.random())
             factor = self._at(white)
             if factor is None:
                 continue
-            there = self._log_ratio(white, factor, values)
+            there = self.log_ratio(white, factor, values)
             if chance < there - here:
                 self._white, self._factor, here = white, factor, there
 
@@ -108,7 +108,7 @@ class GivenPhi(ChangingDensity):
         phi = self._normal.mean + self._normal.root @ white
         return factorise(self._setting.layout.phi(phi), self._setting.data)
 
-    def _log_ratio(self, white: np.ndarray, factor: Factor, psi: np.ndarray) -> float:
+    def log_ratio(self, white: np.ndarray, factor: Factor, psi: np.ndarray) -> float:
         """Log of the joint density over that of the normal approximation."""
         phi = self._normal.mean + self._normal.root @ white
         prior = self._setting.layout.log_prior_phi(phi)[0]

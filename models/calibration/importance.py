@@ -44,7 +44,7 @@ def weigh(
     psi = thin(chains, n)  # phis x PSI_PER_PHI x n_psi
     phi, log_q = normal_phi.draw(len(psi), rng)
     jobs = list(zip(phi, psi, strict=True))
-    exact, cpu_s = spread(_exact, setting, jobs, n_workers, progress, "exact weights")
+    exact, cpu_s = spread(exact_log_density, setting, jobs, n_workers, progress, "exact weights")
     approximate = np.array([[surrogate.log_likelihood(values) for values in group] for group in psi])
     log_weights = np.array(exact) - log_q[:, None] - approximate
     draws = np.concatenate([np.repeat(phi[:, None], PSI_PER_PHI, axis=1), psi], axis=2)
@@ -59,7 +59,7 @@ def thin(chains: np.ndarray, n: int) -> np.ndarray:
     return chains[:, rows].reshape(n_chains * n_groups, PSI_PER_PHI, k)
 
 
-def _exact(setting: Setting, job: _Job) -> np.ndarray:
+def exact_log_density(setting: Setting, job: _Job) -> np.ndarray:
     """Log p(phi) p(y_S | phi) p(y_R | psi, phi) of one phi and its group of psi, PSI_PER_PHI."""
     phi, group = job
     factor = factorise(setting.layout.phi(phi), setting.data)

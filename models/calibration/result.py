@@ -31,10 +31,10 @@ class CalibrationResult:
     ess_tail: Mapping[str, float]
     n_divergences: int
     k_hat: float | None = None
-    n_gradients: int = 0
     warnings: tuple[str, ...] = ()
     cpu_s: float = 0.0
     steps: Mapping[str, float] = field(default_factory=dict)  # CPU seconds by step of the algorithm
+    n_gradients: int = 0
 
     def of(self, name: str) -> np.ndarray:
         """Draws of one parameter, chains x n."""

@@ -5,8 +5,10 @@ forked (threads of BLAS or of a caller would deadlock), keep to one BLAS thread,
 """
 
 import multiprocessing
+import signal
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any
@@ -200,16 +202,15 @@ def _serve(pipe: Connection) -> None:
     """Sample the chains that come through the pipe until it closes; it closes when the parent ends."""
     import cloudpickle
 
-    log_density = cloudpickle.loads(pipe.recv())
-    while True:
-        try:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent too, which ends this process
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):  # raised when the parent has ended
+        log_density = cloudpickle.loads(pipe.recv())
+        while True:
             number, job = pipe.recv()
-        except EOFError:
-            return
-        try:
-            pipe.send(("chain", number, _run(log_density, job, _Sender(pipe, number))))
-        except Exception as error:
-            pipe.send(("error", number, error))
+            try:
+                pipe.send(("chain", number, _run(log_density, job, _Sender(pipe, number))))
+            except Exception as error:
+                pipe.send(("error", number, error))
 
 
 class _Sender:

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from flows.theta_history import theta_history_figure, write_theta_history
 from lake.lineage import find_lineage
 from lake.tables import CalibrationRow, SimulationRow, SimulatorVersionRow
 from models.records import SimulatorVersion, Theta
@@ -150,19 +149,32 @@ def test_too_little_is_found_before_anything_is_simulated(tmp_path, fast, answer
     assert "is not a lake" in fast.refused("calibrate", "--lake", tmp_path / "none")
 
 
-def test_theta_over_time_is_a_picture_from_the_second_calibration_on(tmp_path, fast, answers):
+def test_the_page_shows_theta_over_time_and_the_held_out_designs(tmp_path, fast, answers):
     lake = calibration_lake(tmp_path / "lake")
-    base_id = SimulatorVersion().version_id
-    assert write_theta_history(lake, base_id, None, tmp_path) is None
-    for number, modulus_mpa in enumerate((9.0, 12.0)):
+    for number, modulus_mpa in enumerate((9.0, 14.0)):
         lake.append(measured_rows(5, first=20 + 5 * number), PROVENANCE)
         answers.theta = Theta(young_modulus_mpa=modulus_mpa, friction=0.6, poisson_ratio=0.4)
-        assert fast("calibrate", "--lake", lake.root, *SMALL).status == 0
-    history = theta_history(lake, base_id, None)
-    assert [round(past.intervals["young_modulus_mpa"][1]) for past in history] == [9, 12]
-    figure = theta_history_figure(history)
-    assert [axes.get_ylabel() for axes in figure.axes] == ["Young's modulus, MPa", "friction", "Poisson's ratio"]
-    assert [float(y) for y in figure.axes[0].lines[0].get_ydata()] == [
-        p.intervals["young_modulus_mpa"][1] for p in history
-    ]
-    assert write_theta_history(lake, base_id, None, tmp_path).stat().st_size > 1000
+        answer = fast("calibrate", "--lake", lake.root, "--out", tmp_path / "page", *SMALL)
+        assert answer.status == 0, answer
+    assert f"page: {tmp_path / 'page' / 'index.html'}" in answer.out
+    assert "warning: Young's modulus has drifted: " in answer.out
+    page = (tmp_path / "page" / "index.html").read_text()
+    assert "has drifted" in page
+    assert "held out" in page
+    history = theta_history(lake, SimulatorVersion().version_id, None)
+    assert [round(past.intervals["young_modulus_mpa"][1]) for past in history] == [9, 14]
+
+
+@pytest.mark.slow
+def test_theta_of_a_lake_is_found_by_the_real_sampler(tmp_path, fast):
+    lake = calibration_lake(tmp_path / "lake", n_tools=20, n_points=60)
+    answer = fast(
+        "calibrate", "--lake", lake.root, "--method", "joint", "--chains", 2, "--draws", 250, "--tune", 250, "--json"
+    )
+    assert answer.status == 0, answer
+    row = answer.json
+    for name, unit in (("young_modulus", "_mpa"), ("friction", ""), ("poisson_ratio", "")):
+        truth = getattr(TRUTH, f"{name}{unit}")
+        assert row[f"{name}_q05{unit}"] <= truth <= row[f"{name}_q95{unit}"], name
+    assert row["correlation_after"] > 0.7  # of four designs, by an emulator of 60 points
+    assert row["rmse_after_n"] < 0.5 * row["rmse_before_n"]

@@ -72,7 +72,7 @@ def test_a_run_calibrates_or_says_that_nothing_is_new(lake, url):
     (third,) = worker(url, lake.root, "run").splitlines()
     assert "of 120 grasps of 16 tools" in third
     assert len(lake.ids(CalibrationRow)) == 2
-    assert (lake.root / "outputs" / "calibration" / "theta-history.png").is_file()
+    assert all((lake.root / "outputs" / name / "report" / "index.html").is_file() for name in lake.ids(CalibrationRow))
     runs = lake.records(FlowRunRow, flow="recalibrate")
     assert [run.reason.split(" ")[0] for run in runs] == ["calibration", "nothing", "calibration"]
     messages = [run["state"]["message"] for run in asked(url, "/flow_runs/filter")]

@@ -26,7 +26,18 @@ def made_up_result(method, k_hat=None, ess=1500.0):
     sizes = dict.fromkeys(THETA, ess)
     draws = np.ones((2, 1000, 3))
     return CalibrationResult(
-        THETA, draws, SETTINGS, method, dict.fromkeys(THETA, 1.0), sizes, sizes, 0, k_hat, ("own",), 2.0, {"step": 2.0}
+        names=THETA,
+        draws=draws,
+        settings=SETTINGS,
+        method=method,
+        r_hat=dict.fromkeys(THETA, 1.0),
+        ess_bulk=sizes,
+        ess_tail=sizes,
+        n_divergences=0,
+        k_hat=k_hat,
+        warnings=("own",),
+        cpu_s=2.0,
+        steps={"step": 2.0},
     )
 
 

@@ -75,7 +75,7 @@ def test_both_parts_multiply_to_the_joint_density_of_all_forces(case: _Case) -> 
 def test_mode_of_the_emulator_is_flat_and_beats_the_prior_mode() -> None:
     data = Standardised.of(made_up_problem(120, 10, 0))
     layout = Layout.of(data, CalibrationSettings())
-    mode = emulator.find_mode(data, layout, seed=0)
+    mode = emulator.find_mode(data, layout, seed=0).values
     value, gradient = emulator.log_posterior(mode, data, layout)
     assert np.abs(gradient).max() < 0.1
     assert value > emulator.log_posterior(np.zeros(layout.n_phi), data, layout)[0] + 10.0

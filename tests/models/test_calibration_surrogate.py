@@ -36,10 +36,10 @@ def test_inside_the_box_it_is_the_likelihood(prepared: tuple[Setting, Factor, Th
         values = psi + np.concatenate([0.3 * rng.normal(size=11), rng.uniform(-0.45, 0.45, 3)])
         value, gradient = surrogate(values)
         exact, exact_gradient = conditional.log_posterior(values, factor, setting)
-        assert value == pytest.approx(exact, abs=0.02)
-        np.testing.assert_allclose(gradient, exact_gradient, rtol=2e-3, atol=0.05)
+        assert value == pytest.approx(exact, abs=0.05)
+        np.testing.assert_allclose(gradient, exact_gradient, rtol=5e-3, atol=0.15)
         assert surrogate.log_likelihood(values) == pytest.approx(
-            conditional.log_likelihood(values, factor, setting), abs=0.02
+            conditional.log_likelihood(values, factor, setting), abs=0.05
         )
 
 

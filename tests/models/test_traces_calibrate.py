@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 
 from models.calibration.settings import CalibrationSettings, ThetaPriors
-from models.calibration.traces.calibrate import calibrate_traces, laplace, trace_density, unit_warnings
+from models.calibration.traces.calibrate import (
+    FRICTION_SHIFT,
+    MODULUS_SHIFT,
+    RATIO_SHIFT,
+    calibrate_traces,
+    laplace,
+    spread_outliers,
+    trace_density,
+    unit_warnings,
+    with_numerical_shift,
+)
 from models.calibration.traces.density import NAMES, TraceDensity
 from models.calibration.traces.features import PEAK
 from models.calibration.traces.grid import ThetaGrid
@@ -62,6 +72,41 @@ def test_theta_is_found_without_noise() -> None:
     density = trace_density(made_up_traces(6, 6, 0, QUIET), ThetaPriors())
     found = density.constrained(laplace(density)[0])[3:]
     np.testing.assert_allclose(found, QUIET.theta, rtol=0.03)
+
+
+def test_the_modulus_of_each_tool_is_found() -> None:
+    density = trace_density(made_up_traces(6, 6, 4, replace(QUIET, tool_sd=0.05)), ThetaPriors())
+    best, _ = laplace(density)
+    mean, sd = density.tool_moduli(best)
+    true = np.exp(0.05 * np.random.default_rng(4).standard_normal(6))
+    modulus_mpa = density.constrained(best)[3] * (1.0 + mean)
+    np.testing.assert_allclose(modulus_mpa, 9.2 * true, rtol=0.03)
+    assert (sd < 0.05).all()
+
+
+def test_a_pair_that_lies_far_off_counts_for_little() -> None:
+    problem = made_up_traces(6, 5, 0)
+    problem.measured[2, 3] *= 1.0 + 0.6 * problem.is_force
+    plain = trace_density(problem, ThetaPriors())
+    robust = spread_outliers(plain)
+    spread = robust.frame.spread
+    assert np.unravel_index(spread.argmax(), spread.shape) == (2, 3)
+    assert spread[2, 3] > 5.0 > np.delete(spread.ravel(), 2 * 5 + 3).max()
+    friction = [density.constrained(laplace(density)[0])[4] for density in (plain, robust)]
+    assert abs(friction[1] - 0.62) < abs(friction[0] - 0.62)
+    assert abs(friction[1] - 0.62) < 0.05
+
+
+def test_numerical_shift_widens_theta_within_its_range(gappy: TraceProblem) -> None:
+    density = trace_density(gappy, ThetaPriors())
+    low, high = density.limits
+    draws = np.tile(np.array([0.04, 0.03, 0.03, 9.0, 0.6, high[1] - 0.001]), (2, 3000, 1))
+    shifted = with_numerical_shift(draws, density, np.random.default_rng(0))
+    np.testing.assert_array_equal(shifted[..., :3], draws[..., :3])
+    assert shifted[..., 3].std() == pytest.approx(MODULUS_SHIFT * 9.0, rel=0.05)
+    assert shifted[..., 4].std() == pytest.approx(FRICTION_SHIFT * 0.6, rel=0.05)
+    assert shifted[..., 5].std() > 0.5 * RATIO_SHIFT
+    assert ((shifted[..., 4:] >= low) & (shifted[..., 4:] <= high)).all()
 
 
 def test_truth_is_in_the_interval_and_traces_know_more_than_peaks() -> None:
@@ -143,7 +188,7 @@ def brute_force(density: TraceDensity, vector: np.ndarray) -> float:
     force = np.where(density.surfaces.is_force, predicted, 0.0)
 
     def block(one: tuple[int, int], two: tuple[int, int]) -> np.ndarray:
-        total = np.zeros((14, 14))
+        total = (back[one] @ frame.shared[one]) @ (back[two] @ frame.shared[two]).T
         if one[0] == two[0]:
             total += tool_sd**2 * np.outer(force[one], force[two])
         if one[1] == two[1]:

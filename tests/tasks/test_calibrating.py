@@ -16,7 +16,7 @@ from lake.tables import (
     ToolRow,
 )
 from models.errors import UsageError
-from models.records import SimulatorVersion
+from models.records import EffectValue, SimulatorVersion
 from tasks.calibrating import find_calibration, gather, infer
 from tasks.calibration_data import base_version, measured_tools, problem_of, simulated_points
 from tests.tasks.calibration_lake import (
@@ -243,3 +243,12 @@ def test_an_imported_campaign_is_compared_with_the_programs_simulator(tmp_path):
     lake = calibration_lake(tmp_path / "lake")
     lake.append([CampaignRow(campaign_id="small", name="small", config_toml='kind = "imported"\n')], PROVENANCE)
     assert base_version(lake, ["small"], None) == SimulatorVersion()
+
+
+def test_jaws_that_stall_make_young_modulus_an_input(tmp_path):
+    lake = calibration_lake(tmp_path / "lake", n_points=0)
+    limit = EffectValue(effect="force_limited_closing", parameters={"max_force_n": 60.0})
+    stalling = SimulatorVersion(effects=(limit,))
+    lake.append(simulated_rows(25, stalling), PROVENANCE)
+    measured = measured_tools(lake, None)
+    assert not problem_of(measured, simulated_points(lake, stalling, measured), stalling).scales_with_modulus

@@ -4,7 +4,7 @@ They are taken at a first estimate of theta, so that the log density has the cov
 only. Around the posterior they change by a few per cent.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,8 @@ class Frame:
     theta: the first estimate (3). whitener: t x o x f x f, W with W K W' = 1 and W C W' = diag(slack), K the known
     covariance of a cell's mean over repeats and C the shape of its scatter. slack: t x o x f. obj: t x o x f x f, W
     times the effect H of f independent causes of what the simulator has wrong about an object, H H' = C.
-    repeat_sd: scatter from grasp to grasp, relative.
+    shared: t x o x f x f, W times the numerical error that all grasps share, in f independent causes.
+    spread: t x o, factors on both covariances of a cell. repeat_sd: scatter from grasp to grasp, relative.
     """
 
     theta: np.ndarray
@@ -31,6 +32,8 @@ class Frame:
     whitener: np.ndarray
     slack: np.ndarray
     obj: np.ndarray
+    shared: np.ndarray
+    spread: np.ndarray
     repeat_sd: float
 
     @staticmethod
@@ -57,7 +60,20 @@ class Frame:
             whitener=whitener,
             slack=slack,
             obj=whitener @ root,
+            shared=whitener @ ((problem.numerical * unit)[..., None] * np.linalg.cholesky(correlation)),
+            spread=np.ones(mask.shape),
             repeat_sd=repeat_sd,
+        )
+
+    def spread_by(self, factor: np.ndarray) -> "Frame":
+        """The frame with other factors on the covariances of its cells (t x o)."""
+        change = np.sqrt(self.spread / factor)[..., None, None]
+        return replace(
+            self,
+            whitener=change * self.whitener,
+            obj=change * self.obj,
+            shared=change * self.shared,
+            spread=factor,
         )
 
 

@@ -11,10 +11,11 @@ from models.errors import UsageError
 MIN_TOOLS = 3
 NEAR_MM = 10.0  # lift over which errors of the simulator are alike: a contact moves so far along the wall
 OWN_SHARE = 0.1
-# What a finer mesh and another contact law change, in units of a feature; `fast bench run calibration-traces` measures
-# it on paired runs. Steps of the first millimetres are few, and a peak moves along its plateau.
-NUMERICAL_SHARE = 0.01
-NUMERICAL_SHARES = {"dip_n": 0.05, "lift_at_peak_mm": 0.3}
+# What a finer mesh, another contact law and an object 0.2 mm off change in a feature, in its unit: root mean squares of
+# the paired runs of `fast bench run calibration-traces`. The first millimetres have few steps, and a peak moves along
+# its plateau.
+NUMERICAL_SHARE = 0.02
+NUMERICAL_SHARES = {"dip_n": 0.07, "lift_at_peak_mm": 0.35}
 AREA_MM, MOVE_MM = 20.0, 10.0  # the unit of areas, times the amplitude of the cell, and of lifts
 LEAST_AMPLITUDE = 0.05  # of the median cell's: cells without grip say nothing in per cent
 

@@ -18,6 +18,7 @@ from prefect.futures import PrefectFuture
 from prefect.runtime import flow_run
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
+from flows.events import announce_measured
 from flows.lanes import BenchLane, RerunLane, Session, SimulationLane
 from flows.progress import workload
 from lake.maintenance import compact
@@ -172,6 +173,7 @@ def _close_stage(campaign: Campaign, stage: int) -> None:
     append_event(
         campaign.lake, campaign.campaign_id, "stage_closed", f"stage {stage} closed", stage=stage, batches=closed
     )
+    announce_measured(campaign, closed)
 
 
 def _show_progress(artifact_id: UUID, campaign: Campaign) -> None:

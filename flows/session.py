@@ -90,11 +90,11 @@ def _open_bench(
     campaign: Campaign, setup: World | BenchSettings, physics: PhysicsCache, tools: Sequence[ProposedTool]
 ) -> Iterator[Bench]:
     mounted = {tool.rack_slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
+    logs = bench_log_folder(campaign.lake)
     if isinstance(setup, World):
-        with open_virtual_bench(setup, mounted, physics=physics, wires="memory") as bench:
+        with open_virtual_bench(setup, mounted, physics=physics, wires="memory", fault_log_folder=logs) as bench:
             yield bench
         return
-    logs = bench_log_folder(campaign.lake)
     with open_real_bench(setup, mounted, log_folder=logs) as bench:
         told = f"bench connected and homed; wire logs {bench.wire_session} in {logs}"
         append_event(campaign.lake, campaign.campaign_id, "bench_opened", told, wire_log=bench.wire_session)

@@ -27,6 +27,8 @@ from hardware.laumas.strings import least_baud_rate
 from hardware.layout import BenchLayout
 from hardware.modbus import ModbusLink, rtu_link, tcp_link
 from hardware.pneumatics import Pneumatics
+from hardware.position_check import PositionCheck
+from hardware.safety import StopAskedError
 from hardware.supervisor import Supervisor
 from hardware.tool_changer import ToolChanger
 from hardware.tools import MountedTool
@@ -108,6 +110,7 @@ class Bench:
     force: ForceSensor
     supervisor: Supervisor
     cell: GraspCell
+    position: PositionCheck
     clock: Clock
     settings: BenchSettings
     virtual: VirtualBench | None = None
@@ -137,13 +140,14 @@ def open_virtual_bench(
     layout: BenchLayout | None = None,
     wires: Literal["lines", "memory"] = "lines",
     log_folder: Path | None = None,
+    fault_log_folder: Path | None = None,
 ) -> Iterator[Bench]:
     """A virtual bench with its drivers connected and homed; stopped at the end of the `with`.
 
     `physics` answers one grasp (it is cached here); `clock` "real" runs by itself, `speed_up` times faster than the
     wall, "lockstep" moves only while drivers wait. `wires` "memory" hands the bytes of pty and sockets over directly,
     which only lockstep allows and makes a grasp several times cheaper. `log_folder`: where the wire logs go; None keeps
-    them in memory.
+    them in memory, and `fault_log_folder` gets what is there when the bench ends with an error.
     """
     inner: Clock = VirtualClock() if clock == "lockstep" else ScaledClock(speed_up)
     with open_virtual_servers(world, tools, physics, inner, layout) as virtual:
@@ -161,7 +165,11 @@ def open_virtual_bench(
             pressure_time_out_s=2.0 if clock == "lockstep" else _PHYSICS_PATIENCE_S * speed_up,
             layout=layout or BenchLayout(),
         )
-        with _open(settings, tools, inner, virtual, is_in_memory=wires == "memory", log_folder=log_folder) as bench:
+        opened = _open(
+            settings, tools, inner, virtual, is_in_memory=wires == "memory", log_folder=log_folder,
+            fault_log_folder=fault_log_folder,
+        )  # fmt: skip
+        with opened as bench:
             yield bench
 
 
@@ -223,6 +231,7 @@ def _open(
     may_vent: bool = False,
     is_in_memory: bool = False,
     log_folder: Path | None = None,
+    fault_log_folder: Path | None = None,
 ) -> Iterator[Bench]:
     clock = BeatingClock(inner)
     wires = _memory_wires(virtual, clock) if virtual is not None and is_in_memory else wires_to(settings, clock)
@@ -241,10 +250,12 @@ def _open(
         "force_rate_hz": settings.force_rate_hz,
     }
     watch = GraspWatch(AirWatch(pneumatics, clock), ZeroWatch(force), ReleaseWatch(force, pneumatics, clock))
-    supervisor = Supervisor(gantry, plc, pneumatics, clock, settings.layout.top_z_mm)
+    supervisor = Supervisor(gantry, plc, pneumatics, settings.layout.top_z_mm)
     clock.listen(supervisor.hear, lambda: supervisor.is_ok)
     with ExitStack() as stack:
         stack.enter_context(_terminable())
+        if fault_log_folder is not None:
+            stack.enter_context(_kept_on_a_fault(wires, fault_log_folder))
         wire_session = None
         if log_folder is not None:
             files = WireFiles(log_folder, LIMIT_BYTES if virtual is None else _VIRTUAL_LOG_BYTES)
@@ -258,7 +269,10 @@ def _open(
         changer.check_may_rise()
         supervisor.make_ready_to_home(may_vent)
         supervisor.home()
-        yield Bench(gantry, plc, pneumatics, changer, force, supervisor, cell, clock, settings, virtual, wire_session)
+        position = PositionCheck(gantry, changer, supervisor)
+        yield Bench(
+            gantry, plc, pneumatics, changer, force, supervisor, cell, position, clock, settings, virtual, wire_session
+        )
 
 
 @dataclass(frozen=True)
@@ -294,6 +308,20 @@ def _memory_wires(virtual: VirtualBench, clock: Clock) -> Wires:
     plc = memory_link("CLICK PLC in memory", virtual.plc.server)
     link = memory_link("Weight transmitter in memory", virtual.transmitter.server)
     return Wires(plc, LaumasTransmitter(link, clock), link, MemoryTransport(virtual.grbl))
+
+
+@contextmanager
+def _kept_on_a_fault(wires: Wires, folder: Path) -> Iterator[None]:
+    """Write what the wire logs hold in memory to files when an error ends the bench; a person's stop is none."""
+    try:
+        yield
+    except StopAskedError:
+        raise
+    except FastError:
+        with WireFiles(folder, _VIRTUAL_LOG_BYTES) as files:
+            wires.write_to(files)
+        logger.warning("The last traffic with the devices is in %s, session %s", folder, files.session)
+        raise
 
 
 @contextmanager

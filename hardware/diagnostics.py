@@ -20,7 +20,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from models.records import GraspSetup, Record
+from models.records import Design, GraspSetup, Record
 
 DiagnosticKind = Literal["dwell", "lift_speed", "supply_pressure", "closed_empty", "dead_weight", "reference"]
 Cell = tuple[int, int]  # (object id, repeat)
@@ -72,6 +72,13 @@ class DiagnosticRun(Record):
         return ", ".join([self.kind.replace("_", " "), *knobs, *target, f"repeat {self.repeat}"])
 
 
+class ReferenceTool(Record):
+    """Fingers that stay in one slot of the rack from batch to batch and make the reference grasps."""
+
+    slot: int = Field(ge=0, le=9, description="slot of the rack where it hangs; no tool of a batch may hang there")
+    design: Design
+
+
 class DiagnosticPlan(Record):
     """Which diagnostic experiments are made with a tool; the section `[diagnostics]` of a config.
 
@@ -88,9 +95,18 @@ class DiagnosticPlan(Record):
     dead_weights_kg: tuple[float, ...] = Field(default=(), description="masses that a person hangs on the gripper")
     reference_every: int = Field(default=0, ge=0, description="ordinary grasps between reference grasps; 0 is none")
     reference_object: int = Field(default=14, ge=0, le=35)
+    reference_tool: ReferenceTool | None = Field(
+        default=None, description="makes the reference grasps; none: each tool makes them itself"
+    )
     protocol_slot: int | None = Field(
         default=None, ge=0, le=9, description="slot whose tool makes all experiments after its grasps, in every batch"
     )
+
+    @model_validator(mode="after")
+    def _check_reference(self) -> "DiagnosticPlan":
+        if self.reference_tool is not None and not self.reference_every:
+            raise ValueError("reference_tool makes no grasp while reference_every is 0; say after how many grasps")
+        return self
 
     def runs(self, seed: int) -> list[DiagnosticRun]:
         """The experiments in order: weights up and down first (a person stands by), empty, then all others shuffled.
@@ -110,17 +126,20 @@ class DiagnosticPlan(Record):
     def with_references(self, cells: Sequence[Cell], n_before: int = 0) -> "list[Cell | DiagnosticRun]":
         """An ordinary plan with a reference grasp before it and after every `reference_every` of its grasps.
 
+        As it is where a tool of its own makes the reference grasps.
+
         `n_before`: ordinary grasps the tool has made already, so that a resumed plan keeps the same places.
         """
-        every = self.reference_every
+        every = self.reference_every if self.reference_tool is None else 0
         items: list[Cell | DiagnosticRun] = []
         for number, cell in enumerate(cells, n_before):
             if every and number % every == 0:
-                items.append(self._reference(number // every))
+                items.append(self.reference(number // every))
             items.append(cell)
         return items
 
-    def _reference(self, repeat: int) -> DiagnosticRun:
+    def reference(self, repeat: int) -> DiagnosticRun:
+        """The reference grasp for the n-th time."""
         return DiagnosticRun(kind="reference", object_id=self.reference_object, repeat=repeat)
 
     def _turned(self, object_id: int, repeat: int) -> list[DiagnosticRun]:

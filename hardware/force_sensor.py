@@ -113,7 +113,7 @@ class ForceSensor:
         Raises:
             SensorFaultError, OverloadError: as `read`.
         """
-        forces = [self._force(reading) for reading in self._transmitter.read_new()]
+        forces = list(map(self._force, self._transmitter.read_new()))
         now_s = self._clock.now_s()
         if forces:
             self._heard_at_s = now_s

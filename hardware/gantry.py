@@ -22,9 +22,13 @@ Place = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class GantrySample:
-    """Where the gantry was, with the clock time halfway between question and answer."""
+    """Where the gantry was, with the clock time halfway between question and answer.
+
+    `late_s`: how far the true time may be from it, half of what the answer took.
+    """
 
     time_s: float
+    late_s: float
     x_mm: float
     y_mm: float
     z_mm: float
@@ -49,6 +53,7 @@ class Gantry:
         self._clock = clock
         self._driver = GrblDriver(transport, clock, self._profile)
         self._workspace = Workspace.nominal(self._profile)
+        self._homed_place: Place = (0.0, 0.0, 0.0)
 
     def __enter__(self) -> "Gantry":
         self.connect()
@@ -71,7 +76,23 @@ class Gantry:
         """Home all axes (Z first) and learn where the box is; returns the place afterwards. Clears alarms."""
         homed_mm = self._driver.home()
         self._workspace = Workspace.from_homed(self._profile, homed_mm)
-        return self._to_place(homed_mm)
+        self._homed_place = self._to_place(homed_mm)
+        return self._homed_place
+
+    def slip_mm(self) -> Place:
+        """How far the carriage is from where the controller counts it (lost steps), mm; homed again afterwards.
+
+        Drives to where homing ends, then each axis slowly onto its home switch. The head must be empty, and stands
+        where homing leaves it afterwards.
+
+        Raises:
+            DeviceError: a move, the search or the homing went wrong; a slip beyond the pull-off ends in ALARM:1.
+        """
+        x_mm, y_mm, z_mm = self._homed_place
+        self.move_to(z_mm=z_mm)
+        self.move_to(x_mm=x_mm, y_mm=y_mm)
+        x, y, z = self._driver.slip_mm()
+        return (x, y, z)
 
     def recover_from_limit(self, axis: str, direction: str) -> Place:
         """After a hard limit with a closed switch, once a person has looked: back off 5 mm, then home.
@@ -124,7 +145,8 @@ class Gantry:
         report = self._driver.status()
         self._require_position("tell its position")
         x, y, z = self._to_place(report.machine_mm or ())
-        return GantrySample((before_s + self._clock.now_s()) / 2, x, y, z, report.is_moving)
+        late_s = (self._clock.now_s() - before_s) / 2
+        return GantrySample(before_s + late_s, late_s, x, y, z, report.is_moving)
 
     def is_moving(self) -> bool:
         """Whether anything moves now."""

@@ -63,17 +63,14 @@ class BeatingClock:
         while remaining_s > 1e-9:
             self.inner.sleep(min(remaining_s, ClickPlc.heartbeat_period_s))
             if self._plc is not None:
-                self._beat(self._plc)
+                try:
+                    self._plc.beat_if_due()
+                except DeviceError as error:
+                    self._lost = error
             if self._lost is not None:
                 self._tell_lost()
             self._hear()
             remaining_s = end_s - self.now_s()
-
-    def _beat(self, plc: ClickPlc) -> None:
-        try:
-            plc.beat_if_due()
-        except DeviceError as error:
-            self._lost = error
 
     def _tell_lost(self) -> None:
         lost, self._lost = self._lost, None

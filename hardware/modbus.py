@@ -107,7 +107,7 @@ class ModbusLink:
 
     def _once(self, request: Callable[[Client], Response]) -> Response:
         with self._lock:
-            client = self._connected_client()
+            client = self._client or self._connected_client()
             try:
                 answer = request(client)
             except Exception as error:  # pymodbus lets struct.error and others out when bytes make no sense

@@ -10,8 +10,6 @@ from enum import Enum, StrEnum
 
 from models.errors import InterlockError
 
-KEEP_GRIP_S = 600.0  # the check valve and the jaws leak a few psi in this time; then a person is told again
-
 
 class Verb(StrEnum):
     """What a person can ask of a bench at work; `MEANINGS` says what each means, everywhere."""
@@ -73,19 +71,13 @@ class SafeAction(Enum):
     KEEP_GRIP = "keep the gripper pressure"
     CLOSE_SUPPLY = "close the air supply"
     CALL_PERSON = "call a person"
-    URGE_PERSON = "tell the person again: the grip has been kept for its time, lower and vent now"
     DROP_QUEUE = "drop what is left of the motion"
     LOWER = "lower to the height of the grasp"
     VENT = "open the gripper"
     RAISE = "raise to travel height"
 
 
-COMMANDS = frozenset(SafeAction) - {
-    SafeAction.KEEP_LOCK,
-    SafeAction.KEEP_GRIP,
-    SafeAction.CALL_PERSON,
-    SafeAction.URGE_PERSON,
-}
+COMMANDS = frozenset(SafeAction) - {SafeAction.KEEP_LOCK, SafeAction.KEEP_GRIP, SafeAction.CALL_PERSON}
 """The actions that send something to a device; the others are said, not done."""
 
 
@@ -134,8 +126,7 @@ class HeldCondition:
     """What is known of a bench that waits in its safe state. Unknown counts as the worse case.
 
     `is_confirmed`: a person has looked and wants it to end. `is_down`: the gripper is at the height of its grasp, where
-    nothing can fall. `is_load_taken`: the person says that nothing hangs in the gripper, or holds it. `is_grip_due`:
-    the grip has been kept for `KEEP_GRIP_S`.
+    nothing can fall. `is_load_taken`: the person says that nothing hangs in the gripper, or holds it.
     """
 
     is_confirmed: bool = False
@@ -146,7 +137,6 @@ class HeldCondition:
     is_gripping: bool = True
     is_down: bool = False
     is_load_taken: bool = False
-    is_grip_due: bool = False
 
 
 def ending_actions(condition: HeldCondition) -> tuple[SafeAction, ...]:
@@ -173,7 +163,7 @@ def ending_actions(condition: HeldCondition) -> tuple[SafeAction, ...]:
 def _keep(condition: HeldCondition) -> tuple[SafeAction, ...]:
     if not condition.is_gripping:
         return (SafeAction.CALL_PERSON,)
-    return (SafeAction.KEEP_GRIP, SafeAction.URGE_PERSON if condition.is_grip_due else SafeAction.CALL_PERSON)
+    return (SafeAction.KEEP_GRIP, SafeAction.CALL_PERSON)
 
 
 @dataclass(frozen=True)

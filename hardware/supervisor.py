@@ -11,13 +11,11 @@ from contextlib import contextmanager
 
 from hardware.click import tags
 from hardware.click.driver import ClickPlc
-from hardware.clock import Clock
 from hardware.gantry import Gantry
 from hardware.grbl.errors import ControllerResetError, GrblAlarmError, MoveAbortedError
 from hardware.pneumatics import Pneumatics
 from hardware.safety import (
     COMMANDS,
-    KEEP_GRIP_S,
     MEANINGS,
     BenchCondition,
     EmergencyStopError,
@@ -49,16 +47,14 @@ class Supervisor:
         rest_z_mm: height of the grasp in progress, where a closed gripper holds nothing in the air; None without.
     """
 
-    def __init__(self, gantry: Gantry, plc: ClickPlc, pneumatics: Pneumatics, clock: Clock, top_z_mm: float) -> None:
+    def __init__(self, gantry: Gantry, plc: ClickPlc, pneumatics: Pneumatics, top_z_mm: float) -> None:
         self.cause = "The bench has just been opened."
         self.rest_z_mm: float | None = None
         self._gantry = gantry
         self._plc = plc
         self._pneumatics = pneumatics
-        self._clock = clock
         self._top_z_mm = top_z_mm
         self._latch = Latch()
-        self._held_since_s: float | None = None
         self._asked: Verb | None = None
         self._guarded_thread: int | None = None
         self._tripped_by: BaseException | None = None
@@ -84,7 +80,7 @@ class Supervisor:
         if is_pressed:
             self._pneumatics.check_air()
         logger.info("Safety latch OK, acknowledged by %s", who)
-        self.cause, self._asked, self._held_since_s = "", None, None
+        self.cause, self._asked = "", None
         if self._tripped_by is None:
             self._plc.beat()
         else:
@@ -160,7 +156,6 @@ class Supervisor:
         if error is not self._tripped_by:
             self._tripped_by = error
             self._latch = self._latch.step(is_fault=True)
-            self._held_since_s = self._clock.now_s()
             self._was_pressed = self._make_safe(error)
             self.cause = str(error) or type(error).__name__
             if self._was_pressed and not isinstance(error, EmergencyStopError):
@@ -251,22 +246,16 @@ class Supervisor:
         tool = "a tool" if is_present else "no tool"
         return f"{tool} on the head, lock {'closed' if is_closed else 'NOT closed'}"
 
-    def reminder(self) -> SafeAction | None:
-        """What to tell the person while the bench waits in its safe state; None while it is OK."""
-        return None if self.is_ok else ending_actions(self._look_at_held(False, is_confirmed=False))[-1]
-
-    def _look_at_held(self, is_load_taken: bool, is_confirmed: bool = True) -> HeldCondition:
+    def _look_at_held(self, is_load_taken: bool) -> HeldCondition:
         is_known, rest_z_mm = self._gantry.is_position_known, self.rest_z_mm
         is_gripping = self._pneumatics.is_gripping()
-        held_since_s = self._held_since_s
         return HeldCondition(
-            is_confirmed=is_confirmed,
+            is_confirmed=True,
             is_estop_pressed=self._pneumatics.is_estop_pressed(),
             is_position_known=is_known and (rest_z_mm is not None or not is_gripping),
             is_gripping=is_gripping,
             is_down=is_known and rest_z_mm is not None and self._z_mm() <= rest_z_mm + DOWN_TOLERANCE_MM,
             is_load_taken=is_load_taken,
-            is_grip_due=held_since_s is not None and self._clock.now_s() - held_since_s >= KEEP_GRIP_S,
         )
 
     def _z_mm(self) -> float:

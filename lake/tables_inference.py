@@ -59,6 +59,11 @@ class CalibrationRow(Row):
     correlation_after: float | None = Field(default=None, description="simulated against measured, held-out designs")
     rmse_before_n: float | None = Field(default=None, description="held-out designs")
     rmse_after_n: float | None = Field(default=None, description="held-out designs")
+    n_held_out: int | None = Field(default=None, description="measured designs that were not learned from")
+    held_out_by: Literal["emulator", "simulator"] | None = Field(
+        default=None, description="what predicted the held-out designs"
+    )
+    warnings: tuple[str, ...] = Field(default=(), description="sentences on what is doubtful")
     cpu_s: float = 0.0
 
     @staticmethod

@@ -107,6 +107,15 @@ class Placement(Record):
     offset_z_mm: float = 0.0
 
 
+class GraspContext(Record):
+    """What came before a grasp, for effects with a memory; all zero: the first grasp of a new tool in a new batch."""
+
+    repeat: int = Field(default=0, ge=0, description="grasps of this tool on this object before")
+    tool_grasps: int = Field(default=0, ge=0, description="grasps of this tool before")
+    batch_grasps: int = Field(default=0, ge=0, description="grasps of all tools of the batch before")
+    clock_s: float = Field(default=0.0, ge=0, description="time since the batch began")
+
+
 @dataclass(frozen=True)
 class Trace:
     """Samples of one grasp, in order: time from the start of closing, lift, force on the load cell.

@@ -4,7 +4,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from hardware.diagnostics import DiagnosticPlan
 from models.errors import ConfigError
@@ -34,6 +34,16 @@ class CampaignConfig(Record):
     scientist: ScientistSettings = ScientistSettings()
     bench: BenchChoice
     execution: Execution = Execution()
+
+    @model_validator(mode="after")
+    def _check_reference_slot(self) -> "CampaignConfig":
+        reference, n_tools = self.diagnostics.reference_tool, self.schedule.tools_per_batch
+        if reference is not None and reference.slot < n_tools:
+            raise ValueError(
+                f"the reference tool's slot {reference.slot} is one of the {n_tools} that a batch uses; set "
+                "diagnostics.reference_tool.slot above them or schedule.tools_per_batch lower"
+            )
+        return self
 
     @property
     def science(self) -> dict[str, Any]:

@@ -13,7 +13,9 @@ from models.features import initial_force_n, peak_force_n, work_j
 from models.ids import canonical_json
 from tasks.campaign import Campaign
 from tasks.control import append_event, exclusive, require_room, verbs_noted
-from tasks.diagnosing import append_diagnostic, plan_items
+from tasks.diagnosing import append_diagnostic, missing_runs, plan_items
+from tasks.position import check_position
+from tasks.reference import References
 from tasks.state import Cell, ProposedTool, tuples
 
 OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
@@ -34,21 +36,32 @@ def measure_batch(
     """Have tools of one batch measured one after the other; only one process may hold the bench of a lake.
 
     `open_bench` is given all tools that stand on the rack. A person's stop or abort ends it with the bench in its safe
-    state.
+    state. The gantry is checked for lost steps at the end, also of a batch that is paused, and every
+    `execution.position_check_tools` tools.
 
     Raises:
         FastError: another process holds the bench of this lake.
+        LostStepsError: the gantry was off; an event names the grasps since the last check.
         DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
     """
     batch, state = tools[0].batch, campaign.state()
     # All that stands on the rack, since a finished tool may still be on the head.
     mounted = [tool for tool in state.tools_of(batch) if state.confirmed.get(tool.tool_id) == "printed"]
+    references = References(campaign, batch)
+    mounted = references.added_to(mounted)
     noted = verbs_noted(campaign.lake, campaign.campaign_id)
     with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), noted, open_bench(mounted) as bench:
-        for tool in tools:
+        every = campaign.config.execution.position_check_tools
+        for number, tool in enumerate(tools):
             if should_stop():
-                return
-            measure(bench, tool, partial(on_grasp, tool))
+                break
+            if every and number and number % every == 0:
+                check_position(campaign, bench, batch)
+            for item in (*references.due(), tool):
+                measure(bench, item, partial(on_grasp, item))
+        for item in references.due(is_last=True):
+            measure(bench, item, partial(on_grasp, item))
+        check_position(campaign, bench, batch)
     if not should_stop():
         append_event(campaign.lake, campaign.campaign_id, "batch_measured", f"B{batch:02d} measured", batch=batch)
 
@@ -62,7 +75,7 @@ def measure_tool(
     should_stop: Callable[[], bool],
     on_grasp: Callable[[MeasuredGrasp], None],
 ) -> None:
-    """Make the missing grasps of a tool; those in the lake already are not repeated.
+    """Make the missing grasps of a tool and the diagnostic runs it owes; those in the lake are not repeated.
 
     `world_hash` names the world of a virtual bench; None is a real one.
 
@@ -72,11 +85,14 @@ def measure_tool(
     """
     state, limit = campaign.state(), campaign.config.execution.max_grasp_attempts
     missing = state.missing_grasps(tool, planned_cells(campaign, tool), limit)
-    if not missing:
+    references = References(campaign, tool.batch)
+    runs = references.runs() if tool == references.tool else missing_runs(campaign, state, tool)
+    if not (missing or runs):
         return
     orders = count(_first_order(campaign))
-    diagnostics, seed = campaign.config.diagnostics, _order_seed(campaign, tool)
     made_before = campaign.config.objects.n_grasps - len(missing)
+    if tool == references.tool:
+        made_before = references.n_grasps()
     n_made = made_before
 
     def record(grasp: MeasuredGrasp) -> None:
@@ -95,7 +111,7 @@ def measure_tool(
         require_room(campaign.lake)
         return should_stop()
 
-    items = plan_items(diagnostics, tool.slot, missing, made_before, seed)
+    items = plan_items(campaign.config.diagnostics, missing, made_before, runs)
     bench.cell.measure_tool(tool.rack_slot, items, campaign.config.grasp, record, may_not_go_on)
 
 

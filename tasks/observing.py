@@ -11,6 +11,7 @@ from models.surrogate.imputation import mean_over_objects
 from models.surrogate.observations import REAL, SIM, ObservationSet
 from models.surrogate.version_map import VersionMap, fit_version_map
 from tasks.campaign import Campaign
+from tasks.diagnosing import missing_runs
 from tasks.state import CampaignState, ProposedTool, tuples
 
 
@@ -91,12 +92,16 @@ def proposed_designs(state: CampaignState) -> dict[str, Design]:
 
 
 def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> list[ProposedTool]:
-    """Printed tools of a confirmed batch with grasps still to be made."""
+    """Printed tools of a confirmed batch with grasps or diagnostic runs still to be made."""
     if not state.is_confirmed(batch):
         return []
     plan = campaign.config.objects.cells(0)
     limit = campaign.config.execution.max_grasp_attempts
-    return [tool for tool in state.tools_of(batch) if state.missing_grasps(tool, plan, limit)]
+    return [
+        tool
+        for tool in state.tools_of(batch)
+        if state.missing_grasps(tool, plan, limit) or missing_runs(campaign, state, tool)
+    ]
 
 
 def closed_batches(campaign: Campaign, state: CampaignState) -> list[int]:

@@ -167,3 +167,6 @@ class Execution(Record):
     physics_workers: int = Field(default=1, ge=1, le=64, description="processes behind a virtual bench")
     print_poll_s: float = Field(default=5.0, gt=0, le=3600)
     max_grasp_attempts: int = Field(default=2, ge=1, le=10)
+    position_check_tools: int = Field(
+        default=0, ge=0, le=10, description="tools between checks of the gantry for lost steps; 0: after a batch only"
+    )

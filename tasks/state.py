@@ -94,6 +94,10 @@ class CampaignState:
         """Number of the next attempt at a grasp: that of a good one without trace, which it replaces, or a new one."""
         return self.next_attempts.get((tool_id, cell), 0)
 
+    def is_to_be_had(self, tool: ProposedTool) -> bool:
+        """Whether a tool was printed, and no later batch has taken its slot on a real rack."""
+        return tool.batch >= self.batch_on_rack and self.confirmed.get(tool.tool_id) == "printed"
+
     def missing_grasps(self, tool: ProposedTool, plan: Iterable[Cell], max_attempts: int) -> list[Cell]:
         """Grasps still to be made, in the order of the plan: not measured, or measured and the trace is lost.
 
@@ -101,7 +105,7 @@ class CampaignState:
         not held against it. None for a rejected tool, and for one of a batch that a real bench's rack held before: in
         its slot stands another tool now.
         """
-        if tool.batch < self.batch_on_rack or self.confirmed.get(tool.tool_id) != "printed":
+        if not self.is_to_be_had(tool):
             return []
         done = self.measured.get(tool.tool_id, set())
         return [c for c in plan if c not in done and self.failures.get((tool.tool_id, c), 0) < max_attempts]

@@ -5,6 +5,10 @@ from collections.abc import Callable
 from flows.benchmarks.accuracy import measure_accuracy
 from flows.benchmarks.base import Benchmark, Options, Tables
 from flows.benchmarks.bench import measure_bench
+from flows.benchmarks.calibration import measure_calibration
+from flows.benchmarks.calibration_peers import measure_calibration_peers
+from flows.benchmarks.calibration_ranks import measure_calibration_ranks
+from flows.benchmarks.calibration_traces import measure_calibration_traces
 from flows.benchmarks.fanout import measure_fanout
 from flows.benchmarks.grasp import measure_grasp
 from flows.benchmarks.kills import measure_host_kills, measure_kills
@@ -41,10 +45,16 @@ BENCHMARKS: dict[str, Benchmark] = {
     "robustness": _sampled(measure_robustness, _STUDY | {"tiers"}),
     "fanout": _sampled(measure_fanout, _SAMPLE | {"workers"}),
     "traces": _sampled(measure_traces, _SAMPLE | {"figure"}),
+    "calibration-traces": _sampled(measure_calibration_traces, _STUDY | {"figure", "n"}),
     "scientist": _sampled(measure_scientist, frozenset({"figure", "limit_minutes"})),
+    "calibration": _sampled(measure_calibration, frozenset({"n_sim", "n_real", "workers"})),
+    "calibration-ranks": _sampled(
+        measure_calibration_ranks, frozenset({"worlds", "results", "limit_minutes", "workers", "figure"})
+    ),
     "lake": _sampled(measure_lake, frozenset({"grasps"})),
     "object-store": _fixed(measure_object_store),
     "bench": _sampled(measure_bench, _SAMPLE),
     "kills": _sampled(measure_kills, frozenset({"n"})),
+    "calibration-peers": _sampled(measure_calibration_peers, frozenset({"results", "worlds"})),
     "host-kills": _sampled(measure_host_kills, frozenset({"n"})),
 }

@@ -23,7 +23,8 @@ class Options:
     """How much of a benchmark to run; None leaves the choice to the benchmark.
 
     `results` is a JSON-lines file that keeps every outcome, so that a benchmark can be stopped and continued;
-    `figure` is a picture to draw; `grasps` are sizes of lakes; `n` is how often the event of a study happens.
+    `figure` is a picture to draw; `grasps` are sizes of lakes; `n` is how often the event of a study happens;
+    `worlds` is how many made-up problems to solve; `n_sim` and `n_real` are the sizes of one.
     """
 
     designs: int | None = None
@@ -35,6 +36,9 @@ class Options:
     figure: Path | None = None
     grasps: tuple[int, ...] | None = None
     n: int | None = None
+    worlds: int | None = None
+    n_sim: int | None = None
+    n_real: int | None = None
     tell: Callable[[str], None] = _say_nothing
 
 

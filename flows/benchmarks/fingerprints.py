@@ -22,10 +22,14 @@ PLATEAUS_MM = ((6.0, 14.0), (18.0, 26.0), (30.0, 38.0))
 RELEASED_MM = 45.0
 EDGE_MM = 1.0  # from plateau to plateau
 MARGIN_MM = 1.0  # at each end of a plateau: on a busy machine the lift is told late
-FEWEST_SAMPLES = 5
+FEWEST_SAMPLES = 3
 REPEAT_SD = 0.15  # three of these still stay below the full scale of the load cell
 LEAST_DIFFERENCE = 0.002  # between the factors of repeats: six times what the load cell resolves
 TOLERANCE = 0.1  # of the step from one slot or object to the next
+
+
+class SparseTraceError(ValueError):
+    """A whole lift with too few readings in it to say what was gripped."""
 
 
 def fingerprint(request: PhysicsRequest) -> GraspSimulation:
@@ -57,12 +61,15 @@ def read_fingerprint(trace: Trace) -> tuple[int, int, float]:
     """Slot, object id and factor from grasp to grasp that a measured trace shows.
 
     Raises:
+        SparseTraceError: a busy host took too few readings to tell.
         ValueError: the trace is of no single made-up grasp.
     """
     lift = trace.is_lift
     lift_mm, force_n = trace.lift_mm[lift], trace.force_n[lift]
     at_mm = [(low + MARGIN_MM, high - MARGIN_MM) for low, high in PLATEAUS_MM]
     held_n = [force_n[(lift_mm > low) & (lift_mm < high)] for low, high in at_mm]
+    if lift_mm.size and lift_mm[-1] > PLATEAUS_MM[-1][1] and any(plateau.size < FEWEST_SAMPLES for plateau in held_n):
+        raise SparseTraceError(f"a plateau has fewer than {FEWEST_SAMPLES} readings: the host was too busy")
     if any(plateau.size < FEWEST_SAMPLES or np.ptp(np.quantile(plateau, (0.1, 0.9))) > 0.1 for plateau in held_n):
         raise ValueError("the trace has not the three plateaus of a made-up grasp")
     base_n, slot_n, object_n = (float(np.median(plateau)) for plateau in held_n)
@@ -76,10 +83,16 @@ def read_fingerprint(trace: Trace) -> tuple[int, int, float]:
 
 
 def label_problem(world: World, label: Label, trace: Trace) -> str:
-    """What is wrong if this trace is stored under this label; empty if the label is right."""
+    """What is wrong if this trace is stored under this label; empty if the label is right.
+
+    Raises:
+        SparseTraceError: too few readings to tell.
+    """
     tool_id, object_id, repeat = label
     try:
         slot, shown_object, factor = read_fingerprint(trace)
+    except SparseTraceError:
+        raise
     except ValueError as error:
         return f"{label}: {error}"
     if (slot, shown_object) != (_slot_of(tool_id), object_id):

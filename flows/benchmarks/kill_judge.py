@@ -4,12 +4,13 @@ import json
 import os
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from flows.benchmarks.fingerprints import Label, label_problem
+from flows.benchmarks.fingerprints import Label, SparseTraceError, label_problem, read_fingerprint
 from flows.benchmarks.made_up_batch import CAMPAIGN_ID, Batch
 from hardware.world.spec import World
 from lake.maintenance import check
@@ -76,6 +77,7 @@ def judge(root: Path, batch: Batch, world: World, told: Told) -> Found:
         "missing": len(set(batch.labels) - {_label(grasp) for grasp in good}),
         "made_twice": len(good) - len({_label(grasp) for grasp in good}),
         "mislabelled": len(mislabelled),
+        "too_sparse_to_judge": _n_sparse(lake, good),
         "problems": len(problems),
     }
     return Found(row, problems)
@@ -123,10 +125,24 @@ def _content_problems(lake: Lake, world: World, good: list[Grasp]) -> list[str]:
     problems = []
     for grasp in good:
         trace = lake.trace(grasp["grasp_id"])
-        problems.append(label_problem(world, _label(grasp), trace))
+        with suppress(SparseTraceError):  # counted by `_n_sparse`
+            problems.append(label_problem(world, _label(grasp), trace))
         if peak_force_n(trace) != grasp["peak_force_n"]:
             problems.append(f"{_label(grasp)} has the peak of another trace")
     return [problem for problem in problems if problem]
+
+
+def _n_sparse(lake: Lake, good: list[Grasp]) -> int:
+    """Grasps whose readings are too few to say what was gripped: the machine was too busy, nothing is wrong."""
+    n_sparse = 0
+    for grasp in good:
+        try:
+            read_fingerprint(lake.trace(grasp["grasp_id"]))
+        except SparseTraceError:
+            n_sparse += 1
+        except ValueError:
+            continue  # a problem, told elsewhere
+    return n_sparse
 
 
 def _story_problems(events: list[dict[str, Any]], told: Told) -> list[str]:

@@ -14,7 +14,8 @@ from hardware.world.spec import World
 from lake.store import Lake
 from tasks.campaign import Campaign
 from tasks.config import CampaignConfig
-from tasks.measuring import OpenBench, measure_batch, measure_tool, planned_cells
+from tasks.measuring import OpenBench, measure_batch, measure_tool
+from tasks.observing import unfinished_tools
 from tasks.printing import PrintConfirmation, confirm_print
 from tasks.proposing import propose_initial
 from tasks.state import ProposedTool
@@ -80,8 +81,7 @@ def measure_missing(
     open_bench: OpenBench | None = None,
 ) -> None:
     """What a campaign does with a confirmed batch: go on where the lake says it stands, in lockstep by default."""
-    state, limit = campaign.state(), campaign.config.execution.max_grasp_attempts
-    tools = [t for t in state.tools_of(1) if state.missing_grasps(t, planned_cells(campaign, t), limit)]
+    tools = unfinished_tools(campaign, campaign.state(), 1)
     if not tools:
         return
 

@@ -28,6 +28,9 @@ def run(
     figure: Annotated[Path | None, Parameter(help="Picture to draw, e.g. traces.png.")] = None,
     grasps: Annotated[str | None, Parameter(help="Sizes of lakes, in grasps, e.g. 8640,1000000.")] = None,
     n: Annotated[int | None, Parameter(help="How many kills.")] = None,
+    worlds: Annotated[int | None, Parameter(help="How many made-up problems of known truth.")] = None,
+    n_sim: Annotated[int | None, Parameter(help="Simulations of a made-up problem.")] = None,
+    n_real: Annotated[int | None, Parameter(help="Measured designs of a made-up problem.")] = None,
     json: AsJson = False,
 ) -> None:
     """Run one benchmark; figures are CPU seconds unless their name says otherwise."""
@@ -48,6 +51,9 @@ def run(
         "figure": figure,
         "grasps": _sizes(grasps),
         "n": n,
+        "worlds": worlds,
+        "n_sim": n_sim,
+        "n_real": n_real,
     }
     given = {option: value for option, value in chosen.items() if value is not None}
     _check_options(name, BENCHMARKS[name], given)
@@ -104,7 +110,7 @@ def _check_options(name: str, benchmark: "Benchmark", given: dict[str, Any]) -> 
         if option not in benchmark.options:
             flag = option.replace("_", "-")
             raise UsageError(f"the benchmark `{name}` has no option --{flag}; leave it out.")
-        if option in ("designs", "workers", "n") and value < 1:
+        if option in ("designs", "workers", "n", "worlds", "n_sim", "n_real") and value < 1:
             raise UsageError(f"--{option} is {value}, at least 1 is needed.")
     for tier in given.get("tiers", ()):
         version_of(tier)

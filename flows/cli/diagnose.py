@@ -127,12 +127,7 @@ def _time_left(
 
 
 def _references(plan: "DiagnosticPlan") -> "list[DiagnosticRun]":
-    from hardware.diagnostics import DiagnosticRun
-
-    return [
-        DiagnosticRun(kind="reference", object_id=plan.reference_object, repeat=repeat)
-        for repeat in range(plan.repeats)
-    ]
+    return [plan.reference(repeat) for repeat in range(plan.repeats)]
 
 
 def _target(

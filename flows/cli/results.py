@@ -9,24 +9,32 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, CampaignId, LakePath, show
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show
 
 if TYPE_CHECKING:
     from lake.store import Lake
 
 
 def report(
-    campaign: CampaignId = None,
+    campaign: Annotated[
+        str | None, Parameter(help="Campaign, or calibration (C...); not needed when the lake has one campaign.")
+    ] = None,
     *,
     lake: LakePath = DEFAULT_LAKE,
-    out: Annotated[Path | None, Parameter(help="Folder to write to; default: the campaign's output folder.")] = None,
+    out: Annotated[Path | None, Parameter(help="Folder to write to; default: beside the lake's other outputs.")] = None,
     json: AsJson = False,
 ) -> None:
-    """Write a campaign's report as one folder of HTML, figures and data; works on an unfinished campaign too."""
+    """Write a report as one folder of HTML, figures and data: of a campaign, finished or not, or of a calibration."""
     from flows.cli.campaign import open_lake, resolve_campaign
     from flows.report.build import write_report
+    from flows.report.calibration import write_calibration_report
+    from lake.tables import CalibrationRow
 
     found = open_lake(lake)
+    if campaign is not None and found.has(CalibrationRow, campaign):
+        page = write_calibration_report(found, campaign, out or found.root / "outputs" / campaign / "report")
+        show({"calibration": campaign, "report": str(page)}, str(page), json)
+        return
     name = resolve_campaign(found, campaign)
     page = write_report(found, name, out or found.root / "outputs" / name / "report")
     show({"campaign": name, "report": str(page)}, str(page), json)

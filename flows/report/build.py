@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from flows.report.account import cost_section, provenance_section, tools_section
+from flows.report.calibration import calibration_section
 from flows.report.comparison import agreement_section, traces_section, work_section
 from flows.report.content import Content
 from flows.report.folder import Folder
@@ -22,6 +23,7 @@ NAV = {
     "traces": "Traces",
     "work": "Grasp work",
     "agreement": "Simulation",
+    "calibration": "Calibration",
     "tools": "Tools",
     "surrogate": "Surrogate",
     "cost": "Cost",
@@ -49,6 +51,7 @@ def write_report(lake: Lake, campaign_id: str, out: Path) -> Path:
                 traces_section,
                 work_section,
                 agreement_section,
+                calibration_section,
                 tools_section,
                 surrogate_section,
                 cost_section,

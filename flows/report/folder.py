@@ -1,9 +1,12 @@
 """The folder a report is written to: figures, data and the page."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib.image
 import numpy as np
+import pyarrow as pa
 from matplotlib.figure import Figure
 
 from flows.report.page import Markup, picture, sources
@@ -11,6 +14,8 @@ from flows.report.queries import Result
 from flows.report.style import save_svg
 from lake.csv_text import csv_bytes
 from models.errors import UsageError
+
+PRINT_DPI = 200
 
 
 class Folder:
@@ -28,6 +33,16 @@ class Folder:
         """Save a figure as SVG and show it."""
         save_svg(figure, self.root / "figures" / f"{name}.svg")
         return picture(f"figures/{name}.svg", alternative, caption)
+
+    def print_figure(self, name: str, figure: Figure, alternative: str, caption: object = "") -> Markup:
+        """Like `figure`, and save it as PNG for print too."""
+        figure.savefig(self.root / "figures" / f"{name}.png", dpi=PRINT_DPI, metadata={"Software": "FAST"})
+        return self.figure(name, figure, alternative, caption)
+
+    def numbers(self, name: str, rows: Sequence[Mapping[str, Any]]) -> Markup:
+        """Save rows that no query gives as CSV, and link them."""
+        (self.root / "data" / f"{name}.csv").write_bytes(csv_bytes(pa.Table.from_pylist(list(rows))))
+        return Markup(f'<p class="note">The numbers: <a href="data/{name}.csv">data/{name}.csv</a></p>')
 
     def image(self, name: str, rgba: np.ndarray) -> str:
         """Save an RGBA image as PNG; returns its address in the page."""

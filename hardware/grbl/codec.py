@@ -33,7 +33,7 @@ _STARTUP_RAN = re.compile(r">(.*):(ok|error:\d{1,5})")
 _REPLY_CODE = re.compile(r"(error|ALARM):(\d{1,5})")
 _FEEDBACK = re.compile(r"\[([A-Za-z0-9.+]+):(.*)\]")
 _STATE = re.compile(r"([A-Z][A-Za-z]*)(?::(\d{1,3}))?")
-_FULL_NUMBER = re.compile(_NUMBER)
+_NUMBERS = re.compile(rf"{_NUMBER}(?:,{_NUMBER})*")
 
 
 class LineDecoder:
@@ -89,11 +89,10 @@ _LINE_FORMS: tuple[tuple[re.Pattern[str], Callable[[re.Match[str]], Message]], .
 
 def _numbers(text: str, least: int, most: int) -> Vector | None:
     """From `least` to `most` comma-separated finite numbers, or None."""
-    parts = text.split(",")
-    if not least <= len(parts) <= most or not all(_FULL_NUMBER.fullmatch(part) for part in parts):
+    if not least <= text.count(",") + 1 <= most or not _NUMBERS.fullmatch(text):
         return None
-    values = tuple(float(part) for part in parts)
-    return values if all(math.isfinite(value) for value in values) else None
+    values = tuple(map(float, text.split(",")))
+    return values if all(map(math.isfinite, values)) else None
 
 
 def _decode_report(body: str) -> StatusReport | None:

@@ -26,6 +26,7 @@ from hardware.grbl.messages import ErrorReply, RealTime, StatusReport, Vector
 from hardware.grbl.motion import DEADLINE_FACTOR, limit_along, move_deadline_s, move_duration_s
 from hardware.grbl.profile import GrblProfile
 from hardware.grbl.session import FULL_OVERRIDES, HOLD_POLL_S, HOLD_TIMEOUT_S, GrblSession
+from hardware.grbl.switch_search import SwitchSearch
 from hardware.transport import Transport
 from models.errors import DeviceError, InterlockError
 
@@ -59,6 +60,7 @@ class GrblDriver:
         self._moving = threading.Lock()
         self._is_held = False
         self._is_homing = False
+        self._homed_mm: Vector = ()
 
     # Life
 
@@ -140,7 +142,30 @@ class GrblDriver:
             if report.state != "Idle":
                 raise SilentControllerError(f"Homing was answered ok but the state is {report.state}; home again.")
             self.session.trust()
-            return _place(report)
+            self._homed_mm = _place(report)
+            return self._homed_mm
+
+    def slip_mm(self) -> Vector:
+        """True place minus count since the last homing, by axis, mm (see `SwitchSearch`); then homes again.
+
+        The carriage must stand where homing left it. At most the pull-off and little more is told.
+
+        Raises:
+            InterlockError: not homed, not idle, or elsewhere; nothing was sent.
+            DeviceError: the search or the homing went wrong.
+        """
+        with self._alone("look for lost steps"):
+            place_mm = _place(self._ready("look for lost steps"))
+            if math.dist(place_mm, self._homed_mm) > PLACE_TOLERANCE_MM:
+                raise InterlockError(
+                    f"The carriage is not where homing left it, {self._homed_mm}; move it there first."
+                )
+            try:
+                slip_mm = SwitchSearch(self.session, self._clock, self._profile).slip_mm(self._homed_mm)
+            finally:
+                self.session.distrust()
+        self.home()
+        return slip_mm
 
     def _run_homing(self) -> None:
         epoch = self._link.epoch

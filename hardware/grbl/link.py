@@ -9,7 +9,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from hardware.grbl.codec import LineDecoder, encode_line
 from hardware.grbl.messages import (
@@ -179,10 +179,11 @@ class GrblLink:
         """
         before, epoch, alarm = self._n_reports, self._epoch, self._alarm
         self.send_real_time(RealTime.STATUS)
-        self.wait(
-            lambda: self._n_reports > before or self._epoch != epoch or (alarm is None and self._alarm is not None),
-            timeout_s,
-        )
+        if self._n_reports == before:  # on wires in memory it is there by now
+            self.wait(
+                lambda: self._n_reports > before or self._epoch != epoch or (alarm is None and self._alarm is not None),
+                timeout_s,
+            )
         with self._changed:
             return self._report if self._n_reports > before and self._epoch == epoch else None
 
@@ -263,7 +264,8 @@ class GrblLink:
         machine_mm = report.machine_mm
         if machine_mm is None and report.work_mm is not None and self._offset_mm is not None:
             machine_mm = tuple(w + o for w, o in zip(report.work_mm, self._offset_mm, strict=False))
-        self._report = replace(report, machine_mm=machine_mm, offset_mm=self._offset_mm, overrides=self._overrides)
+        known = {"machine_mm": machine_mm, "offset_mm": self._offset_mm, "overrides": self._overrides}
+        self._report = StatusReport(**(vars(report) | known))  # `replace` takes three times as long
         self._n_reports += 1
 
     def _start_epoch(self) -> None:

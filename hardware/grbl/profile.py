@@ -17,6 +17,7 @@ MAX_STEP_RATE_HZ = 30_000  # beyond it GRBL loses steps
 RELATIVE_TOLERANCE = 1e-6
 ABSOLUTE_TOLERANCE = 5e-4  # `$$` prints three decimals
 SECONDS_PER_MINUTE = 60.0
+SOFT_LIMITS, HARD_LIMITS = 20, 21  # numbers of the settings that a search for the switches turns off
 
 LAB_SETTINGS: Mapping[int, float] = MappingProxyType(
     {
@@ -92,6 +93,12 @@ class GrblProfile(Record):
             elif abs(want - have) > max(ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE * abs(want)):
                 pairs.append((f"${number} is {have:g}, profile {want:g}", f"${number}={want:g}"))
         return pairs
+
+    def limits_off(self, found: Mapping[int, float]) -> list[int]:
+        """Numbers of the limits that the profile has on and the controller off, if nothing else differs."""
+        off = [number for number in (SOFT_LIMITS, HARD_LIMITS) if self.settings[number] and found.get(number) == 0]
+        is_all = not self.differences({**found, **{number: self.settings[number] for number in off}})
+        return off if is_all else []
 
     def with_settings(self, changes: Mapping[int, float]) -> "GrblProfile":
         """A copy with some settings changed."""

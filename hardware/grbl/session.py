@@ -35,6 +35,8 @@ BOOT_POLL_S = 0.1
 CRITICAL_ALARM_S = 0.7  # clock; the firmware is deaf for 0.5 s after ALARM:1 and 2
 HOLD_TIMEOUT_S = 2.0  # clock; beyond it a bare reset is the second choice
 HOLD_POLL_S = 0.05
+SETTING_REPLY_S = 0.05  # real; then some clock time passes, in which the EEPROM is written
+SETTING_POLL_S = 0.05
 OVERRIDE_POLLS = 25  # `Ov` comes at the latest every 20th report
 OVERRIDE_POLL_S = 0.05
 FULL_OVERRIDES = (RealTime.FEED_100, RealTime.RAPID_100)
@@ -117,12 +119,19 @@ class GrblSession:
         self.reset("connecting")
 
     def prepare(self) -> None:
-        """Ping, then compare all settings with the profile and force the overrides to 100 %."""
+        """Ping, then compare all settings with the profile and force the overrides to 100 %.
+
+        Limits that are off and should be on are switched on: a host has died in a search for the switches.
+        """
         self._known_epoch = self.link.epoch
         doing = "reading the settings"
         self.command("", doing)
         self.build = tuple(f"{m.kind}:{m.text}" for m in self.query("$I", doing) if isinstance(m, Feedback))
-        found = {m.number: m.value for m in self.query("$$", doing) if isinstance(m, Setting)}
+        found = self._settings(doing)
+        for number in self.profile.limits_off(found):
+            logger.warning("%s: limit setting $%d is off and is switched on", self.link.transport.name, number)
+            found[number] = self.profile.settings[number]
+            self.store_setting(number, found[number])
         differences = self.profile.differences(found)
         if differences:
             rest = f" and {len(differences) - MAX_DIFFERENCES} more" if len(differences) > MAX_DIFFERENCES else ""
@@ -133,8 +142,15 @@ class GrblSession:
         self._force_overrides()
         self._is_prepared = True
 
+    def _settings(self, doing: str) -> dict[int, float]:
+        return {m.number: m.value for m in self.query("$$", doing) if isinstance(m, Setting)}
+
+    def must_prepare(self) -> None:
+        """The settings are about to differ from the profile: before the next homing they are put right."""
+        self._is_prepared = False
+
     def prepare_again_if_needed(self) -> None:
-        """After an unasked restart: check the settings once more."""
+        """After an unasked restart, or a search for the switches: check the settings once more."""
         if not self._is_prepared or self._known_epoch != self.link.epoch:
             self.prepare()
 
@@ -176,6 +192,25 @@ class GrblSession:
                 "Abort, then home again."
             )
         return ticket
+
+    def store_setting(self, number: int, value: float) -> None:
+        """Write one setting; returns after its `ok`, since bytes sent while the EEPROM is written are lost.
+
+        Raises:
+            GrblReplyError: refused. SilentControllerError: no answer.
+        """
+        doing, epoch = f"setting ${number}", self.link.epoch
+        ticket = self.link.send_line(f"${number}={value:g}")
+        until_s = self.clock.now_s() + REPLY_TIMEOUT_S
+        while not self.link.wait(lambda: ticket.is_settled or ticket.alarm is not None, SETTING_REPLY_S):
+            if self.clock.now_s() > until_s:
+                raise SilentControllerError(
+                    f"No answer while {doing}; look at its settings (`$$`), then connect again."
+                )
+            self.clock.sleep(SETTING_POLL_S)
+        self.check(doing, epoch)
+        if isinstance(ticket.reply, ErrorReply):
+            raise GrblReplyError(ticket.reply.code, ticket.line)
 
     def query(self, line: str, doing: str) -> list[Message]:
         """What the controller says in answer to a `$` query, before its `ok`."""

@@ -145,6 +145,12 @@ def encode_scale(scale: Scale) -> int:
     return UNITS.index(scale.unit) << 8 | DIVISIONS.index(scale.division)
 
 
+@cache
+def _status(bits: int) -> Status:
+    """Status of a register; undocumented bits are dropped. Looked up, since making flags is slow."""
+    return Status(bits & 0x1FBF)
+
+
 def magnitude(word: int) -> int:
     """Magnitude of a 32-bit weight; a firmware that sends two's complement is undone."""
     return (1 << 32) - word if word & 0x80000000 else word
@@ -153,12 +159,13 @@ def magnitude(word: int) -> int:
 def decode_measured(registers: list[int], scale: Scale, time_s: float = 0.0) -> Reading:
     """Reading from the block of `N_MEASURED` registers that starts at `FIRST_MEASURED_REGISTER`."""
     bits, gross, net, peak, _ = _MEASURED.unpack(_REGISTERS.pack(*registers))
+    division = scale.division
     return Reading(
         time_s,
-        Status(bits & 0x1FBF),  # undocumented bits are dropped
-        (-magnitude(gross) if bits & _GROSS_NEGATIVE else magnitude(gross)) * scale.division,
-        (-magnitude(net) if bits & _NET_NEGATIVE else magnitude(net)) * scale.division,
-        (-magnitude(peak) if bits & _PEAK_NEGATIVE else magnitude(peak)) * scale.division,
+        _status(bits),
+        (-magnitude(gross) if bits & _GROSS_NEGATIVE else magnitude(gross)) * division,
+        (-magnitude(net) if bits & _NET_NEGATIVE else magnitude(net)) * division,
+        (-magnitude(peak) if bits & _PEAK_NEGATIVE else magnitude(peak)) * division,
         scale,
     )
 

@@ -133,8 +133,7 @@ class VirtualBench:
             self._worker.shutdown(wait=True, cancel_futures=True)
 
     def _head_mm(self, now_s: float) -> tuple[float, float, float]:
-        x_mm, y_mm, z_mm = self.grbl.position_mm(now_s)
-        return x_mm, y_mm, z_mm
+        return self.grbl.position_mm(now_s)
 
     def _advance(self, now_s: float) -> None:
         """Bring world, ladder and transmitter to `now_s`; the caller holds the clock's lock."""

@@ -20,6 +20,7 @@ from models.records import GraspSetup
 
 SCAN_PERIOD_S = 0.01
 SCAN_JITTER = 0.2  # of the period, either way
+_SHORTEST_SCAN_S, _SCAN_SPREAD_S = (1 - SCAN_JITTER) * SCAN_PERIOD_S, 2 * SCAN_JITTER * SCAN_PERIOD_S
 MOST_CONNECTIONS = 3  # further ones are hung up (notes/hardware.md 2.1)
 IDLE_TIME_OUT_S = 60.0  # of the bench's clock, then the PLC hangs up (SD200 and following)
 CONNECTION_LIMIT_BIT = "SC92"  # on while every connection is in use
@@ -89,7 +90,7 @@ class VirtualClick:
         self._memory: _Memory = {}
         self._n_scans = 0
         self._next_scan_s = self._next_idle_look_s = now_s
-        self._jitter = random.Random(now_s)  # a lockstep bench starts at 0: its scans repeat
+        self._jitter = random.Random(now_s).random  # a lockstep bench starts at 0: its scans repeat
         self._is_running = self._is_first_scan = True
         self._lock_valve = self._grip_valve = False
         self._last_heartbeat = 0
@@ -150,7 +151,7 @@ class VirtualClick:
             self.server.drop_idle(now_s, IDLE_TIME_OUT_S)
         first_due_s, n_due = self._next_scan_s, 0
         while self._next_scan_s <= now_s + 1e-9:
-            self._next_scan_s += SCAN_PERIOD_S * self._jitter.uniform(1 - SCAN_JITTER, 1 + SCAN_JITTER)
+            self._next_scan_s += _SHORTEST_SCAN_S + _SCAN_SPREAD_S * self._jitter()
             n_due += 1
         if n_due < 1 or not self._is_running:
             return
@@ -181,8 +182,7 @@ class VirtualClick:
 
     def _sees(self, now_s: float) -> tuple[object, ...]:
         """All that the outcome of a scan depends on."""
-        n_connections = self.server.n_connections
-        return (self._n_writes, n_connections, self._is_host_alive(now_s), *self._world.input_state)
+        return (self._n_writes, self.server.n_connections, self._is_host_alive(now_s), self._world.input_state)
 
     def _begin(self) -> None:
         """The first scan after power-up or STOP: forget the session and all requests, move no valve."""

@@ -27,6 +27,9 @@ from models.errors import UsageError
 logger = logging.getLogger(__name__)
 
 READ_BYTES = 4096
+Place = tuple[float, float, float]
+"""x, y, z in the workspace, mm."""
+
 AXIS_NAMES = "xyz"
 MAX_WAIT_S = 3600.0
 NOISE = b"\xff\x00~k\xe9<Idl\r\n"
@@ -69,6 +72,8 @@ class VirtualGrbl:
         self._wake_read, self._wake_write = os.pipe()
         self._unsent = b""
         self._listener: Callable[[bytes], None] | None = None
+        self._machine_mm: Vector = ()
+        self._place_mm: Place = (0.0, 0.0, 0.0)
         with clock.lock:
             self._flush()
         clock.add_listener(self._follow)
@@ -97,16 +102,20 @@ class VirtualGrbl:
 
     # For the world
 
-    def position_mm(self, now_s: float | None = None) -> Vector:
+    def position_mm(self, now_s: float | None = None) -> Place:
         """True place of the carriage in the workspace at a time (default now), whatever the firmware counts.
 
         Times in the past are answered as far back as the last 256 straight moves; times ahead count as now.
         """
         with self._clock.lock:
             present_s = self._clock.now_s()
-            self._machine.advance(present_s)
-            place_mm = self._machine.carriage.true_mm(present_s if now_s is None else min(now_s, present_s))
-        return self._workspace.from_machine(place_mm)
+            if self._machine.time_s < present_s:
+                self._machine.advance(present_s)
+            machine_mm = self._machine.carriage.true_mm(present_s if now_s is None else min(now_s, present_s))
+            if machine_mm is not self._machine_mm:  # at rest it is the same object
+                (x, y, z), (x_0, y_0, z_0) = machine_mm, self._workspace.origin_mm
+                self._machine_mm, self._place_mm = machine_mm, (x - x_0, y - y_0, z - z_0)
+            return self._place_mm
 
     @property
     def state(self) -> str:
@@ -294,14 +303,12 @@ class VirtualGrbl:
     def _flush(self) -> None:
         """Write what the machine said, as far as the line takes it; the server thread writes the rest."""
         said = self._machine.take_output()
-        if self._is_silent or self._is_closed:
+        if not said and not self._unsent or self._is_silent or self._is_closed:
             return
         while self._lost_replies and b"ok\r\n" in said:
             said = said.replace(b"ok\r\n", b"", 1)
             self._lost_replies -= 1
         self._unsent += said
-        if not self._unsent:
-            return
         if self._listener is not None:
             heard, self._unsent = self._unsent, b""
             self._listener(heard)

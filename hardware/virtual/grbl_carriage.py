@@ -42,6 +42,7 @@ class Carriage:
         self._leg: Leg | None = None
         self._since_s = -math.inf
         self._frozen_mm: Vector | None = None
+        self._rest: tuple[Vector, Vector, Vector] = ((), (), ())  # count, slip, and the true place that follows
         self._past: deque[_Past] = deque(maxlen=HISTORY_LEGS)
         self._switch_ranges_mm = [self.switch_range_mm(axis) for axis in range(len(true_mm))]
         self._end_stops_mm = [(low - END_STOP_MM, high + END_STOP_MM) for low, high in self._switch_ranges_mm]
@@ -85,13 +86,27 @@ class Carriage:
     def true_mm(self, now_s: float) -> Vector:
         """Where it is, or was at a time within the last legs."""
         if now_s >= self._since_s or not self._past:
-            return self._frozen_mm or self._stopped(self.count_mm(now_s), self._slip_mm)
+            if self._frozen_mm is not None:
+                return self._frozen_mm
+            return self._at_rest() if self._leg is None else self._stopped(self._leg.position_at(now_s), self._slip_mm)
         past = next((past for past in reversed(self._past) if now_s >= past.start_s), self._past[0])
         return past.frozen_mm or self._stopped(past.leg.position_at(min(now_s, past.end_s)), past.slip_mm)
 
+    def _at_rest(self) -> Vector:
+        """True place without a leg, worked out once: half of all looks find it at rest."""
+        count_mm, slip_mm, true_mm = self._rest
+        if count_mm is not self._count_mm or slip_mm is not self._slip_mm:
+            true_mm = self._stopped(self._count_mm, self._slip_mm)
+            self._rest = (self._count_mm, self._slip_mm, true_mm)
+        return true_mm
+
     def _stopped(self, count_mm: Vector, slip_mm: Vector) -> Vector:
         """True position for a count: the end stops let nothing pass."""
-        places = [count + slip for count, slip in zip(count_mm, slip_mm, strict=True)]
+        (x, y, z), (x_slip, y_slip, z_slip) = count_mm, slip_mm
+        (x_low, x_high), (y_low, y_high), (z_low, z_high) = self._end_stops_mm
+        places = [x + x_slip, y + y_slip, z + z_slip]
+        if x_low <= places[0] <= x_high and y_low <= places[1] <= y_high and z_low <= places[2] <= z_high:
+            return tuple(places)
         for axis, (low, high) in enumerate(self._end_stops_mm):
             if not low <= places[axis] <= high:
                 places[axis] = low if places[axis] < low else high

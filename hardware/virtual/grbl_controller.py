@@ -98,12 +98,19 @@ class GrblController:
     # Wire and time
 
     @property
+    def time_s(self) -> float:
+        """Up to when everything has happened."""
+        return self._now_s
+
+    @property
     def state(self) -> str:
         """`Idle`, `Run`, `Hold`, `Jog`, `Alarm`, `Home`, `Check` or `Sleep`."""
         return self._state
 
     def take_output(self) -> bytes:
         """What the controller has said since the last call."""
+        if not self._output:
+            return b""
         data = bytes(self._output)
         self._output.clear()
         return data
@@ -139,8 +146,10 @@ class GrblController:
 
     def next_event_s(self) -> float:
         """When something happens by itself; infinite if nothing will."""
-        status_s = self._report_s + self._report_gap_s if self._can_report() else math.inf
-        return min(self._planner.next_event_s(), self._wake_s, self._boot_s, status_s)
+        event_s = min(self._planner.next_event_s(), self._wake_s, self._boot_s)
+        if self._is_status_due and self._can_report():
+            return min(event_s, self._report_s + self._report_gap_s)
+        return event_s
 
     def advance(self, now_s: float) -> None:
         """Let time pass up to `now_s`, with every event at its own moment."""
@@ -150,7 +159,8 @@ class GrblController:
             self._go_on()
             self._drain_uart()
             self._answer_status()
-        self._now_s = max(self._now_s, now_s)
+        if now_s > self._now_s:
+            self._now_s = now_s
 
     def _say(self, *messages: Message) -> None:
         if self._is_powered:

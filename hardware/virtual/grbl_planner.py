@@ -64,11 +64,12 @@ class Planner:
 
     def vector(self, first: int) -> Vector:
         """Three settings from number `first`."""
-        return tuple(self._settings[first + axis] for axis in range(3))
+        settings = self._settings
+        return (settings[first], settings[first + 1], settings[first + 2])
 
     def on_steps(self, place_mm: Vector) -> Vector:
         """Nearest place that is a whole number of steps."""
-        return tuple(round(place * steps) / steps for place, steps in zip(place_mm, self.vector(100), strict=True))
+        return tuple([round(place * steps) / steps for place, steps in zip(place_mm, self.vector(100), strict=True)])
 
     def clear(self) -> None:
         """Drop all blocks; overrides stay."""

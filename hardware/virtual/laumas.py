@@ -115,6 +115,7 @@ class VirtualLaumas:
         self._zero_counts = 0
         self._peak_counts = 0
         self._is_net = False
+        self._counted = (math.nan, self.scale, 0)  # force shown, scale, and the counts that follow
         self._block = [*IDENTITY, *[0] * (N_REGISTERS - len(IDENTITY))]
         self._filter = DigitalFilter(filter_setting, world.gross_n, now_s)
         self.encode_string = encode_plain
@@ -170,8 +171,11 @@ class VirtualLaumas:
         return True
 
     def _gross_counts(self) -> int:
-        mass_kg = mass_kg_from_n(self._filter.shown)
-        return round(mass_kg / self.scale.division) - self._zero_counts
+        shown, scale, counts = self._counted
+        if shown != self._filter.shown or scale is not self.scale:  # asked for twice with each reading
+            counts = round(mass_kg_from_n(self._filter.shown) / self.scale.division)
+            self._counted = (self._filter.shown, self.scale, counts)
+        return counts - self._zero_counts
 
     def _measured(self) -> list[int]:
         gross = self._gross_counts()
@@ -179,10 +183,10 @@ class VirtualLaumas:
         return encode_measured(status, gross, gross - self._tare_counts, self._peak_counts, self.scale)
 
     def _faults(self, gross_counts: int) -> Status:
-        status = _NO_FAULTS
-        if "cell_unplugged" in self._world.faults:
+        status, faults = _NO_FAULTS, self._world.faults
+        if "cell_unplugged" in faults:
             status |= Status.CELL_ERROR
-        if "cell_saturated" in self._world.faults:
+        if "cell_saturated" in faults:
             status |= Status.GROSS_OUT_OF_RANGE
         if self._world.has_sensor_fault:
             status |= Status.CONVERTER_FAULT

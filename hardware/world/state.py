@@ -115,6 +115,8 @@ class WorldState:
         self._solver = solver
         self._position_of = head_position_mm
         self._now_s = now_s
+        self._head = (0.0, 0.0, 0.0)
+        self.dock_slot: int | None = None
         self._move_head(now_s)
         self._noise = SensorNoise(world, "none", -1, 0)
         self._last_reading = math.floor(now_s * world.sensor.rate_hz)
@@ -173,7 +175,7 @@ class WorldState:
             tool_id,
             len(self.docked),
             self.pressure_psi,
-            frozenset(self.faults),
+            *self.faults,
         )
 
     @property
@@ -240,8 +242,10 @@ class WorldState:
         self._take_reading(now_s)
 
     def _move_head(self, now_s: float) -> None:
-        self._head = self._position_of(now_s)
-        self.dock_slot = self.layout.dock_at(*self._head)
+        head_mm = self._position_of(now_s)
+        if head_mm is not self._head:
+            self._head = head_mm
+            self.dock_slot = self.layout.dock_at(*head_mm)
 
     def _move_lock(self, now_s: float) -> None:
         if self._lock_moves_until_s is None or now_s < self._lock_moves_until_s:

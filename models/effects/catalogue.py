@@ -1,138 +1,109 @@
-"""The catalogue of effects that a simulator version can switch on, with parameters, bounds and neutral values."""
+"""The catalogue of effects that a simulator version can switch on; one module per effect, listed here."""
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Literal
+from collections.abc import Mapping, Sequence
 
-from models.effects.actuation import ForceLimitedClosing
+from models.effects import (
+    base_compliance,
+    batch_ageing,
+    finger_finger_contact,
+    force_limited_closing,
+    friction_wear,
+    hyperelastic_stiffening,
+    lift_misalignment,
+    lift_start_error,
+    load_cell_drift,
+    load_cell_gain,
+    load_cell_lag,
+    load_cell_offset,
+    mullins_softening,
+    object_edge_radius,
+    object_post_compliance,
+    pressure_dependent_friction,
+    pressure_droop,
+    print_anisotropy,
+    rib_imperfection,
+    shear_adhesion,
+    static_kinetic_friction,
+    stress_relaxation,
+    temperature_softening,
+    tool_weight,
+    velocity_strengthening_friction,
+    wall_thickness_offset,
+)
 from models.effects.base import Effect
-from models.effects.contact import StaticKineticFriction
-from models.effects.geometry import WallThicknessOffset
-from models.effects.sensor import LoadCellGain, LoadCellLag
+from models.effects.spec import LAYERS, EffectSpec, ParameterSpec
 from models.errors import ConfigError
-from models.records import EffectValue, Record
+from models.records import EffectValue, SimulatorVersion
 from models.validation import closest
 
-Layer = Literal["geometry", "material", "contact", "actuation", "time", "sensor"]
+__all__ = ["CATALOGUE", "EffectSpec", "ParameterSpec", "build_effects", "scales_with_modulus"]
 
-
-class ParameterSpec(Record):
-    """One parameter of an effect; its unit is the suffix of its name.
-
-    At `neutral` the effect vanishes or, for a parameter that only shapes it, takes its prior median.
-    """
-
-    name: str
-    lower: float
-    upper: float
-    neutral: float
-    prior_median: float
-    prior_sd: float
-
-
-class EffectSpec(Record):
-    """An effect of the catalogue: what it is, where it acts, and how to build it from parameter values.
-
-    `code` is its row in the catalogue of notes/gap.md section 2; `confusable_with` names effects with a similar
-    trace signature.
-    """
-
-    effect: str
-    title: str
-    code: str
-    layer: Layer
-    version: int
-    parameters: tuple[ParameterSpec, ...]
-    confusable_with: tuple[str, ...] = ()
-
-    @property
-    def neutral(self) -> EffectValue:
-        """The effect at amplitude zero."""
-        return EffectValue(effect=self.effect, parameters={p.name: p.neutral for p in self.parameters})
-
-
-def _parameter(
-    name: str, lower: float, upper: float, neutral: float, prior_median: float, prior_sd: float
-) -> ParameterSpec:
-    return ParameterSpec(
-        name=name, lower=lower, upper=upper, neutral=neutral, prior_median=prior_median, prior_sd=prior_sd
-    )
-
-
-_SPECS = (
-    EffectSpec(
-        effect="static_kinetic_friction",
-        title="Friction falls from static to kinetic with slip",
-        code="C1",
-        layer="contact",
-        version=1,
-        parameters=(
-            _parameter("kinetic_ratio", 0.3, 1.5, 1.0, 0.8, 0.2),
-            _parameter("slip_scale_mm", 0.2, 10.0, 1.0, 1.0, 1.0),
-        ),
-        confusable_with=("load_cell_lag",),
-    ),
-    EffectSpec(
-        effect="wall_thickness_offset",
-        title="Printed walls are thicker than drawn",
-        code="G1",
-        layer="geometry",
-        version=1,
-        parameters=(_parameter("offset_mm", -0.3, 0.3, 0.0, 0.05, 0.08),),
-        confusable_with=("load_cell_gain",),
-    ),
-    EffectSpec(
-        effect="force_limited_closing",
-        title="Pneumatic jaws stall at their largest force",
-        code="A1",
-        layer="actuation",
-        version=1,
-        parameters=(_parameter("max_force_n", 1.0, 1e6, 1e6, 60.0, 40.0),),
-        confusable_with=("wall_thickness_offset",),
-    ),
-    EffectSpec(
-        effect="load_cell_lag",
-        title="First-order lag of the load-cell transmitter",
-        code="S4",
-        layer="sensor",
-        version=1,
-        parameters=(_parameter("time_constant_s", 0.0, 2.0, 0.0, 0.1, 0.2),),
-        confusable_with=("static_kinetic_friction",),
-    ),
-    EffectSpec(
-        effect="load_cell_gain",
-        title="Span error of the load cell (an exact alias of Young's modulus)",
-        code="S1",
-        layer="sensor",
-        version=1,
-        parameters=(_parameter("gain", 0.8, 1.25, 1.0, 1.0, 0.02),),
-        confusable_with=("wall_thickness_offset",),
-    ),
+_MODULES = (
+    # material
+    stress_relaxation,
+    mullins_softening,
+    hyperelastic_stiffening,
+    temperature_softening,
+    batch_ageing,
+    print_anisotropy,
+    # contact
+    static_kinetic_friction,
+    velocity_strengthening_friction,
+    pressure_dependent_friction,
+    shear_adhesion,
+    friction_wear,
+    object_edge_radius,
+    finger_finger_contact,
+    object_post_compliance,
+    # geometry
+    wall_thickness_offset,
+    rib_imperfection,
+    # actuation
+    base_compliance,
+    force_limited_closing,
+    pressure_droop,
+    lift_start_error,
+    # sensor
+    load_cell_gain,
+    load_cell_offset,
+    load_cell_drift,
+    load_cell_lag,
+    lift_misalignment,
+    tool_weight,
 )
 
-CATALOGUE: Mapping[str, EffectSpec] = {spec.effect: spec for spec in _SPECS}
-
-_BUILDERS: Mapping[str, Callable[[Mapping[str, float]], Effect]] = {
-    "static_kinetic_friction": lambda p: StaticKineticFriction(p["kinetic_ratio"], p["slip_scale_mm"]),
-    "wall_thickness_offset": lambda p: WallThicknessOffset(p["offset_mm"]),
-    "force_limited_closing": lambda p: ForceLimitedClosing(p["max_force_n"]),
-    "load_cell_lag": lambda p: LoadCellLag(p["time_constant_s"]),
-    "load_cell_gain": lambda p: LoadCellGain(p["gain"]),
-}
+CATALOGUE: Mapping[str, EffectSpec] = {module.SPEC.effect: module.SPEC for module in _MODULES}
 
 
 def build_effects(values: Sequence[EffectValue]) -> list[Effect]:
-    """The effects of a simulator version, in order; parameters left out take their neutral value.
+    """The effects of a simulator version; parameters left out take their neutral value.
+
+    They come layer by layer, as the physics acts, and within a layer in the order given: an effect found late must not
+    relax the load cell's offset because it is last in the list.
 
     Raises:
         ConfigError: an effect or parameter is unknown, or a value is out of bounds.
     """
-    return [_build(value) for value in values]
+    built = [(_spec(value), _build(value)) for value in values]
+    built.sort(key=lambda pair: LAYERS.index(pair[0].layer))
+    return [effect for _, effect in built]
 
 
-def _build(value: EffectValue) -> Effect:
+def scales_with_modulus(version: SimulatorVersion) -> bool:
+    """Whether every force of this version is in exact proportion to Young's modulus; False if an effect is unknown."""
+    specs = [CATALOGUE.get(value.effect) for value in version.effects]
+    return all(spec is not None and spec.scales_with_modulus for spec in specs)
+
+
+def _spec(value: EffectValue) -> EffectSpec:
     spec = CATALOGUE.get(value.effect)
     if spec is None:
         raise ConfigError(f"Unknown effect `{value.effect}`; {closest(value.effect, list(CATALOGUE))}")
+    return spec
+
+
+def _build(value: EffectValue) -> Effect:
+    spec = _spec(value)
     known = {p.name: p for p in spec.parameters}
     for name, number in value.parameters.items():
         if name not in known:
@@ -143,4 +114,4 @@ def _build(value: EffectValue) -> Effect:
                 f"Effect `{value.effect}`: `{name}` is {number}, it must be within {limits.lower} to {limits.upper}; "
                 "change it."
             )
-    return _BUILDERS[value.effect](spec.neutral.parameters | value.parameters)
+    return spec.kind(**(spec.neutral.parameters | value.parameters))

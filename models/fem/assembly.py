@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numba as nb
 import numpy as np
 
-from models.errors import MeshingFailed
+from models.errors import MeshingFailed, UsageError
 from models.fem.elasticity import LAW_CODE, MaterialLaw, element_force, element_stiffness, lame_constants
 from models.fem.linear import BlockPattern, block_pattern
 from models.fem.shape import quadrature_of, shape_of
@@ -17,23 +17,39 @@ CLAMPED = -1
 
 @dataclass(frozen=True)
 class Material:
-    """Elastic law of the compliant body."""
+    """Elastic law of the compliant body.
+
+    `stiffening`: beta of the strain energy W + beta W^2 / E, for the neo-Hookean law.
+    """
 
     young_modulus_mpa: float
     poisson_ratio: float
     law: MaterialLaw = "neo_hookean"
+    stiffening: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check that the law can stiffen."""
+        if self.stiffening != 0.0 and self.law != "neo_hookean":
+            raise UsageError(f"The material law `{self.law}` cannot stiffen with strain; use `neo_hookean`.")
+
+    @property
+    def stiffening_per_mpa(self) -> float:
+        """C = 2 beta / E of `models.fem.elasticity`, in 1/MPa."""
+        return 2.0 * self.stiffening / self.young_modulus_mpa
 
 
 @dataclass(frozen=True)
 class _Elements:
     """One element block ready for assembly: what the kernels read.
 
-    `connectivity` (m, k); `slopes` (m, q, k, 3) dN/dX in 1/mm; `weights` (m, q) in mm3; `values` (q, k) of the shape
-    functions; `places` (m, k, k) of the blocks in the pattern.
+    `connectivity` (m, k); `slopes` (m, q, k, 3) dN/dX in 1/mm; `volumes` (m, q) in mm3, and `weights`, the same times
+    the element's factor on the modulus; `values` (q, k) of the shape functions; `places` (m, k, k) of the blocks in the
+    pattern.
     """
 
     connectivity: np.ndarray
     slopes: np.ndarray
+    volumes: np.ndarray
     weights: np.ndarray
     values: np.ndarray
     places: np.ndarray
@@ -46,24 +62,39 @@ class ElasticBody:
     the place z of a block in the pattern, -2 - z for its transpose, and -1 for a clamped node.
     """
 
-    def __init__(self, mesh: SolidMesh, nodes: np.ndarray, material: Material, n_axial_points: int = 3) -> None:
+    def __init__(
+        self,
+        mesh: SolidMesh,
+        nodes: np.ndarray,
+        material: Material,
+        n_axial_points: int = 3,
+        factors: Sequence[np.ndarray] | None = None,
+    ) -> None:
         """`nodes` (n, 3): the undeformed mesh in the frame of the calculation (a rotation of the finger frame).
 
-        `n_axial_points`: see `models.fem.shape.quadrature_of`.
+        `n_axial_points`: see `models.fem.shape.quadrature_of`. `factors`: per block of the mesh, factors (m) of its
+        elements on the modulus.
         """
         self.mesh = mesh
-        self._law = LAW_CODE[material.law]
-        self._lam, self._mu = lame_constants(material.young_modulus_mpa, material.poisson_ratio)
+        lame = lame_constants(material.young_modulus_mpa, material.poisson_ratio)
+        self._material = LAW_CODE[material.law], *lame, material.stiffening_per_mpa
         connectivities = [block.connectivity for block in mesh.blocks]
         self.row_of_node, self.pattern = number_rows(len(nodes), mesh.base_nodes, connectivities)
-        self._parts = [self._prepared(block, nodes, n_axial_points) for block in mesh.blocks]
+        of_block = [None] * len(mesh.blocks) if factors is None else factors
+        self._parts = [
+            self._prepared(block, nodes, n_axial_points, factor)
+            for block, factor in zip(mesh.blocks, of_block, strict=True)
+        ]
         self._symmetry = _symmetry_blocks(mesh, self.row_of_node, self.pattern)
 
-    def _prepared(self, block: ElementBlock, nodes: np.ndarray, n_axial_points: int) -> _Elements:
-        slopes, weights, values = _reference_gradients(block, nodes, n_axial_points)
+    def _prepared(
+        self, block: ElementBlock, nodes: np.ndarray, n_axial_points: int, factor: np.ndarray | None
+    ) -> _Elements:
+        slopes, volumes, values = _reference_gradients(block, nodes, n_axial_points)
+        weights = volumes if factor is None else volumes * factor[:, None]
         connectivity = np.ascontiguousarray(block.connectivity, dtype=np.int32)
         places = block_map(connectivity, self.row_of_node, self.pattern)
-        return _Elements(connectivity, slopes, weights, values, places)
+        return _Elements(connectivity, slopes, volumes, weights, values, places)
 
     @property
     def n_dof(self) -> int:
@@ -73,9 +104,8 @@ class ElasticBody:
     def force(self, x: np.ndarray) -> np.ndarray | None:
         """Internal nodal force (n, 3) at deformed nodes x (n, 3); None if an element is inverted."""
         force = np.zeros_like(x)
-        material = self._law, self._lam, self._mu
         for part in self._parts:
-            if not _assemble_force(x, part.connectivity, part.slopes, part.weights, *material, force):
+            if not _assemble_force(x, part.connectivity, part.slopes, part.weights, *self._material, force):
                 return None
         return force
 
@@ -83,9 +113,9 @@ class ElasticBody:
         """As `force`; also overwrites `blocks` (z, 3, 3) with the tangent (symmetry not yet applied)."""
         force = np.zeros_like(x)
         blocks[:] = 0.0
-        material = self._law, self._lam, self._mu
         for part in self._parts:
-            if not _assemble(x, part.connectivity, part.slopes, part.weights, *material, part.places, force, blocks):
+            elements = part.connectivity, part.slopes, part.weights
+            if not _assemble(x, *elements, *self._material, part.places, force, blocks):
                 return None
         return force
 
@@ -100,8 +130,8 @@ class ElasticBody:
         """Volume of each node in mm3 (n): diagonal of the consistent mass, scaled per element (HRZ lumping)."""
         volume = np.zeros(len(self.mesh.nodes))
         for part in self._parts:
-            diagonal = np.einsum("qa,mq->ma", part.values**2, part.weights)
-            diagonal *= (part.weights.sum(axis=1) / diagonal.sum(axis=1))[:, None]
+            diagonal = np.einsum("qa,mq->ma", part.values**2, part.volumes)
+            diagonal *= (part.volumes.sum(axis=1) / diagonal.sum(axis=1))[:, None]
             np.add.at(volume, part.connectivity.ravel(), diagonal.ravel())
         return volume
 
@@ -175,6 +205,7 @@ def _assemble(
     law: int,
     lam: float,
     mu: float,
+    c: float,
     places: np.ndarray,
     force: np.ndarray,
     blocks: np.ndarray,
@@ -184,7 +215,7 @@ def _assemble(
     for e in range(m):
         for a in range(k):
             local_x[a] = x[elements[e, a]]
-        if not element_stiffness(local_x, slopes[e], weights[e], law, lam, mu, local_force, K):
+        if not element_stiffness(local_x, slopes[e], weights[e], law, lam, mu, c, local_force, K):
             return False
         for a in range(k):
             for i in range(3):
@@ -211,6 +242,7 @@ def _assemble_force(
     law: int,
     lam: float,
     mu: float,
+    c: float,
     force: np.ndarray,
 ) -> bool:
     m, k = elements.shape
@@ -218,7 +250,7 @@ def _assemble_force(
     for e in range(m):
         for a in range(k):
             local_x[a] = x[elements[e, a]]
-        if not element_force(local_x, slopes[e], weights[e], law, lam, mu, local_force):
+        if not element_force(local_x, slopes[e], weights[e], law, lam, mu, c, local_force):
             return False
         for a in range(k):
             for i in range(3):

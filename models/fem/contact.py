@@ -19,6 +19,7 @@ from models.fem.contact_kernel import FrictionState, Law, NearPoints, Sightings,
 from models.fem.contact_points import ContactPoints, PointSpacing, contact_points
 
 __all__ = [
+    "NO_STOP",
     "ContactLaw",
     "ContactResponse",
     "ContactState",
@@ -28,24 +29,31 @@ __all__ = [
     "Solid",
 ]
 
+NO_STOP = -np.inf
 _NO_BLOCKS = np.zeros((0, 3, 3))
 
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """Penalty stiffness in N/mm3 and smoothing depth d0, at REFERENCE_MODULUS_MPA.
+    """Penalty stiffness in N/mm3, smoothing depth d0 and adhesion in MPa, at REFERENCE_MODULUS_MPA.
 
-    Both stiffnesses are in proportion to E for any other modulus (see models.fem.elasticity). Rims and corners that
-    touch in a point decide: at 2 N/mm3 they sink in by a millimetre and hook (diabolo: peak 46 N). On faces and rims
-    twice the stiffness moves the peak by about 3 % at most. Bare edges and corners stay mesh-bound: the stiffness
-    stands for the indentation that the elements do not resolve (Hertz on a radius of 1 mm: 6 to 16 N/mm3), and on
-    one layer across the half width more of it makes a corner hook (turned diamond: 33 N at 4, 40 N at 8; 28 N on a
-    fine mesh).
+    The friction limit is mu p + adhesion. Stiffnesses and adhesion are in proportion to E for any other modulus (see
+    models.fem.elasticity). Rims and corners that touch in a point decide: at 2 N/mm3 they sink in by a millimetre and
+    hook (diabolo: peak 46 N). On faces and rims twice the stiffness moves the peak by about 3 % at most. Bare edges and
+    corners stay mesh-bound: the stiffness stands for the indentation that the elements do not resolve (Hertz on a
+    radius of 1 mm: 6 to 16 N/mm3), and on one layer across the half width more of it makes a corner hook (turned
+    diamond: 33 N at 4, 40 N at 8; 28 N on a fine mesh).
     """
 
     normal_n_per_mm3: float = 4.0
     tangential_n_per_mm3: float = 4.0
     smoothing_mm: float = 0.05
+    adhesion_mpa: float = 0.0
+
+    @property
+    def compiled(self) -> Law:
+        """The law as compiled code takes it."""
+        return Law(self.normal_n_per_mm3, self.tangential_n_per_mm3, self.smoothing_mm, self.adhesion_mpa)
 
 
 class Obstacle(Protocol):
@@ -105,7 +113,7 @@ class ContactSurface:
         self._points = contact_points(body.mesh.contact_faces, nodes, spacing)
         self._places = block_map(self._points.faces, body.row_of_node, body.pattern)
         self._seen = _sightings(self._points)
-        self._seen_of: tuple[Obstacle | None, bool] = (None, False)
+        self._seen_of: tuple[Obstacle | None, float] = (None, NO_STOP)
         self._primitives: np.ndarray | None = None
         n, n_patches = len(self.areas), len(self._points.reach)
         patch, face = np.zeros(n_patches, dtype=np.int32), np.zeros(n_patches, dtype=np.int32)
@@ -119,7 +127,7 @@ class ContactSurface:
 
     def forget(self) -> None:
         """Drop what is remembered of distances: the next evaluation starts as if it were the first."""
-        self._seen_of = (None, False)
+        self._seen_of = (None, NO_STOP)
 
     def start(self, x: np.ndarray) -> ContactState:
         """State before any contact, at deformed nodes x (n, 3)."""
@@ -146,15 +154,15 @@ class ContactSurface:
         state: ContactState,
         obstacle: Obstacle,
         friction: np.ndarray,
-        has_mirror: bool,
+        stop_mm: float,
         blocks: np.ndarray | None,
     ) -> ContactResponse:
         """Contact force at deformed nodes x; adds the tangent to `blocks` (z, 3, 3) unless None.
 
-        `friction` (n): coefficient per point. `has_mirror`: the frictionless plane x >= 0 stands for the other
-        finger.
+        `friction` (n): coefficient per point. `stop_mm`: the frictionless plane x >= stop stands for the other
+        finger (`NO_STOP`: there is none).
         """
-        n_patches = self._measure(x, obstacle, has_mirror)
+        n_patches = self._measure(x, obstacle, stop_mm)
         force = np.zeros_like(x)
         m = contact_kernel.add_contact(
             self._points,
@@ -162,8 +170,8 @@ class ContactSurface:
             x,
             self._near,
             n_patches,
-            has_mirror,
-            Law(self.law.normal_n_per_mm3, self.law.tangential_n_per_mm3, self.law.smoothing_mm),
+            stop_mm,
+            self.law.compiled,
             FrictionState(state.nodes, state.traction, friction),
             force,
             _NO_BLOCKS if blocks is None else blocks,
@@ -172,27 +180,27 @@ class ContactSurface:
         point, traction, pressure, slip = (values[:m].copy() for values in self._touching)
         return ContactResponse(force, point, traction, pressure, slip)
 
-    def _measure(self, x: np.ndarray, obstacle: Obstacle, has_mirror: bool) -> int:
+    def _measure(self, x: np.ndarray, obstacle: Obstacle, stop_mm: float) -> int:
         """Distances, and normals inside, of all points that may touch; returns the number of their patches.
 
         A distance changes at most as far as its point moves, so faces and then patches that cannot have arrived
         since they were last measured are left out.
         """
         points, near, seen = self._points, self._near, self._seen
-        if self._seen_of[0] is not obstacle or self._seen_of[1] != has_mirror:
-            self._seen_of = (obstacle, has_mirror)
+        if self._seen_of[0] is not obstacle or self._seen_of[1] != stop_mm:
+            self._seen_of = (obstacle, stop_mm)
             self._primitives = obstacle.primitives if isinstance(obstacle, Solid) else None
             seen.face_gap[:] = -np.inf
             seen.patch_gap[:] = -np.inf
         if self._primitives is not None:
-            return int(contact_kernel.measure(self._primitives, points, x, has_mirror, seen, near))
+            return int(contact_kernel.measure(self._primitives, points, x, stop_mm, seen, near))
         n_patches, n_points = contact_kernel.find_near(points, x, seen, near)
         if n_points:
             near.distance[:n_points] = obstacle.distance(near.position[:n_points])
             inside = np.flatnonzero(near.distance[:n_points] < 0.0)
             if inside.size:
                 near.normal[inside] = obstacle.normal(near.position[inside])
-        contact_kernel.remember(points, near, n_patches, has_mirror, seen)
+        contact_kernel.remember(points, near, n_patches, stop_mm, seen)
         return int(n_patches)
 
 

@@ -15,6 +15,7 @@ from models.fem.friction import return_mapping
 from models.objects.distance import choose_rows, chosen_distance
 
 MAX_REACH = 3.0  # largest sum of |N_a| on any face: eight nodes, at the centre
+ADHESION_RAMP = 0.1  # share of the smoothing depth, where the pressure is a hundredth of that at the full depth
 _MARGIN_MM = 1e-9  # far above rounding: a point left out is outside for certain
 
 
@@ -55,11 +56,12 @@ class Touching(NamedTuple):
 
 
 class Law(NamedTuple):
-    """Penalty stiffnesses along and across the normal in N/mm3, and the smoothing depth in mm."""
+    """Penalty stiffnesses along and across the normal in N/mm3, the smoothing depth in mm, and adhesion in MPa."""
 
     kn: float
     kt: float
     d0: float
+    adhesion: float
 
 
 class FrictionState(NamedTuple):
@@ -114,12 +116,12 @@ def _motion(local: np.ndarray, before: np.ndarray, row: int) -> float:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def measure(
-    rows: np.ndarray, points: ContactPoints, x: np.ndarray, has_mirror: bool, seen: Sightings, near: NearPoints
+    rows: np.ndarray, points: ContactPoints, x: np.ndarray, stop_mm: float, seen: Sightings, near: NearPoints
 ) -> int:
     """Find and measure all points that may touch a solid of primitives; returns the number of their patches."""
     n_patches, _ = find_near(points, x, seen, near)
     measure_solid(rows, points, near, n_patches)
-    remember(points, near, n_patches, has_mirror, seen)
+    remember(points, near, n_patches, stop_mm, seen)
     return n_patches
 
 
@@ -177,15 +179,13 @@ def measure_solid(rows: np.ndarray, points: ContactPoints, near: NearPoints, n_p
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def remember(points: ContactPoints, near: NearPoints, n_patches: int, has_mirror: bool, seen: Sightings) -> None:
+def remember(points: ContactPoints, near: NearPoints, n_patches: int, stop_mm: float, seen: Sightings) -> None:
     """Keep how far the patches just measured are from the nearest thing to touch."""
     i = 0
     for q in range(n_patches):
         p, f, gap = near.patch[q], near.face[q], np.inf
         for _ in range(points.first_point[p], points.first_point[p + 1]):
-            gap = min(gap, near.distance[i])
-            if has_mirror:
-                gap = min(gap, near.position[i, 0])
+            gap = min(gap, near.distance[i], near.position[i, 0] - stop_mm)
             i += 1
         seen.patch_gap[p] = gap
         seen.face_gap[f] = min(seen.face_gap[f], gap)
@@ -198,7 +198,7 @@ def add_contact(
     x: np.ndarray,
     near: NearPoints,
     n_patches: int,
-    has_mirror: bool,
+    stop_mm: float,
     law: Law,
     state: FrictionState,
     force: np.ndarray,
@@ -217,7 +217,7 @@ def add_contact(
     for q in range(n_patches):
         f, p = near.face[q], near.patch[q]
         for c in range(points.first_point[p], points.first_point[p + 1]):
-            is_touching, is_behind = near.distance[i] < 0.0, has_mirror and near.position[i, 0] < 0.0
+            is_touching, is_behind = near.distance[i] < 0.0, near.position[i, 0] < stop_mm
             if is_touching or is_behind:
                 if f != current:
                     _scatter(points.faces, places, current, has_tangent, face_force, face_tangent, force, blocks)
@@ -232,7 +232,7 @@ def add_contact(
                     _press(c, i, near, law, state, own, point_force, tangent, touching, n_touching)
                     n_touching += 1
                 if is_behind:
-                    pressure, slope = penalty(-near.position[i, 0], law)
+                    pressure, slope = penalty(stop_mm - near.position[i, 0], law)
                     point_force[0] += pressure
                     tangent[0, 0] += slope
                 _add_force(points, c, point_force, face_force)
@@ -250,6 +250,12 @@ def penalty(depth: float, law: Law) -> tuple[float, float]:
         slope = law.kn * depth / law.d0
         return 0.5 * slope * depth, slope
     return law.kn * (depth - 0.5 * law.d0), law.kn
+
+
+@nb.njit(inline="always")
+def friction_limit(coefficient: float, pressure: float, depth: float, law: Law) -> float:
+    """Largest tangential stress in MPa at a pressure and penetration; adhesion sets in over a short depth."""
+    return coefficient * pressure + law.adhesion * min(depth / (ADHESION_RAMP * law.d0), 1.0)
 
 
 @nb.njit(inline="always")
@@ -273,7 +279,8 @@ def _press(
     for j in range(3):
         old[j], normal[j] = state.traction[c, j], near.normal[i, j]
     p, slope = penalty(-near.distance[i], law)
-    slip = return_mapping(old, motion[0], normal, state.coefficient[c] * p, law.kt, traction, tangent)
+    limit = friction_limit(state.coefficient[c], p, -near.distance[i], law)
+    slip = return_mapping(old, motion[0], normal, limit, law.kt, traction, tangent)
     touching.point[place], touching.pressure[place], touching.slip[place] = c, p, slip
     for a in range(3):
         touching.traction[place, a] = traction[a]

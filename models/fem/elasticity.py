@@ -9,6 +9,9 @@ With F = sum x_a (x) dN_a/dX, J = det F, l = ln J, S the second and P the first 
   it is the law of the reference tests.
   K_ab = w [lam Fa (Fb)^T + mu Fb (Fa)^T + mu s_ab F F^T + (a . S b) I], a = dN_a, b = dN_b.
 
+The neo-Hookean law may stiffen with strain, as W + c W^2 / 2 instead of W: the stress P is multiplied by 1 + c W, and
+the tangent too, which gains w c (P dN_a) (P dN_b)^T.
+
 The two laws differ by less than 2 % in the pull-off force (notes/fem.md section 1); neo-Hookean is cheaper and
 stays stable in compression, so it is the default.
 """
@@ -77,6 +80,28 @@ def _neo_hookean(
             Fa = F[i, 0] * slopes[a, 0] + F[i, 1] * slopes[a, 1] + F[i, 2] * slopes[a, 2]
             g[i, a] = g_ia
             force[a, i] += w * (mu * Fa + factor * g_ia)
+
+
+@nb.njit(inline="always")
+def _stiffened(F: np.ndarray, J: float, w: float, lam: float, mu: float, c: float) -> float:
+    """Weight of a point times 1 + c W of the neo-Hookean energy W; exactly the weight for c = 0."""
+    if c == 0.0:
+        return w
+    first, log_J = 0.0, np.log(J)
+    for i in range(3):
+        for j in range(3):
+            first += F[i, j] * F[i, j]
+    return w * (1.0 + c * (0.5 * mu * (first - 3.0 - 2.0 * log_J) + 0.5 * lam * log_J * log_J))
+
+
+@nb.njit(inline="always")
+def _add_stiffening(a: int, row: np.ndarray, h: np.ndarray) -> None:
+    """Add sum over points of h_a h_b^T to the row of `_tangent_row`; h (q, 3, k)."""
+    for q in range(len(h)):
+        for i in range(3):
+            for j in range(3):
+                for b in range(a + 1):
+                    row[3 * i + j, b] += h[q, i, a] * h[q, j, b]
 
 
 @nb.njit(inline="always")
@@ -154,17 +179,20 @@ def element_stiffness(
     law: int,
     lam: float,
     mu: float,
+    c: float,
     force: np.ndarray,
     K: np.ndarray,
 ) -> bool:
     """Nodal forces (k, 3) and tangent K (k, 9, k; blocks b <= a, entry (i, j) in 3 i + j) of one element.
 
-    x (k, 3) deformed nodes in mm, slopes (q, k, 3) = dN/dX in 1/mm, weights (q) in mm3. Returns False if the
+    x (k, 3) deformed nodes in mm, slopes (q, k, 3) = dN/dX in 1/mm, weights (q) in mm3, c in 1/MPa (neo-Hookean law
+    only). Returns False if the
     element is inverted at a point (J <= 0).
     """
     n_points, k = slopes.shape[:2]
     g, row = np.zeros((n_points, 6, WIDTH)), np.zeros((9, WIDTH))
     S, A = np.zeros((n_points, 3, 3)), np.zeros((n_points, 3, 3))
+    h = np.zeros((n_points if c != 0.0 else 0, 3, k))
     swapped, straight, F = np.zeros(n_points), np.zeros(n_points), np.zeros((3, 3))
     force[:] = 0.0
     for q in range(n_points):
@@ -177,7 +205,16 @@ def element_stiffness(
             for i in range(3):
                 g[q, 3 + i, a] = slopes[q, a, i]
         if law == 0:
+            w = _stiffened(F, J, w, lam, mu, c)
             _neo_hookean(F, J, slopes[q], w, lam, mu, g[q], force)
+            if c != 0.0:
+                size, pressure = np.sqrt(weights[q] * c), lam * np.log(J) - mu
+                for a in range(k):
+                    for i in range(3):
+                        Fa = 0.0
+                        for j in range(3):
+                            Fa += F[i, j] * slopes[q, a, j]
+                        h[q, i, a] = size * (mu * Fa + pressure * g[q, i, a])
             swapped[q], straight[q] = w * (mu - lam * np.log(J)), w * lam
             for i in range(3):
                 S[q, i, i] = w * mu
@@ -192,6 +229,8 @@ def element_stiffness(
         _tangent_row(a, row, g, S, swapped, straight)
         if law != 0:
             _add_moduli(a, row, g, A)
+        if c != 0.0:
+            _add_stiffening(a, row, h)
         for entry in range(9):
             for b in range(a + 1):
                 K[a, entry, b] = row[entry, b]
@@ -200,7 +239,7 @@ def element_stiffness(
 
 @nb.njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
 def element_force(
-    x: np.ndarray, slopes: np.ndarray, weights: np.ndarray, law: int, lam: float, mu: float, force: np.ndarray
+    x: np.ndarray, slopes: np.ndarray, weights: np.ndarray, law: int, lam: float, mu: float, c: float, force: np.ndarray
 ) -> bool:
     """Nodal forces of one element, without the tangent; arguments as `element_stiffness`."""
     k = x.shape[0]
@@ -212,7 +251,7 @@ def element_force(
         if not J > 0.0:
             return False
         if law == 0:
-            _neo_hookean(F, J, slopes[q], weights[q], lam, mu, g, force)
+            _neo_hookean(F, J, slopes[q], _stiffened(F, J, weights[q], lam, mu, c), lam, mu, g, force)
         else:
             _st_venant(F, slopes[q], weights[q], lam, mu, S, g, force)
     return True

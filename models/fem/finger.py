@@ -47,11 +47,14 @@ class FingerStep:
         nodes: np.ndarray,
         obstacle: Obstacle,
         *,
-        has_mirror: bool,
+        stop_mm: float,
     ) -> None:
-        """`nodes` (n, 3): undeformed, in the object frame with the front wall at x = 0 and no lift."""
+        """`nodes` (n, 3): undeformed, in the object frame with the front wall at x = 0 and no lift.
+
+        `stop_mm`: the frictionless plane x >= stop stands for the other finger.
+        """
         self.body, self.surface, self.nodes = body, surface, nodes
-        self._obstacle, self._has_mirror = obstacle, has_mirror
+        self._obstacle, self._stop_mm = obstacle, stop_mm
         self._free = body.row_of_node >= 0
         self._rows = body.row_of_node[self._free]
         self._mass = np.zeros(body.pattern.n)
@@ -94,10 +97,10 @@ class FingerStep:
         return float(self._obstacle.distance(self.surface.positions(self.nodes + base)).min())
 
     def distance_to_anything(self, base: np.ndarray) -> float:
-        """As `distance_to_object`, but the other finger (the mirror plane) counts too."""
+        """As `distance_to_object`, but the other finger (the plane x = stop) counts too."""
         gap = self.distance_to_object(base)
         front = float((self.nodes + base)[:, 0].min())
-        return min(gap, front) if self._has_mirror else gap
+        return min(gap, front - self._stop_mm)
 
     def is_touching(self, state: FingerState) -> bool:
         """True if any contact point carries pressure from the obstacle."""
@@ -161,7 +164,7 @@ class FingerStep:
         add_diagonal(self.body.pattern.indptr, amount * self._rate * self._mass, blocks)
 
     def _contact(self, x: np.ndarray, blocks: np.ndarray | None) -> ContactResponse:
-        return self.surface.respond(x, self._state, self._obstacle, self._friction, self._has_mirror, blocks)
+        return self.surface.respond(x, self._state, self._obstacle, self._friction, self._stop_mm, blocks)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -11,21 +11,19 @@ from models.effects.catalogue import build_effects
 from models.errors import UsageError
 from models.features import peak_force_n, work_j
 from models.fem.actuation import ClosingStall
-from models.fem.contact import ContactLaw, Obstacle, PointSpacing
-from models.fem.elasticity import REFERENCE_MODULUS_MPA, MaterialLaw
+from models.fem.contact import Obstacle
+from models.fem.elasticity import REFERENCE_MODULUS_MPA
 from models.fem.finger import FingerState
-from models.fem.model import FingerModel, finger_model
-from models.fem.newton import NewtonSettings, NewtonSolver
+from models.fem.newton import NewtonSolver
 from models.fem.obstacle import ObjectObstacle
 from models.fem.plane_finger import PlaneFinger
-from models.fem.plane_model import SectionModel, section_model
 from models.fem.plane_recording import section_camera
+from models.fem.problem import SCREENING_NUMERICS, FingerProblem, Numerics
 from models.fem.recording import SIDES, Camera, Recorder, Side
 from models.fem.stepping import (
     Finger,
     FingerRecord,
     Path,
-    StepLimits,
     Stepper,
     deadline_after,
     lift_step_mm,
@@ -35,69 +33,21 @@ from models.mesh.build import build_mesh
 from models.mesh.plane import PlaneMesh, plane_mesh
 from models.mesh.solid import SolidMesh
 from models.objects.catalogue import RigidObject
-from models.records import Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion, Theta, Trace
+from models.records import (
+    Design,
+    GraspContext,
+    GraspSetup,
+    GraspSimulation,
+    Placement,
+    SimulatorVersion,
+    Trace,
+)
+
+__all__ = ["SCREENING_NUMERICS", "FingerProblem", "FingerResult", "Numerics", "simulate_finger", "simulate_grasp"]
 
 INWARD, UPWARD = np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 FREE_STEPS = 2  # steps without contact before the end of the lift is considered
 RESIDUAL_FORCE_N = 0.05  # at the reference modulus: what may be left of the force when the lift ends
-
-
-@dataclass(frozen=True)
-class Numerics:
-    """Everything numerical but the mesh: contact regularisation, contact points, step sizes, Newton's limits.
-
-    `material_law` is here because the laws agree at small strains and differ little in a grasp (notes/fem.md 1).
-    """
-
-    contact: ContactLaw = ContactLaw()
-    spacing: PointSpacing = PointSpacing()
-    limits: StepLimits = StepLimits()
-    newton: NewtonSettings = NewtonSettings()
-    material_law: MaterialLaw = "neo_hookean"
-
-
-# Points over the width cost most here, and tangents and factors least.
-SCREENING_NUMERICS = Numerics(spacing=PointSpacing(across_mm=0.5), newton=NewtonSettings(patience=6.0))
-
-
-@dataclass(frozen=True)
-class FingerProblem:
-    """Everything about one finger in one grasp. `mesh` is in the finger frame; forces at the reference modulus."""
-
-    mesh: SolidMesh | PlaneMesh
-    height_mm: float
-    theta: Theta
-    setup: GraspSetup
-    effects: tuple[Effect, ...] = ()
-    numerics: Numerics = Numerics()
-
-    @property
-    def stall_force_n(self) -> float:
-        """Closing force at which the modelled part of the finger stops its jaw, at the reference modulus."""
-        limit_n = min((effect.closing_force_limit_n() for effect in self.effects), default=np.inf)
-        share = 2.0 if self.mesh.is_half else 1.0
-        return limit_n / share * REFERENCE_MODULUS_MPA / self.theta.young_modulus_mpa
-
-    def model(self) -> FingerModel | SectionModel:
-        """The finger's mechanics, shared by the grasps of a design."""
-        if isinstance(self.mesh, PlaneMesh):
-            return section_model(
-                self.mesh,
-                height_mm=self.height_mm,
-                tip_below_mm=self.setup.tip_below_mm,
-                poisson_ratio=self.theta.poisson_ratio,
-                law=self.numerics.contact,
-                spacing=self.numerics.spacing,
-            )
-        return finger_model(
-            self.mesh,
-            height_mm=self.height_mm,
-            tip_below_mm=self.setup.tip_below_mm,
-            poisson_ratio=self.theta.poisson_ratio,
-            law=self.numerics.contact,
-            spacing=self.numerics.spacing,
-            material_law=self.numerics.material_law,
-        )
 
 
 @dataclass(frozen=True)
@@ -126,6 +76,7 @@ def simulate_grasp(
     setup: GraspSetup = GraspSetup(),  # noqa: B008 - frozen record
     *,
     placement: Placement = Placement(),  # noqa: B008 - frozen record
+    context: GraspContext = GraspContext(),  # noqa: B008 - frozen record
     effects: Sequence[Effect] | None = None,
     mesh: SolidMesh | PlaneMesh | None = None,
     numerics: Numerics | None = None,
@@ -138,10 +89,10 @@ def simulate_grasp(
     finger counts twice when the object is symmetric in x and not offset; half a finger is modelled when the object
     is symmetric in y. Forces are exactly proportional to E (see `models.fem.elasticity`).
 
-    `effects` default to those of the version. `mesh` replaces the mesh of the design (half width only for objects
-    symmetric in y). `numerics` (by default those of the tier) is for convergence studies and for worlds that must not
-    share the simulator's regularisation. `deadline_s` is a wall-clock limit. `recorder` is called with every converged
-    step (see `models.fem.recording`).
+    `context` is what came before, for effects with a memory. `effects` default to those of the version. `mesh`
+    replaces the mesh of the design (half width only for objects symmetric in y). `numerics` (by default those of the
+    tier) is for convergence studies and for worlds that must not share the simulator's regularisation. `deadline_s` is
+    a wall-clock limit. `recorder` is called with every converged step (see `models.fem.recording`).
 
     Raises:
         UsageError: `mesh` is not for the version's tier.
@@ -151,11 +102,13 @@ def simulate_grasp(
     """
     started = time.process_time()
     deadline = deadline_after(deadline_s)
-    active = tuple(build_effects(version.effects) if effects is None else effects)
+    known = build_effects(version.effects) if effects is None else effects
+    active = tuple(effect.in_grasp(design, setup, context) for effect in known)
     theta = version.theta
     for effect in active:
         theta = effect.modify_theta(theta, design)
         setup = effect.modify_setup(setup, design)
+        obj = effect.modify_object(obj)
     is_section = version.tier == "screening"
     if mesh is None:
         build = plane_mesh if is_section else build_mesh
@@ -165,7 +118,7 @@ def simulate_grasp(
     if numerics is None:
         numerics = SCREENING_NUMERICS if is_section else Numerics()
     meshed = time.process_time()
-    problem = FingerProblem(mesh, design.height_mm, theta, setup, active, numerics)
+    problem = FingerProblem(mesh, design, theta, setup, active, numerics)
     is_symmetric = obj.mirror_x and placement.offset_x_mm == 0.0
     fingers = [
         simulate_finger(problem, ObjectObstacle(obj, placement, is_mirrored=side == "left"), deadline, recorder, side)
@@ -203,7 +156,7 @@ def simulate_finger(
     """
     started = time.process_time()
     model = problem.model()
-    finger = model.against(obstacle)
+    finger = model.against(obstacle, problem.finger_stop_mm)
     newton = NewtonSolver(model.linear, model.blocks, problem.numerics.newton, deadline)
     stepper = Stepper(finger, newton, problem.numerics.limits, _friction(problem, finger.n_points))
     setup_cpu_s = time.process_time() - started
@@ -259,7 +212,7 @@ def _close_and_lift(
         record.add(time_s, 0.0, np.zeros(3))
     if camera is not None:
         camera.take("closing", time_s, free, state, np.zeros(3))
-    stall = ClosingStall(problem.stall_force_n, limits.closing_mm)
+    stall = ClosingStall(problem.jaw, stroke - free, limits.closing_mm)
     closing = Path(state.base, INWARD, stroke - free, setup.close_speed_mm_per_s, stall.longest_step_mm)
     for step in stepper.walk(state, closing):
         state = step.state

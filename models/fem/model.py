@@ -2,7 +2,7 @@
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -10,7 +10,6 @@ import numpy as np
 
 from models.fem.assembly import ElasticBody, Material
 from models.fem.contact import ContactLaw, ContactSurface, Obstacle, PointSpacing
-from models.fem.elasticity import REFERENCE_MODULUS_MPA, MaterialLaw
 from models.fem.finger import FingerStep
 from models.fem.linear import BlockCholesky, LinearSolver
 from models.mesh.solid import SolidMesh
@@ -32,9 +31,9 @@ class FingerModel:
     linear: LinearSolver
     blocks: np.ndarray
 
-    def against(self, obstacle: Obstacle) -> FingerStep:
-        """The finger before an obstacle."""
-        return FingerStep(self.body, self.surface, self.nodes, obstacle, has_mirror=True)
+    def against(self, obstacle: Obstacle, stop_mm: float = 0.0) -> FingerStep:
+        """The finger before an obstacle; the plane x = `stop_mm` stands for the other finger."""
+        return FingerStep(self.body, self.surface, self.nodes, obstacle, stop_mm=stop_mm)
 
 
 class _Kept(threading.local):
@@ -64,23 +63,31 @@ def finger_model(
     *,
     height_mm: float,
     tip_below_mm: float,
-    poisson_ratio: float,
+    material: Material,
     law: ContactLaw,
     spacing: PointSpacing,
-    material_law: MaterialLaw = "neo_hookean",
+    factors: Sequence[np.ndarray] | None = None,
 ) -> FingerModel:
-    """The model of a finger, from the last few built in this thread or new; forgets every grasp made with it."""
+    """The model of a finger, from the last few built in this thread or new; forgets every grasp made with it.
+
+    `factors`: see `ElasticBody`.
+    """
 
     def build() -> FingerModel:
         nodes = to_object_frame(mesh.nodes, height_mm, tip_below_mm)
-        body = ElasticBody(mesh, nodes, Material(REFERENCE_MODULUS_MPA, poisson_ratio, material_law))
+        body = ElasticBody(mesh, nodes, material, factors=factors)
         surface = ContactSurface(body, nodes, law, spacing)
         blocks = np.zeros((len(body.pattern.indices), 3, 3))
         return FingerModel(nodes, body, surface, BlockCholesky(body.pattern), blocks)
 
-    model = kept((mesh.mesh_id, height_mm, tip_below_mm, poisson_ratio, law, spacing, material_law), build)
+    model = kept((mesh.mesh_id, height_mm, tip_below_mm, material, law, spacing, bytes_of(factors)), build)
     model.surface.forget()
     return model
+
+
+def bytes_of(factors: Sequence[np.ndarray] | None) -> tuple[bytes, ...] | None:
+    """Factors on the modulus as a key of `kept`."""
+    return None if factors is None else tuple(values.tobytes() for values in factors)
 
 
 def to_object_frame(nodes: np.ndarray, height_mm: float, tip_below_mm: float) -> np.ndarray:

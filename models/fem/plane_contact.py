@@ -11,7 +11,6 @@ import numpy as np
 
 from models.fem.assembly import block_map
 from models.fem.contact import ContactLaw, ContactState, Obstacle, PointSpacing, Solid
-from models.fem.contact_kernel import Law
 from models.fem.plane_body import PlaneBody
 from models.fem.plane_contact_kernel import (
     MARGIN_MM,
@@ -135,17 +134,16 @@ class PlaneSurface:
         known.least[:] = known.distance.reshape(len(stations), -1).min(axis=1)
         return float(known.distance[near].min())
 
-    def respond(self, x: np.ndarray, state: ContactState, friction: np.ndarray, has_mirror: bool) -> PlaneResponse:
-        """Contact at deformed nodes x (n, 2); `friction` and `has_mirror` as in `ContactSurface.respond`."""
+    def respond(self, x: np.ndarray, state: ContactState, friction: np.ndarray, stop_mm: float) -> PlaneResponse:
+        """Contact at deformed nodes x (n, 2); `friction` and `stop_mm` as in `ContactSurface.respond`."""
         stations = self.positions(x)
         inside, distance, normal = self._gaps(stations)
         n, stiffness = len(inside), np.zeros((len(stations), 2, 2))
         response = PlaneResponse(np.zeros_like(x), stiffness, inside, np.zeros((n, 3)), np.zeros(n), np.zeros(n))
-        law = Law(self.law.normal_n_per_mm3, self.law.tangential_n_per_mm3, self.law.smoothing_mm)
         motion = stations - self.positions(state.nodes)
         points = inside, distance, normal, self._lengths, self._widths
         new = response.traction, response.pressure, response.slip_step, stiffness
-        force = point_forces(stations, motion, *points, friction, state.traction, law, has_mirror, *new)
+        force = point_forces(stations, motion, *points, friction, state.traction, self.law.compiled, stop_mm, *new)
         scatter_force(force, self._edges, self._edge_of_station, self._shape, response.force)
         return response
 

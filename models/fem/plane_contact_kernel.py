@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
-from models.fem.contact_kernel import Law, penalty
+from models.fem.contact_kernel import Law, friction_limit, penalty
 from models.fem.friction import return_mapping
 from models.objects.distance import solid_distance
 
@@ -102,7 +102,7 @@ def point_forces(
     friction: np.ndarray,
     old_traction: np.ndarray,
     law: Law,
-    has_mirror: bool,
+    stop_mm: float,
     traction: np.ndarray,
     pressure: np.ndarray,
     slip_step: np.ndarray,
@@ -111,19 +111,19 @@ def point_forces(
     """Force (s, 2) in N at the stations; adds to `stiffness` (s, 2, 2) and fills the state of the points."""
     force = np.zeros_like(stations)
     moved, tangent = np.zeros(3), np.zeros((3, 3))
-    if has_mirror:
-        for s in range(len(stations)):
-            if stations[s, 0] < 0.0:
-                p, slope = penalty(-stations[s, 0], law)
-                force[s, 0] += lengths[s] * widths.sum() * p
-                stiffness[s, 0, 0] += lengths[s] * widths.sum() * slope
+    for s in range(len(stations)):
+        if stations[s, 0] < stop_mm:
+            p, slope = penalty(stop_mm - stations[s, 0], law)
+            force[s, 0] += lengths[s] * widths.sum() * p
+            stiffness[s, 0, 0] += lengths[s] * widths.sum() * slope
     for i in range(len(inside)):
         c, normal = inside[i], normals[i]
         s = c // len(widths)
         w = lengths[s] * widths[c % len(widths)]
         p, slope = penalty(-distance[i], law)
         moved[0], moved[2] = motion[s, 0], motion[s, 1]
-        slip_step[i] = return_mapping(old_traction[c], moved, normal, friction[c] * p, law.kt, traction[i], tangent)
+        limit = friction_limit(friction[c], p, -distance[i], law)
+        slip_step[i] = return_mapping(old_traction[c], moved, normal, limit, law.kt, traction[i], tangent)
         pressure[i] = p
         for k in range(2):
             force[s, k] += w * (p * normal[2 * k] + traction[i, 2 * k])

@@ -5,6 +5,8 @@ the in-plane F. With g_a = F^-T dN_a, l = ln J and s_ab = dN_a . dN_b, now all i
 
     P = mu F + (lam l - mu) F^-T
     K_ab = w [mu s_ab I + (mu - lam l) g_b g_a^T + lam g_a g_b^T]
+
+Stiffening with strain is the solid's too.
 """
 
 import numba as nb
@@ -66,6 +68,7 @@ def add_force(
     weights: np.ndarray,
     lam: float,
     mu: float,
+    c: float,
     force: np.ndarray,
 ) -> bool:
     """Add the nodal forces of all elements (m, k) to `force` (n, 2); False if one is inverted (J <= 0)."""
@@ -78,9 +81,11 @@ def add_force(
             if not J > 0.0:
                 return False
             w = weights[e, q]
-            c = w * (lam * np.log(J) - mu) / J
-            p00, p01 = w * mu * f00 + c * f11, w * mu * f01 - c * f10
-            p10, p11 = w * mu * f10 - c * f01, w * mu * f11 + c * f00
+            if c != 0.0:
+                w *= 1.0 + c * _energy(f00, f01, f10, f11, np.log(J), lam, mu)
+            v = w * (lam * np.log(J) - mu) / J
+            p00, p01 = w * mu * f00 + v * f11, w * mu * f01 - v * f10
+            p10, p11 = w * mu * f10 - v * f01, w * mu * f11 + v * f00
             for a in range(k):
                 s0, s1 = slopes[e, q, a, 0], slopes[e, q, a, 1]
                 force[nodes[a], 0] += p00 * s0 + p01 * s1
@@ -96,12 +101,13 @@ def add_stiffness(
     weights: np.ndarray,
     lam: float,
     mu: float,
+    c: float,
     places: np.ndarray,
     blocks: np.ndarray,
 ) -> bool:
     """Add the tangent to `blocks` (z, 2, 2), whose `places` are in the code of `assembly.ElasticBody`."""
     m, k = elements.shape
-    g, K = np.zeros((2, k)), np.zeros((2, 2, k, k))
+    g, h, K = np.zeros((2, k)), np.zeros((2, k)), np.zeros((2, 2, k, k))
     for e in range(m):
         K[:] = 0.0
         for q in range(weights.shape[1]):
@@ -113,9 +119,33 @@ def add_stiffness(
             for a in range(k):
                 g[0, a] = (f11 * slope[a, 0] - f10 * slope[a, 1]) / J
                 g[1, a] = (f00 * slope[a, 1] - f01 * slope[a, 0]) / J
+            if c != 0.0:
+                log_J = np.log(J)
+                for a in range(k):
+                    s0, s1 = slope[a, 0], slope[a, 1]
+                    h[0, a] = mu * (f00 * s0 + f01 * s1) + (lam * log_J - mu) * g[0, a]
+                    h[1, a] = mu * (f10 * s0 + f11 * s1) + (lam * log_J - mu) * g[1, a]
+                _add_stiffening(K, h, w * c)
+                w *= 1.0 + c * _energy(f00, f01, f10, f11, log_J, lam, mu)
             _add_point(K, g, slope, w * (mu - lam * np.log(J)), w * lam, w * mu)
         _scatter(K, places[e], blocks)
     return True
+
+
+@nb.njit(inline="always")
+def _energy(f00: float, f01: float, f10: float, f11: float, log_J: float, lam: float, mu: float) -> float:
+    """Neo-Hookean strain energy in MPa."""
+    return 0.5 * mu * (f00 * f00 + f01 * f01 + f10 * f10 + f11 * f11 - 2.0 - 2.0 * log_J) + 0.5 * lam * log_J * log_J
+
+
+@nb.njit(inline="always")
+def _add_stiffening(K: np.ndarray, h: np.ndarray, w: float) -> None:
+    """K_ab += w h_a h_b^T for b <= a."""
+    for a in range(h.shape[1]):
+        for b in range(a + 1):
+            for i in range(2):
+                for j in range(2):
+                    K[i, j, a, b] += w * h[i, a] * h[j, b]
 
 
 @nb.njit(inline="always")

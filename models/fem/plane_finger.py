@@ -28,9 +28,12 @@ class PlaneFinger:
     States hold positions x (n, 2); base positions and clamp forces stay (3), with y = 0.
     """
 
-    def __init__(self, body: PlaneBody, surface: PlaneSurface, nodes: np.ndarray, *, has_mirror: bool) -> None:
-        """`nodes` (n, 2): undeformed, in the object frame with the front wall at x = 0 and no lift."""
-        self.body, self.surface, self.nodes, self._has_mirror = body, surface, nodes, has_mirror
+    def __init__(self, body: PlaneBody, surface: PlaneSurface, nodes: np.ndarray, *, stop_mm: float) -> None:
+        """`nodes` (n, 2): undeformed, in the object frame with the front wall at x = 0 and no lift.
+
+        `stop_mm` as in `FingerStep`.
+        """
+        self.body, self.surface, self.nodes, self._stop_mm = body, surface, nodes, stop_mm
         self._free = np.flatnonzero(body.row_of_node >= 0)
         self._rows = body.row_of_node[self._free]
         self._mass = np.zeros(body.pattern.n)
@@ -71,9 +74,9 @@ class PlaneFinger:
         return self.surface.distance(self.nodes + base[IN_PLANE])
 
     def distance_to_anything(self, base: np.ndarray) -> float:
-        """As `distance_to_object`, but the other finger (the mirror plane) counts too."""
+        """As `distance_to_object`, but the other finger (the plane x = stop) counts too."""
         gap = self.distance_to_object(base)
-        return min(gap, float(self.nodes[:, 0].min() + base[0])) if self._has_mirror else gap
+        return min(gap, float(self.nodes[:, 0].min() + base[0]) - self._stop_mm)
 
     def is_touching(self, state: FingerState) -> bool:
         """True if any contact point carries pressure from the obstacle."""
@@ -131,6 +134,6 @@ class PlaneFinger:
             elastic = self.body.force(x)
             if elastic is None:
                 return None
-            contact = self.surface.respond(x, self._state, self._friction, self._has_mirror)
+            contact = self.surface.respond(x, self._state, self._friction, self._stop_mm)
             self._last = _Evaluation(u.copy(), x, contact, elastic)
         return self._last

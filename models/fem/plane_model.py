@@ -1,12 +1,13 @@
 """What all grasps of one section share: its mechanics before any object, built once and kept."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from models.fem.assembly import Material
 from models.fem.contact import ContactLaw, Obstacle, PointSpacing
-from models.fem.elasticity import REFERENCE_MODULUS_MPA
-from models.fem.model import kept, to_object_frame
+from models.fem.model import bytes_of, kept, to_object_frame
 from models.fem.plane_body import PlaneBody
 from models.fem.plane_contact import PlaneSurface
 from models.fem.plane_finger import IN_PLANE, PlaneFinger
@@ -25,10 +26,10 @@ class SectionModel:
     law: ContactLaw
     spacing: PointSpacing
 
-    def against(self, obstacle: Obstacle) -> PlaneFinger:
-        """The section before an obstacle; its contact points depend on the obstacle."""
+    def against(self, obstacle: Obstacle, stop_mm: float = 0.0) -> PlaneFinger:
+        """The section before an obstacle, on which its contact points depend; `stop_mm` as in `FingerModel`."""
         surface = PlaneSurface(self.body, self.nodes, self.law, self.spacing, obstacle)
-        return PlaneFinger(self.body, surface, self.nodes, has_mirror=True)
+        return PlaneFinger(self.body, surface, self.nodes, stop_mm=stop_mm)
 
 
 def section_model(
@@ -36,18 +37,19 @@ def section_model(
     *,
     height_mm: float,
     tip_below_mm: float,
-    poisson_ratio: float,
+    material: Material,
     law: ContactLaw,
     spacing: PointSpacing,
+    factors: Sequence[np.ndarray] | None = None,
 ) -> SectionModel:
-    """The model of a section, from the last few built in this thread or new."""
+    """The model of a section, from the last few built in this thread or new; `factors`: see `PlaneBody`."""
 
     def build() -> SectionModel:
         x, z = mesh.nodes.T
         solid = to_object_frame(np.column_stack([x, np.zeros(len(x)), z]), height_mm, tip_below_mm)
         nodes = np.ascontiguousarray(solid[:, IN_PLANE])
-        body = PlaneBody(mesh, nodes, REFERENCE_MODULUS_MPA, poisson_ratio)
+        body = PlaneBody(mesh, nodes, material, factors)
         blocks = np.zeros((len(body.pattern.indices), 2, 2))
         return SectionModel(nodes, body, PlaneCholesky(body.pattern), blocks, law, spacing)
 
-    return kept((mesh.mesh_id, height_mm, tip_below_mm, poisson_ratio, law, spacing), build)
+    return kept((mesh.mesh_id, height_mm, tip_below_mm, material, law, spacing, bytes_of(factors)), build)

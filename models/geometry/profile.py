@@ -84,18 +84,32 @@ def _cavity(design: Design) -> BaseGeometry:
     return inner.intersection(window)
 
 
-def _ribs(design: Design) -> list[BaseGeometry]:
-    foot, apex = _back_line(design)
+def cavity_share(points: np.ndarray, design: Design) -> np.ndarray:
+    """How far points (n, 2) in mm are across the cavity: 0 from the front wall on, 1 from the back wall on."""
+    back_x = _back_x(design, points[:, 1])
+    return np.clip((points[:, 0] - design.front_thickness_mm) / (back_x - design.front_thickness_mm), 0.0, 1.0)
+
+
+def rib_centres(design: Design) -> np.ndarray:
+    """Points (n, 2) in mm half way between the walls, about which the ribs are turned."""
     bottom, top = BASE_HEIGHT_MM, design.height_mm - design.tip_length_mm
+    z = bottom + (top - bottom) * np.arange(1, design.rib_count + 1) / (design.rib_count + 1)
+    return np.column_stack([(design.front_thickness_mm + _back_x(design, z)) / 2, z])
+
+
+def _back_x(design: Design, z: np.ndarray) -> np.ndarray:
+    """The inner side of the back wall at heights z (n)."""
+    foot, apex = _back_line(design)
+    return np.asarray(foot[0] + (apex[0] - foot[0]) * (z - foot[1]) / (apex[1] - foot[1]))
+
+
+def _ribs(design: Design) -> list[BaseGeometry]:
     reach = 4 * design.length_mm  # longer than any cavity is wide at any angle
     ribs = []
-    for index in range(1, design.rib_count + 1):
-        z = bottom + (top - bottom) * index / (design.rib_count + 1)
-        back_x = foot[0] + (apex[0] - foot[0]) * (z - foot[1]) / (apex[1] - foot[1])
-        centre = (design.front_thickness_mm + back_x) / 2, z
-        middle = LineString([(centre[0] - reach, z), (centre[0] + reach, z)])
+    for x, z in rib_centres(design).tolist():
+        middle = LineString([(x - reach, z), (x + reach, z)])
         strip = middle.buffer(design.rib_thickness_mm / 2, cap_style="flat")
-        ribs.append(affinity.rotate(strip, design.rib_angle_deg, origin=centre))
+        ribs.append(affinity.rotate(strip, design.rib_angle_deg, origin=(x, z)))
     return ribs
 
 

@@ -1,6 +1,7 @@
 """From a design to a volume mesh: the one interface to both meshers."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from shapely.geometry import Polygon
@@ -8,11 +9,13 @@ from shapely.geometry import Polygon
 from models.effects.base import Effect
 from models.geometry.profile import planar_profile
 from models.mesh.extrude import extrude
+from models.mesh.planar import PlanarMesh
 from models.mesh.section import planar_mesh
 from models.mesh.solid import SolidMesh
 from models.records import Design, MeshSettings
 
 TETWILD_TIME_LIMIT_S = 60.0
+IN_SECTION = [0, 2]  # x and z of a node of the solid
 
 
 def build_mesh(
@@ -30,12 +33,28 @@ def build_mesh(
         # pytetwild is heavy and only needed here.
         from models.mesh.tetwild import tetwild_mesh
 
-        return tetwild_mesh(
+        solid = tetwild_mesh(
             profile, design.width_mm, settings.edge_mm, full_width=full_width, time_limit_s=TETWILD_TIME_LIMIT_S
         )
+        nodes = solid.nodes.copy()
+        nodes[:, IN_SECTION] = printed_points(nodes[:, IN_SECTION], design, effects)
+        return replace(solid, nodes=nodes)
     half, layers = 0.5 * design.width_mm, settings.layers
     levels = np.linspace(-half, half, 2 * layers + 1) if full_width else np.linspace(0.0, half, layers + 1)
-    return extrude(planar_mesh(profile, settings.edge_mm, settings.refine), levels, symmetric=not full_width)
+    section = printed_section(planar_mesh(profile, settings.edge_mm, settings.refine), design, effects)
+    return extrude(section, levels, symmetric=not full_width)
+
+
+def printed_section(section: PlanarMesh, design: Design, effects: Sequence[Effect]) -> PlanarMesh:
+    """The mesh of the section after the geometry effects that act on points."""
+    return replace(section, points=printed_points(section.points, design, effects))
+
+
+def printed_points(points: np.ndarray, design: Design, effects: Sequence[Effect]) -> np.ndarray:
+    """Where points (n, 2) of the section, x and z in mm, are after the geometry effects that act on points."""
+    for effect in effects:
+        points = effect.modify_section(points, design)
+    return points
 
 
 def printed_profile(design: Design, settings: MeshSettings, effects: Sequence[Effect]) -> Polygon:

@@ -10,7 +10,7 @@ import shapely
 
 from models.effects.base import Effect
 from models.geometry.profile import BASE_HEIGHT_MM
-from models.mesh.build import printed_profile
+from models.mesh.build import printed_profile, printed_section
 from models.mesh.extrude import PLANE_TOLERANCE_MM, contact_edges, extrude
 from models.mesh.planar import PlanarMesh
 from models.mesh.section import planar_mesh
@@ -79,7 +79,7 @@ def plane_mesh(
     """
     profile = printed_profile(design, settings, effects)
     return PlaneMesh(
-        planar=_meshed(shapely.to_wkb(profile), settings.edge_mm, settings.refine),
+        planar=printed_section(_meshed(shapely.to_wkb(profile), settings.edge_mm, settings.refine), design, effects),
         width_mm=design.width_mm if full_width else 0.5 * design.width_mm,
         is_half=not full_width,
         half_wave_mm=design.height_mm - design.tip_length_mm - BASE_HEIGHT_MM,

@@ -56,6 +56,11 @@ class SolidMesh:
         return sum(len(block.connectivity) for block in self.blocks)
 
     @property
+    def connectivities(self) -> tuple[np.ndarray, ...]:
+        """The elements (m, k) of every block."""
+        return tuple(block.connectivity for block in self.blocks)
+
+    @property
     def is_half(self) -> bool:
         """True when the mesh is one half of the finger, cut at y = 0."""
         return self.symmetry_nodes.size > 0

@@ -2,14 +2,14 @@
 
 log p = -1/2 y' K^-1 y - 1/2 log|K| - n/2 log 2 pi + log prior,
 K_ij = c_i c_j k_h(x_i, x_j) + s_i s_j k_e(x_i, x_j) + diag(nugget^2 | noise_sd^2, plus the known variances),
-c = 1 + s (rho - 1) (Eq. 3 of the FAST paper). With a = K^-1 y and W = (a a' - K^-1) / 2, d log p = <W, dK>.
+c = 1 + s (rho - 1) (Eq. 3 of the FAST paper). d log p = <W, dK> (`models.surrogate.gaussian`).
 One Cholesky factor and one triangular inverse per call; the rest is O(n^2 d).
 """
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
 from models.surrogate.covariance import MaternWithSlope, matern52_with_slope
+from models.surrogate.gaussian import half_weights, lengthscale_gradient, log_normal
 from models.surrogate.observations import REAL, ObservationSet
 from models.surrogate.parameters import Vector, log_prior
 
@@ -27,27 +27,13 @@ def log_posterior(vector: Vector, data: ObservationSet) -> tuple[float, np.ndarr
     K = np.multiply(h.covariance, c[:, None] * c[None, :], order="F")
     K[n_sim:, n_sim:] += e.covariance
     K[np.diag_indices_from(K)] += data.noise_variance + np.where(data.s == REAL, noise_sd**2, nugget**2)
-    factor, failed = dpotrf(K, lower=1, clean=0, overwrite_a=1)
-    if failed:
+    factored = log_normal(K, data.y)
+    if factored is None:
         return -np.inf, np.zeros_like(vector.values)
-    alpha, _ = dpotrs(factor, data.y, lower=1)
-    log_determinant = 2.0 * np.log(np.diag(factor)).sum()
-    value = -0.5 * (data.y @ alpha + log_determinant + len(data) * np.log(2.0 * np.pi))
-    gradient = _gradient(vector, data, c, h, e, _half_weights(factor, alpha))
+    value = factored.value
+    gradient = _gradient(vector, data, c, h, e, half_weights(factored))
     prior, prior_gradient = log_prior(vector)
-    return float(value + prior), gradient + prior_gradient
-
-
-def _half_weights(factor: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """W = (a a' - K^-1) / 2, n x n symmetric, from the lower Cholesky factor of K (destroyed)."""
-    inverse, _ = dpotri(factor, lower=1, overwrite_c=1)
-    lower = np.tril(inverse)
-    diagonal = np.diagonal(lower).copy()
-    inverse = lower + lower.T
-    np.fill_diagonal(inverse, diagonal)
-    W = np.outer(alpha, 0.5 * alpha)
-    W -= 0.5 * inverse
-    return W
+    return value + prior, gradient + prior_gradient
 
 
 def _gradient(
@@ -67,12 +53,6 @@ def _gradient(
     W *= h.slope
     W *= c[:, None]
     W *= c[None, :]
-    gradient[:d] = _lengthscale_gradient(W, data.x, vector.lengthscales_h)
-    gradient[d : 2 * d] = _lengthscale_gradient(W_real * e.slope, data.x[n_sim:], vector.lengthscales_e)
+    gradient[:d] = lengthscale_gradient(W, data.x, vector.lengthscales_h)
+    gradient[d : 2 * d] = lengthscale_gradient(W_real * e.slope, data.x[n_sim:], vector.lengthscales_e)
     return gradient
-
-
-def _lengthscale_gradient(M: np.ndarray, x: np.ndarray, lengthscales: np.ndarray) -> np.ndarray:
-    """sum_ij M_ij (x_id - x_jd)^2 / l_d^2 for every input d, with M symmetric: one product instead of d."""
-    z = x / lengthscales
-    return 2.0 * (M.sum(axis=1) @ z**2 - np.einsum("id,id->d", z, M @ z))

@@ -7,7 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from flows.benchmarks.fingerprints import fingerprint_world, label_problem, read_fingerprint
+from flows.benchmarks.fingerprints import (
+    PLATEAUS_MM,
+    SparseTraceError,
+    fingerprint_world,
+    label_problem,
+    read_fingerprint,
+)
 from flows.benchmarks.kill_judge import Told, judge
 from flows.benchmarks.kills import batch_of_about, kill_and_continue, kill_often, kill_outside
 from flows.benchmarks.made_up_batch import Batch, lockstep_bench, measure_missing
@@ -150,3 +156,18 @@ def test_an_emergency_stop_in_a_lift_costs_that_attempt_and_not_the_grasp(tmp_pa
     found = judge(tmp_path / "lake", BATCH, WORLD, Told(tmp_path / "told.txt"))
     assert found.problems == []
     assert (found.row["grasps"], found.row["cut_short_and_kept"]) == (8, 1)
+
+
+def test_a_lift_with_few_readings_is_not_judged_but_counted(campaign):
+    row = grasp(campaign, 0)
+    trace = campaign.lake.trace(row.grasp_id)
+    low_mm, high_mm = PLATEAUS_MM[1]
+    kept = ~((trace.lift_mm > low_mm) & (trace.lift_mm < high_mm))
+    thin = replace(trace, time_s=trace.time_s[kept], lift_mm=trace.lift_mm[kept], force_n=trace.force_n[kept])
+    with pytest.raises(SparseTraceError, match="the host was too busy"):
+        read_fingerprint(thin)
+    store(campaign, row, thin)
+    root = campaign.lake.root
+    found = judge(root, BATCH, WORLD, Told(root.parent / "told.txt"))
+    assert found.row["too_sparse_to_judge"] == 1
+    assert not [problem for problem in found.problems if "plateau" in problem]

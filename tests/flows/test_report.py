@@ -17,7 +17,18 @@ from lake.tables import CampaignRow, GraspRow
 from models.errors import UsageError
 from tests.flows.synthetic_lake import Campaign, build
 
-SECTIONS = ("best", "progress", "traces", "work", "agreement", "tools", "surrogate", "cost", "provenance")
+SECTIONS = (
+    "best",
+    "progress",
+    "traces",
+    "work",
+    "agreement",
+    "calibration",
+    "tools",
+    "surrogate",
+    "cost",
+    "provenance",
+)
 
 
 def make_lake(folder: Path, **size) -> Lake:

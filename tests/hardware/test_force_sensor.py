@@ -251,3 +251,17 @@ def test_readings_carry_the_middle_of_their_request_as_time(make):
     assert rig.sensor.read().time_s == now_s
     reading = Reading(1.0, Status(0), 1.0, 1.0, None, Scale(0.001, "kg"), alarm="Er OL")
     assert reading.fault == "the display shows `Er OL`"
+
+
+def test_a_late_answer_is_asked_for_again(make):
+    """Its time is the middle between question and answer, and after a repeat on a new connection that is far off."""
+    rig = make()
+    read, waits_s = rig.link.read_registers, [0.5, 0.02]
+
+    def read_late(*request):
+        rig.clock.sleep(waits_s.pop(0))
+        return read(*request)
+
+    rig.link.read_registers = read_late
+    asked_s = rig.clock.now_s()
+    assert rig.transmitter.read().time_s == pytest.approx(asked_s + 0.5 + 0.01)

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from hardware.bench import open_virtual_bench
 from hardware.force_sensor import Baseline, ForceReading
 from hardware.recording import GraspRecorder
 from models.units import force_n_from_kg
+from tests.hardware.scenario_bench import SETUP, TOOLS, WORLD, is_pulling, physics, when
 
 
 def recorded(resolution_n, counts, baseline_counts, unit_n):
@@ -41,3 +43,15 @@ def test_time_is_kept_to_a_tenth_of_a_millisecond_and_lift_to_the_micrometre():
 def test_where_the_resolution_is_unknown_the_force_is_kept_as_it_is():
     trace = recorded(0.0, np.arange(5), 0.37, 0.01)
     np.testing.assert_allclose(trace.force_n, 0.01 * (np.arange(5) - 0.37), rtol=0, atol=1e-15)
+
+
+def test_a_position_that_came_late_does_not_bend_the_lift():
+    """One `?` is lost in the lift, the answer to the next comes 0.3 s after the question: its time is not sure."""
+    grasps = []
+    with open_virtual_bench(WORLD, TOOLS, physics, wires="memory") as bench:
+        when(bench, is_pulling, lambda: bench.virtual.grbl.inject("lost_bytes", count=1))
+        bench.cell.measure_tool(3, [(0, 0)], SETUP, grasps.append, lambda: False)
+    trace = grasps[0].trace
+    lift = trace.is_lift & (trace.lift_mm > 2.0) & (trace.lift_mm < 50.0)
+    off_mm = trace.lift_mm[lift] - 5.0 * trace.time_s[lift]
+    assert np.ptp(off_mm) < 0.1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hardware.bench import open_virtual_bench
-from hardware.safety import KEEP_GRIP_S, EmergencyStopError, SafeAction, StopAskedError, Verb
+from hardware.safety import EmergencyStopError, SafeAction, StopAskedError, Verb
 from models.errors import DeviceError, InterlockError, LakeError
 from tests.hardware.scenario_bench import (
     REST_Z_MM,
@@ -72,18 +72,6 @@ def test_a_closed_gripper_that_cannot_be_lowered_opens_only_when_its_load_is_tak
         assert not bench.pneumatics.is_gripping()
         bench.supervisor.home()
         assert bench.changer.current_slot() == 3
-
-
-def test_a_grip_that_was_kept_for_its_time_is_told_again():
-    with open_virtual_bench(WORLD, TOOLS, physics) as bench:
-        assert bench.supervisor.reminder() is None
-        when(bench, is_pulling, lambda: bench.virtual.inject("lock_sensor_dead"))
-        with pytest.raises(InterlockError):
-            run(bench, [])
-        assert bench.supervisor.reminder() is SafeAction.CALL_PERSON
-        bench.clock.sleep(KEEP_GRIP_S)
-        assert bench.supervisor.reminder() is SafeAction.URGE_PERSON
-        assert bench.pneumatics.is_gripping(), "told, not done"
 
 
 def test_an_emergency_stop_needs_release_acknowledgement_homing_and_the_tool():

@@ -11,10 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hardware import wire_files
+from hardware.bench import open_virtual_bench
 from hardware.modbus import tcp_link
+from hardware.safety import StopAskedError, Verb
 from hardware.wire_files import WireFiles, list_logs, read_log, read_session
 from hardware.wire_log import WireEntry, WireLog
-from models.errors import UsageError
+from models.errors import InterlockError, UsageError
+from tests.hardware.scenario_bench import TOOLS, WORLD, physics
 
 
 @pytest.fixture(autouse=True)
@@ -186,3 +189,34 @@ def test_a_modbus_answer_in_pieces_is_logged_once():
     assert b"".join(e.data for e in entries if e.direction == "received") == answer
     assert entries[1].data == request
     assert [e.data for e in entries if e.direction == "note"] == [b"opened", b"closed"]
+
+
+def test_a_virtual_bench_in_memory_writes_its_last_traffic_when_an_error_ends_it(tmp_path):
+    def pick_from_an_empty_slot(bench):
+        bench.virtual.inject("slots_empty")
+        bench.clock.sleep(0.1)  # a scan of the PLC
+        bench.changer.pick(3)
+
+    with pytest.raises(InterlockError, match="Slot 3 should hold"):
+        work(tmp_path, pick_from_an_empty_slot)
+    logs = list_logs(tmp_path)
+    assert sorted(read_log(path).header.device for path in logs) == ["gantry", "load-cell", "plc"]
+    said = b"".join(entry.data for path in logs for entry in read_log(path).entries)
+    assert b"$H\n" in said
+
+
+def test_it_writes_nothing_when_all_is_well_or_a_person_stops_it(tmp_path):
+    def stop(bench):
+        with bench.supervisor.guard():
+            bench.supervisor.ask(Verb.STOP)
+            bench.clock.sleep(1.0)
+
+    work(tmp_path, lambda bench: bench.gantry.move_to(x_mm=700.0))
+    with pytest.raises(StopAskedError):
+        work(tmp_path, stop)
+    assert list_logs(tmp_path) == []
+
+
+def work(folder, do):
+    with open_virtual_bench(WORLD, TOOLS, physics, wires="memory", fault_log_folder=folder) as bench:
+        do(bench)

@@ -2,10 +2,14 @@ import numpy as np
 import pytest
 
 from models.design_space import BEST_PUBLISHED
+from models.effects.base_compliance import BaseCompliance
+from models.fem.actuation import ClosingStall, Jaw
 from models.fem.grasp import simulate_grasp
+from models.fem.stepping import Step
 from models.objects.catalogue import get_object
 from models.records import EffectValue, GraspSetup, SimulatorVersion, Theta
 
+SCREENING = SimulatorVersion(tier="screening")
 SHORT_LIFT = GraspSetup(max_lift_mm=4)
 
 
@@ -17,8 +21,8 @@ def grasp(max_force_n: float | None, young_modulus_mpa: float = 11.5):
     return simulate_grasp(BEST_PUBLISHED, get_object(2), SimulatorVersion(theta=theta, effects=effects), SHORT_LIFT)
 
 
-def test_unlimited_jaws_change_nothing():
-    with_effect, without = grasp(1e6), grasp(None)
+def test_jaws_that_do_not_stall_change_nothing():
+    with_effect, without = grasp(100.0), grasp(None)
     # Only the steps of the closing differ.
     assert with_effect.contact_force_n == pytest.approx(without.contact_force_n, rel=1e-3)
     assert with_effect.peak_force_n == pytest.approx(without.peak_force_n, rel=0.01)
@@ -36,3 +40,37 @@ def test_a_stiffer_finger_gains_little_where_the_jaw_limits():
     soft, stiff = grasp(12.0, 11.5), grasp(12.0, 23.0)
     assert stiff.contact_force_n == pytest.approx(soft.contact_force_n, rel=0.02)
     assert stiff.peak_force_n < 1.5 * soft.peak_force_n
+
+
+def on_a_spring(compliance_mm_per_n, **setup):
+    effects = [BaseCompliance(compliance_mm_per_n)]
+    return simulate_grasp(
+        BEST_PUBLISHED,
+        get_object(2),
+        SCREENING,
+        SHORT_LIFT.model_copy(update=setup),
+        effects=effects if compliance_mm_per_n else [],
+    )
+
+
+@pytest.mark.parametrize("compliance_mm_per_n", [0.01, 0.05, 0.1])
+def test_a_compliant_base_closes_less_by_its_force_times_compliance(compliance_mm_per_n):
+    soft = on_a_spring(compliance_mm_per_n)
+    behind_mm = compliance_mm_per_n * soft.contact_force_n
+    shorter = on_a_spring(0.0, closed_gap_mm=SHORT_LIFT.closed_gap_mm + 2 * behind_mm)
+    assert soft.contact_force_n == pytest.approx(shorter.contact_force_n, rel=0.005)
+    assert soft.peak_force_n == pytest.approx(shorter.peak_force_n, rel=0.02)
+
+
+def test_a_jaw_may_stall_and_give_way():
+    limited = Jaw(max_force_n=10.0, compliance_mm_per_n=0.1)
+    stall = ClosingStall(limited, stroke_mm=4.0, longest_mm=2.0)
+    travel, stiffness = 0.0, 3.0
+    for _ in range(20):
+        travel += stall.longest_step_mm(travel)
+        if stall.has_stalled(Step(travel, None, np.array([-stiffness * travel, 0.0, 0.0]))):
+            break
+    # The spring takes 4 - 3.08 mm at 9.2 N, before the force limit is met.
+    assert travel == pytest.approx(4.0 / (1.0 + 0.1 * stiffness), abs=0.02)
+    assert Jaw().is_rigid
+    assert not limited.is_rigid

@@ -5,7 +5,7 @@ import pytest
 
 from models.design_space import BEST_PUBLISHED
 from models.fem.assembly import ElasticBody, Material
-from models.fem.contact import ContactLaw, ContactSurface, PointSpacing
+from models.fem.contact import NO_STOP, ContactLaw, ContactSurface, PointSpacing
 from models.fem.finger import FingerStep
 from models.fem.friction import return_mapping
 from models.fem.model import to_object_frame
@@ -92,7 +92,7 @@ def test_pressed_wall_gives_pressure_times_area(solid: SolidMesh) -> None:
     _, surface, nodes = finger_parts(solid, PointSpacing(0.5, 3.0))
     depth, law = 0.2, ContactLaw()
     n = len(surface.areas)
-    response = surface.respond(nodes, surface.start(nodes), Wall(depth), np.zeros(n), False, None)
+    response = surface.respond(nodes, surface.start(nodes), Wall(depth), np.zeros(n), NO_STOP, None)
     x = surface.positions(nodes)[:, 0]
     assert np.array_equal(response.points, np.flatnonzero(x < depth))
     pressure = law.normal_n_per_mm3 * (depth - 0.5 * law.smoothing_mm)
@@ -106,7 +106,7 @@ def test_pressure_law_has_a_continuous_slope(solid: SolidMesh) -> None:
     friction = np.zeros(len(surface.areas))
 
     def force(depth: float) -> float:
-        response = surface.respond(nodes, surface.start(nodes), Wall(depth), friction, False, None)
+        response = surface.respond(nodes, surface.start(nodes), Wall(depth), friction, NO_STOP, None)
         return float(response.pressure.max(initial=0.0))
 
     d0, h = ContactLaw().smoothing_mm, 1e-6
@@ -119,14 +119,14 @@ def test_mirror_plane_pushes_like_a_wall(solid: SolidMesh) -> None:
     _, surface, nodes = finger_parts(solid, PointSpacing(5.0, 20.0))
     state, friction = surface.start(nodes), np.full(len(surface.areas), 0.5)
     moved = nodes - np.array([0.1, 0.0, 0.0])
-    by_mirror = surface.respond(moved, state, Wall(-50.0), friction, True, None).force
-    by_wall = surface.respond(moved, state, Wall(0.0), 0 * friction, False, None).force
+    by_mirror = surface.respond(moved, state, Wall(-50.0), friction, 0.0, None).force
+    by_wall = surface.respond(moved, state, Wall(0.0), 0 * friction, NO_STOP, None).force
     assert np.allclose(by_mirror, by_wall)
 
 
 def test_step_tangent_is_the_derivative_of_the_residual(solid: SolidMesh) -> None:
     body, surface, nodes = finger_parts(solid, PointSpacing(0.5, 3.0))
-    finger = FingerStep(body, surface, nodes, Wall(0.15), has_mirror=False)
+    finger = FingerStep(body, surface, nodes, Wall(0.15), stop_mm=NO_STOP)
     u = finger.begin(
         finger.undeformed(np.zeros(3), np.zeros(3)), np.array([-0.05, 0, 0.0]), 0.05, np.full(len(surface.areas), 1e6)
     )

@@ -5,7 +5,7 @@ import pytest
 
 from models.design_space import BEST_PUBLISHED
 from models.fem.assembly import ElasticBody, Material
-from models.fem.contact import ContactLaw, ContactResponse, ContactSurface, Obstacle, PointSpacing
+from models.fem.contact import NO_STOP, ContactLaw, ContactResponse, ContactSurface, Obstacle, PointSpacing
 from models.fem.contact_points import contact_points
 from models.fem.model import to_object_frame
 from models.fem.obstacle import ObjectObstacle
@@ -41,7 +41,7 @@ class Finger:
 
     def respond(self, surface: ContactSurface, x: np.ndarray, obstacle: Obstacle, friction: float) -> ContactResponse:
         state = surface.start(self.nodes)
-        return surface.respond(x, state, obstacle, np.full(len(surface.areas), friction), True, None)
+        return surface.respond(x, state, obstacle, np.full(len(surface.areas), friction), 0.0, None)
 
     def times_blocks(self, blocks: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Product of the symmetric matrix in `blocks` with nodal vectors (n, 3); clamped nodes take no part."""
@@ -118,13 +118,13 @@ def test_tangent_is_the_derivative_of_the_force_but_for_the_curvature(finger: Fi
     direction[finger.body.row_of_node < 0] = 0.0
     blocks = np.zeros((len(finger.body.pattern.indices), 3, 3))
     state, free_slip = surface.start(finger.nodes), np.zeros(len(surface.areas))
-    surface.respond(x, state, obstacle, free_slip, False, blocks)
+    surface.respond(x, state, obstacle, free_slip, NO_STOP, blocks)
     forces, turned = [], []
     middle = surface.positions(x)
     at_middle = surface.areas * pressure(-obstacle.distance(middle))
     for sign in (1.0, -1.0):
         moved = x + sign * h * direction
-        forces.append(surface.respond(moved, state, obstacle, free_slip, False, None).force)
+        forces.append(surface.respond(moved, state, obstacle, free_slip, NO_STOP, None).force)
         turned.append(at_middle[:, None] * obstacle.normal(surface.positions(moved)))
     change = (forces[0] - forces[1]) / (2 * h)
     curvature = (turned[0] - turned[1]) / (2 * h)
@@ -145,10 +145,10 @@ def test_what_was_seen_before_changes_nothing(finger: Finger, object_id: int) ->
     n_touching = 0
     for size in 10 ** rng.uniform(-4, 1, 25):
         moved = x + size * rng.standard_normal(3) + 0.1 * size * rng.standard_normal(x.shape)
-        obstacle, has_mirror = obstacles[rng.choice(3, p=[0.8, 0.1, 0.1])], bool(rng.random() < 0.8)
+        obstacle, stop_mm = obstacles[rng.choice(3, p=[0.8, 0.1, 0.1])], 0.0 if rng.random() < 0.8 else NO_STOP
         blocks[:], fresh_blocks[:] = 0.0, 0.0
-        response = experienced.respond(moved, state, obstacle, friction, has_mirror, blocks)
-        fresh = finger.new_surface().respond(moved, state, obstacle, friction, has_mirror, fresh_blocks)
+        response = experienced.respond(moved, state, obstacle, friction, stop_mm, blocks)
+        fresh = finger.new_surface().respond(moved, state, obstacle, friction, stop_mm, fresh_blocks)
         depth = -obstacle.distance(experienced.positions(moved))
         assert np.array_equal(response.points, np.flatnonzero(depth > 0.0))
         assert np.array_equal(response.pressure, fresh.pressure)
@@ -176,7 +176,7 @@ def test_state_keeps_what_the_touching_points_did(finger: Finger) -> None:
     before = surface.start(x + np.array([0.0, 0.0, 0.2]))
     before.slip[:] = 1.0
     friction = np.full(len(surface.areas), 0.2)
-    response = surface.respond(x, before, obstacle, friction, False, None)
+    response = surface.respond(x, before, obstacle, friction, NO_STOP, None)
     after = surface.advance(before, x, response)
     assert np.array_equal(np.flatnonzero(after.pressure), response.points)
     assert np.array_equal(after.traction[response.points], response.traction)
@@ -185,7 +185,7 @@ def test_state_keeps_what_the_touching_points_did(finger: Finger) -> None:
     # The finger moved down by 0.2 mm, so friction pushes it up.
     assert response.traction[:, 2].max() > 0.0
     assert np.all(np.linalg.norm(response.traction, axis=1) <= 0.2 * response.pressure + 1e-12)
-    again = surface.respond(x, after, obstacle, friction, False, None)
+    again = surface.respond(x, after, obstacle, friction, NO_STOP, None)
     assert np.allclose(again.force, response.force, rtol=0, atol=1e-12)
 
 

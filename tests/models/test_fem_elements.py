@@ -82,7 +82,7 @@ def evaluate(kind: ElementKind, law: int, x: np.ndarray) -> tuple[np.ndarray, np
     lam, mu = lame_constants(11.5, 0.45)
     k = len(x)
     force, K = np.zeros((k, 3)), np.zeros((k, 9, k))
-    assert element_stiffness(x, slopes, weights, law, lam, mu, force, K)
+    assert element_stiffness(x, slopes, weights, law, lam, mu, 0.0, force, K)
     full = K.reshape(3 * k, 3, k).transpose(0, 2, 1).reshape(3 * k, 3 * k)
     lower = np.tril(np.ones((k, k))).repeat(3, axis=0).repeat(3, axis=1)
     strict = np.tril(np.ones((k, k)), -1).repeat(3, axis=0).repeat(3, axis=1)
@@ -108,16 +108,16 @@ def test_rotation_makes_no_force_and_inversion_is_found(law: int) -> None:
     angle = 1.2
     rotation = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
     force = np.ones((15, 3))
-    assert element_force(nodes @ rotation.T + 5.0, slopes, weights, law, lam, mu, force)
+    assert element_force(nodes @ rotation.T + 5.0, slopes, weights, law, lam, mu, 0.0, force)
     assert np.abs(force).max() < 1e-12
-    assert not element_force(nodes * [-1.0, 1, 1], slopes, weights, law, lam, mu, force)
+    assert not element_force(nodes * [-1.0, 1, 1], slopes, weights, law, lam, mu, 0.0, force)
 
 
 def test_uniaxial_strain_energy_of_neo_hookean() -> None:
     nodes, slopes, weights = one_element("C3D15")
     lam, mu = lame_constants(10.0, 0.3)
     stretch, force = 1.2, np.zeros((15, 3))
-    element_force(nodes * [1, 1, stretch], slopes, weights, 0, lam, mu, force)
+    element_force(nodes * [1, 1, stretch], slopes, weights, 0, lam, mu, 0.0, force)
     log = np.log(stretch)
     stress = mu * stretch + (lam * log - mu) / stretch  # P_zz of W under F = diag(1, 1, stretch)
     assert force[nodes[:, 2] > 0.5, 2].sum() == pytest.approx(0.5 * stress)  # on a triangle of area 1/2

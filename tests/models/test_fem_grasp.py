@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from models.design_space import BEST_PUBLISHED, random_designs
-from models.effects.contact import StaticKineticFriction
-from models.effects.geometry import WallThicknessOffset
+from models.effects.static_kinetic_friction import StaticKineticFriction
+from models.effects.wall_thickness_offset import WallThicknessOffset
 from models.errors import SimulationFailed
 from models.fem.contact import ContactLaw
 from models.fem.grasp import Numerics, simulate_grasp

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from models.design_space import BEST_PUBLISHED
+from models.fem.assembly import Material
 from models.fem.broyden import SecantMemory
 from models.fem.contact import ContactLaw, PointSpacing
 from models.fem.grasp import Numerics, simulate_grasp
@@ -104,20 +105,24 @@ def test_result_does_not_depend_on_what_was_computed_before() -> None:
 def test_model_is_built_once_per_finger() -> None:
     mesh = build_mesh(BEST_PUBLISHED, MeshSettings())
 
-    def model(poisson_ratio: float) -> FingerModel:
+    def model(poisson_ratio: float, factors: list[np.ndarray] | None = None) -> FingerModel:
         return finger_model(
             mesh,
             height_mm=BEST_PUBLISHED.height_mm,
             tip_below_mm=5.0,
-            poisson_ratio=poisson_ratio,
+            material=Material(11.5, poisson_ratio),
             law=ContactLaw(),
             spacing=PointSpacing(),
+            factors=factors,
         )
 
     first = model(0.45)
     assert model(0.45) is first
     assert model(0.3) is not first
     assert model(0.45) is first
+    softer = [np.full(len(part), 0.9) for part in mesh.connectivities]
+    assert model(0.45, softer) is not first
+    assert model(0.45, [part.copy() for part in softer]) is model(0.45, softer)
     with ThreadPoolExecutor(1) as pool:
         assert pool.submit(model, 0.45).result() is not first
 

@@ -41,7 +41,7 @@ def strip(length: float, thickness: float, n: int, half_wave_mm: float) -> Plane
 
 
 def body_of(mesh: PlaneMesh) -> PlaneBody:
-    return PlaneBody(mesh, mesh.nodes, MODULUS, POISSON)
+    return PlaneBody(mesh, mesh.nodes, Material(MODULUS, POISSON))
 
 
 class DeadLoad:

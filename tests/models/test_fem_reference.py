@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from models.fem.assembly import ElasticBody, Material
-from models.fem.contact import ContactLaw, ContactSurface, PointSpacing
+from models.fem.contact import NO_STOP, ContactLaw, ContactSurface, PointSpacing
 from models.fem.finger import FingerStep
 from models.fem.linear import BlockCholesky
 from models.fem.newton import NewtonSettings, NewtonSolver, solve_dead_load
@@ -58,7 +58,7 @@ def test_dead_load_agrees_with_calculix(mesh: str, case: str) -> None:
 def test_frictionless_cylinder_agrees_with_calculix(mesh: str) -> None:
     body, nodes = reference_body(mesh)
     surface = ContactSurface(body, nodes, ContactLaw(20.0, 20.0, 1e-3), PointSpacing(0.5, 3.0))
-    finger = FingerStep(body, surface, nodes, Cylinder(), has_mirror=False)
+    finger = FingerStep(body, surface, nodes, Cylinder(), stop_mm=NO_STOP)
     newton = NewtonSolver(
         BlockCholesky(body.pattern), np.zeros((len(body.pattern.indices), 3, 3)), NewtonSettings(tolerance_n=1e-4)
     )

@@ -7,10 +7,11 @@ import pytest
 from scipy.stats import spearmanr
 
 from models.design_space import BEST_PUBLISHED, random_designs
-from models.effects.actuation import ForceLimitedClosing
-from models.effects.contact import StaticKineticFriction
-from models.effects.geometry import WallThicknessOffset
+from models.effects.force_limited_closing import ForceLimitedClosing
+from models.effects.static_kinetic_friction import StaticKineticFriction
+from models.effects.wall_thickness_offset import WallThicknessOffset
 from models.errors import SimulationFailed, UsageError
+from models.fem.assembly import Material
 from models.fem.contact import ContactLaw, PointSpacing
 from models.fem.grasp import SCREENING_NUMERICS, simulate_grasp
 from models.fem.obstacle import ObjectObstacle
@@ -80,11 +81,11 @@ def test_one_row_of_points_is_enough_where_the_object_is_the_same_over_the_width
 def test_contact_force_balances_the_pressure_on_a_pressed_cube() -> None:
     mesh = plane_mesh(BEST_PUBLISHED, MeshSettings(), full_width=True)
     nodes = np.ascontiguousarray(mesh.nodes * [1.0, -1.0] + [0.0, BEST_PUBLISHED.height_mm - 5.0])
-    body = PlaneBody(mesh, nodes, 11.5, 0.45)
+    body = PlaneBody(mesh, nodes, Material(11.5, 0.45))
     law = ContactLaw()
     surface = PlaneSurface(body, nodes, law, PointSpacing(), ObjectObstacle(CUBE, Placement(), is_mirrored=False))
     x = nodes + [19.9, 0.0]
-    response = surface.respond(x, surface.start(x), np.full(surface.n_points, 0.5), has_mirror=True)
+    response = surface.respond(x, surface.start(x), np.full(surface.n_points, 0.5), stop_mm=0.0)
     pressure = law.normal_n_per_mm3 * (0.1 - 0.5 * law.smoothing_mm)  # of the flat side of 40 mm less two roundings
     assert response.force[:, 0].sum() == pytest.approx(pressure * 38.0 * mesh.width_mm, rel=0.02)
     blocks = np.zeros((len(body.pattern.indices), 2, 2))

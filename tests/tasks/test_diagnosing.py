@@ -1,14 +1,19 @@
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 
+from flows.benchmarks.made_up_batch import Batch, measure_missing
 from hardware.cell import MeasuredGrasp
 from hardware.diagnostics import DiagnosticPlan, DiagnosticRun
+from hardware.world.spec import World
 from lake.tables import DiagnosticRow, GraspRow
 from models.errors import UsageError
-from models.records import GraspSetup, Trace
-from tasks.diagnosing import append_diagnostic, plan_items
+from models.records import BENCH_FAULT, GraspSetup, Trace
+from tasks.campaign import Campaign
+from tasks.diagnosing import append_diagnostic, missing_runs, plan_items, protocol_runs
+from tasks.observing import unfinished_tools
 from tasks.printing import PrintConfirmation, confirm_print
 from tasks.proposing import propose_initial
 from tests.tasks.test_state import append_grasp
@@ -82,14 +87,73 @@ def test_an_ordinary_grasp_is_refused(campaign, tool):
         write(campaign, tool, made(None))
 
 
-def test_a_batch_makes_what_its_config_asks_for():
-    assert plan_items(DiagnosticPlan(), 2, CELLS, 0, 1) == CELLS
-    plan = DiagnosticPlan(reference_every=4, protocol_slot=2, dead_weights_kg=(1.0,))
-    items = plan_items(plan, 2, CELLS, 0, 1)
+def with_plan(campaign, **knobs):
+    plan = DiagnosticPlan(**({"repeats": 1, "objects": (4,)} | knobs))
+    return Campaign(campaign.lake, campaign.config.model_copy(update={"diagnostics": plan}))
+
+
+def test_a_batch_makes_what_its_config_asks_for(campaign, tool):
+    assert plan_items(DiagnosticPlan(), CELLS, 0, protocol_runs(campaign, tool)) == CELLS
+    campaign = with_plan(campaign, reference_every=4, protocol_slot=tool.slot, dead_weights_kg=(1.0,))
+    plan, runs = campaign.config.diagnostics, protocol_runs(campaign, tool)
+    items = plan_items(plan, CELLS, 0, runs)
     kinds = [item.kind if isinstance(item, DiagnosticRun) else "" for item in items]
     assert kinds[:9] == ["reference", "", "", "", "", "reference", "", "", "closed_empty"], "after the grasps"
     assert "dead_weight" not in kinds, "nobody stands by"
     assert [item for item in items if not isinstance(item, DiagnosticRun)] == CELLS
-    others = [item.kind for item in plan_items(plan, 3, CELLS, 0, 1) if isinstance(item, DiagnosticRun)]
-    assert others == ["reference", "reference"], "only one tool of a batch makes the protocol"
-    assert plan_items(plan, 2, [], 6, 1) == []
+    assert protocol_runs(campaign, campaign.state().tools_of(1)[1]) == [], "only one tool of a batch makes the protocol"
+    assert plan_items(plan, [], 6, runs) == runs
+
+
+def test_the_protocol_goes_on_at_the_run_that_is_missing(campaign, tool):
+    campaign = with_plan(campaign, protocol_slot=tool.slot)
+    runs = protocol_runs(campaign, tool)
+    owed = lambda: missing_runs(campaign, campaign.state(), tool)  # noqa: E731
+    assert owed() == runs
+    for minute, run in enumerate(runs[:4]):
+        write(campaign, tool, made(run, minute))
+    assert owed() == runs[4:]
+    write(campaign, tool, replace(made(runs[4], 10), status="failed", details={"end": BENCH_FAULT}))
+    assert owed() == runs[4:], "cut short by the bench: made again"
+    write(campaign, tool, replace(made(runs[4], 11), status="failed"))
+    assert owed() == runs[4:], "one more try"
+    write(campaign, tool, replace(made(runs[4], 12), status="failed"))
+    assert owed() == runs[5:], "given up after two failures of its own"
+    assert tool in unfinished_tools(campaign, campaign.state(), 1)
+
+
+def test_no_protocol_is_owed_by_a_tool_that_no_longer_hangs_there(campaign, tool):
+    campaign = with_plan(campaign, protocol_slot=tool.slot)
+    state = campaign.state()
+    assert missing_runs(campaign, state, tool)
+    assert missing_runs(campaign, replace(state, batch_on_rack=2), tool) == []
+    assert missing_runs(campaign, replace(state, confirmed={tool.tool_id: "rejected"}), tool) == []
+
+
+class Killed(BaseException):
+    """The process died here."""
+
+
+def test_killed_in_the_protocol_the_same_command_makes_the_rest_once(tmp_path):
+    batch = Batch(2, (4,), 1)
+    knobs = {"dwell_s": (0.0, 1.0), "lift_speeds_mm_per_s": (20.0,), "supply_pressures_psi": (), "closed_empty": 1}
+    campaign = with_plan(batch.make(tmp_path / "lake"), protocol_slot=0, **knobs)
+    made = []
+
+    def die_at(n_runs):
+        def on_grasp(_tool, grasp):
+            made.append(grasp.diagnostic)
+            if n_runs == len([run for run in made if run is not None]):
+                raise Killed
+
+        return on_grasp
+
+    for n_runs in (1, 3):
+        with pytest.raises(Killed):
+            measure_missing(campaign, World(), die_at(n_runs))
+    measure_missing(campaign, World(), die_at(None))
+    tool = campaign.state().tools_of(1)[0]
+    assert [run for run in made if run is not None] == protocol_runs(campaign, tool)
+    assert len(campaign.lake.ids(DiagnosticRow)) == 4
+    assert made.count(None) == 2
+    assert not unfinished_tools(campaign, campaign.state(), 1)

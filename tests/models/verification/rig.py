@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.fem.assembly import ElasticBody, Material
-from models.fem.contact import ContactLaw, ContactSurface, Obstacle, PointSpacing
+from models.fem.contact import NO_STOP, ContactLaw, ContactSurface, Obstacle, PointSpacing
 from models.fem.finger import FingerState, FingerStep
 from models.fem.linear import BlockCholesky
 from models.fem.newton import NewtonSettings, NewtonSolver
@@ -58,7 +58,7 @@ def set_up(
     """Put a body, in the frame of the obstacle at `nodes` (n, 3), before an obstacle."""
     body = ElasticBody(mesh, nodes, material)
     surface = ContactSurface(body, nodes, law, spacing)
-    finger = FingerStep(body, surface, nodes, obstacle, has_mirror=False)
+    finger = FingerStep(body, surface, nodes, obstacle, stop_mm=NO_STOP)
     blocks = np.zeros((len(body.pattern.indices), 3, 3))
     solver = NewtonSolver(BlockCholesky(body.pattern), blocks, newton)
     return Rig(nodes, body, surface, finger, solver, friction)

@@ -1,22 +1,12 @@
-"""Effects of the sensor layer: what the load-cell chain makes of the true force."""
+"""S4: lag of the load cell's transmitter."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from models.effects.base import Effect
+from models.effects.spec import EffectSpec, amplitude
 from models.records import Trace
-
-
-@dataclass(frozen=True)
-class LoadCellGain(Effect):
-    """Span error: the reported force is `gain` times the true one."""
-
-    gain: float
-
-    def modify_trace(self, trace: Trace) -> Trace:
-        """The trace with the force scaled."""
-        return Trace(trace.time_s, trace.lift_mm, self.gain * trace.force_n)
 
 
 @dataclass(frozen=True)
@@ -43,3 +33,17 @@ class LoadCellLag(Effect):
             lag = tau * slope[i]
             reported[i + 1] = true[i + 1] - lag + (reported[i] - true[i] + lag) * decay[i]
         return Trace(trace.time_s, trace.lift_mm, reported)
+
+
+SPEC = EffectSpec(
+    effect="load_cell_lag",
+    title="First-order lag of the load-cell transmitter",
+    code="S4",
+    layer="sensor",
+    kind=LoadCellLag,
+    formula="time_constant_s dF'/dt + F' = F",
+    source="first-order low pass of weight transmitters",
+    cost="P",
+    parameters=(amplitude("time_constant_s", 0.0, 2.0, (0.1, 0.2)),),
+    confusable_with=("object_post_compliance", "lift_misalignment", "static_kinetic_friction", "stress_relaxation"),
+)

@@ -1,4 +1,4 @@
-"""Effects of the geometry layer."""
+"""G1: print dilation; every wall is thicker or thinner than drawn."""
 
 from dataclasses import dataclass
 
@@ -7,6 +7,7 @@ from shapely import affinity
 from shapely.geometry import Polygon, box
 
 from models.effects.base import Effect
+from models.effects.spec import EffectSpec, amplitude
 from models.records import Design
 
 
@@ -34,3 +35,17 @@ class WallThicknessOffset(Effect):
             printed = profile.difference(window.difference(profile).buffer(-half, join_style="mitre"))
         moved = affinity.translate(printed, xoff=half).intersection(window)
         return max(shapely.get_parts(moved), key=lambda part: part.area)
+
+
+SPEC = EffectSpec(
+    effect="wall_thickness_offset",
+    title="Printed walls are thicker than drawn",
+    code="G1",
+    layer="geometry",
+    kind=WallThicknessOffset,
+    formula="every wall and rib is thicker by offset_mm",
+    source="tolerance of material jetting, +-0.1 mm",
+    cost="F",
+    parameters=(amplitude("offset_mm", -0.3, 0.3, (0.05, 0.08)),),
+    confusable_with=("load_cell_gain", "print_anisotropy", "batch_ageing"),
+)

@@ -1,0 +1,73 @@
+"""What a calibration of the paper's size costs, whether its draws can be trusted, and whether it finds the truth."""
+
+import time
+from typing import Any
+
+import numpy as np
+
+from flows.benchmarks.base import Options, Tables
+
+N_SIM, N_REAL = 1469, 110  # of the paper
+CHAINS, DRAWS, TUNE = 8, 400, 300
+TRUTH = {"young_modulus_mpa": 9.0, "friction": 0.55, "poisson_ratio": 0.34}
+
+
+def measure_calibration(options: Options) -> Tables:
+    """Calibrate a made-up problem of the paper's size with E as an input of the emulator, and as an exact factor."""
+    tables: Tables = {"calibration": [], "theta": [], "steps": []}
+    for scales_with_modulus in (False, True):
+        mode = "E a factor" if scales_with_modulus else "E an input"
+        summary, theta, steps = _calibrate(options, mode, scales_with_modulus)
+        tables["calibration"].append(summary)
+        tables["theta"].extend(theta)
+        tables["steps"].append(steps)
+    return tables
+
+
+def _calibrate(
+    options: Options, mode: str, scales_with_modulus: bool
+) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Any]]:
+    from models.calibration.calibrate import calibrate
+    from models.calibration.settings import CalibrationSettings
+    from models.calibration.synthetic import made_up_problem
+
+    n_sim, n_real = options.n_sim or N_SIM, options.n_real or N_REAL
+    problem = made_up_problem(n_sim, n_real, seed=0, scales_with_modulus=scales_with_modulus)
+    settings = CalibrationSettings(chains=CHAINS, draws=DRAWS, tune=TUNE, workers=options.workers or 2)
+    wall = time.perf_counter()
+    result = calibrate(problem, settings, lambda line: options.tell(f"{mode}: {line}"))
+    wall_s = time.perf_counter() - wall
+    summary: dict[str, Any] = {
+        "mode": mode,
+        "simulations": n_sim,
+        "designs": n_real,
+        "method": result.method,
+        "wall_s": wall_s,
+        "cpu_s": result.cpu_s,
+        "r_hat_max": max(result.r_hat.values()),
+        "ess_bulk_min": min(result.ess_bulk.values()),
+        "k_hat": result.k_hat,
+        "divergences": result.n_divergences,
+        "gradients": result.n_gradients,
+        "gradients_per_draw": result.n_gradients / (CHAINS * (DRAWS + TUNE)),
+    }
+    theta = [_theta_row(mode, name, result.of(name), result) for name in TRUTH]
+    return summary, theta, {"mode": mode, **{f"{name}_cpu_s": cpu_s for name, cpu_s in result.steps.items()}}
+
+
+def _theta_row(mode: str, name: str, draws: np.ndarray, result: Any) -> dict[str, Any]:
+    q05, median, q95 = np.quantile(draws, [0.05, 0.5, 0.95])
+    return {
+        "mode": mode,
+        "parameter": name,
+        "truth": TRUTH[name],
+        "mean": float(draws.mean()),
+        "sd": float(draws.std()),
+        "q05": float(q05),
+        "median": float(median),
+        "q95": float(q95),
+        "truth_inside_90": bool(q05 <= TRUTH[name] <= q95),
+        "r_hat": result.r_hat[name],
+        "ess_bulk": result.ess_bulk[name],
+        "ess_tail": result.ess_tail[name],
+    }

@@ -1,0 +1,109 @@
+"""`fast calibrate`: theta of the simulator from the measurements of a lake."""
+
+import sys
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell
+
+if TYPE_CHECKING:
+    from flows.calibrate import CalibrationOutcome
+    from lake.tables import CalibrationRow
+
+AT_LEAST_ONE = Number(gte=1)
+_COLUMNS = ("mean", "sd", "q05", "median", "q95", "mode")
+_UNITS = {"young_modulus": "_mpa", "friction": "", "poisson_ratio": ""}
+
+
+def calibrate(
+    *,
+    lake: LakePath = DEFAULT_LAKE,
+    campaign: Annotated[
+        str | None, Parameter(help="Campaign whose measurements count; default: all of the lake.")
+    ] = None,
+    version: Annotated[
+        str | None, Parameter(help="Simulator version (V...) to calibrate; default: the campaigns' own.")
+    ] = None,
+    simulate: Annotated[
+        int | None,
+        Parameter(help="First simulate this many designs of a Latin hypercube with theta.", validator=AT_LEAST_ONE),
+    ] = None,
+    modulus: Annotated[
+        Literal["log-uniform", "uniform"],
+        Parameter(help="With --simulate: how Young's modulus is spread over 2 to 200 MPa; the paper: uniform."),
+    ] = "log-uniform",
+    verify: Annotated[
+        bool, Parameter(negative="", help="Simulate the held-out designs with theta before and after.")
+    ] = False,
+    chains: Annotated[int, Parameter(help="Chains; the paper: 8.")] = 4,
+    draws: Annotated[int, Parameter(help="Draws kept per chain; the paper: 8000.")] = 1000,
+    tune: Annotated[int, Parameter(help="Draws dropped per chain; the paper: 8000.")] = 1000,
+    seed: Annotated[int, Parameter(help="Seed of hypercube, held-out designs and chains.")] = 0,
+    method: Annotated[
+        Literal["auto", "factorised", "joint", "blocked"], Parameter(help="Algorithm; auto checks and falls back.")
+    ] = "auto",
+    rho: Annotated[
+        Literal["fixed", "free"], Parameter(help="Scale between simulation and measurement: 1, or inferred.")
+    ] = "fixed",
+    workers: Annotated[int, Parameter(help="Worker processes; changes no result.", validator=AT_LEAST_ONE)] = 2,
+    json: AsJson = False,
+) -> None:
+    """Infer Young's modulus, friction and Poisson's ratio from measured and simulated designs (Table 2 of the paper).
+
+    Writes calibration, draws and a new simulator version to the lake. The same data and settings are not calibrated
+    twice; a killed command continues when it is given again.
+    """
+    from flows.calibrate import CalibrationOrder, run_calibration
+    from flows.cli.campaign import open_lake, resolve_campaign
+    from flows.launch import Voice
+    from models.calibration.hypercube import HypercubePlan
+    from models.calibration.settings import CalibrationSettings
+    from models.validation import load_record
+
+    options = {"chains": chains, "draws": draws, "tune": tune, "seed": seed, "method": method, "rho": rho}
+    settings = load_record(CalibrationSettings, {**options, "workers": workers}, "fast calibrate")
+    plan = None
+    if simulate is not None:
+        plan = load_record(HypercubePlan, {"n": simulate, "modulus": modulus, "seed": seed}, "fast calibrate")
+    found = open_lake(lake)
+    name = resolve_campaign(found, campaign) if campaign is not None else None
+    order = CalibrationOrder(settings, name, version, plan, verify)
+    outcome = run_calibration(found, order, Voice(tell, tell))
+    show(_data(outcome), _text(outcome), json)
+    if outcome.row.version_id is None:
+        sys.exit(1)
+
+
+def _data(outcome: "CalibrationOutcome") -> dict[str, Any]:
+    return {**outcome.row.model_dump(mode="json"), "is_new": outcome.is_new, "summary": outcome.sentence}
+
+
+def _text(outcome: "CalibrationOutcome") -> str:
+    row = outcome.row
+    table = [
+        {"": f"{stem}{unit}", **{column: getattr(row, f"{stem}_{column}{unit}") for column in _COLUMNS}}
+        for stem, unit in _UNITS.items()
+    ]
+    k_hat = f", k-hat {row.k_hat:.2f}" if row.k_hat is not None else ""
+    lines = [
+        f"{outcome.sentence}.",
+        "",
+        table_text(table),
+        "",
+        f"{row.sampler}: {row.n_chains} x {row.n_draws} draws, R-hat {row.r_hat_max:.4f}, bulk ESS "
+        f"{row.ess_bulk_min:.0f}, {row.n_divergences} divergences{k_hat}, {row.cpu_s:.0f} s of CPU",
+        _held_out_line(row),
+        *(f"warning: {sentence}" for sentence in row.warnings),
+    ]
+    return "\n".join(lines)
+
+
+def _held_out_line(row: "CalibrationRow") -> str:
+    if not row.n_held_out or row.rmse_before_n is None or row.rmse_after_n is None:
+        return f"held out: {row.n_held_out or 0} designs, nothing compared"
+    line = f"held out: {row.n_held_out} designs by the {row.held_out_by}, "
+    if row.correlation_before is not None and row.correlation_after is not None:
+        line += f"correlation {row.correlation_before:.3f} -> {row.correlation_after:.3f}, "
+    return f"{line}RMSE {row.rmse_before_n:.2f} -> {row.rmse_after_n:.2f} N"

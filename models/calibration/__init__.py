@@ -1,0 +1,1 @@
+"""Kennedy-O'Hagan calibration of the simulator (Eq. 9-12 of the FAST paper)."""

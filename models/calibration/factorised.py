@@ -1,0 +1,219 @@
+"""The joint posterior at thousands of simulations in minutes: mode, NUTS on a stand-in, exact weights.
+
+1. Mode of the emulator's parameters phi, then of all parameters. 2. Normal approximation of phi there. 3. The
+measurements' likelihood at that phi as a cheap function of psi (`theta_surrogate`), NUTS on it. 4. Draws of psi paired
+with draws of phi, weighted by the exact joint density, the weights Pareto smoothed; k-hat says whether they hold.
+Steps 1 to 3 only choose where to look: the weights make the result that of the joint posterior (Eq. 12).
+"""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.stats import gamma, norm
+
+from models.calibration import conditional, emulator
+from models.calibration.conditional import Setting
+from models.calibration.density import JointDensity
+from models.calibration.diagnostics import diagnose
+from models.calibration.importance import Weighted, weigh
+from models.calibration.joint import first_guesses
+from models.calibration.laplace import approximate_phi
+from models.calibration.layout import Layout
+from models.calibration.mode import Optimum, climb, climb_scaled, laplace_covariance, starts_around
+from models.calibration.problem import CalibrationProblem, Standardised
+from models.calibration.psis import effective_size, resample
+from models.calibration.result import K_HAT_LIMIT, CalibrationResult
+from models.calibration.sampling import Progress, Samples, sample
+from models.calibration.settings import CalibrationSettings
+from models.calibration.theta_surrogate import Box, ThetaSurrogate, build_accurate
+from models.errors import FastError
+from models.surrogate.threads import one_blas_thread
+
+N_WEIGHTED = 2400  # draws that are weighted exactly, at most
+MOST_DRAWS = MOST_TUNE = 1000  # per chain: of more draws, more would be left out of the weighting
+BOX_SD = 5.0  # half width of the first box of theta, posterior standard deviations
+CONTACT_LIMIT = 0.002  # share of draws outside the box at which it is grown
+MAX_GROWTH = 4
+_PRIOR_TAIL = 1e-7  # the box ends where the prior leaves that much
+
+
+@dataclass
+class Steps:
+    """CPU seconds by step, of this process and of those it started."""
+
+    tell: Progress
+    cpu_s: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        """Count the CPU time of this process during a step."""
+        start, wall = time.process_time(), time.monotonic()
+        yield
+        self.add(name, time.process_time() - start)
+        self.tell(f"{name}: done, {self.cpu_s[name]:.1f} s of CPU, {time.monotonic() - wall:.1f} s")
+
+    def add(self, name: str, cpu_s: float) -> None:
+        """Add CPU seconds to a step."""
+        self.cpu_s[name] = self.cpu_s.get(name, 0.0) + cpu_s
+
+
+@dataclass(frozen=True, eq=False)
+class Peak:
+    """Mode of the joint posterior: vector (n_phi + n_psi), covariance of psi there given phi (n_psi x n_psi)."""
+
+    vector: np.ndarray
+    factor: emulator.Factor
+    psi_covariance: np.ndarray
+    optima: list[Optimum]  # of psi, given phi
+
+
+def calibrate_factorised(
+    problem: CalibrationProblem, settings: CalibrationSettings, progress: Progress | None = None
+) -> CalibrationResult:
+    """Posterior of every parameter (Eq. 12), as draws resampled by weight into `settings.chains` chains.
+
+    NUTS draws as many psi as `settings` ask for, at most `MOST_DRAWS` a chain; at most `N_WEIGHTED` of them, evenly
+    spaced, are weighted, and as many are returned. `k_hat` of the result must be below `K_HAT_LIMIT`, or the result
+    must not be used.
+    """
+    data = Standardised.of(problem)
+    setting = Setting.of(data, Layout.of(data, settings))
+    steps = Steps(progress or (lambda line: None))
+    rng = np.random.default_rng([settings.seed, 2])
+    with one_blas_thread():
+        peak = find_peak(setting, settings, steps)
+        with steps("curvature"):
+            density = JointDensity(data, setting.layout)
+            normal_phi, cpu_s = approximate_phi(density, peak.vector, settings.workers, progress)
+            steps.add("curvature", cpu_s)
+        surrogate, samples = sample_psi(setting, settings, peak, steps, rng)
+        with steps("weights"):
+            weighted = weigh(samples.draws, surrogate, normal_phi, N_WEIGHTED, settings.workers, rng, progress)
+            steps.add("weights", weighted.cpu_s)
+    return _result(problem, setting, settings, samples, weighted, steps, rng)
+
+
+def find_peak(setting: Setting, settings: CalibrationSettings, steps: Steps) -> Peak:
+    """Mode of the joint posterior, found from those of phi alone and of psi given phi."""
+    data, layout = setting.data, setting.layout
+    with steps("emulator"):
+        phi = emulator.find_mode(data, layout, settings.seed, steps.tell)
+    with steps("optimum"):
+        factor = factor_at(phi.values, setting)
+        guesses = [guess[layout.n_phi :] for guess in first_guesses(layout)]
+        optima = climb(lambda v: conditional.log_posterior(v, factor, setting), guesses, tolerance=1e-7)
+        psi = optima[0].vector
+        covariance = laplace_covariance(lambda v: conditional.log_posterior(v, factor, setting), psi)
+        root = np.zeros((layout.n_phi + layout.n_psi,) * 2)
+        root[: layout.n_phi, : layout.n_phi] = phi.root
+        root[layout.n_phi :, layout.n_phi :] = np.linalg.cholesky(covariance)
+        start = np.concatenate([phi.values, psi])
+        vector = climb_scaled(JointDensity(data, layout), start, root, 40, emulator.TOLERANCE).vector
+        factor = factor_at(vector[: layout.n_phi], setting)
+        covariance = laplace_covariance(lambda v: conditional.log_posterior(v, factor, setting), vector[layout.n_phi :])
+    return Peak(vector, factor, covariance, optima)
+
+
+def factor_at(phi: np.ndarray, setting: Setting) -> emulator.Factor:
+    """Factor of the emulator at a phi in vector form.
+
+    Raises:
+        FastError: the covariance is singular there.
+    """
+    factor = emulator.factorise(setting.layout.phi(phi), setting.data)
+    if factor is None:
+        raise FastError(
+            "the covariance of the simulations is singular at the emulator's best fit; look for repeated designs."
+        )
+    return factor
+
+
+def sample_psi(
+    setting: Setting, settings: CalibrationSettings, peak: Peak, steps: Steps, rng: np.random.Generator
+) -> tuple[ThetaSurrogate, Samples]:
+    """NUTS on psi at the mode's phi, in a box of theta that grows until the draws stay inside."""
+    psi = peak.vector[setting.layout.n_phi :]
+    box = first_box(setting, psi, peak.psi_covariance)
+    shorter = {"draws": min(settings.draws, MOST_DRAWS), "tune": min(settings.tune, MOST_TUNE)}
+    settings = settings.model_copy(update=shorter)
+    for attempt in range(MAX_GROWTH + 1):
+        with steps("theta surrogate"):
+            surrogate = build_accurate(peak.factor, setting, box, psi, peak.psi_covariance, rng)
+            orders = " x ".join(str(n) for n in surrogate.orders)
+            steps.tell(f"theta surrogate: {orders} nodes, {len(surrogate.basis)} matrices, error {surrogate.error:.3f}")
+        with steps("sampling"):
+            starts = starts_around(
+                surrogate, [Optimum(psi, surrogate(psi)[0])], peak.psi_covariance, settings.chains, rng
+            )
+            samples = sample(surrogate, starts, settings, scale=peak.psi_covariance, progress=steps.tell)
+            steps.add("sampling", samples.cpu_s if settings.workers > 1 else 0.0)
+        t = np.array([setting.inputs(theta) for theta in setting.layout.theta(samples.flat[:, -3:])])
+        outside = box.is_outside(t).mean(axis=0)
+        if outside.sum() <= CONTACT_LIMIT or attempt == MAX_GROWTH:
+            break
+        steps.tell(f"{outside.sum():.1%} of the draws are outside the box of theta: sampling again in a larger one")
+        box = box.grown(outside > 0.1 * CONTACT_LIMIT)
+    return surrogate, samples
+
+
+def first_box(setting: Setting, psi: np.ndarray, covariance: np.ndarray) -> Box:
+    """Box of the inputs t around the mode, within what the prior of theta allows.
+
+    The Poisson ratio keeps its whole range: it is short, and posteriors lean against its ends.
+    """
+    reach = BOX_SD * np.sqrt(np.diag(covariance)[-3:])
+    reach[-1] = np.inf
+    lower, upper = _prior_range(setting)
+    ends = (np.maximum(psi[-3:] - reach, lower), np.minimum(psi[-3:] + reach, upper))
+    low, high = (setting.inputs(theta) for theta in setting.layout.theta(np.array(ends)))
+    return Box(low, high)
+
+
+def _prior_range(setting: Setting) -> tuple[np.ndarray, np.ndarray]:
+    """Unconstrained theta (3) between which the prior has all but little of its mass."""
+    priors = setting.layout.priors
+    reach = norm.isf(_PRIOR_TAIL) * priors.young_modulus_log_sd
+    modulus = np.log(priors.young_modulus_median_mpa)
+    friction = np.log(gamma.ppf([_PRIOR_TAIL, 1.0 - _PRIOR_TAIL], priors.friction_shape) / priors.friction_rate)
+    poisson = -np.log(_PRIOR_TAIL)
+    return np.array([modulus - reach, friction[0], -poisson]), np.array([modulus + reach, friction[1], poisson])
+
+
+def _result(
+    problem: CalibrationProblem,
+    setting: Setting,
+    settings: CalibrationSettings,
+    samples: Samples,
+    weighted: Weighted,
+    steps: Steps,
+    rng: np.random.Generator,
+) -> CalibrationResult:
+    layout, weights = setting.layout, weighted.smoothed.weights
+    with steps("diagnosis"):
+        rows = resample(weights, len(weights) // settings.chains * settings.chains, rng)
+        draws = layout.constrain(weighted.draws[rows], setting.data.force_scale_n)
+        draws = draws.reshape(settings.chains, -1, draws.shape[1])
+        found = diagnose(problem, layout.names, draws, settings, samples.n_divergences, samples.n_deepest)
+    k_hat = weighted.smoothed.k_hat
+    steps.tell(
+        f"k-hat {k_hat:.2f} (limit {K_HAT_LIMIT:g}), {effective_size(weights):.0f} effective of {len(weights)} "
+        f"weighted draws, {samples.n_gradients:,} gradients, {samples.n_divergences} divergences"
+    )
+    return CalibrationResult(
+        names=layout.names,
+        draws=draws,
+        settings=settings,
+        method="factorised",
+        r_hat=found.r_hat,
+        ess_bulk=found.ess_bulk,
+        ess_tail=found.ess_tail,
+        n_divergences=samples.n_divergences,
+        n_gradients=samples.n_gradients,
+        k_hat=k_hat,
+        warnings=found.warnings,
+        cpu_s=sum(steps.cpu_s.values()),
+        steps=steps.cpu_s,
+    )

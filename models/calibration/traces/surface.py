@@ -1,0 +1,81 @@
+"""Features as polynomials of friction and Poisson ratio, one surface a cell, with their error by cross-validation.
+
+Chebyshev polynomials fitted to the grid by least squares. Principal components of the features would change nothing:
+the fit is linear in them. Young's modulus stays outside, as a factor.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.calibration.traces.problem import TraceProblem, degrees
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseSurfaces:
+    """Surfaces of t x o cells and f features at `modulus_mpa`.
+
+    coefficients: t x o x k x f; 0 in cells that were not measured. error: t x o x f x f, mean outer product of the
+    errors at grid points that were left out. Friction and Poisson ratio are within `lower`, `upper` (2).
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    modulus_mpa: float
+    is_force: np.ndarray
+    terms: tuple[tuple[int, int], ...]
+    coefficients: np.ndarray
+    error: np.ndarray
+
+    @staticmethod
+    def of(problem: TraceProblem) -> "ResponseSurfaces":
+        """Fit the surfaces of a problem to its grid."""
+        lower, upper = problem.grid.min(axis=0), problem.grid.max(axis=0)
+        terms = tuple(degrees(problem.grid))
+        basis = _basis(_scaled(problem.grid, lower, upper), terms)[0]
+        t, o, _, f = problem.simulated.shape
+        coefficients, error = np.zeros((t, o, len(terms), f)), np.zeros((t, o, f, f))
+        for cell in zip(*np.nonzero(problem.is_measured), strict=True):
+            coefficients[cell], error[cell] = _fit(basis, problem.simulated[cell])
+        return ResponseSurfaces(lower, upper, problem.modulus_mpa, problem.is_force, terms, coefficients, error)
+
+    def basis(self, friction: float, poisson_ratio: float) -> np.ndarray:
+        """Values of the terms, and their slopes by friction and by Poisson ratio, 3 x k."""
+        span = 0.5 * (self.upper - self.lower)
+        u, v = (np.array([friction, poisson_ratio]) - self.lower) / span - 1.0
+        rows = np.stack(_basis(np.array([[u, v]]), self.terms))[:, 0]
+        return np.asarray(rows / np.array([1.0, *span])[:, None])
+
+    def features(self, theta: np.ndarray) -> np.ndarray:
+        """Features at theta (Young's modulus in MPa, friction, Poisson ratio), t x o x f."""
+        factor = np.where(self.is_force, theta[0] / self.modulus_mpa, 1.0)
+        return np.asarray((self.basis(theta[1], theta[2])[:1] @ self.coefficients)[..., 0, :] * factor)
+
+
+def _fit(basis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients (k x f) of the simulations there are (g x f), and the mean outer product of left-out errors."""
+    known = np.isfinite(values).all(axis=1)
+    rows, y = basis[known], values[known]
+    q, r = np.linalg.qr(rows)
+    coefficients = np.linalg.solve(r, q.T @ y)
+    leverage = np.minimum((q**2).sum(axis=1), 1.0 - 1e-6)
+    left_out = (y - rows @ coefficients) / (1.0 - leverage)[:, None]
+    return coefficients, left_out.T @ left_out / len(y)
+
+
+def _scaled(points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    return np.asarray(2.0 * (points - lower) / (upper - lower) - 1.0)
+
+
+def _basis(points: np.ndarray, terms: tuple[tuple[int, int], ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Products of Chebyshev polynomials at points (n x 2) in the square -1 to 1, n x k, and their two slopes.
+
+    T_(j+1) = 2 x T_j - T_(j-1), and the same for the slopes, differentiated.
+    """
+    first, second = np.array(terms).T
+    values, slopes = [np.ones_like(points), points], [np.zeros_like(points), np.ones_like(points)]
+    for j in range(1, int(max(first.max(), second.max()))):
+        values.append(2.0 * points * values[j] - values[j - 1])
+        slopes.append(2.0 * (values[j] + points * slopes[j]) - slopes[j - 1])
+    (u, v), (du, dv) = np.stack(values).T, np.stack(slopes).T
+    return u[:, first] * v[:, second], du[:, first] * v[:, second], u[:, first] * dv[:, second]

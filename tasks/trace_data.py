@@ -1,0 +1,197 @@
+"""What a calibration on traces compares, from the lake: measured traces, and the grid of simulations around them."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lake.store import Lake
+from lake.tables import DesignRow, GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow, TraceRow
+from models.calibration.traces.assemble import Cell, GridPoint, trace_problem
+from models.calibration.traces.grid import ThetaGrid
+from models.calibration.traces.noise import SensorNoise, noise_of_readings
+from models.calibration.traces.problem import TraceProblem, n_terms
+from models.effects.catalogue import build_effects
+from models.errors import UsageError
+from models.ids import canonical_json
+from models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace
+
+GRID_MODULUS_MPA = 10.0  # of the simulations to make; others count too, since forces are proportional to it
+_Pair = tuple[str, int]  # (design, object)
+
+
+@dataclass(frozen=True, eq=False)
+class TraceData:
+    """A problem for `calibrate_traces`, the rows it is of, and what was left out."""
+
+    problem: TraceProblem
+    grasp_ids: tuple[str, ...]
+    simulation_ids: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def trace_data(
+    lake: Lake,
+    base: SimulatorVersion,
+    campaign_id: str | None = None,
+    grid: ThetaGrid = ThetaGrid(),  # noqa: B008 - frozen
+    noise: SensorNoise | None = None,
+) -> TraceData:
+    """Everything that trace-level calibration of the simulator `base` needs, from a campaign or the whole lake.
+
+    Measured: every repeat that ended well, the last attempt of each, of tools on objects whose designs are simulated on
+    enough of the grid by versions that differ from `base` in theta alone; `grid_points` are the ones to simulate.
+    `noise` is estimated from the readings before the fingers touch unless given. Then
+    `calibrate_traces(data.problem, settings, progress)` gives the result, whose calibration has `data = "trace"`.
+
+    Raises:
+        UsageError: forces of `base` do not scale with Young's modulus, nothing was measured or not in one way, a
+            measured trace cannot be used, or too little of the grid is simulated.
+    """
+    _require_scaling(base)
+    grasps = _measured_grasps(lake, campaign_id)
+    setup = GraspSetup.model_validate_json(grasps[0].setup_json)
+    pairs = {(row.design_id, row.object_id) for row in grasps}
+    simulations = _grid_simulations(lake, base, grasps[0].setup_id, pairs, grid)
+    enough = n_terms(np.array(grid.points)) + 1
+    complete = {pair for pair, rows in simulations.items() if len(rows) >= enough}
+    used = [row for row in grasps if (row.design_id, row.object_id) in complete]
+    if not used:
+        raise UsageError(
+            f"none of the {len(pairs)} measured pairs of a design and an object has the {enough} simulations around it "
+            f"that a calibration on traces needs; simulate the {len(grid.points)} points of the grid for them."
+        )
+    measured = _measured_traces(lake, used)
+    designs = {(row.tool_id, str(row.object_id)): (row.design_id, row.object_id) for row in used}
+    made = _simulated_traces(lake, {pair: simulations[pair] for pair in complete})
+    problem = trace_problem(
+        measured,
+        {cell: made[pair] for cell, pair in designs.items()},
+        modulus_mpa=GRID_MODULUS_MPA,
+        noise=noise or noise_of_readings([trace for traces in measured.values() for trace in traces]),
+        lift_speed_mm_per_s=setup.lift_speed_mm_per_s,
+    )
+    simulation_ids = [row_id for pair in complete for row_id, _ in simulations[pair].values()]
+    warnings = [_left_out(len(pairs) - len(complete), len(pairs), enough)] if len(complete) < len(pairs) else []
+    return TraceData(problem, tuple(row.grasp_id for row in used), tuple(simulation_ids), tuple(warnings))
+
+
+def grid_points(
+    designs: Iterable[Design],
+    base: SimulatorVersion,
+    grid: ThetaGrid = ThetaGrid(),  # noqa: B008 - frozen
+) -> tuple[tuple[Design, SimulatorVersion], ...]:
+    """Designs with the simulator versions of the grid: what to simulate on the measured objects, in any order.
+
+    Raises:
+        UsageError: forces of `base` do not scale with Young's modulus.
+    """
+    _require_scaling(base)
+    thetas = [
+        Theta(young_modulus_mpa=GRID_MODULUS_MPA, friction=friction, poisson_ratio=ratio)
+        for friction, ratio in grid.points
+    ]
+    return tuple((design, base.model_copy(update={"theta": theta})) for design in designs for theta in thetas)
+
+
+def measured_designs(lake: Lake, campaign_id: str | None = None) -> tuple[list[Design], list[int]]:
+    """Designs and objects with a measured trace: what `grid_points` are to be simulated for.
+
+    Raises:
+        UsageError: nothing was measured, or a design is unknown.
+    """
+    grasps = _measured_grasps(lake, campaign_id)
+    wanted = sorted({row.design_id for row in grasps})
+    known = {row.design_id: row.design for row in lake.records(DesignRow, design_id=wanted)}
+    unknown = [design_id for design_id in wanted if design_id not in known]
+    if unknown:
+        raise UsageError(f"measured design {unknown[0]} is not in the table of designs; import it with its parameters.")
+    return [known[design_id] for design_id in wanted], sorted({row.object_id for row in grasps})
+
+
+def _require_scaling(version: SimulatorVersion) -> None:
+    limited = [v.effect for v in version.effects if np.isfinite(build_effects([v])[0].closing_force_limit_n())]
+    if limited:
+        raise UsageError(
+            f"with `{limited[0]}` forces do not scale with Young's modulus, which a calibration on traces takes for "
+            "granted; calibrate on mean forces, or without the effect."
+        )
+
+
+def _measured_grasps(lake: Lake, campaign_id: str | None) -> list[GraspRow]:
+    """Grasps that ended well, the last attempt of each repeat."""
+    where = {"campaign_id": campaign_id} if campaign_id else {}
+    rows = sorted(lake.records(GraspRow, status="ok", **where), key=lambda row: row.attempt)
+    last = {(row.tool_id, row.object_id, row.repeat): row for row in rows}
+    place = f"campaign {campaign_id}" if campaign_id else f"the lake {lake.address}"
+    if not last:
+        raise UsageError(f"{place} has no measured grasps; measure tools, or import data with `fast lake import`.")
+    setups = {row.setup_id for row in last.values()}
+    if len(setups) > 1:
+        raise UsageError(
+            f"{place} has grasps of {len(setups)} setups ({', '.join(sorted(setups))}), which one calibration cannot "
+            "compare; give a campaign that has a single one."
+        )
+    return [last[key] for key in sorted(last)]
+
+
+def _grid_simulations(
+    lake: Lake, base: SimulatorVersion, setup_id: str, pairs: set[_Pair], grid: ThetaGrid
+) -> dict[_Pair, dict[GridPoint, tuple[str, float]]]:
+    """Simulations (id, Young's modulus) at the points of the grid, by design and object."""
+    family = canonical_json(base.model_dump(exclude={"theta"}))
+    points = set(grid.points)
+    thetas: dict[str, Theta] = {}
+    for row in lake.records(SimulatorVersionRow, tier=base.tier):
+        version = row.version
+        on_grid = (version.theta.friction, version.theta.poisson_ratio) in points
+        if on_grid and canonical_json(version.model_dump(exclude={"theta"})) == family:
+            thetas[row.version_id] = version.theta
+    found: dict[_Pair, dict[GridPoint, tuple[str, float]]] = {pair: {} for pair in pairs}
+    designs = sorted({design for design, _ in pairs})
+    simulations = lake.records(
+        SimulationRow, version_id=sorted(thetas), design_id=designs, setup_id=setup_id, status="ok"
+    )
+    for done in simulations:
+        theta, pair = thetas[done.version_id], (done.design_id, done.object_id)
+        if pair in found:
+            found[pair][theta.friction, theta.poisson_ratio] = (done.simulation_id, theta.young_modulus_mpa)
+    return found
+
+
+def _measured_traces(lake: Lake, grasps: Sequence[GraspRow]) -> dict[Cell, list[Trace]]:
+    found: dict[Cell, list[Trace]] = {}
+    by_tool: dict[str, dict[str, Cell]] = {}
+    for row in grasps:
+        by_tool.setdefault(row.tool_id, {})[row.grasp_id] = (row.tool_id, str(row.object_id))
+    for cells in by_tool.values():
+        for grasp_id, trace in _traces(lake, TraceRow, list(cells)):
+            found.setdefault(cells[grasp_id], []).append(trace)
+    return found
+
+
+def _simulated_traces(
+    lake: Lake, simulations: Mapping[_Pair, Mapping[GridPoint, tuple[str, float]]]
+) -> dict[_Pair, dict[GridPoint, Trace]]:
+    """Traces of simulations, their forces at `GRID_MODULUS_MPA`."""
+    found: dict[_Pair, dict[GridPoint, Trace]] = {}
+    for pair, rows in simulations.items():
+        points = {row_id: (point, modulus_mpa) for point, (row_id, modulus_mpa) in rows.items()}
+        for row_id, trace in _traces(lake, SimTraceRow, list(points)):
+            point, modulus_mpa = points[row_id]
+            scaled = Trace(trace.time_s, trace.lift_mm, trace.force_n * GRID_MODULUS_MPA / modulus_mpa)
+            found.setdefault(pair, {})[point] = scaled
+    return found
+
+
+def _traces(lake: Lake, table: type[TraceRow] | type[SimTraceRow], ids: Sequence[str]) -> Iterator[tuple[str, Trace]]:
+    """Traces by id, as far as there are any, in one query."""
+    key = table.id_column()
+    sql = f"SELECT {key}, time_s, lift_mm, force_n FROM {table.table} WHERE {key} IN (SELECT unnest(?))"
+    columns = [column.combine_chunks() for column in lake.query(sql, [list(ids)]).columns]
+    for row_id, *channels in zip(*columns, strict=True):
+        yield row_id.as_py(), Trace(*(np.asarray(channel.values, dtype=float) for channel in channels))
+
+
+def _left_out(n: int, n_all: int, enough: int) -> str:
+    return f"{n} of {n_all} pairs of a design and an object have fewer than {enough} simulations of the grid; left out."

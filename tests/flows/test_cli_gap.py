@@ -1,0 +1,25 @@
+"""`fast gap`."""
+
+import pytest
+
+from models.effects.catalogue import CATALOGUE
+from tests.flows.cli_lakes import Fast
+
+
+@pytest.fixture
+def fast(capsys: pytest.CaptureFixture[str]) -> Fast:
+    return Fast(capsys)
+
+
+def test_the_catalogue_for_people_and_machines(fast: Fast) -> None:
+    text = fast("gap", "--catalogue").out
+    for spec in CATALOGUE.values():
+        assert spec.effect in text
+    assert "cost P: post-processing" in text
+    rows = fast("gap", "--catalogue", "--json").json
+    assert {row["effect"] for row in rows} == set(CATALOGUE)
+    assert {"law", "source", "parameters", "scales_with_modulus", "cost", "confusable_with", "alias_of"} < set(rows[0])
+
+
+def test_what_is_not_there_yet_is_refused_in_a_sentence(fast: Fast) -> None:
+    assert "`fast gap` cannot search for a gap yet; `fast gap --catalogue` prints" in fast.refused("gap")

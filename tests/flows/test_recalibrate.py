@@ -1,0 +1,96 @@
+"""Scheduled recalibration on a real Prefect server: runs, does nothing, is triggered by a campaign's event."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+import urllib.request
+from importlib.metadata import version
+
+import pytest
+
+from flows.prefect_server import server, state_folder
+from lake.tables import CalibrationRow, FlowRunRow
+from tests.flows.cli_lakes import ROOT
+from tests.tasks.calibration_lake import PROVENANCE, calibration_lake, measured_rows
+
+# Made before SQLAlchemy was held below 2.1, with which Prefect's scheduler fails.
+IS_OLD_ENVIRONMENT = version("sqlalchemy") >= "2.1"
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+
+def python(url, root, *words):
+    """Run Python on a server; returns what it printed."""
+    environment = {**os.environ, "PREFECT_API_URL": url, "PREFECT_HOME": str(state_folder(root))}
+    done = subprocess.run(
+        [sys.executable, *map(str, words)], cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def asked(url, path, **body):
+    """Answer of a POST to the server."""
+    data, headers = json.dumps(body).encode(), {"Content-Type": "application/json"}
+    with urllib.request.urlopen(urllib.request.Request(f"{url}{path}", data, headers), timeout=30) as answer:
+        return json.load(answer)
+
+
+def wait_for(condition, limit_s=120.0):
+    deadline = time.monotonic() + limit_s
+    while time.monotonic() < deadline:
+        found = condition()
+        if found:
+            return found
+        time.sleep(0.5)
+    raise AssertionError("it did not come in time")
+
+
+def worker(url, root, *words):
+    return python(url, root, "-m", "tests.flows.recalibrate_process", root, *words)
+
+
+@pytest.fixture
+def lake(tmp_path):
+    return calibration_lake(tmp_path / "lake", n_points=30)
+
+
+@pytest.fixture
+def url(lake, monkeypatch):
+    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    with server(lake.root) as found:
+        yield found
+
+
+def test_a_run_calibrates_or_says_that_nothing_is_new(lake, url):
+    first, second = worker(url, lake.root, "run", "run").splitlines()
+    (row,) = lake.records(CalibrationRow)
+    assert first.startswith(f"COMPLETED: calibration {row.calibration_id} of 90 grasps of 12 tools")
+    assert second.startswith(f"COMPLETED: nothing new since calibration {row.calibration_id}")
+    lake.append(measured_rows(5, first=20), PROVENANCE)
+    (third,) = worker(url, lake.root, "run").splitlines()
+    assert "of 120 grasps of 16 tools" in third
+    assert len(lake.ids(CalibrationRow)) == 2
+    assert (lake.root / "outputs" / "calibration" / "theta-history.png").is_file()
+    runs = lake.records(FlowRunRow, flow="recalibrate")
+    assert [run.reason.split(" ")[0] for run in runs] == ["calibration", "nothing", "calibration"]
+    messages = [run["state"]["message"] for run in asked(url, "/flow_runs/filter")]
+    assert sorted(messages) == sorted(run.reason for run in runs)  # what the pages show
+
+
+def test_the_deployment_is_scheduled_and_a_campaign_triggers_it(lake, url):
+    worker(url, lake.root, "pool")
+    python(url, lake.root, "-m", "prefect", "--no-prompt", "deploy", "--name", "recalibrate")
+    (deployment,) = asked(url, "/deployments/filter")
+    assert [s["schedule"]["cron"] for s in deployment["schedules"]] == ["0 6 * * *"]
+    worker(url, lake.root, "announce")
+
+    def runs_on(address):
+        return [run for run in asked(url, "/flow_runs/filter") if run["parameters"].get("lake") == address]
+
+    (run,) = wait_for(lambda: runs_on(str(lake.root)))
+    assert run["deployment_id"] == deployment["id"]
+    if not IS_OLD_ENVIRONMENT:
+        planned = wait_for(lambda: runs_on("lake-data"))  # the scheduler plans the next three days
+        assert {run["expected_start_time"][11:16] for run in planned} == {"06:00"}

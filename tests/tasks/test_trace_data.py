@@ -1,0 +1,137 @@
+"""From rows of the lake to a problem of trace-level calibration."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lake.provenance import Provenance
+from lake.row import Row
+from lake.store import Lake
+from lake.tables import DesignRow, GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow, TraceRow, setup_columns
+from models.calibration.settings import ThetaPriors
+from models.calibration.traces.calibrate import laplace, trace_density
+from models.calibration.traces.synthetic import made_up_trace
+from models.design_space import numbered_design
+from models.errors import UsageError
+from models.records import Design, EffectValue, GraspSetup, SimulatorVersion, Theta, Trace
+from tasks.trace_data import grid_points, measured_designs, trace_data
+
+BASE, SETUP, OBJECTS, N_REPEATS = SimulatorVersion(), GraspSetup(), (4, 7, 30), 2
+DESIGNS = [numbered_design(number) for number in range(4)]
+TRUTH = np.array([9.0, 0.55, 0.4])
+PROVENANCE = Provenance(code_version="0", code_dirty=False, config_hash="c", seed=0, parents=())
+
+
+def shape(design: Design, object_id: int) -> np.ndarray:
+    return np.random.default_rng([int(1000 * design.length_mm), object_id]).uniform(size=4)
+
+
+def measured_trace(design: Design, object_id: int, rng: np.random.Generator) -> Trace:
+    """Closing for a second, then the lift, with white noise of 0.05 N at 80 readings a second."""
+    lift = made_up_trace(shape(design, object_id), TRUTH)
+    time_s = np.arange(0.0, 13.0, 1 / 80.0)
+    lift_mm = 5.0 * np.clip(time_s - 1.0, 0.0, None)
+    force_n = np.where(lift_mm > 0, np.interp(lift_mm, lift.lift_mm, lift.force_n), 0.0)
+    return Trace(time_s, lift_mm, force_n + 0.05 * rng.standard_normal(len(time_s)))
+
+
+def grasp_rows(design: Design, tool_id: str, object_id: int, repeat: int, attempt: int = 0) -> list[Row]:
+    grasp_id = GraspRow.make_id(tool_id, object_id, repeat, attempt)
+    grasp = GraspRow(
+        grasp_id=grasp_id,
+        campaign_id="demo",
+        tool_id=tool_id,
+        design_id=design.design_id,
+        object_id=object_id,
+        repeat=repeat,
+        attempt=attempt,
+        status="ok",
+        bench="virtual",
+        **setup_columns(SETUP),
+    )
+    rng = np.random.default_rng([object_id, repeat])
+    return [TraceRow.of(grasp_id, measured_trace(design, object_id, rng)), grasp]
+
+
+def simulated_rows(design: Design, version: SimulatorVersion, object_id: int) -> list[Row]:
+    theta = version.theta
+    values = np.array([theta.young_modulus_mpa, theta.friction, theta.poisson_ratio])
+    simulation_id = SimulationRow.make_id(design.design_id, object_id, version.version_id, SETUP.setup_id)
+    row = SimulationRow(
+        simulation_id=simulation_id,
+        design_id=design.design_id,
+        object_id=object_id,
+        version_id=version.version_id,
+        status="ok",
+        **setup_columns(SETUP),
+    )
+    return [SimTraceRow.of(simulation_id, made_up_trace(shape(design, object_id), values)), row]
+
+
+@pytest.fixture(scope="module")
+def lake(tmp_path_factory: pytest.TempPathFactory) -> Lake:
+    """Four tools on three objects; one design is not simulated on object 30, one grasp was made twice."""
+    lake = Lake.open(tmp_path_factory.mktemp("trace") / "lake", create=True)
+    points = grid_points(DESIGNS, BASE)
+    rows: list[Row] = [DesignRow.of(design) for design in DESIGNS]
+    rows += {version.version_id: SimulatorVersionRow.of(version) for _, version in points}.values()
+    # A coarser mesh and another friction belong to no grid of the base.
+    others = BASE.model_copy(update={"tier": "screening"}), BASE.model_copy(update={"theta": Theta(friction=0.111)})
+    rows += [SimulatorVersionRow.of(version) for version in others]
+    points = (*points, *((DESIGNS[0], version) for version in others))
+    for design, version in points:
+        objects = OBJECTS[:2] if design == DESIGNS[3] else OBJECTS
+        rows += [row for object_id in objects for row in simulated_rows(design, version, object_id)]
+    for number, design in enumerate(DESIGNS):
+        for object_id in OBJECTS:
+            for repeat in range(N_REPEATS):
+                rows += grasp_rows(design, f"demo/B01T{number}", object_id, repeat)
+    rows += grasp_rows(DESIGNS[0], "demo/B01T0", 4, 0, attempt=1)
+    lake.append(rows, PROVENANCE)
+    return lake
+
+
+def test_the_lake_gives_the_problem_and_theta_is_found(lake: Lake) -> None:
+    data = trace_data(lake, BASE, "demo")
+    problem = data.problem
+    assert problem.tools == tuple(f"demo/B01T{number}" for number in range(4))
+    assert problem.objects == ("4", "7", "30")
+    assert problem.simulated.shape == (4, 3, 12, 14)
+    np.testing.assert_array_equal(problem.n_repeats, [[2, 2, 2]] * 3 + [[2, 2, 0]])
+    assert len(data.grasp_ids) == 22
+    assert len(data.simulation_ids) == 11 * 12
+    assert data.warnings == (
+        "1 of 12 pairs of a design and an object have fewer than 10 simulations of the grid; left out.",
+    )
+    assert GraspRow.make_id("demo/B01T0", 4, 0, 1) in data.grasp_ids
+    density = trace_density(problem, ThetaPriors())
+    best, covariance = laplace(density)
+    theta = density.constrained(np.random.default_rng(0).multivariate_normal(best, covariance, size=500))[:, 3:]
+    assert (np.abs(theta.mean(axis=0) - TRUTH) < 3.5 * theta.std(axis=0)).all()
+    np.testing.assert_allclose(theta.mean(axis=0), TRUTH, rtol=0.12)
+
+
+def test_what_to_simulate_follows_from_what_was_measured(lake: Lake) -> None:
+    designs, objects = measured_designs(lake, "demo")
+    assert sorted(d.design_id for d in designs) == sorted(d.design_id for d in DESIGNS)
+    assert objects == [4, 7, 30]
+    points = grid_points(designs, BASE)
+    assert len(points) == 4 * 12
+    assert len({version.version_id for _, version in points}) == 12
+
+
+def test_what_cannot_be_calibrated_is_refused_in_one_sentence(lake: Lake, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="campaign other has no measured grasps; measure tools, or import data"):
+        trace_data(lake, BASE, "other")
+    with pytest.raises(UsageError, match="none of the 12 measured pairs .* simulate the 12 points of the grid"):
+        trace_data(lake, SimulatorVersion(tier="reference"), "demo")
+    stalling = EffectValue(effect="force_limited_closing", parameters={"max_force_n": 40.0})
+    with pytest.raises(UsageError, match="with `force_limited_closing` forces do not scale with Young's modulus"):
+        trace_data(lake, SimulatorVersion(effects=(stalling,)), "demo")
+    mixed = Lake.open(tmp_path / "mixed", create=True)
+    rows = [*grasp_rows(DESIGNS[0], "demo/B01T0", 4, 0), *grasp_rows(DESIGNS[1], "demo/B01T1", 4, 0)]
+    rows[-1] = rows[-1].model_copy(update=setup_columns(GraspSetup(lift_speed_mm_per_s=7)))
+    mixed.append(rows, PROVENANCE)
+    with pytest.raises(UsageError, match="has grasps of 2 setups"):
+        trace_data(mixed, BASE, "demo")

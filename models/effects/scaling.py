@@ -1,15 +1,7 @@
 """When results of one simulator version are those of another: forces are in proportion to Young's modulus."""
 
+from models.effects.catalogue import scales_with_modulus
 from models.records import SimulatorVersion
-
-# Effects under which force stays exactly proportional to E: they act on the profile, on the ratio of tangential to
-# normal force, or linearly on the force. An effect that is not named here (a force that is limited, a rate) breaks it.
-SCALING_EFFECTS = frozenset({"static_kinetic_friction", "wall_thickness_offset", "load_cell_lag", "load_cell_gain"})
-
-
-def scales_with_modulus(version: SimulatorVersion) -> bool:
-    """Whether every force of this version is exactly proportional to its Young's modulus (docs/simulator.md)."""
-    return all(value.effect in SCALING_EFFECTS for value in version.effects)
 
 
 def force_ratio(old: SimulatorVersion, new: SimulatorVersion) -> float | None:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from models.design_space import BEST_PUBLISHED
-from models.effects.catalogue import CATALOGUE
-from models.effects.scaling import SCALING_EFFECTS, force_ratio, scales_with_modulus
+from models.effects.catalogue import CATALOGUE, scales_with_modulus
+from models.effects.scaling import force_ratio
 from models.fem.grasp import simulate_grasp
 from models.objects.catalogue import get_object
 from models.records import EffectValue, SimulatorVersion, Theta
@@ -23,7 +23,7 @@ def switched_on(effect: str) -> EffectValue:
     return EffectValue(effect=effect, parameters=PARAMETERS.get(effect, medians))
 
 
-@pytest.mark.parametrize("effect", [*sorted(SCALING_EFFECTS), "force_limited_closing"])
+@pytest.mark.parametrize("effect", ["static_kinetic_friction", "load_cell_lag", "force_limited_closing"])
 def test_forces_scale_where_it_is_claimed_and_only_there(effect: str) -> None:
     old, new = (version(modulus, switched_on(effect)) for modulus in (8.0, 12.0))
     forces = [simulate_grasp(BEST_PUBLISHED, get_object(14), v).trace.force_n for v in (old, new)]

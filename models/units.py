@@ -8,6 +8,7 @@ STANDARD_GRAVITY_M_PER_S2 = 9.80665  # CGPM 1901, exact
 UNIT_OF_SUFFIX = {
     "_mm_per_s": "mm/s",
     "_mm_per_n": "mm/N",
+    "_n_per_mm": "N/mm",
     "_mm2": "mm2",
     "_mm3": "mm3",
     "_mm": "mm",

@@ -1,4 +1,4 @@
-"""Scalars of one grasp, from its trace alone (Figs. 2c and 5 of the paper)."""
+"""Peak, work and initial force of one grasp, from its trace alone (Figs. 2c and 5 of the paper)."""
 
 import numpy as np
 

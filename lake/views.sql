@@ -126,6 +126,43 @@ CREATE VIEW tool_object AS
     FROM grasp_summary WHERE is_valid
     GROUP BY ALL;
 
+-- One row per valid grasp that `fast features` has seen: its row of `trace_features`, of the newest definitions.
+CREATE VIEW feature_summary AS
+    SELECT
+        g.campaign_id, g.tool_id, g.batch, g.slot, g.design_id, g.object_id, g.object_name, g.object_class,
+        g.repeat, g.setup_id,
+        f.* EXCLUDE (feature_id, feature_version, code_version, code_dirty, config_hash, seed, parents, created_at)
+    FROM grasp_summary AS g JOIN trace_features AS f USING (grasp_id)
+    WHERE g.is_valid AND f.feature_version = (SELECT max(feature_version) FROM trace_features);
+
+-- One row per tool and object: how well the repeats agree. Coefficients of variation are relative standard deviations.
+-- `trace_distance_n` is the standard deviation of the repeats' forces at the same lift, root mean square along the
+-- profiles. All three are NULL for a single repeat.
+CREATE VIEW repeatability AS
+    WITH distances AS (
+        SELECT tool_id, object_id, setup_id, sqrt(avg(variance)) AS trace_distance_n
+        FROM (
+            SELECT tool_id, object_id, setup_id, step, var_samp(force_n) AS variance
+            FROM (
+                SELECT
+                    tool_id, object_id, setup_id,
+                    unnest(range(1, len(profile_n) + 1)) AS step, unnest(profile_n) AS force_n
+                FROM feature_summary
+            )
+            GROUP BY ALL
+        )
+        GROUP BY ALL
+    ),
+    groups AS (
+        SELECT
+            campaign_id, tool_id, batch, slot, design_id, object_id, object_name, object_class, setup_id,
+            count(*) AS n_repeats, avg(peak_force_n) AS peak_force_n, avg(work_j) AS work_j,
+            stddev_samp(peak_force_n) / nullif(abs(avg(peak_force_n)), 0) AS peak_cv,
+            stddev_samp(work_j) / nullif(abs(avg(work_j)), 0) AS work_cv
+        FROM feature_summary GROUP BY ALL
+    )
+    SELECT g.*, d.trace_distance_n FROM groups AS g JOIN distances AS d USING (tool_id, object_id, setup_id);
+
 -- One row per tool with at least one valid grasp. `tool_quality_n` is the mean over the objects measured;
 -- with objects missing (`n_missing`, of the 36 of the catalogue) it is not comparable before imputation (models.surrogate.imputation).
 CREATE VIEW tool_quality AS

@@ -10,6 +10,7 @@ from flows.benchmarks.calibration_peers import measure_calibration_peers
 from flows.benchmarks.calibration_ranks import measure_calibration_ranks
 from flows.benchmarks.calibration_traces import measure_calibration_traces
 from flows.benchmarks.fanout import measure_fanout
+from flows.benchmarks.features import measure_features
 from flows.benchmarks.grasp import measure_grasp
 from flows.benchmarks.kills import measure_host_kills, measure_kills
 from flows.benchmarks.lake import measure_lake
@@ -52,6 +53,7 @@ BENCHMARKS: dict[str, Benchmark] = {
         measure_calibration_ranks, frozenset({"worlds", "results", "limit_minutes", "workers", "figure"})
     ),
     "lake": _sampled(measure_lake, frozenset({"grasps"})),
+    "features": _sampled(measure_features, frozenset({"grasps"})),
     "object-store": _fixed(measure_object_store),
     "bench": _sampled(measure_bench, _SAMPLE),
     "kills": _sampled(measure_kills, frozenset({"n"})),

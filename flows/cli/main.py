@@ -25,6 +25,11 @@ for _name, _target, _help in (
     ("sql", "flows.cli.sql:sql", "Ask the lake a question in SQL (read-only)."),
     ("calibrate", "flows.cli.calibrate:calibrate", "Infer theta of the simulator from measurements."),
     ("compare", "flows.cli.compare:compare", "Strategies of the scientist side by side, on the same worlds."),
+    (
+        "features",
+        "flows.cli.features:features",
+        "Features of the measured traces; quality, work and stability by object class and batch.",
+    ),
     ("gap", "flows.cli.gap:gap", "The effects by which simulation and measurement may differ."),
     ("report", "flows.cli.results:report", "Write a campaign's report: figures, tables, data."),
     ("view", "flows.cli.results:view", "Look at a grasp, design or campaign in Rerun."),

@@ -20,7 +20,7 @@ from lake.store import Lake
 from lake.tables import TABLES, GraspRow, SimulationRow, ToolRow, TraceRow
 from models.errors import LakeError
 
-NEW_TABLES = {"calibrations", "posterior_draws", "effects", "gap_findings", "flow_runs"}
+NEW_TABLES = {"calibrations", "posterior_draws", "effects", "gap_findings", "flow_runs", "trace_features"}
 
 
 def peak_was_in_centinewton(rows: pa.Table) -> pa.Table:

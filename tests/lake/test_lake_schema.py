@@ -28,6 +28,7 @@ CONTRACT = {
     "posterior_draws",
     "effects",
     "gap_findings",
+    "trace_features",
     "diagnostics",
     "events",
     "flow_runs",

@@ -1,10 +1,10 @@
 """The traces of a soft, a stiff and the best tool on the objects of Fig. 5, and what they show."""
 
-from dataclasses import asdict
 from pathlib import Path
 
 from flows.benchmarks.base import Options, Rows, Tables
 from models.design_space import BEST_PUBLISHED, numbered_design
+from models.features.batch import features_of
 from models.fem.grasp import simulate_grasp
 from models.objects.catalogue import get_object
 from models.records import Design, Trace
@@ -18,8 +18,6 @@ PIXELS_PER_INCH = 130
 
 def measure_traces(options: Options) -> Tables:
     """Traces of the softest and the stiffest of a batch and of the best tool; --figure draws them."""
-    from flows.report.trace_features import features_of
-
     tools, chosen = _tools(options.designs or N_DESIGNS)
     objects = options.objects or FLAT + CURVED + TAPERING + WAISTED
     traces: dict[int, dict[str, Trace]] = {}
@@ -29,7 +27,7 @@ def measure_traces(options: Options) -> Tables:
         options.tell(f"object {object_id}, {obj.name}")
         traces[object_id] = {tool: simulate_grasp(design, obj).trace for tool, design in tools.items()}
         for tool, trace in traces[object_id].items():
-            rows.append({"object_id": object_id, "object": obj.name, "tool": tool, **asdict(features_of(trace))})
+            rows.append({"object_id": object_id, "object": obj.name, "tool": tool, **features_of([trace]).row(0)})
     if options.figure is not None:
         _draw(options.figure, traces, {row["tool"]: row["label"] for row in chosen})
     return {"tools": chosen, "traces": rows}
@@ -53,7 +51,7 @@ def _tools(n_designs: int) -> tuple[dict[str, Design], Rows]:
 
 def _draw(path: Path, traces: dict[int, dict[str, Trace]], labels: dict[str, str]) -> None:
     from flows.report.style import figure_style
-    from flows.report.trace_features import traces_figure
+    from flows.report.trace_panels import traces_figure
 
     panels = [(f"{number} {get_object(number).name}", lines) for number, lines in traces.items()]
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Pictures and recording of a simulated grasp, and the features of traces."""
+"""Pictures and recording of a simulated grasp, and pictures of traces."""
 
 import json
 from collections import defaultdict
@@ -12,7 +12,7 @@ from rerun.chunk import RrdReader
 from flows.cli.main import run
 from flows.cli.simulate_output import write_outputs
 from flows.report.grasp import cell_forces, five_instants
-from flows.report.trace_features import features_of, traces_figure
+from flows.report.trace_panels import traces_figure
 from models.design_space import BEST_PUBLISHED
 from models.fem.grasp import simulate_grasp
 from models.fem.recording import GraspRecording
@@ -81,15 +81,6 @@ def two_peaked() -> Trace:
     lift = np.array([0.0, 0.0, 0.0, 5.0, 10.0, 15.0, 20.0, 25.0])
     force = np.array([0.0, -3.0, -2.0, 10.0, 4.0, 8.0, 0.0, 0.0])
     return Trace(np.arange(8.0), lift, force)
-
-
-def test_features_of_a_trace_with_two_peaks() -> None:
-    found = features_of(two_peaked())
-    assert (found.peak_n, found.peak_at_mm, found.n_peaks) == (10.0, 5.0, 2)
-    assert (found.closing_lowest_n, found.start_n) == (-3.0, -2.0)
-    assert found.positive_after_mm == pytest.approx(1.0)
-    assert found.end_mm == pytest.approx(20.0, abs=0.5)
-    assert found.half_mm == pytest.approx(6.25 + 5.625, abs=0.6)  # above 5 N around each peak
 
 
 def test_traces_are_drawn_in_panels() -> None:

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import find_peaks
 
+from models.calibration.traces import features as calibration
 from models.errors import UsageError
 from models.features import initial_force_n, peak_force_n, work_j
 from models.features.batch import features_of, features_of_samples
@@ -168,6 +169,13 @@ def test_the_compiled_pass_agrees_with_plain_numpy(forces, end_mm, sd_n, sd_mm) 
     assert values[1].tolist() == pytest.approx(values[0].tolist(), nan_ok=True)
     for name, value in zip(FEATURES, values[0], strict=True):
         assert value == pytest.approx(expected[name], rel=1e-6, abs=1e-6, nan_ok=True), name
+
+
+def test_steps_are_those_of_calibration_on_traces() -> None:
+    assert (STEP_MM, DIP_MM) == (calibration.STEP_MM, calibration.DIP_MM)
+    trace = trace_of([0, 2, 5, 10, 15, 20, 25], [-3, -1, 10, 4, 9, 0, 0], sd_n=0.12)
+    steps_n = calibration.step_means(trace)
+    assert features_of([trace]).profile_n[0] == pytest.approx(steps_n.reshape(30, -1).mean(axis=1))
 
 
 def test_traces_of_any_length_lie_end_to_end_without_mixing() -> None:

@@ -1,6 +1,7 @@
 """What features of traces cost: the compiled pass over generated traces, and the update of a lake, as both grow."""
 
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,8 @@ def _pass_rows(sizes: tuple[int, ...], options: Options) -> Rows:
     rows: Rows = []
     for n in sizes:
         blocks = [min(AT_ONCE, n - start) for start in range(0, n, AT_ONCE)]
-        cpu_s = sum(timed(lambda b=b: features_of_samples(lift_mm, force_n, offsets[: b + 1]))[1] for b in blocks)
+        passes = [partial(features_of_samples, lift_mm, force_n, offsets[: block + 1]) for block in blocks]
+        cpu_s = sum(timed(work)[1] for work in passes)
         rows.append({"n_grasps": n, "samples": N_SAMPLES, "cpu_s": cpu_s, "cpu_s_per_1000": 1e3 * cpu_s / n})
     return rows
 
@@ -62,9 +64,9 @@ def _lake_rows(sizes: tuple[int, ...], options: Options) -> Rows:
             fill(root, n)
             lake = Lake.open(root)
             options.tell(f"{n} grasps: calculating")
-            update, cpu_s = timed(lambda: update_features(lake))  # noqa: B023 - called here
-            _, again_s = timed(lambda: update_features(lake))  # noqa: B023 - called here
-            _, quality_s = timed(lambda: class_quality(lake))  # noqa: B023 - called here
+            update, cpu_s = timed(partial(update_features, lake))
+            _, again_s = timed(partial(update_features, lake))
+            _, quality_s = timed(partial(class_quality, lake))
             size = sum(file.stat().st_size for file in root.glob("trace_features/*.parquet"))
             lake.close()
         rows.append(

@@ -97,7 +97,7 @@ def _readings(lift_mm: np.ndarray, force_n: np.ndarray, start: int, found: np.nd
     found[0], found[1] = force_n[at], lift_mm[at]
     found[2] = force_n[max(start - 1, 0)]
     found[3] = force_n[0]
-    for i in range(start):
+    for i in range(start + 1):
         found[3] = min(found[3], force_n[i])
     found[6] = 1e-3 * work_n_mm
     least_n = max(SEPARATED * force_n[at], NOISE_N)

@@ -54,7 +54,7 @@ def plain(trace: Trace) -> dict[str, float]:
         "peak_force_n": peak_force_n(trace),
         "peak_lift_mm": lift[np.argmax(force)],
         "initial_force_n": initial_force_n(trace),
-        "closing_lowest_n": trace.force_n[~trace.is_lift].min(initial=trace.force_n[0]),
+        "closing_lowest_n": trace.force_n[~trace.is_lift].min(initial=force[0]),
         "dip_n": steps[: round(DIP_MM / STEP_MM)].min(),
         "positive_after_mm": STEP_MM * (np.flatnonzero(np.append(0.0, steps[: top + 1]) <= 0.0)[-1]),
         "work_j": work_j(trace),

@@ -8,7 +8,7 @@ from models.records import EffectValue, SimulatorVersion
 
 
 def version_rows(version: SimulatorVersion) -> list[Row]:
-    """Rows of a simulator version and its effects, in the order in which they are applied.
+    """Rows of a simulator version and its effects, in the order of the version.
 
     Raises:
         ConfigError: an effect or parameter is unknown, or a value is out of bounds.

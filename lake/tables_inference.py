@@ -106,7 +106,7 @@ class EffectRow(Row):
     table: ClassVar[str] = "effects"
     effect_id: str
     version_id: str
-    place: int = Field(ge=0, description="effects are applied in this order")
+    place: int = Field(ge=0, description="order in the version; effects act layer by layer, within one in this order")
     effect: str
     title: str
     code: str = Field(description="row in the catalogue of effects")

@@ -12,7 +12,7 @@ from lake.store import Lake
 from lake.tables import CalibrationRow, CampaignRow, SimulatorVersionRow, ToolRow
 from models.calibration.problem import MIN_DESIGNS, CalibrationProblem
 from models.design_space import to_unit
-from models.effects.catalogue import scales_with_modulus
+from models.effects.scaling import scales_with_modulus
 from models.errors import UsageError
 from models.ids import canonical_json
 from models.records import Design, GraspSetup, SimulatorVersion

@@ -193,18 +193,22 @@ def _batch_on_rack(lake: Lake, campaign_id: str) -> int:
 def _simulation_progress(
     lake: Lake, setup_id: str, version_ids: Collection[str], older_ids: Collection[str]
 ) -> dict[str, Any]:
-    present: dict[str, set[int]] = defaultdict(set)
-    before: dict[str, set[int]] = defaultdict(set)
+    present: dict[str, set[int]] = {}
+    before: dict[str, set[int]] = {}
     fruitful = set()
-    marks = ", ".join("?" * (len(version_ids) + len(older_ids)))
-    sql = f"""SELECT design_id, object_id, version_id, status = 'ok' FROM simulations
-        WHERE setup_id = ? AND version_id IN ({marks})"""
-    found = tuples(lake, sql, setup_id, *sorted(version_ids), *sorted(older_ids))
-    for design_id, object_id, version_id, is_good in found:
-        (present if version_id in version_ids else before)[design_id].add(object_id)
-        if is_good:
+    counting, all_ids = _marks(version_ids), [*sorted(version_ids), *sorted(older_ids)]
+    sql = f"""SELECT design_id, version_id IN ({counting}) AS counts, list(DISTINCT object_id), bool_or(status = 'ok')
+        FROM simulations WHERE setup_id = ? AND version_id IN ({_marks(all_ids)}) GROUP BY ALL"""
+    found = tuples(lake, sql, *sorted(version_ids), setup_id, *all_ids)
+    for design_id, counts, object_ids, is_fruitful in found:
+        (present if counts else before)[design_id] = set(object_ids)
+        if is_fruitful:
             fruitful.add(design_id)
-    return {"simulated": dict(present), "simulated_before": dict(before), "fruitful": frozenset(fruitful)}
+    return {"simulated": present, "simulated_before": before, "fruitful": frozenset(fruitful)}
+
+
+def _marks(values: Collection[str]) -> str:
+    return ", ".join("?" * len(values))
 
 
 def tuples(lake: Lake, sql: str, *params: str) -> Iterable[tuple[Any, ...]]:

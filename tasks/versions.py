@@ -119,8 +119,9 @@ def _worth_rerunning(campaign: Campaign) -> list[str]:
     state = campaign.state()
     design_of = {tool.tool_id: tool.design.design_id for tool in state.tools}
     measured = means_of_tools(campaign, state)
-    tools = [design_of[tool_id] for _, tool_id in sorted(zip(-measured.y, measured.ids, strict=True))]
     found = means_of_simulations(campaign, campaign.version, proposed_designs(state))
+    ranked = (design_of[tool_id] for _, tool_id in sorted(zip(-measured.y, measured.ids, strict=True)))
+    tools = [design_id for design_id in ranked if design_id in found.ids]
     simulated = [design_id for _, design_id in sorted(zip(-found.y, found.ids, strict=True))]
     in_turn = (design_id for pair in zip_longest(tools, simulated) for design_id in pair if design_id is not None)
     return list(dict.fromkeys(in_turn))[: campaign.config.simulator.reruns]

@@ -9,7 +9,7 @@ Steps 1 to 3 only choose where to look: the weights make the result that of the 
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import gamma, norm
@@ -34,8 +34,9 @@ from models.surrogate.threads import one_blas_thread
 
 N_WEIGHTED = 2400  # draws that are weighted exactly, at most
 MOST_DRAWS = MOST_TUNE = 1000  # per chain: of more draws, more would be left out of the weighting
+TRIAL_DRAWS, TRIAL_TUNE = 100, 150  # per chain, to find the box
 BOX_SD = 5.0  # half width of the first box of theta, posterior standard deviations
-CONTACT_LIMIT = 0.002  # share of draws outside the box at which it is grown
+CONTACT_LIMIT = 0.005  # share of draws outside the box at which it is grown
 MAX_GROWTH = 4
 _PRIOR_TAIL = 1e-7  # the box ends where the prior leaves that much
 
@@ -134,29 +135,52 @@ def factor_at(phi: np.ndarray, setting: Setting) -> emulator.Factor:
 def sample_psi(
     setting: Setting, settings: CalibrationSettings, peak: Peak, steps: Steps, rng: np.random.Generator
 ) -> tuple[ThetaSurrogate, Samples]:
-    """NUTS on psi at the mode's phi, in a box of theta that grows until the draws stay inside."""
+    """NUTS on psi at the mode's phi, in a box of theta that grows until short trial chains stay inside."""
     psi = peak.vector[setting.layout.n_phi :]
-    box = first_box(setting, psi, peak.psi_covariance)
-    shorter = {"draws": min(settings.draws, MOST_DRAWS), "tune": min(settings.tune, MOST_TUNE)}
-    settings = settings.model_copy(update=shorter)
+    box, covariance = first_box(setting, psi, peak.psi_covariance), peak.psi_covariance
     for attempt in range(MAX_GROWTH + 1):
         with steps("theta surrogate"):
             surrogate = build_accurate(peak.factor, setting, box, psi, peak.psi_covariance, rng)
             orders = " x ".join(str(n) for n in surrogate.orders)
             steps.tell(f"theta surrogate: {orders} nodes, {len(surrogate.basis)} matrices, error {surrogate.error:.3f}")
-        with steps("sampling"):
-            starts = starts_around(
-                surrogate, [Optimum(psi, surrogate(psi)[0])], peak.psi_covariance, settings.chains, rng
-            )
-            samples = sample(surrogate, starts, settings, scale=peak.psi_covariance, progress=steps.tell)
-            steps.add("sampling", samples.cpu_s if settings.workers > 1 else 0.0)
-        t = np.array([setting.inputs(theta) for theta in setting.layout.theta(samples.flat[:, -3:])])
-        outside = box.is_outside(t).mean(axis=0)
+        starts = starts_around(surrogate, [Optimum(psi, surrogate(psi)[0])], covariance, settings.chains, rng)
+        trial = _run(surrogate, starts, covariance, _at_most(settings, TRIAL_DRAWS, TRIAL_TUNE), "trial chains", steps)
+        outside = _outside(trial, surrogate)
         if outside.sum() <= CONTACT_LIMIT or attempt == MAX_GROWTH:
             break
-        steps.tell(f"{outside.sum():.1%} of the draws are outside the box of theta: sampling again in a larger one")
+        steps.tell(f"{outside.sum():.1%} of the draws are outside the box of theta: trying again in a larger one")
         box = box.grown(outside > 0.1 * CONTACT_LIMIT)
-    return surrogate, samples
+    n, weight = len(trial.flat), len(psi) + 10.0  # the trial's covariance is shrunk: it may have few draws
+    covariance = (n * np.cov(trial.flat.T) + weight * covariance) / (n + weight)
+    full = _at_most(settings, MOST_DRAWS, MOST_TUNE)
+    samples = _run(surrogate, trial.draws[:, -1], covariance, full, "sampling", steps)
+    steps.tell(f"{_outside(samples, surrogate).sum():.1%} of the draws are outside the box of theta")
+    return surrogate, replace(samples, n_gradients=samples.n_gradients + trial.n_gradients)
+
+
+def _run(
+    surrogate: ThetaSurrogate,
+    starts: np.ndarray,
+    covariance: np.ndarray,
+    settings: CalibrationSettings,
+    step: str,
+    steps: Steps,
+) -> Samples:
+    with steps(step):
+        samples = sample(surrogate, starts, settings, scale=covariance, progress=steps.tell)
+        steps.add(step, samples.cpu_s if settings.workers > 1 else 0.0)
+    return samples
+
+
+def _at_most(settings: CalibrationSettings, draws: int, tune: int) -> CalibrationSettings:
+    return settings.model_copy(update={"draws": min(settings.draws, draws), "tune": min(settings.tune, tune)})
+
+
+def _outside(samples: Samples, surrogate: ThetaSurrogate) -> np.ndarray:
+    """Share of draws outside the box by side and input, 2 x k."""
+    setting = surrogate.setting
+    t = np.array([setting.inputs(theta) for theta in setting.layout.theta(samples.flat[:, -3:])])
+    return np.asarray(surrogate.box.is_outside(t).mean(axis=0))
 
 
 def first_box(setting: Setting, psi: np.ndarray, covariance: np.ndarray) -> Box:

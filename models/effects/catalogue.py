@@ -33,12 +33,16 @@ from models.effects import (
 from models.effects.base import Effect
 from models.effects.spec import LAYERS, EffectSpec, ParameterSpec
 from models.errors import ConfigError
-from models.records import EffectValue, SimulatorVersion
+from models.records import EffectValue
 from models.validation import closest
 
-__all__ = ["CATALOGUE", "EffectSpec", "ParameterSpec", "build_effects", "scales_with_modulus"]
+__all__ = ["CATALOGUE", "EffectSpec", "ParameterSpec", "build_effects"]
 
+# Layer by layer, as `LAYERS`.
 _MODULES = (
+    # geometry
+    wall_thickness_offset,
+    rib_imperfection,
     # material
     stress_relaxation,
     mullins_softening,
@@ -55,20 +59,18 @@ _MODULES = (
     object_edge_radius,
     finger_finger_contact,
     object_post_compliance,
-    # geometry
-    wall_thickness_offset,
-    rib_imperfection,
     # actuation
     base_compliance,
     force_limited_closing,
     pressure_droop,
+    # time
     lift_start_error,
+    lift_misalignment,
     # sensor
     load_cell_gain,
     load_cell_offset,
     load_cell_drift,
     load_cell_lag,
-    lift_misalignment,
     tool_weight,
 )
 
@@ -87,12 +89,6 @@ def build_effects(values: Sequence[EffectValue]) -> list[Effect]:
     built = [(_spec(value), _build(value)) for value in values]
     built.sort(key=lambda pair: LAYERS.index(pair[0].layer))
     return [effect for _, effect in built]
-
-
-def scales_with_modulus(version: SimulatorVersion) -> bool:
-    """Whether every force of this version is in exact proportion to Young's modulus; False if an effect is unknown."""
-    specs = [CATALOGUE.get(value.effect) for value in version.effects]
-    return all(spec is not None and spec.scales_with_modulus for spec in specs)
 
 
 def _spec(value: EffectValue) -> EffectSpec:

@@ -36,7 +36,7 @@ SPEC = EffectSpec(
     effect="lift_misalignment",
     title="Force and lift are recorded out of step",
     code="S5",
-    layer="sensor",
+    layer="time",
     kind=LiftMisalignment,
     formula="F'(s) = F(s - shift_mm), s: lift",
     source="two clocks with a constant difference",

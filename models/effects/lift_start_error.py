@@ -42,7 +42,7 @@ SPEC = EffectSpec(
     effect="lift_start_error",
     title="The lift starts late: backlash and acceleration of the gantry",
     code="A5",
-    layer="actuation",
+    layer="time",
     kind=LiftStartError,
     formula="true lift = ramp(t) - backlash_mm, constant acceleration over ramp_s; recorded: speed x t",
     source="kinematics of a trapezoidal speed profile",

@@ -1,15 +1,23 @@
 """When results of one simulator version are those of another: forces are in proportion to Young's modulus."""
 
-from models.records import SimulatorVersion
-
-# Effects under which force stays exactly proportional to E: they act on the profile, on the ratio of tangential to
-# normal force, or linearly on the force. An effect that is not named here (a force that is limited, a rate) breaks it.
-SCALING_EFFECTS = frozenset({"static_kinetic_friction", "wall_thickness_offset", "load_cell_lag", "load_cell_gain"})
+from models.effects.catalogue import CATALOGUE
+from models.records import EffectValue, SimulatorVersion
 
 
 def scales_with_modulus(version: SimulatorVersion) -> bool:
-    """Whether every force of this version is exactly proportional to its Young's modulus (docs/simulator.md)."""
-    return all(value.effect in SCALING_EFFECTS for value in version.effects)
+    """Whether every force of this version is exactly proportional to its Young's modulus (docs/effects.md).
+
+    Effects that break it count only away from their neutral values; an unknown effect is taken to break it.
+    """
+    return all(_scales(value) for value in version.effects)
+
+
+def _scales(value: EffectValue) -> bool:
+    spec = CATALOGUE.get(value.effect)
+    if spec is None:
+        return False
+    neutral = spec.neutral.parameters
+    return spec.scales_with_modulus or neutral | value.parameters == neutral
 
 
 def force_ratio(old: SimulatorVersion, new: SimulatorVersion) -> float | None:

@@ -17,7 +17,7 @@ FAST = [sys.executable, "-m", "flows.cli.main"]
 HEAVY = ("torch", "prefect", "pymc", "botorch", "matplotlib", "duckdb", "pyarrow", "rerun", "numpy", "pydantic")
 COMMANDS = [
     "bench list", "bench run", "calibrate", "campaign abort", "campaign list", "campaign pause", "campaign run",
-    "campaign status", "campaign stop", "compare", "doctor", "gantry diagnose", "gantry faults", "gantry grasp",
+    "campaign status", "campaign stop", "compare", "doctor", "gap", "gantry diagnose", "gantry faults", "gantry grasp",
     "gantry home", "gantry log", "gantry park", "gantry plan", "gantry replay", "gantry tare", "gantry tool",
     "lake check", "lake compact", "lake export", "lake import", "lake lineage", "lake stats", "print confirm",
     "print sheet", "report", "serve", "simulate", "sql", "view", "virtual start",

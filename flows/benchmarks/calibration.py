@@ -8,7 +8,7 @@ import numpy as np
 from flows.benchmarks.base import Options, Tables
 
 N_SIM, N_REAL = 1469, 110  # of the paper
-CHAINS, DRAWS, TUNE = 8, 600, 400
+CHAINS, DRAWS, TUNE = 8, 1000, 500
 TRUTH = {"young_modulus_mpa": 9.0, "friction": 0.55, "poisson_ratio": 0.34}
 
 

@@ -215,8 +215,9 @@ def course_of(race: BenchRace, campaign: Campaign) -> BenchCourse:
 
 
 def toml_of(config: CampaignConfig) -> str:
-    """A config as TOML, one line a section."""
-    return "".join(f"{key} = {_toml(value)}\n" for key, value in config.model_dump(mode="json").items())
+    """A config as TOML, a line a section; only what was set, since a default of 70 and a read 70.0 give two ids."""
+    data = config.model_dump(mode="json", exclude_unset=True)
+    return "".join(f"{key} = {_toml(value)}\n" for key, value in data.items())
 
 
 def _toml(value: Any) -> str:

@@ -26,6 +26,7 @@ from models.calibration.mode import Optimum, climb, climb_scaled, laplace_covari
 from models.calibration.problem import CalibrationProblem, Standardised
 from models.calibration.psis import effective_size, resample
 from models.calibration.result import K_HAT_LIMIT, CalibrationResult
+from models.calibration.ridge import Straightened
 from models.calibration.sampling import Progress, Samples, sample
 from models.calibration.settings import CalibrationSettings
 from models.calibration.theta_surrogate import Box, ThetaSurrogate, build_accurate
@@ -137,15 +138,18 @@ def sample_psi(
 ) -> tuple[ThetaSurrogate, Samples]:
     """NUTS on psi at the mode's phi, in a box of theta that grows until short trial chains stay inside."""
     psi = peak.vector[setting.layout.n_phi :]
-    box, covariance = first_box(setting, psi, peak.psi_covariance), peak.psi_covariance
+    box = first_box(setting, psi, peak.psi_covariance)
     for attempt in range(MAX_GROWTH + 1):
         with steps("theta surrogate"):
             surrogate = build_accurate(peak.factor, setting, box, psi, peak.psi_covariance, rng)
             orders = " x ".join(str(n) for n in surrogate.orders)
             steps.tell(f"theta surrogate: {orders} nodes, {len(surrogate.basis)} matrices, error {surrogate.error:.3f}")
-        starts = starts_around(surrogate, [Optimum(psi, surrogate(psi)[0])], covariance, settings.chains, rng)
-        trial = _run(surrogate, starts, covariance, _at_most(settings, TRIAL_DRAWS, TRIAL_TUNE), "trial chains", steps)
-        outside = _outside(trial, surrogate)
+        density = Straightened(surrogate)
+        starts = starts_around(surrogate, [Optimum(psi, surrogate(psi)[0])], peak.psi_covariance, settings.chains, rng)
+        covariance = density.covariance(peak.psi_covariance, psi)
+        fewer = _at_most(settings, TRIAL_DRAWS, TRIAL_TUNE)
+        trial = _run(density, density.from_psi(starts), covariance, fewer, "trial chains", steps)
+        outside = _outside(density.to_psi(trial.flat), surrogate)
         if outside.sum() <= CONTACT_LIMIT or attempt == MAX_GROWTH:
             break
         steps.tell(f"{outside.sum():.1%} of the draws are outside the box of theta: trying again in a larger one")
@@ -153,13 +157,15 @@ def sample_psi(
     n, weight = len(trial.flat), len(psi) + 10.0  # the trial's covariance is shrunk: it may have few draws
     covariance = (n * np.cov(trial.flat.T) + weight * covariance) / (n + weight)
     full = _at_most(settings, MOST_DRAWS, MOST_TUNE)
-    samples = _run(surrogate, trial.draws[:, -1], covariance, full, "sampling", steps)
-    steps.tell(f"{_outside(samples, surrogate).sum():.1%} of the draws are outside the box of theta")
-    return surrogate, replace(samples, n_gradients=samples.n_gradients + trial.n_gradients)
+    samples = _run(density, trial.draws[:, -1], covariance, full, "sampling", steps)
+    draws = density.to_psi(samples.draws)
+    outside = _outside(draws.reshape(-1, draws.shape[2]), surrogate)
+    steps.tell(f"{outside.sum():.1%} of the draws are outside the box of theta")
+    return surrogate, replace(samples, draws=draws, n_gradients=samples.n_gradients + trial.n_gradients)
 
 
 def _run(
-    surrogate: ThetaSurrogate,
+    density: Straightened,
     starts: np.ndarray,
     covariance: np.ndarray,
     settings: CalibrationSettings,
@@ -167,7 +173,7 @@ def _run(
     steps: Steps,
 ) -> Samples:
     with steps(step):
-        samples = sample(surrogate, starts, settings, scale=covariance, progress=steps.tell)
+        samples = sample(density, starts, settings, scale=covariance, progress=steps.tell)
         steps.add(step, samples.cpu_s if settings.workers > 1 else 0.0)
     return samples
 
@@ -176,10 +182,10 @@ def _at_most(settings: CalibrationSettings, draws: int, tune: int) -> Calibratio
     return settings.model_copy(update={"draws": min(settings.draws, draws), "tune": min(settings.tune, tune)})
 
 
-def _outside(samples: Samples, surrogate: ThetaSurrogate) -> np.ndarray:
-    """Share of draws outside the box by side and input, 2 x k."""
+def _outside(draws: np.ndarray, surrogate: ThetaSurrogate) -> np.ndarray:
+    """Share of draws (n x n_psi) outside the box by side and input, 2 x k."""
     setting = surrogate.setting
-    t = np.array([setting.inputs(theta) for theta in setting.layout.theta(samples.flat[:, -3:])])
+    t = np.array([setting.inputs(theta) for theta in setting.layout.theta(draws[:, -3:])])
     return np.asarray(surrogate.box.is_outside(t).mean(axis=0))
 
 

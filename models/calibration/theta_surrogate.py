@@ -88,6 +88,12 @@ class ThetaSurrogate:
         """Value without the prior."""
         return self(values)[0] - self.setting.layout.log_prior_psi(values)[0]
 
+    def mean_force(self, t: np.ndarray) -> tuple[float, np.ndarray]:
+        """Mean over the measured designs of mean + m(t), standardised, and its derivatives by t (k)."""
+        terms, slopes = self._terms(t)
+        average = self.coefficients[: self.setting.measured.n].mean(axis=0)
+        return float(self.setting.data.mean + average @ terms), slopes @ average
+
     def _terms(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Products of Chebyshev polynomials at t, and their derivatives (k x products)."""
         bent, bend_slope = self.box.bend(t)

@@ -12,6 +12,7 @@ from flows.compare import campaigns
 from flows.compare.campaign_table import campaign_rows, campaigns_figure, paired_campaign_rows
 from flows.compare.campaigns import BenchCourse, BenchRace, run_races, toml_of
 from flows.compare.strategies import OF_THE_PAPER, REFERENCE, STRATEGY_BY_NAME
+from flows.status import campaign_status
 from hardware.world.spec import Scatter, World
 from lake.store import Lake
 from lake.tables import DesignRow, FitRow, GraspRow, ProposalRow, SimulationRow
@@ -173,8 +174,20 @@ def test_on_the_bench_seeds_differ_in_noise_and_strategies_do_not(tmp_path, monk
 def test_a_config_survives_as_toml():
     effects = (EffectValue(effect="load_cell_gain", parameters={"gain": 1.1}),)
     simulator = CONFIG.simulator.model_copy(update={"effects": effects})
-    config = CONFIG.model_copy(update={"simulator": simulator})
-    assert CampaignConfig.model_validate(tomllib.loads(toml_of(config))) == config
+    for grasp in ({}, {"closed_gap_mm": 16}):
+        given = CONFIG.model_dump(mode="json", exclude_unset=True) | {"grasp": grasp}
+        config = CampaignConfig.model_validate(given).model_copy(update={"simulator": simulator})
+        again = CampaignConfig.model_validate(tomllib.loads(toml_of(config)))
+        assert again == config
+        assert again.grasp.setup_id == config.grasp.setup_id  # by which what is simulated is found
+        assert again.simulator.version.version_id == config.simulator.version.version_id
+
+
+def test_the_lake_of_a_race_is_a_campaign_like_any_other(whole):
+    entry, course_of_it = whole[REFERENCE]
+    status = campaign_status(lake_of(entry), "small")
+    assert (status["grasps"], status["simulated"]) == ("12/12", "24/24")
+    assert status["best_n"] == pytest.approx(course_of_it.best_n[-1])
 
 
 def course(strategy: str, seed: int, *batches_n: tuple[float, ...]) -> BenchCourse:

@@ -23,7 +23,7 @@ from models.calibration.summary import ParameterSummary, summary_of
 from models.design_space import PARAMETERS
 from models.errors import UsageError
 from models.validation import closest
-from tasks.calibrating import regather
+from tasks.calibrating_means import regather
 from tasks.drift import PastCalibration
 
 CALIBRATION = """

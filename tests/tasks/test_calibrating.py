@@ -17,7 +17,8 @@ from lake.tables import (
 )
 from models.errors import UsageError
 from models.records import EffectValue, SimulatorVersion
-from tasks.calibrating import find_calibration, gather, infer
+from tasks.calibrating import find_calibration, infer
+from tasks.calibrating_means import gather
 from tasks.calibration_data import base_version, measured_tools, problem_of, simulated_points
 from tests.tasks.calibration_lake import (
     OBJECTS,

@@ -7,8 +7,6 @@ simulator, on its own mesh, answers like the bench.
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from lake.store import Lake
 from models.calibration.settings import CalibrationSettings
 from models.records import SimulatorVersion
@@ -63,7 +61,7 @@ class TraceCalibrationData(CalibrationSource):
         columns = {
             "n_designs": len(problem.tools),
             "n_objects": len(problem.objects),
-            "n_simulations": int(np.isfinite(problem.simulated[..., 0]).sum()),
+            "n_simulations": len(self.simulation_ids),
             "n_held_out": 0,
         }
         return Learned(of_bench(result, problem), new_version(self.base, result), columns)

@@ -116,6 +116,11 @@ class StoredCalibration:
         return summary_of(self.result, self.force_scale_n)
 
     @property
+    def simulations(self) -> str:
+        """What was simulated, in words: designs as means over the objects, or each grasp by itself."""
+        return f"{self.row.n_simulations} simulated {'grasps' if self.row.data == 'trace' else 'designs'}"
+
+    @property
     def force_scale_n(self) -> float | None:
         """Unit of the priors of discrepancy and noise; None where the data cannot be found again."""
         return None if self.evidence is None else Standardised.of(self.evidence.fitted).force_scale_n

@@ -304,7 +304,8 @@ def _drawn_versions(lake: Lake, base: SimulatorVersion) -> dict[str, SimulatorVe
 
 
 def _nothing_simulated(lake: Lake, base: SimulatorVersion, measured: MeasuredTools) -> str:
-    n_others = len(lake.ids(SimulatorVersionRow) - {base.version_id} - set(_drawn_versions(lake, base)))
+    versions = [row.version for row in lake.records(SimulatorVersionRow) if row.tier != "imported"]
+    n_others = sum(family(version) != family(base) for version in versions)
     others = f" ({n_others} simulator versions of another mesh, tier or effect are there)" if n_others else ""
     return (
         f"{lake.address} has no design that is simulated with a theta of its own on the {len(measured.object_ids)} "

@@ -118,11 +118,15 @@ def test_versions_that_somebody_believes_in_are_not_part_of_the_hypercube(tmp_pa
 
 
 def test_the_grid_of_a_calibration_on_traces_is_not_part_of_the_hypercube(tmp_path):
-    lake = calibration_lake(tmp_path / "lake", n_tools=6, n_points=25)
+    lake = calibration_lake(tmp_path / "lake", n_tools=6, n_points=0)
     measured = measured_tools(lake, None)
     for design, version in grid_points(measured.designs[:2], SimulatorVersion()):
         rows = [simulation_row(design, object_id, version) for object_id in OBJECTS]
         lake.append([*missing_version_rows(lake, version), *rows], PROVENANCE)
+    sentence = refused(lake)
+    assert "has no design that is simulated with a theta of its own" in sentence
+    assert "simulator versions" not in sentence
+    lake.append(simulated_rows(25), PROVENANCE)
     assert len(simulated_points(lake, SimulatorVersion(), measured).points) == 25
 
 

@@ -56,8 +56,9 @@ class GraspSetup(Record):
 
     @property
     def setup_id(self) -> str:
-        """Id derived from the six numbers."""
-        return content_id("G", self.model_dump())
+        """Id derived from the six numbers, the same however they are written (16 or 16.0)."""
+        numbers = self.model_dump()
+        return content_id("G", {name: int(x) if float(x).is_integer() else x for name, x in numbers.items()})
 
 
 class EffectValue(Record):

@@ -1,6 +1,5 @@
 """What a calibration compares, from the lake: measured tools, and simulated designs with a theta of their own."""
 
-import json
 import tomllib
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
@@ -98,7 +97,7 @@ def measured_tools(lake: Lake, campaign_id: str | None, only: Collection[str] | 
         )
     return MeasuredTools(
         campaign_ids=tuple(dict.fromkeys(campaigns)),
-        setup=stored_setup(setup_texts[0]),
+        setup=GraspSetup.model_validate_json(setup_texts[0]),
         object_ids=object_ids,
         tool_ids=tuple(kept),
         designs=tuple(found),
@@ -203,11 +202,6 @@ def problem_of(measured: MeasuredTools, simulated: SimulatedPoints, base: Simula
         variance_real=variance_real,
         scales_with_modulus=scales,
     )
-
-
-def stored_setup(setup_json: str) -> GraspSetup:
-    """A setup with the id it was stored under: ids are of the text, in which 70 and 70.0 differ."""
-    return GraspSetup.model_construct(**json.loads(setup_json))
 
 
 def _require_one(what: str, values: Sequence[str], where: str) -> None:

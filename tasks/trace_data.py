@@ -15,8 +15,7 @@ from models.calibration.traces.problem import TraceProblem, n_terms
 from models.effects.catalogue import CATALOGUE, build_effects
 from models.errors import UsageError
 from models.ids import canonical_json
-from models.records import Design, SimulatorVersion, Theta, Trace
-from tasks.calibration_data import stored_setup
+from models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace
 from tasks.hypercube import SimulationPlan
 
 _Pair = tuple[str, int]  # (design, object)
@@ -52,7 +51,7 @@ def trace_data(
     """
     _require_scaling(base)
     grasps = _measured_grasps(lake, campaign_id)
-    setup = stored_setup(grasps[0].setup_json)
+    setup = GraspSetup.model_validate_json(grasps[0].setup_json)
     pairs = {(row.design_id, row.object_id) for row in grasps}
     simulations = _grid_simulations(lake, base, grasps[0].setup_id, pairs, grid)
     enough = n_terms(np.array(grid.points)) + 1
@@ -134,7 +133,7 @@ def grid_plan(
         UsageError: as `measured_designs` and `grid_points`.
     """
     designs, objects = measured_designs(lake, campaign_id)
-    setup = stored_setup(_measured_grasps(lake, campaign_id)[0].setup_json)
+    setup = GraspSetup.model_validate_json(_measured_grasps(lake, campaign_id)[0].setup_json)
     return SimulationPlan(grid_points(designs, base, grid), tuple(objects), setup)
 
 

@@ -2,8 +2,9 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 from flows.launch import Voice
 from flows.progress import RateEstimate, in_words
@@ -12,8 +13,11 @@ from lake.store import Lake
 from lake.tables import CalibrationRow, SimTraceRow, SimulationRow
 from models.calibration.hypercube import HypercubePlan, hypercube
 from models.calibration.settings import CalibrationSettings
+from models.errors import UsageError
 from models.records import SimulatorVersion
-from tasks.calibrating import CalibrationData, find_calibration, gather, infer
+from tasks.calibrating import CalibrationSource, find_calibration, infer
+from tasks.calibrating_means import CalibrationData, gather
+from tasks.calibrating_traces import gather_traces, grid_simulations
 from tasks.calibration_data import MeasuredTools, base_version, measured_tools
 from tasks.control import exclusive
 from tasks.hypercube import PointDone, SimulationPlan, missing_objects, simulate_plan
@@ -26,7 +30,9 @@ _PROGRESS_INTERVAL_S = 10.0
 class CalibrationOrder:
     """What is asked for. `campaign_id` None: all measurements of the lake; `version_id` None: the campaigns' own.
 
-    `hypercube`: points to simulate first. `verify`: simulate the held-out designs with the theta found.
+    `hypercube`: points to simulate first. `verify`: simulate the held-out designs with the theta found. `data`: what is
+    compared; with "trace" what is missing of the grid around the measured designs is always simulated first, and there
+    is neither a hypercube nor a held-out design.
     """
 
     settings: CalibrationSettings
@@ -34,6 +40,27 @@ class CalibrationOrder:
     version_id: str | None = None
     hypercube: HypercubePlan | None = None
     verify: bool = False
+    data: Literal["mean", "trace"] = "mean"
+
+    def __post_init__(self) -> None:
+        """Refuse what only a calibration on means has.
+
+        Raises:
+            UsageError: it was asked of a calibration on traces.
+        """
+        if self.data == "mean":
+            return
+        if self.hypercube is not None:
+            raise UsageError(
+                f"--simulate {self.hypercube.n} asks for a hypercube, which --data trace does not use; leave it out: "
+                "what is missing of the grid around the measured designs is simulated anyway."
+            )
+        if self.verify:
+            raise UsageError("--verify simulates held-out designs, and --data trace holds none out; leave it out.")
+        for name in ("method", "rho"):
+            value, only = getattr(self.settings, name), CalibrationSettings.model_fields[name].default
+            if value != only:
+                raise UsageError(f"--{name} {value} is of the calibration on means; leave it out with --data trace.")
 
 
 @dataclass(frozen=True)
@@ -48,7 +75,8 @@ class CalibrationOutcome:
     def sentence(self) -> str:
         """What happened, for people and for the state of a flow run."""
         row = self.row
-        what = f"{self.n_grasps} grasps of {row.n_designs} tools and {row.n_simulations} simulated designs"
+        made = "simulated grasps" if row.data == "trace" else "simulated designs"
+        what = f"{self.n_grasps} grasps of {row.n_designs} tools and {row.n_simulations} {made}"
         if row.version_id is None:
             return f"calibration {row.calibration_id} of {what} gave no simulator version: {row.reason}"
         if not self.is_new:
@@ -66,14 +94,16 @@ def run_calibration(
         FastError: another process calibrates this lake.
     """
     with exclusive(lake, "calibrate", f"the lake {lake.address} is already being calibrated"):
+        if order.data == "trace":
+            simulate_grid(lake, order, voice, should_stop)
+            return _calibrated(lake, gather_traces(lake, order.campaign_id, order.version_id), order, voice)
         if order.hypercube is not None:
             simulate_hypercube(lake, order, order.hypercube, voice, should_stop)
         data = gather(lake, order.campaign_id, order.version_id, order.settings.seed)
-        known = find_calibration(lake, data.calibration_id(order.settings))
-        row = known or _infer(lake, data, order.settings, voice)
+        outcome = _calibrated(lake, data, order, voice)
         if order.verify:
-            row = _verify(lake, data, row, order.settings.workers, voice)
-    return CalibrationOutcome(row, known is None, len(data.measured.grasp_ids))
+            outcome = replace(outcome, row=_verify(lake, data, outcome.row, order.settings.workers, voice))
+    return outcome
 
 
 def write_page(lake: Lake, outcome: CalibrationOutcome, out: Path | None = None) -> Path:
@@ -82,6 +112,15 @@ def write_page(lake: Lake, outcome: CalibrationOutcome, out: Path | None = None)
 
     calibration_id = outcome.row.calibration_id
     return write_calibration_report(lake, calibration_id, out or lake.root / "outputs" / calibration_id / "report")
+
+
+def simulate_grid(lake: Lake, order: CalibrationOrder, voice: Voice, should_stop: Callable[[], bool]) -> None:
+    """Simulate what the lake lacks of the grid that a calibration on traces needs, saying first how much it is."""
+    plan = grid_simulations(lake, order.campaign_id, order.version_id)
+    n_missing = sum(len(objects) for _, objects in missing_objects(lake, plan))
+    if n_missing:
+        voice.progress(f"{n_missing} of {plan.n_grasps} grasps of the grid around the measured designs are missing")
+    _simulate(lake, plan, order.settings.workers, voice, should_stop)
 
 
 def simulate_hypercube(
@@ -99,13 +138,15 @@ def hypercube_simulations(plan: HypercubePlan, base: SimulatorVersion, measured:
     return SimulationPlan(points, measured.object_ids, measured.setup, plan.plan_id, plan.seed)
 
 
-def _infer(lake: Lake, data: CalibrationData, settings: CalibrationSettings, voice: Voice) -> CalibrationRow:
-    voice.progress(
-        f"{data.fitted.n_sim} simulated designs, {data.fitted.n_real} measured tools to learn from, "
-        f"{int(data.held_out.sum())} held out; {settings.chains} chains of {settings.tune} + {settings.draws} draws"
-    )
+def _calibrated(lake: Lake, data: CalibrationSource, order: CalibrationOrder, voice: Voice) -> CalibrationOutcome:
+    """The calibration of these data, made unless the lake has it."""
+    settings = order.settings
+    known = find_calibration(lake, data.calibration_id(settings))
+    if known is not None:
+        return CalibrationOutcome(known, False, len(data.grasp_ids))
+    voice.progress(f"{data.summary}; {settings.chains} chains of {settings.tune} + {settings.draws} draws")
     row, _ = infer(lake, data, settings, voice.progress)
-    return row
+    return CalibrationOutcome(row, True, len(data.grasp_ids))
 
 
 def _verify(lake: Lake, data: CalibrationData, row: CalibrationRow, n_workers: int, voice: Voice) -> CalibrationRow:
@@ -124,7 +165,7 @@ def _simulate(lake: Lake, plan: SimulationPlan, n_workers: int, voice: Voice, sh
     n_failed = simulate_plan(lake, plan, n_workers, reporter.tell, should_stop)
     for row_type in (SimTraceRow, SimulationRow):
         compact(lake, row_type)
-    failed = f"; {n_failed} failed and are imputed" if n_failed else ""
+    failed = f"; {n_failed} failed" if n_failed else ""
     voice.progress(f"simulated {len(plan.points)} designs on {len(plan.object_ids)} objects{failed}")
 
 

@@ -10,6 +10,7 @@ from lake.handoff_campaign import is_imported
 from lake.store import Lake
 from lake.tables import CalibrationRow, CampaignRow, SimulatorVersionRow, ToolRow
 from models.calibration.problem import MIN_DESIGNS, CalibrationProblem
+from models.calibration.traces.grid import ThetaGrid
 from models.design_space import to_unit
 from models.effects.scaling import scales_with_modulus
 from models.errors import UsageError
@@ -145,7 +146,8 @@ def simulated_points(
     By simulations with these ids, if some are given.
 
     Versions that somebody believes in (campaigns consult them, calibrations found them) are left out: what is simulated
-    with them grows with every calibration. So are designs that miss an object, and those that failed on all.
+    with them grows with every calibration. So are those of the grid of a calibration on traces, which are measured
+    designs at a dozen thetas, and designs that miss an object, and those that failed on all.
 
     Raises:
         TooLittleDataError: there are none.
@@ -286,16 +288,18 @@ def _drawn_versions(lake: Lake, base: SimulatorVersion) -> dict[str, SimulatorVe
     campaigns = {row.campaign_id for row in lake.records(CampaignRow)}
     believed = {base.version_id} | {version.version_id for version in _consulted(lake, campaigns).values()}
     believed |= {row.version_id for row in lake.records(CalibrationRow) if row.version_id is not None}
-    wanted = family(base)
+    wanted, of_traces = family(base), ThetaGrid().thetas
     versions = {}
     for row in lake.records(SimulatorVersionRow, tier=base.tier):
-        if row.version_id not in believed and family(row.version) == wanted:
+        is_drawn = row.version_id not in believed and row.version.theta not in of_traces
+        if is_drawn and family(row.version) == wanted:
             versions[row.version_id] = row.version
     return versions
 
 
 def _nothing_simulated(lake: Lake, base: SimulatorVersion, measured: MeasuredTools) -> str:
-    n_others = len(lake.ids(SimulatorVersionRow) - {base.version_id} - set(_drawn_versions(lake, base)))
+    versions = [row.version for row in lake.records(SimulatorVersionRow) if row.tier != "imported"]
+    n_others = sum(family(version) != family(base) for version in versions)
     others = f" ({n_others} simulator versions of another mesh, tier or effect are there)" if n_others else ""
     return (
         f"{lake.address} has no design that is simulated with a theta of its own on the {len(measured.object_ids)} "

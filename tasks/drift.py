@@ -24,9 +24,13 @@ class PastCalibration(NamedTuple):
     intervals: Mapping[str, tuple[float, float, float]]  # 5 % quantile, median, 95 % quantile
 
 
-def theta_history(lake: Lake, base_version_id: str, campaign_id: str | None) -> list[PastCalibration]:
-    """The calibrations of a simulator with these measurements that gave a version, oldest first."""
-    rows = lake.rows(CalibrationRow, base_version_id=base_version_id, campaign_id=campaign_id, status="ok")
+def theta_history(lake: Lake, base_version_id: str, campaign_id: str | None, data: str) -> list[PastCalibration]:
+    """The calibrations of a simulator with this kind of data of these measurements that gave a version, oldest first.
+
+    Means and traces of the same grasps say different things of theta, and nothing has drifted between them.
+    """
+    where = {"base_version_id": base_version_id, "campaign_id": campaign_id, "data": data, "status": "ok"}
+    rows = lake.rows(CalibrationRow, **where)
     return [
         PastCalibration(row["calibration_id"], row["created_at"], {name: _interval(row, name) for name in THETA})
         for row in rows

@@ -9,7 +9,7 @@ from lake.store import Lake
 from lake.tables import DesignRow, GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow, TraceRow
 from models.calibration.traces.assemble import Cell, GridPoint, trace_problem
 from models.calibration.traces.features import is_usable
-from models.calibration.traces.grid import ThetaGrid
+from models.calibration.traces.grid import GRID_MODULUS_MPA, ThetaGrid
 from models.calibration.traces.noise import SensorNoise, noise_of_readings
 from models.calibration.traces.problem import TraceProblem, n_terms
 from models.effects.catalogue import CATALOGUE, build_effects
@@ -18,7 +18,6 @@ from models.ids import canonical_json
 from models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace
 from tasks.hypercube import SimulationPlan
 
-GRID_MODULUS_MPA = 10.0  # of the simulations to make; others count too, since forces are proportional to it
 _Pair = tuple[str, int]  # (design, object)
 
 
@@ -94,11 +93,17 @@ def grid_points(
         UsageError: forces of `base` do not scale with Young's modulus.
     """
     _require_scaling(base)
-    thetas = [
-        Theta(young_modulus_mpa=GRID_MODULUS_MPA, friction=friction, poisson_ratio=ratio)
-        for friction, ratio in grid.points
-    ]
-    return tuple((design, base.model_copy(update={"theta": theta})) for design in designs for theta in thetas)
+    versions = [base.model_copy(update={"theta": theta}) for theta in grid.thetas]
+    return tuple((design, version) for design in designs for version in versions)
+
+
+def measured_campaigns(lake: Lake, campaign_id: str | None = None) -> list[str]:
+    """Campaigns of the grasps that a calibration on traces compares.
+
+    Raises:
+        UsageError: nothing was measured, or not in one way.
+    """
+    return sorted({row.campaign_id for row in _measured_grasps(lake, campaign_id)})
 
 
 def measured_designs(lake: Lake, campaign_id: str | None = None) -> tuple[list[Design], list[int]]:
@@ -150,12 +155,13 @@ def _measured_grasps(lake: Lake, campaign_id: str | None) -> list[GraspRow]:
     place = f"campaign {campaign_id}" if campaign_id else f"the lake {lake.address}"
     if not last:
         raise UsageError(f"{place} has no measured grasps; measure tools, or import data with `fast lake import`.")
-    setups = {row.setup_id for row in last.values()}
-    if len(setups) > 1:
-        raise UsageError(
-            f"{place} has grasps of {len(setups)} setups ({', '.join(sorted(setups))}), which one calibration cannot "
-            "compare; give a campaign that has a single one."
-        )
+    benches = {f"{row.bench} {row.world_hash or ''}".strip() for row in last.values()}
+    for what, found in (("setups", {row.setup_id for row in last.values()}), ("benches", benches)):
+        if len(found) > 1:
+            raise UsageError(
+                f"{place} has grasps of {len(found)} {what} ({', '.join(sorted(found))}), which one calibration cannot "
+                "compare; give a campaign that has a single one."
+            )
     return [last[key] for key in sorted(last)]
 
 

@@ -8,7 +8,7 @@ from lake.tables import CalibrationRow, SimulatorVersionRow
 from models.calibration.held_out import Score, score
 from models.ids import content_id
 from models.surrogate.imputation import mean_over_objects
-from tasks.calibrating import CalibrationData, held_out_columns
+from tasks.calibrating_means import CalibrationData, held_out_columns
 from tasks.hypercube import SimulationPlan
 from tasks.state import tuples
 

@@ -46,7 +46,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "robustness": _sampled(measure_robustness, _STUDY | {"tiers"}),
     "fanout": _sampled(measure_fanout, _SAMPLE | {"workers"}),
     "traces": _sampled(measure_traces, _SAMPLE | {"figure"}),
-    "calibration-traces": _sampled(measure_calibration_traces, _STUDY | {"figure", "n"}),
+    "calibration-traces": _sampled(measure_calibration_traces, _STUDY | {"figure", "worlds"}),
     "scientist": _sampled(measure_scientist, frozenset({"figure", "limit_minutes"})),
     "calibration": _sampled(measure_calibration, frozenset({"n_sim", "n_real", "workers"})),
     "calibration-ranks": _sampled(

@@ -62,7 +62,7 @@ def measure_calibration_traces(options: Options) -> Tables:
     first = _levels(_problem(bank, designs, objects, TRUTHS[0], 0))
     nuts = {level: calibrate_traces(data, SAMPLING, theta_of="simulator") for level, data in first.items()}
     answers: list[Answer] = []
-    for world in range(options.n or N_WORLDS):
+    for world in range(options.worlds or N_WORLDS):
         theta = TRUTHS[world % len(TRUTHS)]
         problems = _levels(_problem(bank, designs, objects, theta, world))
         answers += [_answer(level, theta, data) for level, data in problems.items()]

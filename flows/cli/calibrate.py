@@ -27,16 +27,26 @@ def calibrate(
     version: Annotated[
         str | None, Parameter(help="Simulator version (V...) to calibrate; default: the campaigns' own.")
     ] = None,
+    data: Annotated[
+        Literal["mean", "trace"],
+        Parameter(
+            help="What is compared: mean forces of tools, as in the paper, or force traces by tool and object, for "
+            "which the missing grid of theta around the measured designs is simulated first."
+        ),
+    ] = "mean",
     simulate: Annotated[
         int | None,
-        Parameter(help="First simulate this many designs of a Latin hypercube with theta.", validator=AT_LEAST_ONE),
+        Parameter(
+            help="First simulate this many designs of a Latin hypercube with theta; of means alone.",
+            validator=AT_LEAST_ONE,
+        ),
     ] = None,
     modulus: Annotated[
         Literal["log-uniform", "uniform"],
         Parameter(help="With --simulate: how Young's modulus is spread over 2 to 200 MPa; the paper: uniform."),
     ] = "log-uniform",
     verify: Annotated[
-        bool, Parameter(negative="", help="Simulate the held-out designs with theta before and after.")
+        bool, Parameter(negative="", help="Simulate the held-out designs with theta before and after; of means alone.")
     ] = False,
     chains: Annotated[int, Parameter(help="Chains; the paper: 8.")] = 4,
     draws: Annotated[int, Parameter(help="Draws kept per chain; the paper: 8000.")] = 1000,
@@ -55,7 +65,7 @@ def calibrate(
     ] = None,
     json: AsJson = False,
 ) -> None:
-    """Infer Young's modulus, friction and Poisson's ratio from measured and simulated designs (Table 2 of the paper).
+    """Infer Young's modulus, friction and Poisson's ratio from measurements and simulations (Table 2 of the paper).
 
     Writes calibration, draws and a new simulator version to the lake. The same data and settings are not calibrated
     twice; a killed command continues when it is given again.
@@ -74,7 +84,7 @@ def calibrate(
         plan = load_record(HypercubePlan, {"n": simulate, "modulus": modulus, "seed": seed}, "fast calibrate")
     found = open_lake(lake)
     name = resolve_campaign(found, campaign) if campaign is not None else None
-    order = CalibrationOrder(settings, name, version, plan, verify)
+    order = CalibrationOrder(settings, name, version, plan, verify, data)
     outcome = run_calibration(found, order, Voice(tell, tell))
     page = str(write_page(found, outcome, out)) if out is not None else None
     show(_data(outcome) | {"report": page}, _text(outcome, page), json)
@@ -108,6 +118,8 @@ def _text(outcome: "CalibrationOutcome", page: str | None) -> str:
 
 
 def _held_out_line(row: "CalibrationRow") -> str:
+    if row.data == "trace":
+        return "held out: none; traces teach about theta, not about designs"
     if not row.n_held_out or row.rmse_before_n is None or row.rmse_after_n is None:
         return f"held out: {row.n_held_out or 0} designs, nothing compared"
     line = f"held out: {row.n_held_out} designs by the {row.held_out_by}, "

@@ -96,8 +96,8 @@ def calibration_section(content: Content, folder: Folder) -> Markup:
     panels = calibration.held_out_panels or calibration.panels
     agreement = agreement_columns(panels, folder) + scores_table(panels) if panels else ""
     words = paragraph(
-        f"Calibration {calibration_id} of {moment(calibration.made_at)} UTC, {calibration.row.n_designs} measured and "
-        f"{calibration.row.n_simulations} simulated designs. All of it: fast report {calibration_id}.", "note",
+        f"Calibration {calibration_id} of {moment(calibration.made_at)} UTC, {calibration.row.n_designs} measured "
+        f"designs and {calibration.simulations}. All of it: fast report {calibration_id}.", "note",
     )  # fmt: skip
     return section(
         "calibration",

@@ -23,7 +23,7 @@ from models.calibration.summary import ParameterSummary, summary_of
 from models.design_space import PARAMETERS
 from models.errors import UsageError
 from models.validation import closest
-from tasks.calibrating import regather
+from tasks.calibrating_means import regather
 from tasks.drift import PastCalibration
 
 CALIBRATION = """
@@ -114,6 +114,11 @@ class StoredCalibration:
     def summary(self) -> dict[str, ParameterSummary]:
         """Statistics of every parameter."""
         return summary_of(self.result, self.force_scale_n)
+
+    @property
+    def simulations(self) -> str:
+        """What was simulated, in words: designs as means over the objects, or each grasp by itself."""
+        return f"{self.row.n_simulations} simulated {'grasps' if self.row.data == 'trace' else 'designs'}"
 
     @property
     def force_scale_n(self) -> float | None:

@@ -27,6 +27,11 @@ from models.calibration.summary import ParameterSummary, prior_of, rank_correlat
 from models.design_space import PARAMETERS
 
 DIGITS = {"young_modulus_mpa": 2, "friction": 3, "poisson_ratio": 3}
+SHOWN = (*THETA, "rho", "sd_e_n", "noise_sd_n", "tool_sd", "object_sd", "cell_sd")  # as far as a calibration has them
+_OF_TRACES = (
+    "Compared were force traces, tool by tool and object by object, and every measured design was learned from: there "
+    "are no mean forces of designs left out to compare."
+)
 _GONE = (
     "The data that this calibration learned from cannot be found in the lake as they were, so that nothing can be "
     "predicted here."
@@ -43,7 +48,7 @@ def headline(calibration: StoredCalibration) -> Markup:
     if result.k_hat is not None:
         trust.append((number(result.k_hat, 2), f"Pareto k-hat, below {K_HAT_LIMIT:g} wanted"))
     lead = paragraph(
-        f"{row.n_designs} measured and {row.n_simulations} simulated designs on {row.n_objects} objects; posterior "
+        f"{row.n_designs} measured designs and {calibration.simulations} on {row.n_objects} objects; posterior "
         f"median and 90 % interval of each parameter of simulator version {row.base_version_id}.", "lead",
     )  # fmt: skip
     return Markup(lead + tiles([*theta, *trust]) + warnings_of(calibration))
@@ -73,8 +78,15 @@ def theta_section(calibration: StoredCalibration, folder: Folder, markers: Marke
 def theta_table(calibration: StoredCalibration) -> Markup:
     """Table 2 of the paper, and what the data added to the prior."""
     headings = ("parameter", "mean", "sd", "5 %", "median", "95 %", "mode", "shrinkage", "overlap with prior")
-    shown = [name for name in (*THETA, "rho", "noise_sd_n", "sd_e_n") if name in calibration.summary]
-    words = {**LABELS, "noise_sd_n": "noise (N)", "sd_e_n": "discrepancy (N)"}
+    shown = [name for name in SHOWN if name in calibration.summary]
+    words = {
+        **LABELS,
+        "noise_sd_n": "noise (N)",
+        "sd_e_n": "discrepancy (N)",
+        "tool_sd": "modulus from print to print (relative sd)",
+        "object_sd": "discrepancy by object (relative sd)",
+        "cell_sd": "discrepancy by tool and object (relative sd)",
+    }
     rows = [
         (
             words.get(name, name),
@@ -94,6 +106,8 @@ def theta_table(calibration: StoredCalibration) -> Markup:
 def agreement_section(calibration: StoredCalibration, folder: Folder) -> Markup:
     """Fig. 3 with its numbers."""
     title = "Before and after, on designs that were left out"
+    if calibration.row.data == "trace":
+        return section("agreement", title, paragraph(_OF_TRACES))
     panels = calibration.panels
     if not panels or calibration.checks is None:
         return section("agreement", title, paragraph(_GONE))
@@ -142,6 +156,9 @@ def supplement_section(calibration: StoredCalibration, folder: Folder) -> Markup
         for name, parameter, label in (
             ("calibration_noise", "noise_sd_n", "measurement noise, sd (N)"),
             ("calibration_discrepancy", "sd_e_n", "discrepancy between simulation and measurement, sd (N)"),
+            ("calibration_tool_sd", "tool_sd", "modulus from print to print, relative sd"),
+            ("calibration_object_sd", "object_sd", "discrepancy by object, relative sd"),
+            ("calibration_cell_sd", "cell_sd", "discrepancy by tool and object, relative sd"),
         )
         if parameter in result.names
     ]
@@ -154,7 +171,7 @@ def supplement_section(calibration: StoredCalibration, folder: Folder) -> Markup
 def chains_section(calibration: StoredCalibration, folder: Folder) -> Markup:
     """Trace and rank plots, and the diagnostics of every parameter."""
     result = calibration.result
-    shown = [name for name in (*THETA, "rho", "sd_e_n", "noise_sd_n") if name in result.names]
+    shown = [name for name in SHOWN if name in result.names]
     rows = [
         {
             "parameter": name,

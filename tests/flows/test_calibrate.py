@@ -163,7 +163,7 @@ def test_the_page_shows_theta_over_time_and_the_held_out_designs(tmp_path, fast,
     page = (tmp_path / "page" / "index.html").read_text()
     assert "has drifted" in page
     assert "held out" in page
-    history = theta_history(lake, SimulatorVersion().version_id, None)
+    history = theta_history(lake, SimulatorVersion().version_id, None, "design_mean")
     assert [round(past.intervals["young_modulus_mpa"][1]) for past in history] == [9, 14]
 
 

@@ -50,7 +50,7 @@ def test_the_study_ranks_the_levels_of_detail(results: Path, tmp_path: Path, mon
     quick = calibration_traces.SAMPLING.model_copy(update={"draws": 50, "tune": 50})
     monkeypatch.setattr(calibration_traces, "SAMPLING", quick)
     figure = tmp_path / "figure.png"
-    options = Options(designs=len(DESIGNS), objects=OBJECTS, results=results, n=2, figure=figure)
+    options = Options(designs=len(DESIGNS), objects=OBJECTS, results=results, worlds=2, figure=figure)
     tables = measure_calibration_traces(options)
     means, peaks, traces = tables["how well theta is known"]
     assert [row["data"] for row in (means, peaks, traces)] == ["design means", "peaks", "traces"]
@@ -58,4 +58,4 @@ def test_the_study_ranks_the_levels_of_detail(results: Path, tmp_path: Path, mon
     assert tables["surfaces"][0]["cells"] == 12
     assert len(tables["NUTS in the first world"]) == 3
     assert figure.stat().st_size > 10_000
-    assert {"results", "figure", "n"} <= BENCHMARKS["calibration-traces"].options
+    assert {"results", "figure", "worlds"} <= BENCHMARKS["calibration-traces"].options

@@ -24,7 +24,8 @@ from models.calibration.problem import THETA
 from models.calibration.summary import theta_summary
 from models.calibration.synthetic import made_up_problem
 from models.errors import UsageError
-from tasks.calibrating import gather, infer
+from tasks.calibrating import infer
+from tasks.calibrating_means import gather
 from tests.flows.cli_lakes import Fast
 from tests.flows.synthetic_lake import Campaign, build
 from tests.models.calibration_draws import made_up_result

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from lake.lineage import find_lineage
+from lake.simulators import missing_version_rows
 from lake.store import Lake
 from lake.tables import (
     CalibrationRow,
@@ -17,8 +18,10 @@ from lake.tables import (
 )
 from models.errors import UsageError
 from models.records import EffectValue, SimulatorVersion
-from tasks.calibrating import find_calibration, gather, infer
+from tasks.calibrating import find_calibration, infer
+from tasks.calibrating_means import gather
 from tasks.calibration_data import base_version, measured_tools, problem_of, simulated_points
+from tasks.trace_data import grid_points
 from tests.tasks.calibration_lake import (
     OBJECTS,
     PROVENANCE,
@@ -112,6 +115,19 @@ def test_versions_that_somebody_believes_in_are_not_part_of_the_hypercube(tmp_pa
     half = [row for row in simulated_rows(1, seed=9) if getattr(row, "object_id", 2) == 2]
     lake.append(half, PROVENANCE)
     assert len(simulated_points(lake, base, measured_tools(lake, None)).points) == 25  # not on every object yet
+
+
+def test_the_grid_of_a_calibration_on_traces_is_not_part_of_the_hypercube(tmp_path):
+    lake = calibration_lake(tmp_path / "lake", n_tools=6, n_points=0)
+    measured = measured_tools(lake, None)
+    for design, version in grid_points(measured.designs[:2], SimulatorVersion()):
+        rows = [simulation_row(design, object_id, version) for object_id in OBJECTS]
+        lake.append([*missing_version_rows(lake, version), *rows], PROVENANCE)
+    sentence = refused(lake)
+    assert "has no design that is simulated with a theta of its own" in sentence
+    assert "simulator versions" not in sentence
+    lake.append(simulated_rows(25), PROVENANCE)
+    assert len(simulated_points(lake, SimulatorVersion(), measured).points) == 25
 
 
 def test_a_calibration_is_written_with_draws_version_and_lineage(tmp_path, calibrate):

@@ -5,69 +5,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lake.provenance import Provenance
 from lake.row import Row
 from lake.store import Lake
-from lake.tables import DesignRow, GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow, TraceRow, setup_columns
+from lake.tables import DesignRow, GraspRow, SimulatorVersionRow, TraceRow, setup_columns
 from models.calibration.settings import ThetaPriors
 from models.calibration.traces.calibrate import laplace, trace_density
-from models.calibration.traces.synthetic import made_up_trace
-from models.design_space import numbered_design
 from models.errors import UsageError
-from models.records import Design, EffectValue, GraspSetup, SimulatorVersion, Theta, Trace
+from models.records import EffectValue, GraspSetup, SimulatorVersion, Theta
 from tasks.hypercube import missing_objects
 from tasks.trace_data import grid_plan, grid_points, measured_designs, trace_data
-
-BASE, SETUP, OBJECTS, N_REPEATS = SimulatorVersion(), GraspSetup(), (4, 7, 30), 2
-DESIGNS = [numbered_design(number) for number in range(4)]
-TRUTH = np.array([9.0, 0.55, 0.4])
-PROVENANCE = Provenance(code_version="0", code_dirty=False, config_hash="c", seed=0, parents=())
-
-
-def shape(design: Design, object_id: int) -> np.ndarray:
-    return np.random.default_rng([int(1000 * design.length_mm), object_id]).uniform(size=4)
-
-
-def measured_trace(design: Design, object_id: int, rng: np.random.Generator) -> Trace:
-    """Closing for a second, then the lift, with white noise of 0.05 N at 80 readings a second."""
-    lift = made_up_trace(shape(design, object_id), TRUTH)
-    time_s = np.arange(0.0, 13.0, 1 / 80.0)
-    lift_mm = 5.0 * np.clip(time_s - 1.0, 0.0, None)
-    force_n = np.where(lift_mm > 0, np.interp(lift_mm, lift.lift_mm, lift.force_n), 0.0)
-    return Trace(time_s, lift_mm, force_n + 0.05 * rng.standard_normal(len(time_s)))
-
-
-def grasp_rows(design: Design, tool_id: str, object_id: int, repeat: int, attempt: int = 0) -> list[Row]:
-    grasp_id = GraspRow.make_id(tool_id, object_id, repeat, attempt)
-    grasp = GraspRow(
-        grasp_id=grasp_id,
-        campaign_id="demo",
-        tool_id=tool_id,
-        design_id=design.design_id,
-        object_id=object_id,
-        repeat=repeat,
-        attempt=attempt,
-        status="ok",
-        bench="virtual",
-        **setup_columns(SETUP),
-    )
-    rng = np.random.default_rng([object_id, repeat])
-    return [TraceRow.of(grasp_id, measured_trace(design, object_id, rng)), grasp]
-
-
-def simulated_rows(design: Design, version: SimulatorVersion, object_id: int) -> list[Row]:
-    theta = version.theta
-    values = np.array([theta.young_modulus_mpa, theta.friction, theta.poisson_ratio])
-    simulation_id = SimulationRow.make_id(design.design_id, object_id, version.version_id, SETUP.setup_id)
-    row = SimulationRow(
-        simulation_id=simulation_id,
-        design_id=design.design_id,
-        object_id=object_id,
-        version_id=version.version_id,
-        status="ok",
-        **setup_columns(SETUP),
-    )
-    return [SimTraceRow.of(simulation_id, made_up_trace(shape(design, object_id), values)), row]
+from tests.tasks.trace_lake import (
+    BASE,
+    DESIGNS,
+    N_REPEATS,
+    OBJECTS,
+    PROVENANCE,
+    SETUP,
+    TRUTH,
+    measured_rows,
+    simulated_rows,
+)
 
 
 @pytest.fixture(scope="module")
@@ -87,9 +44,9 @@ def lake(tmp_path_factory: pytest.TempPathFactory) -> Lake:
     for number, design in enumerate(DESIGNS):
         for object_id in OBJECTS:
             for repeat in range(N_REPEATS):
-                rows += grasp_rows(design, f"demo/B01T{number}", object_id, repeat)
-    rows += grasp_rows(DESIGNS[0], "demo/B01T0", 4, 0, attempt=1)
-    trace, stuck = grasp_rows(DESIGNS[1], "demo/B01T1", 7, N_REPEATS)
+                rows += measured_rows(design, f"demo/B01T{number}", object_id, repeat)
+    rows += measured_rows(DESIGNS[0], "demo/B01T0", 4, 0, attempt=1)
+    trace, stuck = measured_rows(DESIGNS[1], "demo/B01T1", 7, N_REPEATS)
     assert isinstance(trace, TraceRow)
     rows += [trace.model_copy(update={"lift_mm": 0.0 * trace.lift_mm}), stuck]
     lake.append(rows, PROVENANCE)
@@ -138,8 +95,12 @@ def test_what_cannot_be_calibrated_is_refused_in_one_sentence(lake: Lake, tmp_pa
     with pytest.raises(UsageError, match="with `force_limited_closing` forces do not scale with Young's modulus"):
         trace_data(lake, SimulatorVersion(effects=(stalling,)), "demo")
     mixed = Lake.open(tmp_path / "mixed", create=True)
-    rows = [*grasp_rows(DESIGNS[0], "demo/B01T0", 4, 0), *grasp_rows(DESIGNS[1], "demo/B01T1", 4, 0)]
+    rows = [*measured_rows(DESIGNS[0], "demo/B01T0", 4, 0), *measured_rows(DESIGNS[1], "demo/B01T1", 4, 0)]
     rows[-1] = rows[-1].model_copy(update=setup_columns(GraspSetup(lift_speed_mm_per_s=7)))
     mixed.append(rows, PROVENANCE)
     with pytest.raises(UsageError, match="has grasps of 2 setups"):
+        trace_data(mixed, BASE, "demo")
+    others = {"world_hash": "W2"}, setup_columns(SETUP)
+    mixed.append([row.model_copy(update=new) for row, new in zip(rows[1::2], others, strict=True)], PROVENANCE)
+    with pytest.raises(UsageError, match=r"has grasps of 2 benches \(virtual, virtual W2\)"):
         trace_data(mixed, BASE, "demo")

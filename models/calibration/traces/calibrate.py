@@ -45,8 +45,8 @@ def calibrate_traces(
     Parameters of the result: `tool_sd` (modulus from print to print), `object_sd` (what the simulator has wrong about
     objects), `cell_sd` (the same for a tool on an object), all relative, and theta: `young_modulus_mpa`, `friction`,
     `poisson_ratio`. `theta_of`: of the bench, or what this simulator needs to answer like it, which leaves out what its
-    numerical error is worth in theta. Uses `priors`, chains, draws, tune, target_accept, seed and workers of the
-    settings; `rho` and `method` are for the calibration on mean forces.
+    numerical error is worth in theta; `of_bench` makes the one of the other. Uses `priors`, chains, draws, tune,
+    target_accept, seed and workers of the settings; `rho` and `method` are for the calibration on mean forces.
 
     Raises:
         UsageError: forces are a thousand times what theta can explain, or grid and priors do not meet.
@@ -63,8 +63,6 @@ def calibrate_traces(
     samples = sample(density, start, settings, scale=covariance, progress=progress)
     draws = density.constrained(samples.draws)
     r_hat, ess_bulk, ess_tail = convergence(NAMES, draws)
-    if theta_of == "bench":
-        draws = with_numerical_shift(draws, density, rng)
     ended = time.process_time()
     if samples.n_divergences:
         warnings.append(
@@ -72,7 +70,7 @@ def calibrate_traces(
         )
     warnings += _sampling_warnings(r_hat, ess_bulk)
     warnings += _posterior_warnings(density, draws)
-    return CalibrationResult(
+    result = CalibrationResult(
         names=NAMES,
         draws=draws,
         settings=settings,
@@ -85,6 +83,17 @@ def calibrate_traces(
         cpu_s=time.process_time() - started,
         steps={"surfaces and first estimate": prepared - started, "NUTS": ended - prepared},
     )
+    return result if theta_of == "simulator" else _shifted(result, density)
+
+
+def of_bench(result: CalibrationResult, problem: TraceProblem) -> CalibrationResult:
+    """A result with theta of the simulator as that with theta of the bench: the same draws, the same diagnostics."""
+    return _shifted(result, trace_density(problem, result.settings.priors))
+
+
+def _shifted(result: CalibrationResult, density: TraceDensity) -> CalibrationResult:
+    rng = np.random.default_rng([result.settings.seed, 2])
+    return replace(result, draws=with_numerical_shift(result.draws, density, rng))
 
 
 def trace_density(problem: TraceProblem, priors: ThetaPriors) -> TraceDensity:

@@ -128,7 +128,7 @@ class SerialTransport:
                 self._serial.write(data)
             except OSError as error:
                 raise LinkLostError(
-                    f"Port {self._port} took no bytes ({error}); check the cable and reconnect."
+                    f"Port {self._port} is gone: it took no bytes ({error}); check the cable and reconnect."
                 ) from error
 
     def close(self) -> None:

@@ -1,0 +1,107 @@
+"""The answer of gap discovery, as it is written to `findings.json` (design.md section 10) and shown in the report."""
+
+from typing import Literal
+
+from models.records import Record
+
+Interval = tuple[float, float]
+
+
+class WhereFinding(Record):
+    """A place where simulation and measurement disagree after theta was calibrated again.
+
+    `effect_size_n`: measured minus simulated, in N; `share`: the same of the measured force. `stratum`: which tools,
+    objects, repeats; `phase`: which part of the grasp.
+    """
+
+    sentence: str
+    phase: str
+    stratum: str
+    effect_size_n: float
+    ci90: Interval
+    share: float | None = None
+    p_value: float | None = None
+    q_value: float | None = None
+
+
+class Candidate(Record):
+    """An effect that was tried: `none` and `unknown` are candidates too.
+
+    `visible_fraction`: what is left of its signature when theta and tools are fitted again. `grouped_r2`: of the
+    residual's variance, predicted for designs and object classes that were left out.
+    """
+
+    effect: str
+    probability: float
+    held_out_gain_nats: float
+    held_out_rmse_change: float
+    grouped_r2: float | None = None
+    visible_fraction: float | None = None
+    parameters: dict[str, float] = {}
+
+
+class NamedParameter(Record):
+    """A parameter of a named effect, from the joint posterior with theta."""
+
+    median: float
+    ci90: Interval
+
+
+class Named(Record):
+    """The answer of a round: one effect, a set that cannot be told apart, none, or not in the catalogue."""
+
+    kind: Literal["effect", "set", "none", "unknown"]
+    effects: tuple[str, ...] = ()
+    probability: float
+    parameters: dict[str, NamedParameter] = {}
+    sentence: str = ""
+
+
+class Round(Record):
+    """One turn of the loop; `version` is the simulator version with what was named, if anything was added."""
+
+    where: tuple[WhereFinding, ...]
+    candidates: tuple[Candidate, ...]
+    named: Named
+    version: str | None = None
+    dropped: tuple[str, ...] = ()
+
+
+class Gap(Record):
+    """Root mean square difference of traces on held-out designs and objects, before and after."""
+
+    rmse_before_n: float
+    rmse_after_n: float
+    rmse_floor_n: float
+    closed_fraction: float
+    ci95: Interval
+
+
+class Alias(Record):
+    """Something that these data cannot tell from another quantity, declared and never named."""
+
+    effect: str
+    of: str
+    experiment: str
+
+
+class NextExperiment(Record):
+    """What to measure so that the set of the last round falls apart."""
+
+    setting: str
+    separates: tuple[str, ...]
+    n_grasps: int
+    sentence: str
+
+
+class Findings(Record):
+    """`findings.json`."""
+
+    alarm: bool
+    rounds: tuple[Round, ...]
+    gap: Gap
+    aliases: tuple[Alias, ...]
+    next_experiment: NextExperiment | None
+    seed: int
+    budget: dict[str, float]
+    warnings: tuple[str, ...] = ()

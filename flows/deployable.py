@@ -39,6 +39,7 @@ def recalibrate(
     draws: int = 1000,
     tune: int = 1000,
     workers: int = 2,
+    print_scatter: float = 0.0,
 ) -> State[Any]:
     """Calibrate the simulator of a lake again if anything is new; the state of the run says what was done.
 
@@ -51,7 +52,7 @@ def recalibrate(
     from models.calibration.hypercube import HypercubePlan
     from models.calibration.settings import CalibrationSettings
 
-    settings = CalibrationSettings(chains=chains, draws=draws, tune=tune, workers=workers)
+    settings = CalibrationSettings(chains=chains, draws=draws, tune=tune, workers=workers, print_scatter=print_scatter)
     order = CalibrationOrder(settings, campaign, hypercube=HypercubePlan(n=simulate) if simulate else None)
     voice = Voice(progress=logger.info, announce=logger.warning)
     sentence = recalibrate_lake(Lake.open(lake), order, str(flow_run.get_id()), voice)

@@ -178,8 +178,13 @@ def simulated_points(
     )
 
 
-def problem_of(measured: MeasuredTools, simulated: SimulatedPoints, base: SimulatorVersion) -> CalibrationProblem:
+def problem_of(
+    measured: MeasuredTools, simulated: SimulatedPoints, base: SimulatorVersion, print_scatter: float = 0.0
+) -> CalibrationProblem:
     """Means over the objects, with the paper's rule for missing ones.
+
+    `print_scatter`, relative, adds to the variance of a measured mean what the stiffness of prints scatters: force is
+    proportional to it, so the strongest tools are the least certain.
 
     Where forces scale with Young's modulus, simulated ones are imputed in N per MPa: over designs of 2 to 200 MPa, the
     mean force of an object says little of a missing one.
@@ -198,7 +203,7 @@ def problem_of(measured: MeasuredTools, simulated: SimulatedPoints, base: Simula
         variance_sim=variance_sim * modulus_mpa**2,
         x_real=measured.points,
         y_real=y_real,
-        variance_real=variance_real,
+        variance_real=variance_real + (print_scatter * y_real) ** 2,
         scales_with_modulus=scales,
     )
 

@@ -16,7 +16,7 @@ from flows.campaign import run_flow
 from flows.lanes import Session
 from flows.launch import Outcome, Voice
 from flows.progress import ProgressReporter
-from flows.report.build import write_report
+from flows.report.build import add_features, write_report
 from flows.viewer.rerun import write_recording
 from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_bench
 from hardware.cell import MeasuredGrasp
@@ -161,6 +161,7 @@ def interrupts(session: Session, voice: Voice) -> Iterator[None]:
 
 def _write_results(campaign: Campaign, voice: Voice) -> Outcome:
     voice.progress("writing report and recording")
+    add_features(campaign.lake, campaign.campaign_id)
     report = write_report(campaign.lake, campaign.campaign_id, campaign.output / "report")
     recording = campaign.output / f"{campaign.campaign_id}.rrd"
     write_recording(campaign.lake, campaign.campaign_id, recording)

@@ -64,7 +64,7 @@ class PowerLawRelaxation(LabLaw):
 
 
 class HyperbolicSoftening(LabLaw):
-    """M2: E (1 - d n / (n + 1)) in the repeat with n before it; a fifth comes back over half an hour (`amplitude` d)."""
+    """M2: E (1 - d n / (n + 1)) after n repeats; a fifth comes back in half an hour (`amplitude` d)."""
 
     recovery_s, recovered = 1800.0, 0.2
 
@@ -184,7 +184,7 @@ class LeakingSupply(LabLaw):
 
 
 class SmoothStart(LabLaw):
-    """A5: a gantry that starts with a smooth ramp: behind by `amplitude` mm (1 - exp(-s / `amplitude`)), s commanded."""
+    """A5: a gantry that starts smoothly: behind by `amplitude` mm (1 - exp(-s / `amplitude`)), s commanded."""
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
         """The force over the commanded lift."""

@@ -57,10 +57,11 @@ class CalibrationOrder:
             )
         if self.verify:
             raise UsageError("--verify simulates held-out designs, and --data trace holds none out; leave it out.")
-        for name in ("method", "rho"):
+        for name in ("method", "rho", "print_scatter"):
             value, only = getattr(self.settings, name), CalibrationSettings.model_fields[name].default
             if value != only:
-                raise UsageError(f"--{name} {value} is of the calibration on means; leave it out with --data trace.")
+                flag = f"--{name.replace('_', '-')} {value}"
+                raise UsageError(f"{flag} is of the calibration on means; leave it out with --data trace.")
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,8 @@ def run_calibration(
             return _calibrated(lake, gather_traces(lake, order.campaign_id, order.version_id), order, voice)
         if order.hypercube is not None:
             simulate_hypercube(lake, order, order.hypercube, voice, should_stop)
-        data = gather(lake, order.campaign_id, order.version_id, order.settings.seed)
+        settings = order.settings
+        data = gather(lake, order.campaign_id, order.version_id, settings.seed, print_scatter=settings.print_scatter)
         outcome = _calibrated(lake, data, order, voice)
         if order.verify:
             outcome = replace(outcome, row=_verify(lake, data, outcome.row, order.settings.workers, voice))

@@ -135,7 +135,7 @@ class DaskWorker:
         try:
             running = self._client.submit(
                 run_watched, self._limit_s, solver_id(), function, calls, kwargs,
-                pure=False, workers=[self._at] if self._at else None, allow_other_workers=True,
+                pure=False, workers=[self._at] if self._at else None, allow_other_workers=bool(self._at),
             )  # fmt: skip
         except (OSError, RuntimeError) as error:
             raise lost(self._engine.address) from error

@@ -170,6 +170,13 @@ class Execution(Record):
     )
     physics_workers: int = Field(default=1, ge=1, le=64, description="processes behind a virtual bench")
     print_poll_s: float = Field(default=5.0, gt=0, le=3600)
+    print_reminder_h: float = Field(
+        default=4.0, ge=0, le=1000, description="hours between reminders of a batch to be printed; 0: none"
+    )
+    notify: tuple[Literal["needs_you", "done", "stopped", "gap"], ...] = Field(
+        default=("needs_you", "done", "stopped", "gap"), description="what is sent to the addresses in FAST_NOTIFY"
+    )
+    notify_virtual: bool = Field(default=False, description="also of campaigns on a virtual bench")
     max_grasp_attempts: int = Field(default=2, ge=1, le=10)
     position_check_tools: int = Field(
         default=0, ge=0, le=10, description="tools between checks of the gantry for lost steps; 0: after a batch only"

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import TypeVar, cast
 
 from prefect import task
@@ -53,7 +52,7 @@ def print_batch(
     batch: int,
     auto_print: bool,
     should_stop: Callable[[], bool],
-    announce: Callable[[Path], None],
+    desk: printing.Desk,
 ) -> None:
     """Write tray and sheet, then wait until a person has confirmed the batch."""
     sheet = printing.ensure_tray(campaign.lake, campaign.campaign_id, batch)
@@ -61,9 +60,13 @@ def print_batch(
         word = printing.PrintConfirmation(operator="nobody (--auto-print)", confirmed_by="auto")
         printing.confirm_print(campaign.lake, campaign.campaign_id, batch, word)
         return
-    announce(sheet)
-    while not should_stop() and not campaign.state().is_confirmed(batch):
+    desk.ask(batch, sheet)
+    while not campaign.state().is_confirmed(batch):
+        if should_stop():
+            return
         time.sleep(campaign.config.execution.print_poll_s)
+        desk.wait(batch, sheet)
+    desk.thank(batch)
 
 
 @task(task_run_name="gantry {label}", cache_policy=NO_CACHE)

@@ -29,8 +29,11 @@ from hardware.world.spec import World
 from models.errors import FastError
 from models.features import peak_force_n
 from models.records import GraspSimulation
+from tasks.attempt import hang_limit_s
 from tasks.campaign import Campaign
+from tasks.config import CampaignConfig
 from tasks.control import append_event, bench_log_folder
+from tasks.engine import Engine, open_engine
 from tasks.pool import WorkerPool
 from tasks.state import ProposedTool
 from tasks.summary import markdown_table, ranked_tools
@@ -44,7 +47,7 @@ _INTERRUPTS = (
 def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print: bool, voice: Voice) -> Outcome:
     """Run the campaign's flow until its schedule is complete or someone asks to stop."""
     config = campaign.config
-    simulations = WorkerPool(config.execution.simulation_workers)
+    simulations = _open_simulations(config)
     physics = WorkerPool(config.execution.physics_workers)
     told = notifier(isinstance(setup, World), config.execution.notify, config.execution.notify_virtual)
     progress = ProgressReporter(campaign, functools.partial(_emit, voice))
@@ -83,6 +86,12 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
         return outcome[0]
     tools = ranked_tools(campaign.lake, campaign.campaign_id)
     return Outcome(campaign.campaign_id, False, tools, ended_by=session.asked)
+
+
+def _open_simulations(config: CampaignConfig) -> Engine:
+    """The workers that simulate, here or on a cluster."""
+    limit_s = hang_limit_s(config.simulator.grasp_deadline_s)
+    return open_engine(config.execution.engine, config.execution.simulation_workers, limit_s)
 
 
 def _emit(voice: Voice, line: str) -> None:

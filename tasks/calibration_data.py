@@ -19,10 +19,9 @@ from models.records import Design, GraspSetup, SimulatorVersion
 from models.surrogate.imputation import mean_over_objects
 from models.validation import closest, load_record
 from tasks.config import CampaignConfig
-from tasks.state import ProposedTool, load_designs, tuples
+from tasks.state import THICKNESSES, ProposedTool, load_designs, tuples
 
 LEAST_SHARE = 0.5  # of the objects a tool must have been measured on to count
-_THICKNESSES = ("front_thickness_mm", "back_thickness_mm", "rib_thickness_mm")
 
 
 class TooLittleDataError(UsageError):
@@ -264,7 +263,7 @@ def _printed_points(lake: Lake, tool_ids: Sequence[str], designs: Sequence[Desig
     points = []
     for tool_id, design in zip(tool_ids, designs, strict=True):
         said = printed.get(tool_id, {})
-        thicknesses = {name: said.get(f"measured_{name}") for name in _THICKNESSES}
+        thicknesses = {name: said.get(f"measured_{name}") for name in THICKNESSES}
         measured_mm = {name: value for name, value in thicknesses.items() if value is not None}
         points.append(ProposedTool(tool_id, 0, 0, design, measured_mm=measured_mm).mounted_point)
     return np.array(points)

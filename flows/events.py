@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from prefect.events import emit_event
 
+from flows.prefect_server import address_for_others
 from tasks.campaign import Campaign
 
 MEASURED = "fast.batches.measured"
@@ -21,5 +22,5 @@ def announce_measured(campaign: Campaign, batches: Sequence[int]) -> None:
             "prefect.resource.id": f"fast.campaign.{campaign.campaign_id}",
             "prefect.resource.name": campaign.campaign_id,
         },
-        payload={"lake": campaign.lake.address, "campaign": campaign.campaign_id, "batches": list(batches)},
+        payload={"lake": address_for_others(campaign.lake), "campaign": campaign.campaign_id, "batches": list(batches)},
     )

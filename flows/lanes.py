@@ -4,7 +4,6 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from queue import Queue
 
 from prefect.futures import PrefectFuture
@@ -15,9 +14,10 @@ from hardware.safety import Verb
 from models.records import Design
 from tasks import proposing, steps
 from tasks.campaign import Campaign
+from tasks.engine import Engine
 from tasks.measuring import OpenBench
 from tasks.observing import unfinished_tools
-from tasks.pool import WorkerPool
+from tasks.printing import Desk
 from tasks.state import CampaignState, ProposedTool
 from tasks.steps import opaque
 
@@ -27,13 +27,13 @@ class Session:
     """What lives only as long as the process: workers, events, and whether someone asked to stop."""
 
     campaign: Campaign
-    pool: WorkerPool
+    pool: Engine
     open_bench: OpenBench
     world_hash: str | None
     auto_print: bool
     on_grasp: Callable[[ProposedTool, MeasuredGrasp], None]
     on_simulated: Callable[[str, int], None]
-    announce_print: Callable[[int, Path], None]
+    desk: Desk
     events: "Queue[PrefectFuture]" = field(default_factory=Queue)
     stopping: threading.Event = field(default_factory=threading.Event)
     asked: Verb | None = None
@@ -117,7 +117,7 @@ class BenchLane:
                     batch,
                     session.auto_print,
                     opaque(session.should_stop),
-                    opaque(lambda sheet, batch=batch: session.announce_print(batch, sheet)),
+                    opaque(session.desk),
                 )
                 return session.watch(future)
         return None

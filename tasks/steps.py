@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import TypeVar, cast
 
 from prefect import task
@@ -14,8 +13,8 @@ from hardware.cell import MeasuredGrasp
 from models.records import Design
 from tasks import measuring, printing, proposing, simulating
 from tasks.campaign import Campaign
+from tasks.engine import Engine
 from tasks.measuring import OpenBench
-from tasks.pool import WorkerPool
 from tasks.state import ProposedTool
 
 T = TypeVar("T")
@@ -40,7 +39,7 @@ def propose_batch(label: str, campaign: Campaign, stage: int) -> None:
 
 @task(task_run_name="simulate {label}", cache_policy=NO_CACHE)
 def simulate_design(
-    label: str, campaign: Campaign, design: Design, pool: WorkerPool, should_stop: Callable[[], bool]
+    label: str, campaign: Campaign, design: Design, pool: Engine, should_stop: Callable[[], bool]
 ) -> int:
     """Simulate one design on all objects that are missing; returns the number of failed grasps."""
     return simulating.simulate_design(campaign, design, pool=pool, should_stop=should_stop)
@@ -53,7 +52,7 @@ def print_batch(
     batch: int,
     auto_print: bool,
     should_stop: Callable[[], bool],
-    announce: Callable[[Path], None],
+    desk: printing.Desk,
 ) -> None:
     """Write tray and sheet, then wait until a person has confirmed the batch."""
     sheet = printing.ensure_tray(campaign.lake, campaign.campaign_id, batch)
@@ -61,9 +60,13 @@ def print_batch(
         word = printing.PrintConfirmation(operator="nobody (--auto-print)", confirmed_by="auto")
         printing.confirm_print(campaign.lake, campaign.campaign_id, batch, word)
         return
-    announce(sheet)
-    while not should_stop() and not campaign.state().is_confirmed(batch):
+    desk.ask(batch, sheet)
+    while not campaign.state().is_confirmed(batch):
+        if should_stop():
+            return
         time.sleep(campaign.config.execution.print_poll_s)
+        desk.wait(batch, sheet)
+    desk.thank(batch)
 
 
 @task(task_run_name="gantry {label}", cache_policy=NO_CACHE)

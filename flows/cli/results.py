@@ -22,11 +22,15 @@ def report(
     *,
     lake: LakePath = DEFAULT_LAKE,
     out: Annotated[Path | None, Parameter(help="Folder to write to; default: beside the lake's other outputs.")] = None,
+    against: Annotated[
+        list[Path] | None,
+        Parameter(negative="", help="Lake with another approach, for Fig. 2a; may be given several times."),
+    ] = None,
     json: AsJson = False,
 ) -> None:
     """Write a report as one folder of HTML, figures and data: of a campaign, finished or not, or of a calibration."""
     from flows.cli.campaign import open_lake, resolve_campaign
-    from flows.report.build import write_report
+    from flows.report.build import add_features, write_report
     from flows.report.calibration import write_calibration_report
     from lake.tables import CalibrationRow
 
@@ -36,7 +40,9 @@ def report(
         show({"calibration": campaign, "report": str(page)}, str(page), json)
         return
     name = resolve_campaign(found, campaign)
-    page = write_report(found, name, out or found.root / "outputs" / name / "report")
+    others = [open_lake(path) for path in against or []]
+    add_features(found, name)
+    page = write_report(found, name, out or found.root / "outputs" / name / "report", others)
     show({"campaign": name, "report": str(page)}, str(page), json)
 
 

@@ -79,8 +79,23 @@ class Browser:
             f".filter(e => e.innerText.trim().startsWith({json.dumps(label)}))[{nth}]?.querySelector('input, textarea')"
         )
         self.wait(f"!!({field})")
-        self.script(f"({field}).focus(); ({field}).select()")
-        self.call("Input.insertText", text=text)
+        for _ in range(3):  # a page that draws itself anew at that moment drops what is typed
+            self.script(f"({field}).focus(); ({field}).select()")
+            self.call("Input.insertText", text=text)
+            time.sleep(0.5)
+            if self.script(f"({field}).value") == text:
+                return
+        raise FastError(f"the field `{label}` did not take `{text}`.")
+
+    def choose(self, label: str, option: str, nth: int = 0) -> None:
+        """Choose an option of the n-th list whose label starts with this text."""
+        field = (
+            "[...document.querySelectorAll('.p-label')]"
+            f".filter(e => e.innerText.trim().startsWith({json.dumps(label)}))[{nth}]?.querySelector('select')"
+        )
+        self.wait(f"!!({field})")
+        set_value = f"s.value = {json.dumps(option)};" + " s.dispatchEvent(new Event('change', {bubbles: true}))"
+        self.script(f"(s => {{ {set_value} }})({field})")
 
     def picture(self, path: Path) -> None:
         """Write what the window shows as a PNG."""

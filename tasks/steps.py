@@ -16,11 +16,7 @@ from tasks import measuring, printing, proposing, simulating
 from tasks.campaign import Campaign
 from tasks.engine import Engine
 from tasks.measuring import OpenBench
-<<<<<<< HEAD
-=======
-from tasks.pool import WorkerPool
 from tasks.run_names import PlaceInName
->>>>>>> operate
 from tasks.state import ProposedTool
 
 T = TypeVar("T")

@@ -12,7 +12,7 @@ from queue import Empty
 from typing import Any, cast
 from uuid import UUID
 
-from prefect import flow
+from prefect import flow, tags
 from prefect.artifacts import create_markdown_artifact, create_progress_artifact, update_progress_artifact
 from prefect.futures import PrefectFuture
 from prefect.runtime import flow_run
@@ -21,6 +21,7 @@ from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 from flows.events import announce_measured
 from flows.lanes import BenchLane, RerunLane, Session, SimulationLane
 from flows.progress import workload
+from flows.run_marks import RunningProcess
 from lake.maintenance import compact
 from lake.tables import TABLES
 from models.errors import FastError
@@ -63,7 +64,8 @@ def run_flow(
                 campaign.provenance(campaign.config.seed),
             )
 
-    return campaign_flow(campaign.campaign_id, campaign.config.config_hash, campaign.lake.address)
+    with tags(RunningProcess.own().tag):
+        return campaign_flow(campaign.campaign_id, campaign.config.config_hash, campaign.lake.address)
 
 
 def _run_stages(session: Session, finish: Callable[[], str]) -> bool:

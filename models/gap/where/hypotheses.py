@@ -118,7 +118,9 @@ def _statistics(residuals: Residuals, u: np.ndarray, draws: _Draws) -> dict[str,
     signed_cells = weight * (cells - by_tool[:, None])
     found = {EVERYWHERE: np.abs(draws.signs @ by_tool), BY_OBJECT: np.linalg.norm(draws.signs @ signed_cells, axis=1)}
     table = tool_table(residuals)[tools]
-    found |= {n: _correlation(by_tool, x, draws.tools) for n, x in zip(TOOL_FEATURES, table.T, strict=True) if x.std() > 0}
+    found |= {
+        n: _correlation(by_tool, x, draws.tools) for n, x in zip(TOOL_FEATURES, table.T, strict=True) if x.std() > 0
+    }
     table = object_table(residuals)[objects]
     found |= {n: _correlation(by_obj, x, draws.objects)
               for n, x in zip(OBJECT_FEATURES[:2], table.T, strict=False) if x.std() > 0}  # fmt: skip

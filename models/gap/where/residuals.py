@@ -54,7 +54,9 @@ class Residuals:
             )
 
     @staticmethod
-    def of(problem: GapProblem, predicted_n: np.ndarray, theta: Theta, tool_factor: np.ndarray | None = None) -> "Residuals":
+    def of(
+        problem: GapProblem, predicted_n: np.ndarray, theta: Theta, tool_factor: np.ndarray | None = None
+    ) -> "Residuals":
         """Residuals of the grasps that are not held out; predicted_n: n x steps of all grasps, at `theta`."""
         grasps, bank, chosen = problem.grasps, problem.bank, ~problem.is_held_out
         scale = theta.young_modulus_mpa / bank.centre.young_modulus_mpa

@@ -135,7 +135,9 @@ def _stable_question(
     stability = often[most] / len(halves)
     if stability < STABLE:
         return None
-    first = [next(q.limit for q in found if q.feature == most) for found in asked if any(q.feature == most for q in found)]
+    first = [
+        next(q.limit for q in found if q.feature == most) for found in asked if any(q.feature == most for q in found)
+    ]
     limit = float(np.median(first))
     is_above = cells.x[:, most] > limit
     sizes = [_clusters(cells.take(side)) for side in (is_above, ~is_above)]

@@ -16,7 +16,7 @@ from models.gap.working import IS_LIFT
 from models.objects.catalogue import get_object
 from models.objects.primitives import bounds
 
-COEFFICIENT_SDS = (0.02, 0.006)  # of the amplitude, for one standard deviation of an input: two stiffnesses are tried
+COEFFICIENT_SDS = (0.006, 0.0015)  # of the amplitude, for one standard deviation of an input: two stiffnesses
 
 
 def flexible(fit: Fit) -> Sequence[Fit]:

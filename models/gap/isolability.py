@@ -1,19 +1,19 @@
 """What these data could tell apart, whatever they say: computed from the design of the experiment alone.
 
 Fields of effects, freed of what theta, tools and numerical error can do; their cosines; and how many nats apart two
-effects of a plausible size would be, deflated to clusters, since features of a cell and cells of a tool are no
-independent witnesses (notes/gap.md section 3, ii-2).
+effects of a plausible size would be (notes/gap.md section 3, ii-2).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.fit import Fit
 from models.gap.screen import Screen
 
 INVISIBLE = 0.1  # of the size of a field that survives theta: below, the effect is an alias of theta
 LEAST_NATS = 3.0  # below, two effects are confusable
+# Features of a cell and cells of a tool are no independent witnesses, though whitened: this share of them counts.
+DEFLATION = 0.25
 LEAST_SNR2 = 2.0 * LEAST_NATS  # below, an effect of a plausible size is not told from none
 
 
@@ -49,7 +49,7 @@ class Isolability:
         return float(min(self.nats[i, j], self.nats[j, i]))
 
 
-def isolability(fit: Fit, screen: Screen) -> Isolability:
+def isolability(screen: Screen) -> Isolability:
     """Isolability of the screen's effects, each at the secant of which theta leaves the largest field.
 
     The best stand-in among all secants of another effect counts: effects have shapes.
@@ -62,15 +62,10 @@ def isolability(fit: Fit, screen: Screen) -> Isolability:
     chosen = np.array([_largest(size, of_effect == number) for number in range(len(names))])
     every = np.clip(unit[chosen] @ unit.T, -1.0, 1.0)
     cosines = np.array([[row[of_effect == number].max() for number in range(len(names))] for row in every])
-    snr2 = size[chosen] ** 2 * _n_clusters(fit) / fit.residual.size
+    snr2 = DEFLATION * size[chosen] ** 2
     nats = 0.5 * snr2[:, None] * (1.0 - np.maximum(cosines, 0.0) ** 2)
     return Isolability(names, screen.visible[chosen], snr2, cosines, nats)
 
 
 def _largest(size: np.ndarray, is_own: np.ndarray) -> int:
     return int(np.argmax(np.where(is_own, size, -1.0)))
-
-
-def _n_clusters(fit: Fit) -> int:
-    """Cells: tools on objects."""
-    return sum(len(places) for places in fit.working.cells)

@@ -8,7 +8,9 @@ import pytest
 from rerun.chunk import RrdReader
 
 from flows.report.content import Content
-from flows.viewer.rerun import chosen_tools, write_design_recording, write_grasp_recording, write_recording
+from flows.viewer.campaign import chosen_tools, write_recording
+from flows.viewer.design import write_design_recording
+from flows.viewer.grasp import write_grasp_recording
 from flows.viewer.scene import finger_meshes, finger_translations
 from lake.store import Lake
 from lake.tables import GraspRow

@@ -29,11 +29,14 @@ from hardware.world.spec import World
 from models.errors import FastError
 from models.features import peak_force_n
 from models.records import GraspSimulation
+from tasks.attempt import hang_limit_s
 from tasks.campaign import Campaign
+from tasks.config import CampaignConfig
 from tasks.control import append_event, bench_log_folder
+from tasks.engine import Engine, open_engine
 from tasks.pool import WorkerPool
 from tasks.state import ProposedTool
-from tasks.summary import markdown_table, ranked_tools
+from tasks.summary import ranked_tools
 
 _INTERRUPTS = (
     (Verb.PAUSE, "Finishing the current grasp and the simulations that run; the same command continues later."),
@@ -44,7 +47,7 @@ _INTERRUPTS = (
 def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print: bool, voice: Voice) -> Outcome:
     """Run the campaign's flow until its schedule is complete or someone asks to stop."""
     config = campaign.config
-    simulations = WorkerPool(config.execution.simulation_workers)
+    simulations = _open_simulations(config)
     physics = WorkerPool(config.execution.physics_workers)
     told = notifier(isinstance(setup, World), config.execution.notify, config.execution.notify_virtual)
     progress = ProgressReporter(campaign, functools.partial(_emit, voice))
@@ -62,9 +65,8 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
         voice.announce("--auto-print: trays count as printed and mounted without asking a person")
     outcome: list[Outcome] = []
 
-    def finish() -> str:
+    def finish() -> None:
         outcome.append(_write_results(campaign, voice))
-        return markdown_table(outcome[0].tools) + f"\n\nReport: `{outcome[0].report}`"
 
     try:
         is_complete = run_flow(session, finish, functools.partial(interrupts, session, voice))
@@ -83,6 +85,12 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
         return outcome[0]
     tools = ranked_tools(campaign.lake, campaign.campaign_id)
     return Outcome(campaign.campaign_id, False, tools, ended_by=session.asked)
+
+
+def _open_simulations(config: CampaignConfig) -> Engine:
+    """The workers that simulate, here or on a cluster."""
+    limit_s = hang_limit_s(config.simulator.grasp_deadline_s)
+    return open_engine(config.execution.engine, config.execution.simulation_workers, limit_s)
 
 
 def _emit(voice: Voice, line: str) -> None:
@@ -127,7 +135,7 @@ def _tell_grasp(progress: ProgressReporter, tool: ProposedTool, grasp: MeasuredG
 
 def _tell_simulated(progress: ProgressReporter, label: str, n_failed: int) -> None:
     failed = f", {n_failed} failed" if n_failed else ""
-    progress.line(f"simulated {label}{failed}", force=True)
+    progress.line(f"{label}{failed}", force=True)
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from flows.launch import Outcome, Voice
 from flows.notify import notifier
 from flows.progress import ProgressReporter
 from flows.report.build import add_features, write_report
-from flows.viewer.rerun import write_recording
+from flows.viewer.campaign import write_recording
 from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_bench
 from hardware.cell import MeasuredGrasp
 from hardware.safety import Verb

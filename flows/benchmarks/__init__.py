@@ -9,6 +9,7 @@ from flows.benchmarks.calibration import measure_calibration
 from flows.benchmarks.calibration_peers import measure_calibration_peers
 from flows.benchmarks.calibration_ranks import measure_calibration_ranks
 from flows.benchmarks.calibration_traces import measure_calibration_traces
+from flows.benchmarks.day import measure_day
 from flows.benchmarks.fanout import measure_fanout
 from flows.benchmarks.features import measure_features
 from flows.benchmarks.gap_truth import measure_gap_truth
@@ -61,4 +62,5 @@ BENCHMARKS: dict[str, Benchmark] = {
     "kills": _sampled(measure_kills, frozenset({"n"})),
     "calibration-peers": _sampled(measure_calibration_peers, frozenset({"results", "worlds"})),
     "host-kills": _sampled(measure_host_kills, frozenset({"n"})),
+    "day": _sampled(measure_day, frozenset({"figure"})),
 }

@@ -12,6 +12,7 @@ from flows.benchmarks.calibration_traces import measure_calibration_traces
 from flows.benchmarks.day import measure_day
 from flows.benchmarks.fanout import measure_fanout
 from flows.benchmarks.features import measure_features
+from flows.benchmarks.gap import measure_gap
 from flows.benchmarks.gap_truth import measure_gap_truth
 from flows.benchmarks.grasp import measure_grasp
 from flows.benchmarks.kills import measure_host_kills, measure_kills
@@ -47,6 +48,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "ranking": _sampled(measure_ranking, _STUDY),
     "robustness": _sampled(measure_robustness, _STUDY | {"tiers"}),
     "fanout": _sampled(measure_fanout, _SAMPLE | {"workers"}),
+    "gap": _sampled(measure_gap, _SAMPLE | {"results", "limit_minutes", "worlds"}),
     "gap-truth": _sampled(measure_gap_truth, _STUDY),
     "traces": _sampled(measure_traces, _SAMPLE | {"figure"}),
     "calibration-traces": _sampled(measure_calibration_traces, _STUDY | {"figure", "worlds"}),

@@ -75,7 +75,7 @@ def run_tests(residuals: Residuals, seed: int = 0) -> TestTree:
 
 
 def bh(p: np.ndarray) -> np.ndarray:
-    """q of p values of one family (m): Benjamini and Hochberg 1995."""
+    """Q of p values of one family (m): Benjamini and Hochberg 1995."""
     order = np.argsort(p)
     q = p[order] * len(p) / (np.arange(len(p)) + 1)
     out = np.zeros(len(p))
@@ -184,6 +184,6 @@ def _standardised(statistics: np.ndarray) -> np.ndarray:
 
 
 def _largest(z: np.ndarray) -> float:
-    """p of the largest statistic of a branch (m x (1 + b))."""
+    """P of the largest statistic of a branch (m x (1 + b))."""
     largest = z.max(axis=0)
     return float(np.mean(largest >= largest[0]))

@@ -79,7 +79,8 @@ class Fit:
 
     theta: 3. tool_log: t, logarithm of the tools' moduli over Young's modulus. numerical: v, of unit variance.
     residual: m x f, whitened, clipped. columns: c x m x f, whitened slopes by theta, tools, numerical errors and
-    effects' parameters in this order; precision: c, of their priors. loss: half of squares and penalties.
+    effects' parameters in this order; precision: c, of their priors; pull: c, slopes of their penalties. loss: half of
+    squares and penalties.
     """
 
     working: Working
@@ -87,9 +88,11 @@ class Fit:
     tool_log: np.ndarray
     numerical: np.ndarray
     effects: tuple[EffectValue, ...]
+    modelled: np.ndarray
     residual: np.ndarray
     columns: np.ndarray
     precision: np.ndarray
+    pull: np.ndarray
     loss: float
 
     @property
@@ -186,9 +189,11 @@ class Fitter:
             tool_log=point.tool_log,
             numerical=point.numerical,
             effects=self._effects(point),
+            modelled=self._predicted(point),
             residual=np.clip(residual, -CLIP_SD, CLIP_SD),
             columns=columns,
             precision=self.precision,
+            pull=self.precision * (point.vector - self.middle),
             loss=loss,
         )
 

@@ -121,10 +121,12 @@ def left_out_errors(fit: Fit, fields: np.ndarray, is_out: np.ndarray, *, is_new_
 
     is_out: m. The modulus of a tool that is left out is estimated on half its objects and the other half is scored.
     """
-    flat_rest = [part[:, ~is_out].reshape(len(part), -1) for part in (fit.columns, fields, fit.residual[None])]
-    columns, secant, residual = flat_rest
+    n_known = np.count_nonzero(~is_out) * fit.residual.shape[1]
+    known = [part[:, ~is_out].reshape(len(part), n_known) for part in (fit.columns, fields, fit.residual[None])]
+    columns, secant, residual = known
     inverse = np.linalg.inv(columns @ columns.T + np.diag(fit.precision))
     by_columns = columns @ np.concatenate([secant, residual]).T
+    by_columns[:, -1] -= fit.pull
     shares = inverse @ by_columns
     own = (secant**2).sum(axis=1) - (by_columns[:, :-1] * shares[:, :-1]).sum(axis=0)
     along = secant @ residual[0] - by_columns[:, :-1].T @ shares[:, -1]

@@ -66,6 +66,14 @@ class Working:
             rotated[..., places, :] = _rotation(places.shape[1]) @ values[..., places, :]
         return np.asarray((self.whiteners @ rotated[..., None])[..., 0])
 
+    def unwhitened(self, values: np.ndarray) -> np.ndarray:
+        """Inverse of `whitened`."""
+        rotated = np.linalg.solve(self.whiteners, values[..., None])[..., 0]
+        found = np.zeros_like(values)
+        for places in self.cells:
+            found[..., places, :] = _rotation(places.shape[1]).T @ rotated[..., places, :]
+        return found
+
 
 def training(problem: GapProblem) -> GapProblem:
     """The problem with the grasps that may be learnt from: not held out, finite, with simulations."""

@@ -16,7 +16,7 @@ from flows.standing import StandingProcess
 from lake.store import Lake
 from models.errors import FastError
 
-START_LIMIT_S = 180.0  # the first start migrates a new database: 10 s on an idle machine, a minute on a busy one
+START_LIMIT_S = 600.0  # the first start migrates a new database: 10 s on an idle machine, minutes on a busy one
 LOOPBACK = "127.0.0.1"
 PASSWORD_VARIABLE = "FAST_PASSWORD"
 USER = "fast"

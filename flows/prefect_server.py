@@ -18,6 +18,7 @@ from models.errors import FastError
 
 START_LIMIT_S = 600.0  # the first start migrates a new database: 10 s on an idle machine, minutes on a busy one
 LOOPBACK = "127.0.0.1"
+DEFAULT_PORT = 4200
 PASSWORD_VARIABLE = "FAST_PASSWORD"
 USER = "fast"
 

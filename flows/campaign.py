@@ -11,7 +11,7 @@ from functools import partial
 from queue import Empty
 from typing import Any
 
-from prefect import flow
+from prefect import flow, tags
 from prefect.futures import PrefectFuture
 from prefect.runtime import flow_run
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
@@ -19,6 +19,7 @@ from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 from flows.campaign_page import CampaignPage
 from flows.events import announce_measured
 from flows.lanes import BenchLane, RerunLane, Session, SimulationLane
+from flows.run_marks import RunningProcess
 from lake.maintenance import compact
 from lake.tables import TABLES
 from models.errors import FastError
@@ -61,7 +62,8 @@ def run_flow(
                 campaign.provenance(campaign.config.seed),
             )
 
-    return campaign_flow(campaign.campaign_id, campaign.config.config_hash, campaign.lake.address)
+    with tags(RunningProcess.own().tag):
+        return campaign_flow(campaign.campaign_id, campaign.config.config_hash, campaign.lake.address)
 
 
 def _run_stages(session: Session, finish: Callable[[], None]) -> bool:

@@ -9,6 +9,7 @@ from prefect import flow
 from prefect.runtime import flow_run
 from prefect.states import Completed, Failed, State
 
+from flows.run_marks import mark_run
 from models.errors import FastError
 
 logger = logging.getLogger(__name__)
@@ -16,6 +17,7 @@ logger = logging.getLogger(__name__)
 
 def ended(work: Callable[[], str]) -> State[Any]:
     """How a run ends: completed with the sentence of `work`, or failed with the reason, and nothing before it."""
+    mark_run()
     try:
         return Completed(message=work())
     except FastError as error:
@@ -75,6 +77,7 @@ def recalibrate(
     draws: int = 1000,
     tune: int = 1000,
     workers: int = 2,
+    print_scatter: float = 0.0,
 ) -> State[Any]:
     """Calibrate the simulator of a lake again if anything is new; the state of the run says what was done.
 
@@ -87,7 +90,7 @@ def recalibrate(
     from models.calibration.hypercube import HypercubePlan
     from models.calibration.settings import CalibrationSettings
 
-    settings = CalibrationSettings(chains=chains, draws=draws, tune=tune, workers=workers)
+    settings = CalibrationSettings(chains=chains, draws=draws, tune=tune, workers=workers, print_scatter=print_scatter)
     order = CalibrationOrder(settings, campaign, hypercube=HypercubePlan(n=simulate) if simulate else None)
     voice = Voice(progress=logger.info, announce=logger.warning)
     return ended(lambda: recalibrate_lake(Lake.open(lake), order, str(flow_run.get_id()), voice))

@@ -14,9 +14,9 @@ from hardware.safety import Verb
 from models.records import Design
 from tasks import proposing, steps
 from tasks.campaign import Campaign
+from tasks.engine import Engine
 from tasks.measuring import OpenBench
 from tasks.observing import unfinished_tools
-from tasks.pool import WorkerPool
 from tasks.printing import Desk
 from tasks.state import CampaignState, ProposedTool
 from tasks.steps import opaque
@@ -27,7 +27,7 @@ class Session:
     """What lives only as long as the process: workers, events, and whether someone asked to stop."""
 
     campaign: Campaign
-    pool: WorkerPool
+    pool: Engine
     open_bench: OpenBench
     world_hash: str | None
     auto_print: bool

@@ -17,8 +17,8 @@ from flows.lanes import Session
 from flows.launch import Outcome, Voice
 from flows.notify import notifier
 from flows.progress import ProgressReporter
-from flows.report.build import write_report
-from flows.viewer.rerun import write_recording
+from flows.report.build import add_features, write_report
+from flows.viewer.campaign import write_recording
 from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_bench
 from hardware.cell import MeasuredGrasp
 from hardware.safety import Verb
@@ -29,8 +29,11 @@ from hardware.world.spec import World
 from models.errors import FastError
 from models.features import peak_force_n
 from models.records import GraspSimulation
+from tasks.attempt import hang_limit_s
 from tasks.campaign import Campaign
+from tasks.config import CampaignConfig
 from tasks.control import append_event, bench_log_folder
+from tasks.engine import Engine, open_engine
 from tasks.pool import WorkerPool
 from tasks.state import ProposedTool
 from tasks.summary import ranked_tools
@@ -44,7 +47,7 @@ _INTERRUPTS = (
 def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print: bool, voice: Voice) -> Outcome:
     """Run the campaign's flow until its schedule is complete or someone asks to stop."""
     config = campaign.config
-    simulations = WorkerPool(config.execution.simulation_workers)
+    simulations = _open_simulations(config)
     physics = WorkerPool(config.execution.physics_workers)
     told = notifier(isinstance(setup, World), config.execution.notify, config.execution.notify_virtual)
     progress = ProgressReporter(campaign, functools.partial(_emit, voice))
@@ -82,6 +85,12 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
         return outcome[0]
     tools = ranked_tools(campaign.lake, campaign.campaign_id)
     return Outcome(campaign.campaign_id, False, tools, ended_by=session.asked)
+
+
+def _open_simulations(config: CampaignConfig) -> Engine:
+    """The workers that simulate, here or on a cluster."""
+    limit_s = hang_limit_s(config.simulator.grasp_deadline_s)
+    return open_engine(config.execution.engine, config.execution.simulation_workers, limit_s)
 
 
 def _emit(voice: Voice, line: str) -> None:
@@ -164,6 +173,7 @@ def _best_in_words(outcome: Outcome) -> str:
 
 def _write_results(campaign: Campaign, voice: Voice) -> Outcome:
     voice.progress("writing report and recording")
+    add_features(campaign.lake, campaign.campaign_id)
     report = write_report(campaign.lake, campaign.campaign_id, campaign.output / "report")
     recording = campaign.output / f"{campaign.campaign_id}.rrd"
     write_recording(campaign.lake, campaign.campaign_id, recording)

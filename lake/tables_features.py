@@ -37,6 +37,7 @@ class TraceFeaturesRow(Row):
     drop_rate_n_per_mm: float | None = Field(default=None, description="mean fall from 80 to 20 % of the peak")
     lowest_after_n: float = Field(description="lowest after the peak; negative: the tips push the object down")
     separation_lift_mm: float | None = Field(default=None, description="last reading of a tenth of the peak, and 0.5 N")
+    end_force_n: float | None = Field(default=None, description="mean over the last 2 mm: the zero when it is over")
     profile_n: tuple[float, ...] = Field(description="mean forces over 2 mm of lift each, up to 60 mm")
 
     @classmethod

@@ -14,8 +14,8 @@ from hardware.cell import MeasuredGrasp
 from models.records import Design
 from tasks import measuring, printing, proposing, simulating
 from tasks.campaign import Campaign
+from tasks.engine import Engine
 from tasks.measuring import OpenBench
-from tasks.pool import WorkerPool
 from tasks.run_names import PlaceInName
 from tasks.state import ProposedTool
 
@@ -41,7 +41,7 @@ def propose_batch(label: str, campaign: Campaign, stage: int) -> None:
 
 @task(task_run_name="{label}", cache_policy=NO_CACHE)
 def simulate_design(
-    label: str, campaign: Campaign, design: Design, pool: WorkerPool, should_stop: Callable[[], bool]
+    label: str, campaign: Campaign, design: Design, pool: Engine, should_stop: Callable[[], bool]
 ) -> int:
     """Simulate one design on all objects that are missing; returns the number of failed grasps."""
     return simulating.simulate_design(campaign, design, pool=pool, should_stop=should_stop)

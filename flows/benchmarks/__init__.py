@@ -12,6 +12,8 @@ from flows.benchmarks.calibration_traces import measure_calibration_traces
 from flows.benchmarks.day import measure_day
 from flows.benchmarks.fanout import measure_fanout
 from flows.benchmarks.features import measure_features
+from flows.benchmarks.gap import measure_gap
+from flows.benchmarks.gap_truth import measure_gap_truth
 from flows.benchmarks.grasp import measure_grasp
 from flows.benchmarks.kills import measure_host_kills, measure_kills
 from flows.benchmarks.lake import measure_lake
@@ -20,6 +22,7 @@ from flows.benchmarks.profile import measure_profile
 from flows.benchmarks.ranking import measure_ranking
 from flows.benchmarks.robustness import measure_robustness
 from flows.benchmarks.scientist import measure_scientist
+from flows.benchmarks.server_kills import measure_server_kills
 from flows.benchmarks.traces import measure_traces
 
 _SAMPLE = frozenset({"designs", "objects"})
@@ -46,6 +49,8 @@ BENCHMARKS: dict[str, Benchmark] = {
     "ranking": _sampled(measure_ranking, _STUDY),
     "robustness": _sampled(measure_robustness, _STUDY | {"tiers"}),
     "fanout": _sampled(measure_fanout, _SAMPLE | {"workers"}),
+    "gap": _sampled(measure_gap, _SAMPLE | {"results", "limit_minutes", "worlds"}),
+    "gap-truth": _sampled(measure_gap_truth, _STUDY),
     "traces": _sampled(measure_traces, _SAMPLE | {"figure"}),
     "calibration-traces": _sampled(measure_calibration_traces, _STUDY | {"figure", "worlds"}),
     "scientist": _sampled(measure_scientist, frozenset({"figure", "limit_minutes"})),
@@ -61,4 +66,5 @@ BENCHMARKS: dict[str, Benchmark] = {
     "calibration-peers": _sampled(measure_calibration_peers, frozenset({"results", "worlds"})),
     "host-kills": _sampled(measure_host_kills, frozenset({"n"})),
     "day": _sampled(measure_day, frozenset({"figure"})),
+    "server-kills": _sampled(measure_server_kills, frozenset({"n", "results", "limit_minutes"})),
 }

@@ -1,11 +1,16 @@
 """Checks of `fast doctor` that do not need the solver: versions, server, notifications."""
 
 import json
+import os
 
 import pytest
 
 from flows.cli import doctor
 from flows.prefect_server import state_folder
+
+
+def noted(url):
+    return json.dumps({"api_url": url, "pid": os.getpid(), "owner_pid": os.getpid()})
 
 
 @pytest.fixture(autouse=True)
@@ -25,11 +30,11 @@ def test_a_package_of_another_version_fails_with_its_fix(monkeypatch, tmp_path):
 def test_the_server_of_a_lake_is_found(monkeypatch, tmp_path):
     assert "none of this lake" in doctor._running(tmp_path)
     state_folder(tmp_path).mkdir(parents=True)
-    (tmp_path / ".state" / "server.json").write_text(json.dumps({"api_url": "http://127.0.0.1:4999/api"}))
+    (tmp_path / ".state" / "server.json").write_text(noted("http://127.0.0.1:4999/api"))
     monkeypatch.setattr("flows.prefect_server.is_healthy", lambda url: True)
     assert doctor._running(tmp_path) == "of this lake: http://127.0.0.1:4999"
     # Only a server of this machine is believed: the file may come from elsewhere with a copied lake.
-    (tmp_path / ".state" / "server.json").write_text(json.dumps({"api_url": "http://elsewhere:80/api"}))
+    (tmp_path / ".state" / "server.json").write_text(noted("http://elsewhere:80/api"))
     assert "none of this lake" in doctor._running(tmp_path)
 
 

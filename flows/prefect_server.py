@@ -18,9 +18,10 @@ from flows.standing import StandingProcess
 from lake.store import Lake
 from models.errors import FastError
 
-START_LIMIT_S = 180.0  # the first start migrates a new database: 10 s on an idle machine, a minute on a busy one
+START_LIMIT_S = 600.0  # the first start migrates a new database: 10 s on an idle machine, minutes on a busy one
 KEEP_S = 1.0  # between looks at a server of ours
 LOOPBACK = "127.0.0.1"
+DEFAULT_PORT = 4200
 PASSWORD_VARIABLE = "FAST_PASSWORD"
 USER = "fast"
 

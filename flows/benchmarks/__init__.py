@@ -15,6 +15,7 @@ from flows.benchmarks.grasp import measure_grasp
 from flows.benchmarks.kills import measure_host_kills, measure_kills
 from flows.benchmarks.lake import measure_lake
 from flows.benchmarks.object_store import measure_object_store
+from flows.benchmarks.overhead import measure_overhead
 from flows.benchmarks.profile import measure_profile
 from flows.benchmarks.ranking import measure_ranking
 from flows.benchmarks.robustness import measure_robustness
@@ -60,5 +61,6 @@ BENCHMARKS: dict[str, Benchmark] = {
     "kills": _sampled(measure_kills, frozenset({"n"})),
     "calibration-peers": _sampled(measure_calibration_peers, frozenset({"results", "worlds"})),
     "host-kills": _sampled(measure_host_kills, frozenset({"n"})),
+    "overhead": _sampled(measure_overhead, frozenset()),
     "server-kills": _sampled(measure_server_kills, frozenset({"n", "results", "limit_minutes"})),
 }

@@ -20,6 +20,7 @@ from flows.benchmarks.identification import measure_identification
 from flows.benchmarks.kills import measure_host_kills, measure_kills
 from flows.benchmarks.lake import measure_lake
 from flows.benchmarks.object_store import measure_object_store
+from flows.benchmarks.overhead import measure_overhead
 from flows.benchmarks.profile import measure_profile
 from flows.benchmarks.ranking import measure_ranking
 from flows.benchmarks.robustness import measure_robustness
@@ -70,5 +71,6 @@ BENCHMARKS: dict[str, Benchmark] = {
     "calibration-peers": _sampled(measure_calibration_peers, frozenset({"results", "worlds"})),
     "host-kills": _sampled(measure_host_kills, frozenset({"n"})),
     "day": _sampled(measure_day, frozenset({"figure"})),
+    "overhead": _sampled(measure_overhead, frozenset()),
     "server-kills": _sampled(measure_server_kills, frozenset({"n", "results", "limit_minutes"})),
 }

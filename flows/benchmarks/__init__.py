@@ -14,6 +14,7 @@ from flows.benchmarks.day import measure_day
 from flows.benchmarks.fanout import measure_fanout
 from flows.benchmarks.features import measure_features
 from flows.benchmarks.gap import measure_gap
+from flows.benchmarks.gap_sealed import measure_gap_sealed
 from flows.benchmarks.gap_truth import measure_gap_truth
 from flows.benchmarks.grasp import measure_grasp
 from flows.benchmarks.identification import measure_identification
@@ -53,6 +54,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "robustness": _sampled(measure_robustness, _STUDY | {"tiers"}),
     "fanout": _sampled(measure_fanout, _SAMPLE | {"workers"}),
     "gap": _sampled(measure_gap, _SAMPLE | {"results", "limit_minutes", "worlds"}),
+    "gap-sealed": _sampled(measure_gap_sealed, _SAMPLE | {"results", "limit_minutes", "worlds"}),
     "gap-truth": _sampled(measure_gap_truth, _STUDY),
     "traces": _sampled(measure_traces, _SAMPLE | {"figure"}),
     "calibration-traces": _sampled(measure_calibration_traces, _STUDY | {"figure", "worlds"}),

@@ -18,7 +18,7 @@ from flows.report.queries import Result
 from flows.report.results import NOT_MEASURED
 from flows.report.style import BEST, FIRST, MUTED, SOFTEST, new_figure
 from flows.report.traces import Curve
-from flows.report.windows import Window, object_panel
+from flows.report.windows import NO_TRACES, Window, object_panel
 
 AT_MOST = 4  # objects of a group that are drawn
 WIDTH_IN, HEIGHT_IN = 1.95, 2.7
@@ -58,6 +58,8 @@ def shapes_section(content: Content, folder: Folder) -> Markup:
     features = content.result("shape_features", queries.SHAPE_FEATURES)
     classes = {row["object_id"]: (row["object_class"], row["object_name"]) for row in content.object_classes.rows}
     curves = _by_object(traces.rows, tools)
+    if not curves:
+        return section("shapes", title, paragraph(NO_TRACES), folder.sources(traces))
     window = Window.of([curve for found in curves.values() for curve in found.values()])
     parts = []
     for group in GROUPS:

@@ -30,15 +30,25 @@ def findings(text: str) -> Iterator[str]:
     """What is wrong with the installed packages, one sentence each."""
     pins, loose = locked(text)
     yield from (f"`{line}` of the lock is no exact pin; run `make lock`." for line in loose)
-    installed = {_plain(found.metadata["Name"]): found for found in distributions()}
-    for name, version in pins.items():
+    yield from mismatches(text)
+    installed = _installed()
+    for name in sorted(set(installed) - set(pins) - UNLOCKED):
+        yield f"{name} {installed[name].version} is installed but not locked; uninstall it, or `make lock`."
+
+
+def mismatches(text: str) -> Iterator[str]:
+    """Locked packages that are missing, or there in another version."""
+    installed = _installed()
+    for name, version in locked(text)[0].items():
         found = installed.get(name)
         if found is None:
             yield f"{name} {version} is locked but not installed; run `make clean setup`."
         elif found.version.partition("+")[0] != version.partition("+")[0]:
             yield f"{name} is {found.version}, the lock says {version}; run `make clean setup`."
-    for name in sorted(set(installed) - set(pins) - UNLOCKED):
-        yield f"{name} {installed[name].version} is installed but not locked; uninstall it, or `make lock`."
+
+
+def _installed() -> dict[str, Distribution]:
+    return {_plain(found.metadata["Name"]): found for found in distributions()}
 
 
 def changed_files(found: Distribution) -> Iterator[str]:

@@ -18,9 +18,10 @@ from flows.standing import StandingProcess
 from lake.store import Lake
 from models.errors import FastError
 
-START_LIMIT_S = 180.0  # the first start migrates a new database: 10 s on an idle machine, a minute on a busy one
+START_LIMIT_S = 600.0  # the first start migrates a new database: 10 s on an idle machine, minutes on a busy one
 KEEP_S = 1.0  # between looks at a server of ours
 LOOPBACK = "127.0.0.1"
+DEFAULT_PORT = 4200
 PASSWORD_VARIABLE = "FAST_PASSWORD"
 USER = "fast"
 
@@ -30,6 +31,11 @@ OFFLINE = {
     "PREFECT_CLOUD_ENABLE_ORCHESTRATION_TELEMETRY": "false",
     "PREFECT_SERVER_UI_SHOW_PROMOTIONAL_CONTENT": "false",
     "PREFECT_SERVER_UI_V2_ENABLED": "false",
+}
+# Runs are forgotten three months after their end, with their tasks and logs; events after a week. The lake keeps all.
+TIDY = {
+    "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "events,flow_runs",
+    "PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD": str(90 * 86400),
 }
 PATIENT = {"PREFECT_CLIENT_MAX_RETRIES": "7"}  # about four minutes: a killed server is back by then
 
@@ -146,6 +152,8 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> StandingPr
     environment = {**os.environ, **client_environment(url), "PREFECT_HOME": str(home)}
     if login := _login():
         environment["PREFECT_SERVER_API_AUTH_STRING"] = login
+    for name, value in TIDY.items():
+        environment.setdefault(name, value)
     # Pages that were opened under another name ask the server they came from.
     environment.setdefault("PREFECT_UI_API_URL", "/api")
     arguments = [host, str(port), str(os.getpid()), str(lake_root / "outputs")]

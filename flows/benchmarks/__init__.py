@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from flows.benchmarks.accuracy import measure_accuracy
+from flows.benchmarks.anomalies import measure_anomalies
 from flows.benchmarks.base import Benchmark, Options, Tables
 from flows.benchmarks.bench import measure_bench
 from flows.benchmarks.calibration import measure_calibration
@@ -15,9 +16,11 @@ from flows.benchmarks.features import measure_features
 from flows.benchmarks.gap import measure_gap
 from flows.benchmarks.gap_truth import measure_gap_truth
 from flows.benchmarks.grasp import measure_grasp
+from flows.benchmarks.identification import measure_identification
 from flows.benchmarks.kills import measure_host_kills, measure_kills
 from flows.benchmarks.lake import measure_lake
 from flows.benchmarks.object_store import measure_object_store
+from flows.benchmarks.overhead import measure_overhead
 from flows.benchmarks.profile import measure_profile
 from flows.benchmarks.ranking import measure_ranking
 from flows.benchmarks.robustness import measure_robustness
@@ -60,11 +63,14 @@ BENCHMARKS: dict[str, Benchmark] = {
     ),
     "lake": _sampled(measure_lake, frozenset({"grasps"})),
     "features": _sampled(measure_features, frozenset({"grasps"})),
+    "identification": _sampled(measure_identification, _SAMPLE | frozenset({"results", "limit_minutes", "figure"})),
+    "anomalies": _sampled(measure_anomalies, _SAMPLE | frozenset({"results", "limit_minutes", "worlds"})),
     "object-store": _fixed(measure_object_store),
     "bench": _sampled(measure_bench, _SAMPLE),
     "kills": _sampled(measure_kills, frozenset({"n"})),
     "calibration-peers": _sampled(measure_calibration_peers, frozenset({"results", "worlds"})),
     "host-kills": _sampled(measure_host_kills, frozenset({"n"})),
     "day": _sampled(measure_day, frozenset({"figure"})),
+    "overhead": _sampled(measure_overhead, frozenset()),
     "server-kills": _sampled(measure_server_kills, frozenset({"n", "results", "limit_minutes"})),
 }

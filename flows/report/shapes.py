@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from flows.report import queries
 from flows.report.content import Content
-from flows.report.early_loss import early_loss
+from flows.report.early_loss import early_loss, flagged_grasps
 from flows.report.facts import Tool
 from flows.report.folder import Folder
 from flows.report.page import Markup, number, paragraph, section, table
@@ -73,10 +73,11 @@ def shapes_section(content: Content, folder: Folder) -> Markup:
         f"even of a weak tool. {_softness_words(softness)}", "note",
     )  # fmt: skip
     loss, loss_sources = early_loss(content, folder, STABLE_CLASSES)
+    flags, flag_source = flagged_grasps(content)
     return section(
         "shapes", title, _key(tools), words, f'<div class="groups">{"".join(parts)}</div>', _features_table(features),
-        "<h3>g&ensp;Lost too early</h3>", loss,
-        folder.sources(traces, features, *([softness] if softness else []), *loss_sources),
+        "<h3>g&ensp;Lost too early, and other anomalies</h3>", loss, flags,
+        folder.sources(traces, features, *([softness] if softness else []), *loss_sources, flag_source),
     )  # fmt: skip
 
 

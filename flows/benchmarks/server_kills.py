@@ -194,7 +194,7 @@ def _deploy(lab: Lab) -> str:
         "name": "made-up",
         "flow_id": flow_id,
         "work_pool_name": "lab",
-        "entrypoint": "flows/benchmarks/made_up_deployable.py:campaign",
+        "entrypoint": "flows.benchmarks.made_up_deployable.campaign",
         "pull_steps": [step],
         "concurrency_limit": 1,
     }

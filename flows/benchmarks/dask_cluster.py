@@ -1,4 +1,4 @@
-"""A Dask scheduler and workers on loopback, each a process of its own, started and killed by the tests."""
+"""A Dask scheduler and workers on loopback, each a process of its own, for studies and tests."""
 
 import os
 import socket
@@ -8,6 +8,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from models.errors import FastError
 
 START_LIMIT_S = 60.0
 ROOT = Path(__file__).parents[2]
@@ -29,8 +31,8 @@ class Cluster:
         self.scheduler = self._start("scheduler", *words)
         deadline = time.monotonic() + START_LIMIT_S
         while not _answers(self.port):
-            assert self.scheduler.poll() is None, (self._folder / "scheduler.log").read_text()
-            assert time.monotonic() < deadline
+            if self.scheduler.poll() is not None or time.monotonic() > deadline:
+                raise FastError(f"the Dask scheduler did not start; its log is {self._folder / 'scheduler.log'}.")
             time.sleep(0.1)
 
     def add_worker(self, n_threads: int = 1) -> None:

@@ -27,7 +27,7 @@ class Cluster:
 
     def start_scheduler(self) -> None:
         """Start the scheduler and wait until it listens."""
-        words = ["--host", "127.0.0.1", "--port", str(self.port), "--no-dashboard"]
+        words = ["--host", "127.0.0.1", "--port", str(self.port), "--dashboard-address", "127.0.0.1:0"]
         self.scheduler = self._start("scheduler", *words)
         deadline = time.monotonic() + START_LIMIT_S
         while not _answers(self.port):
@@ -37,9 +37,18 @@ class Cluster:
 
     def add_worker(self, n_threads: int = 1) -> None:
         """Start another worker; it comes when it comes."""
-        words = [f"tcp://127.0.0.1:{self.port}", "--nthreads", str(n_threads), "--host", "127.0.0.1", "--no-dashboard"]
+        words = [f"tcp://127.0.0.1:{self.port}", "--nthreads", str(n_threads), "--host", "127.0.0.1"]
         name = f"worker{len(self.workers)}"
-        words += ["--name", name, "--local-directory", str(self._folder / name), "--death-timeout", "60"]
+        words += [
+            "--dashboard-address",
+            "127.0.0.1:0",
+            "--name",
+            name,
+            "--local-directory",
+            str(self._folder / name),
+            "--death-timeout",
+            "60",
+        ]
         self.workers.append(self._start("worker", *words))
 
     def kill(self) -> None:

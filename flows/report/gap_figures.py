@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from flows.report.gap_evidence import Isolated
+from flows.report.gap_words import words
 from flows.report.style import BEST, FAINT, FIRST, INK, MUTED, SIMULATED, WIDTH_IN, new_axes
 from models.calibration.traces.features import STEP_MM
 from models.gap.findings import Candidate, Named
+from models.gap.isolability import LEAST_NATS, Isolability
 from models.gap.show.shown import AFTER, BEFORE, Shown
 from models.gap.where.phases import AT, PHASES
 from models.gap.where.residuals import Residuals
@@ -22,11 +23,6 @@ _SOURCE_COLOURS = dict(
 )  # Okabe and Ito 2008
 _MOST_NAMES = 8
 _LEAST_SHARE = 2.0  # per cent that the colours of a map always span
-
-
-def words(effect: str) -> str:
-    """An effect of the catalogue, or what stands in its place, as people write it."""
-    return {"none": "nothing is missing", "unknown": "not in the catalogue"}.get(effect, effect.replace("_", " "))
 
 
 def error_figure(shown: Shown) -> Figure:
@@ -131,15 +127,14 @@ def names_figure(candidates: Sequence[Candidate], named: Named) -> Figure:
     return figure
 
 
-def isolability_figure(isolated: Isolated) -> Figure:
+def isolability_figure(isolated: Isolability) -> Figure:
     """Which effects these designs and objects could tell apart: dark is sure, white is not at all."""
     n = len(isolated.effects)
-    nats = np.array(isolated.nats)
-    apart = np.minimum(nats, nats.T)
+    apart = np.minimum(isolated.nats, isolated.nats.T)
     figure, axes = new_axes(WIDTH_IN, 1.2 + 0.185 * n, grid="")
     shown = np.log10(np.clip(np.where(np.eye(n) > 0, np.nan, apart), 0.1, 1000.0))
     image = axes.imshow(shown, cmap="Greys", vmin=-1.0, vmax=3.0, aspect="auto")
-    for i, j in zip(*np.nonzero((apart < 3.0) & ~np.eye(n, dtype=bool)), strict=True):
+    for i, j in zip(*np.nonzero((apart < LEAST_NATS) & ~np.eye(n, dtype=bool)), strict=True):
         axes.plot(j, i, marker="x", color=FIRST, markersize=3.5, markeredgewidth=1.1)
     axes.set_yticks(range(n), [words(e) for e in isolated.effects], fontsize=7.2)
     axes.set_xticks(range(n), [str(i + 1) for i in range(n)], fontsize=6.5)
@@ -161,8 +156,8 @@ def trace_figure(shown: Shown, rows: Sequence[int], title: str) -> Figure:
     first = rows[0]
     if after.sd_n is not None:
         half = 1.645 * after.sd_n[first]
-        axes.fill_between(lift_mm, after.steps_n[first] - half, after.steps_n[first] + half, color=SIM_AFTER, alpha=0.15,
-                          linewidth=0)  # fmt: skip
+        low, high = after.steps_n[first] - half, after.steps_n[first] + half
+        axes.fill_between(lift_mm, low, high, color=SIM_AFTER, alpha=0.15, linewidth=0)
     for row in rows:
         axes.plot(lift_mm, shown.held_out.measured_n[row], color=MEASURED, linewidth=1.0, alpha=0.75)
     axes.plot(lift_mm, by_label[BEFORE].steps_n[first], color=SIM_BEFORE, linewidth=1.7, linestyle=(0, (4, 1.5)))

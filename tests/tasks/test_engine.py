@@ -10,15 +10,17 @@ from pathlib import Path
 import psutil
 import pytest
 
+from flows.benchmarks.dask_cluster import Cluster, cluster
+from flows.benchmarks.made_up_campaign import made_up_attempt
 from lake.store import Lake
 from lake.tables import SimulationRow
 from models.design_space import BEST_PUBLISHED, numbered_design
 from models.errors import ConfigError, FastError
+from tasks.attempt import Attempt, GraspJob
 from tasks.campaign import Campaign
 from tasks.config import CampaignConfig
 from tasks.engine import check_engine, open_engine
 from tasks.simulating import simulate_design
-from tests.tasks.dask_cluster import Cluster, cluster
 
 pytest.importorskip("distributed", reason="the extra `scale` is not installed")
 LIMIT_S = 120.0
@@ -82,6 +84,8 @@ def test_an_engine_is_part_of_the_config_and_not_of_its_hash(address):
     assert chosen.config_hash == plain.config_hash
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_the_cluster_gives_the_numbers_of_this_machine(engine, tmp_path):
     here, there = campaign_at(tmp_path / "here"), campaign_at(tmp_path / "there")
     local = open_engine("local", 1, LIMIT_S)
@@ -119,10 +123,24 @@ def test_nothing_listens_beyond_loopback(two_workers):
     assert {ip for ip in listening if ip not in ("127.0.0.1", "::1")} == set()
 
 
-def test_a_failed_grasp_is_a_row_as_on_this_machine(engine, tmp_path):
-    campaign = campaign_at(tmp_path, deadline_s=1e-6)
-    assert simulate_design(campaign, BEST_PUBLISHED, pool=engine) == 2
-    assert {(row["status"], row["reason"]) for row in campaign.lake.rows(SimulationRow)} == {("failed", "time_out")}
+def test_results_and_failures_are_rows_as_on_this_machine(engine, tmp_path, monkeypatch):
+    monkeypatch.setattr("tasks.simulating.attempt_grasp", _made_up)
+    campaign = campaign_at(tmp_path)
+    assert simulate_design(campaign, BEST_PUBLISHED, pool=engine) == 1
+    rows = {row["object_id"]: (row["status"], row["reason"]) for row in campaign.lake.rows(SimulationRow)}
+    assert rows == {0: ("ok", ""), 14: ("failed", "no_convergence")}
+
+
+def test_nothing_is_lost_when_a_worker_is_killed_in_a_design(engine, tmp_path, monkeypatch):
+    monkeypatch.setattr("tasks.simulating.attempt_grasp", _slow_made_up)
+    campaign = campaign_at(tmp_path)
+    (victim, *_) = pids_of(engine)
+    threading.Timer(1.0, os.kill, (victim, signal.SIGKILL)).start()
+    with ThreadPoolExecutor(2) as threads:
+        assert sum(threads.map(lambda design: simulate_design(campaign, design, pool=engine), DESIGNS)) == 2
+    rows = campaign.lake.rows(SimulationRow)
+    assert len(rows) == 4
+    assert {row["reason"] for row in rows} == {"", "no_convergence"}
 
 
 def test_what_a_killed_worker_had_is_done_by_another(engine):
@@ -174,6 +192,18 @@ def _ask_until_it_fails(engine) -> None:
     while time.monotonic() < deadline:
         with engine.lend() as worker:
             worker.submit(os.getpid).result(LIMIT_S)
+
+
+def _made_up(job: GraspJob) -> Attempt:
+    """Object 14 fails, the others succeed."""
+    if job.object_id == 14:
+        return Attempt(None, "no_convergence", "No equilibrium.", cpu_s=0.1, mesh_cpu_s=0.0, wall_s=0.1)
+    return made_up_attempt(job)
+
+
+def _slow_made_up(job: GraspJob) -> Attempt:
+    time.sleep(1.5)
+    return _made_up(job)
 
 
 def _pid_after(seconds: float) -> int:

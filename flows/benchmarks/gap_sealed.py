@@ -192,5 +192,4 @@ def read_problem(path: Path, bank: Bank) -> GapProblem:
 
 
 def _context(row: Sequence[float]) -> GraspContext:
-    values = dict(zip(GraspContext.model_fields, row, strict=True))
-    return GraspContext(**{name: x if name == "clock_s" else int(x) for name, x in values.items()})
+    return GraspContext.model_validate(dict(zip(GraspContext.model_fields, row, strict=True)))

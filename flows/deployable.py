@@ -9,6 +9,7 @@ from prefect import flow
 from prefect.runtime import flow_run
 from prefect.states import Completed, Failed, State
 
+from flows.run_marks import mark_run
 from models.errors import FastError
 
 logger = logging.getLogger(__name__)
@@ -16,6 +17,7 @@ logger = logging.getLogger(__name__)
 
 def ended(work: Callable[[], str]) -> State[Any]:
     """How a run ends: completed with the sentence of `work`, or failed with the reason, and nothing before it."""
+    mark_run()
     try:
         return Completed(message=work())
     except FastError as error:

@@ -23,12 +23,14 @@ from flows.prefect_server import (
 )
 from flows.prefect_worker import POOL
 from flows.standing import StandingProcess
+from flows.sweeper import sweep
 from lake.store import Lake
 from models.errors import FastError
 
 CHECKOUT = Path(__file__).resolve().parents[1]
-POOL_LIMIT_S = 120.0
-DEPLOY_LIMIT_S = 300.0
+POOL_LIMIT_S = 300.0
+DEPLOY_LIMIT_S = 600.0
+SWEEP_S = 15.0  # between looks for flow runs whose process is gone
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,7 @@ class Lab:
 
     def __init__(self, lake: Lake, plan: LabPlan) -> None:
         self._lake = lake
+        self._swept_s = 0.0
         self._server: StandingProcess | None = None
         named = os.environ.get("PREFECT_API_URL")
         if named is None:
@@ -73,7 +76,7 @@ class Lab:
         Raises:
             FastError: the worker made no pool, or Prefect refused a deployment.
         """
-        self._wait_for_pool()
+        self.wait_for_pool()
         command = [sys.executable, "-m", "prefect", "--no-prompt", "deploy", "--all"]
         done = subprocess.run(
             command, cwd=CHECKOUT, env=self._environment, capture_output=True, text=True, timeout=DEPLOY_LIMIT_S
@@ -84,12 +87,16 @@ class Lab:
         return sorted(found["name"] for found in ask_server(self.api_url, "/deployments/filter", {}))
 
     def tend(self, tell: Callable[[str], None]) -> None:
-        """Start again what died; campaigns and forms that wait live in the database and in the lake."""
+        """Start again what died, and campaigns whose process did; what they need is in the database and in the lake."""
         if self._server is not None and self._server.restart_if_dead():
             note_server(self._lake.root, self._server)
             tell(f"the Prefect server had died and was started again; its log is {self._server.log_path}")
         if self._worker.restart_if_dead():
             tell(f"the worker had died and was started again; its log is {self._worker.log_path}")
+        if time.monotonic() - self._swept_s > SWEEP_S:
+            self._swept_s = time.monotonic()
+            for sentence in sweep(self.api_url, and_continue=True).sentences:
+                tell(sentence)
 
     def close(self) -> None:
         """Stop worker, then server."""
@@ -97,7 +104,17 @@ class Lab:
         if self._server is not None:
             stop_server(self._lake.root, self._server)
 
-    def _wait_for_pool(self) -> None:
+    @property
+    def pids(self) -> tuple[int, int]:
+        """Process ids of the server (0: it is not ours) and of the worker."""
+        return self._server.pid if self._server else 0, self._worker.pid
+
+    def wait_for_pool(self) -> None:
+        """Wait until the worker has made its pool.
+
+        Raises:
+            FastError: it does not.
+        """
         deadline = time.monotonic() + POOL_LIMIT_S
         while True:
             try:

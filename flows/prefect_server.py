@@ -4,6 +4,7 @@ import base64
 import json
 import os
 import socket
+import threading
 import time
 import urllib.error
 import urllib.request
@@ -12,12 +13,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from flows.run_marks import is_process_alive
 from flows.standing import StandingProcess
 from lake.store import Lake
 from models.errors import FastError
 
-START_LIMIT_S = 180.0  # the first start migrates a new database: 10 s on an idle machine, a minute on a busy one
+START_LIMIT_S = 600.0  # the first start migrates a new database: 10 s on an idle machine, minutes on a busy one
+KEEP_S = 1.0  # between looks at a server of ours
 LOOPBACK = "127.0.0.1"
+DEFAULT_PORT = 4200
 PASSWORD_VARIABLE = "FAST_PASSWORD"
 USER = "fast"
 
@@ -28,6 +32,12 @@ OFFLINE = {
     "PREFECT_SERVER_UI_SHOW_PROMOTIONAL_CONTENT": "false",
     "PREFECT_SERVER_UI_V2_ENABLED": "false",
 }
+# Runs are forgotten three months after their end, with their tasks and logs; events after a week. The lake keeps all.
+TIDY = {
+    "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "events,flow_runs",
+    "PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD": str(90 * 86400),
+}
+PATIENT = {"PREFECT_CLIENT_MAX_RETRIES": "7"}  # about four minutes: a killed server is back by then
 
 
 def state_folder(lake_root: Path) -> Path:
@@ -49,7 +59,7 @@ def configure_client(api_url: str, lake_root: Path) -> None:
 
 def client_environment(api_url: str) -> dict[str, str]:
     """Settings of a process that talks to the server: its address, its password if it has one, and no telemetry."""
-    settings = {**OFFLINE, "PREFECT_API_URL": api_url}
+    settings = {**OFFLINE, **PATIENT, "PREFECT_API_URL": api_url}
     if login := _login():
         settings.setdefault("PREFECT_API_AUTH_STRING", login)
     return settings
@@ -82,7 +92,7 @@ def ask_server(api_url: str, path: str, body: Any = None, timeout_s: float = 10.
 def server(lake_root: Path, port: int | None = None) -> Iterator[str]:
     """API address of a server: the environment's, one that serves this lake already, or a new one.
 
-    A new server is stopped on exit, and stops by itself when this process dies.
+    A new server is started again when it dies, stopped on exit, and stops by itself when this process dies.
 
     Raises:
         FastError: the server did not become healthy.
@@ -92,18 +102,33 @@ def server(lake_root: Path, port: int | None = None) -> Iterator[str]:
         yield known
         return
     process = start_server(lake_root, port or _free_port())
+    is_over = threading.Event()
+    keeper = threading.Thread(target=_keep_alive, args=(lake_root, process, is_over), daemon=True, name="server-keeper")
+    keeper.start()
     try:
         yield api_url_of(process)
     finally:
+        is_over.set()
+        keeper.join()
         stop_server(lake_root, process)
+
+
+def _keep_alive(lake_root: Path, process: StandingProcess, is_over: threading.Event) -> None:
+    """Start a server of ours again when it died, until it is over; clients ask again meanwhile."""
+    while not is_over.wait(KEEP_S):
+        if process.restart_if_dead():
+            note_server(lake_root, process)
 
 
 def running_server(lake_root: Path) -> str | None:
     """API address of a server that already serves this lake, if it answers."""
     try:
-        url = str(json.loads(_address_file(lake_root).read_text())["api_url"])
+        noted = json.loads(_address_file(lake_root).read_text())
+        url, owner_pid = str(noted["api_url"]), int(noted["owner_pid"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
+    if not is_process_alive(owner_pid):
+        return None  # it may still answer, but follows its owner within a second
     return url if url.startswith(f"http://{LOOPBACK}:") and is_healthy(url) else None
 
 
@@ -127,6 +152,8 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> StandingPr
     environment = {**os.environ, **client_environment(url), "PREFECT_HOME": str(home)}
     if login := _login():
         environment["PREFECT_SERVER_API_AUTH_STRING"] = login
+    for name, value in TIDY.items():
+        environment.setdefault(name, value)
     # Pages that were opened under another name ask the server they came from.
     environment.setdefault("PREFECT_UI_API_URL", "/api")
     arguments = [host, str(port), str(os.getpid()), str(lake_root / "outputs")]
@@ -143,7 +170,9 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> StandingPr
 
 def note_server(lake_root: Path, process: StandingProcess) -> None:
     """Write the address of a server where other processes of this machine look for it."""
-    _address_file(lake_root).write_text(json.dumps({"api_url": api_url_of(process), "pid": process.pid}))
+    _address_file(lake_root).write_text(
+        json.dumps({"api_url": api_url_of(process), "pid": process.pid, "owner_pid": os.getpid()})
+    )
 
 
 def stop_server(lake_root: Path, process: StandingProcess) -> None:

@@ -94,7 +94,7 @@ def batch_form(
     for slot in slots:
         label = tool_label(batch, slot)
         answer = ToolAnswer(**before.get(label, {}))
-        shown = {"default": answer.model_dump(exclude_none=True)}
+        shown: dict[str, Any] = {"default": answer.model_dump(exclude_none=True)}
         tools[label] = (ToolAnswer, Field(default=answer, title=f"{label}, slot {slot}", json_schema_extra=shown))
     fields: dict[str, Any] = {
         # Without a default, so that an empty answer is refused.

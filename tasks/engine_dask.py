@@ -187,8 +187,8 @@ def without_lake(value: Any) -> Any:
 def lost(address: str) -> EngineError:
     """The error for a scheduler that does not answer any more."""
     return EngineError(
-        f"the Dask scheduler of {address} is gone; what was simulated is in the lake. Start scheduler and workers, then "
-        "give the same command again."
+        f"the Dask scheduler of {address} is gone; what was simulated is in the lake. Start scheduler and workers, "
+        "then give the same command again."
     )
 
 
@@ -224,10 +224,12 @@ def _connect(address: str) -> "Client":
     where = address.removeprefix("dask+").removeprefix("dask://")
     try:
         if where.startswith("tls://"):
-            return Client(where, timeout=CONNECT_LIMIT_S, set_as_default=False, security=Security(require_encryption=True))
+            return Client(
+                where, timeout=CONNECT_LIMIT_S, set_as_default=False, security=Security(require_encryption=True)
+            )
         return Client(f"tcp://{where}", timeout=CONNECT_LIMIT_S, set_as_default=False)
     except (OSError, TimeoutError, TypeError, ValueError) as error:
         raise EngineError(
-            f"no Dask scheduler answers at {address} within {CONNECT_LIMIT_S:.0f} s ({type(error).__name__}); start it, "
-            "or set execution.engine to another address."
+            f"no Dask scheduler answers at {address} within {CONNECT_LIMIT_S:.0f} s ({type(error).__name__}); start "
+            "it, or set execution.engine to another address."
         ) from error

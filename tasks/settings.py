@@ -166,7 +166,8 @@ class Execution(Record):
 
     simulation_workers: int = Field(default=2, ge=1, le=256)
     engine: str = Field(
-        default="local", description='what simulates: "local" processes, "dask://127.0.0.1:8786", "dask+tls://HOST:8786"'
+        default="local",
+        description='what simulates: "local" processes, "dask://127.0.0.1:8786", "dask+tls://HOST:8786"',
     )
     physics_workers: int = Field(default=1, ge=1, le=64, description="processes behind a virtual bench")
     print_poll_s: float = Field(default=5.0, gt=0, le=3600)

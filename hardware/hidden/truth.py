@@ -29,7 +29,7 @@ MESH = MeshSettings(edge_mm=4.4, fillet_mm=0.4)
 PLACEMENT_SD_MM = 0.2
 TOOL_MODULUS_SD = 0.04
 DEADLINE_S = 300.0
-_MODEL_SOURCES = ("fem", "geometry", "mesh", "objects", "effects/base.py")
+_MODEL_SOURCES = ("fem", "geometry/profile.py", "mesh", "objects", "effects/base.py")
 
 
 class TrueGrasp(Record):

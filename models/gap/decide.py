@@ -10,7 +10,7 @@ from models.gap.findings import Named, NamedParameter
 from models.gap.fit import Fit, axes_of
 from models.gap.isolability import DEFLATION
 from models.gap.refit import Refit
-from models.gap.score import Score, r2
+from models.gap.score import Score
 from models.gap.thresholds import Statistics, Thresholds
 
 _Z90 = 1.645

@@ -88,6 +88,7 @@ class Day:
         self._confirm("B02")
         self._wait_for("the campaign to end", lambda: self._state(run_id)["type"] == "COMPLETED")
         self._step("campaign complete", self._state(run_id)["message"])
+        self._run_other_deployments()
         self._look_at_page(browser)
         self._look_at_report(browser)
         self._check_recalibration()
@@ -156,10 +157,24 @@ class Day:
         ask_server(self._api, f"/deployments/{found['id']}/schedules", [daily])
 
     def _start_campaign(self) -> str:
-        deployment = ask_server(self._api, "/deployments/name/run-campaign/campaign")
-        parameters = {"config": str(self._folder / "day.toml"), "lake": str(self._lake)}
-        run = ask_server(self._api, f"/deployments/{deployment['id']}/create_flow_run", {"parameters": parameters})
-        return str(run["id"])
+        return self._start("run-campaign/campaign", config=str(self._folder / "day.toml"))
+
+    def _run_other_deployments(self) -> None:
+        """What else the pages offer, on a campaign that is complete: each says that nothing is left to do."""
+        config = str(self._folder / "day.toml")
+        runs = {
+            "run-batch/run_batch": self._start("run-batch/run_batch", config=config, batch=1),
+            "simulate/simulate": self._start("simulate/simulate", config=config),
+        }
+        for name, run_id in runs.items():
+            self._wait_for(name, lambda run_id=run_id: self._state(run_id)["type"] in ("COMPLETED", "FAILED"))
+            self._step(name, self._state(run_id)["message"])
+
+    def _start(self, deployment: str, **parameters: Any) -> str:
+        """Id of a new run of a deployment, on the lake of the day."""
+        found = ask_server(self._api, f"/deployments/name/{deployment}")
+        body = {"parameters": {"lake": str(self._lake), **parameters}}
+        return str(ask_server(self._api, f"/deployments/{found['id']}/create_flow_run", body)["id"])
 
     def _wait_for_form(self) -> str:
         """Id of the run that waits with a form."""

@@ -19,7 +19,7 @@ from tasks.campaign import Campaign
 from tasks.config import CampaignConfig
 from tasks.engine import check_engine, open_engine
 from tasks.simulating import simulate_design
-from tests.tasks.made_up_grasps import made_up, pid_after
+from tests.tasks.made_up_grasps import made_up, pid_after, slowly_made_up
 
 pytest.importorskip("distributed", reason="the extra `scale` is not installed")
 LIMIT_S = 120.0

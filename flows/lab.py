@@ -28,9 +28,9 @@ from lake.store import Lake
 from models.errors import FastError
 
 CHECKOUT = Path(__file__).resolve().parents[1]
-POOL_LIMIT_S = 120.0
+POOL_LIMIT_S = 300.0
+DEPLOY_LIMIT_S = 600.0
 SWEEP_S = 15.0  # between looks for flow runs whose process is gone
-DEPLOY_LIMIT_S = 300.0
 
 
 @dataclass(frozen=True)

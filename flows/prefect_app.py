@@ -22,11 +22,14 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 def with_outputs(pages: App, folder: Path, login: str | None) -> App:
     """Prefect's application with reports and recordings of the lake under `/outputs/`, behind the same password."""
+    from starlette.applications import Starlette
     from starlette.responses import PlainTextResponse
+    from starlette.routing import Mount
     from starlette.staticfiles import StaticFiles
 
     folder.mkdir(parents=True, exist_ok=True)
-    files = StaticFiles(directory=folder, html=True)  # does not follow links, nor leave the folder
+    # It does not follow links, nor leave the folder.
+    files = Starlette(routes=[Mount(OUTPUTS, StaticFiles(directory=folder, html=True))])
     refusal = PlainTextResponse("Password needed.", 401, {"WWW-Authenticate": 'Basic realm="FAST"'})
 
     async def app(scope: Scope, receive: Receive, send: Send) -> None:
@@ -36,7 +39,7 @@ def with_outputs(pages: App, folder: Path, login: str | None) -> App:
         elif login is not None and not _knows(scope, login):
             await refusal(scope, receive, send)
         else:
-            await files({**scope, "root_path": scope.get("root_path", "") + OUTPUTS}, receive, send)
+            await files(scope, receive, send)
 
     return app
 

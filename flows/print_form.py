@@ -5,13 +5,14 @@ flow starts from the top; answers that were given before come back from the serv
 """
 
 from collections.abc import Sequence
-from typing import Any, Literal, cast
+from typing import Annotated, Any, Literal, cast
 
 from prefect import flow
 from prefect.flow_runs import suspend_flow_run
 from prefect.input import RunInput
 from prefect.states import Completed, State
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic.json_schema import SkipJsonSchema
 
 from flows.prefect_app import OUTPUTS
 from lake.store import Lake
@@ -30,21 +31,35 @@ _MEASURES = {
 }
 
 
+def _no_default(schema: dict[str, Any]) -> None:
+    """An empty number is left out; a default of None would make the page ask for the type first."""
+    schema.pop("default", None)
+
+
+def _number(title: str) -> Any:
+    return Field(default=None, title=title, json_schema_extra=_no_default)
+
+
+_Wall = Annotated[float, Field(ge=1, le=5)] | SkipJsonSchema[None]
+_Hardness = Annotated[float, Field(ge=10, le=100)] | SkipJsonSchema[None]
+_RackSlot = Annotated[int, Field(ge=0, le=9)] | SkipJsonSchema[None]
+
+
 class ToolAnswer(BaseModel):
-    """One tool: its fate, and what was measured of it."""
+    """Printed, rejected or printed again; measured values if there are any."""
 
     model_config = ConfigDict(extra="forbid")
 
-    became: Literal["printed", "rejected", "print again"] = "printed"
-    reason: str = Field(default="", description="why rejected, or why printed again")
-    front_mm: float | None = Field(default=None, ge=1, le=5, description="front wall as measured")
-    back_mm: float | None = Field(default=None, ge=1, le=5, description="back wall as measured")
-    rib_mm: float | None = Field(default=None, ge=1, le=5, description="ribs as measured")
-    hardness_shore_a: float | None = Field(default=None, ge=10, le=100, description="hardness, Shore A")
-    rack_slot: int | None = Field(default=None, ge=0, le=9, description="if it hangs in another slot of the rack")
+    became: Literal["printed", "rejected", "print again"] = Field(default="printed", title="What became of it")
+    reason: str = Field(default="", title="Reason, if rejected or to be printed again")
+    front_mm: _Wall = _number("Front wall, measured, mm")
+    back_mm: _Wall = _number("Back wall, measured, mm")
+    rib_mm: _Wall = _number("Ribs, measured, mm")
+    hardness_shore_a: _Hardness = _number("Hardness, Shore A")
+    rack_slot: _RackSlot = _number("Rack slot, if another")
 
 
-@flow(name="print", flow_run_name="{campaign} B{batch}: printed and mounted?", persist_result=True)
+@flow(name="print", flow_run_name="{campaign}/B{batch:02d}: printed and mounted?", persist_result=True)
 def confirm_batch(campaign: str, batch: int, slots: list[int], lake: str = "lake-data") -> State[Any]:
     """Ask a person what became of a printed batch until the answer can be used; then the campaign goes on.
 
@@ -74,33 +89,28 @@ def batch_form(
     campaign: str, batch: int, slots: Sequence[int], complaint: str, last: RunInput | None
 ) -> type[RunInput]:
     """The form of these slots; after a bad answer with the complaint on top and what was typed, but the name."""
-    before = {} if last is None else last.model_dump()
+    before = {} if last is None else last.model_dump(exclude_none=True)
     tools: dict[str, Any] = {}
     for slot in slots:
         label = tool_label(batch, slot)
         answer = ToolAnswer(**before.get(label, {}))
-        tools[label] = (ToolAnswer, Field(default=answer, title=f"{label}, slot {slot}"))
+        shown: dict[str, Any] = {"default": answer.model_dump(exclude_none=True)}
+        tools[label] = (ToolAnswer, Field(default=answer, title=f"{label}, slot {slot}", json_schema_extra=shown))
     fields: dict[str, Any] = {
         # Without a default, so that an empty answer is refused.
-        "operator": (str, Field(min_length=1, title="Your name", description="who printed and mounted")),
+        "operator": (str, Field(min_length=1, title="Your name", description=_description(campaign, batch, complaint))),
         "material_lot": (str, Field(default=before.get("material_lot", ""), title="Material lot")),
         **tools,
     }
-    model = cast(type[RunInput], create_model("PrintedBatch", __base__=RunInput, **fields))
-    return model.with_initial_data(description=_description(campaign, batch, complaint))
+    return cast(type[RunInput], create_model("PrintedBatch", __base__=RunInput, **fields))
 
 
 def _description(campaign: str, batch: int, complaint: str) -> str:
+    """What the first field says: pages do not show a description of the whole form."""
+    sheet = f"[Sheet and files]({OUTPUTS}/{campaign}/B{batch:02d}-print/sheet.html)"
     name = BatchRow.make_id(campaign, batch)
-    lines = [
-        f"**Batch {name}** is to be printed and mounted: "
-        f"[sheet and files]({OUTPUTS}/{campaign}/B{batch:02d}-print/sheet.html).",
-        "For each tool say whether it was printed, rejected (with the reason), or has to be printed again. "
-        "Measured values are optional. The campaign goes on when you submit.",
-    ]
-    if complaint:
-        lines.insert(0, f"**This answer could not be used: {complaint} Please correct it and submit again.**")
-    return "\n\n".join(lines)
+    text = f"Who printed and mounted batch {name}? {sheet}. The campaign goes on after Submit."
+    return f"**This answer could not be used: {complaint}** Correct it and submit again. {text}" if complaint else text
 
 
 def read_answer(answer: RunInput, batch: int, slots: Sequence[int], wanted: Sequence[int]) -> PrintConfirmation:

@@ -18,7 +18,7 @@ from flows.launch import Outcome, Voice
 from flows.notify import notifier
 from flows.progress import ProgressReporter
 from flows.report.build import add_features, write_report
-from flows.viewer.rerun import write_recording
+from flows.viewer.campaign import write_recording
 from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_bench
 from hardware.cell import MeasuredGrasp
 from hardware.safety import Verb
@@ -36,7 +36,7 @@ from tasks.control import append_event, bench_log_folder
 from tasks.engine import Engine, open_engine
 from tasks.pool import WorkerPool
 from tasks.state import ProposedTool
-from tasks.summary import markdown_table, ranked_tools
+from tasks.summary import ranked_tools
 
 _INTERRUPTS = (
     (Verb.PAUSE, "Finishing the current grasp and the simulations that run; the same command continues later."),
@@ -65,9 +65,8 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
         voice.announce("--auto-print: trays count as printed and mounted without asking a person")
     outcome: list[Outcome] = []
 
-    def finish() -> str:
+    def finish() -> None:
         outcome.append(_write_results(campaign, voice))
-        return markdown_table(outcome[0].tools) + f"\n\nReport: `{outcome[0].report}`"
 
     try:
         is_complete = run_flow(session, finish, functools.partial(interrupts, session, voice))
@@ -136,7 +135,7 @@ def _tell_grasp(progress: ProgressReporter, tool: ProposedTool, grasp: MeasuredG
 
 def _tell_simulated(progress: ProgressReporter, label: str, n_failed: int) -> None:
     failed = f", {n_failed} failed" if n_failed else ""
-    progress.line(f"simulated {label}{failed}", force=True)
+    progress.line(f"{label}{failed}", force=True)
 
 
 @contextmanager

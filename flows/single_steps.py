@@ -35,7 +35,7 @@ def measure_one_batch(config_path: Path, lake: str, batch: int) -> str:
         physics = WorkerPool(campaign.config.execution.physics_workers)
         try:
             steps.measure_batch(
-                name,
+                f"B{batch:02d}",
                 opaque(campaign),
                 opaque(tools),
                 opaque(lambda mounted: open_campaign_bench(campaign, world, kept_physics(campaign, physics), mounted)),
@@ -62,7 +62,7 @@ def simulate_missing(config_path: Path, lake: str) -> str:
         try:
             jobs = [
                 steps.simulate_design.submit(
-                    f"{campaign.campaign_id} design {number} of {len(owed)}",
+                    f"simulated design {number} of {len(owed)}",
                     opaque(campaign),
                     opaque(design),
                     opaque(pool),

@@ -45,8 +45,10 @@ def bank_of(
     """
     grid, versions = ThetaGrid(), bank_versions(base)
     n_grid = len(grid.points)
-    steps_n = _all_steps(lake, versions, designs, objects, setup)
-    wider = [_all_steps(lake, versions[n_grid : n_grid + 1], designs, objects, other) for other in wider_setups(setup)]
+    steps_n = simulated_steps(lake, versions, designs, objects, setup)
+    wider = [
+        simulated_steps(lake, versions[n_grid : n_grid + 1], designs, objects, other) for other in wider_setups(setup)
+    ]
     at_centre = steps_n[:, :, n_grid]
     if not np.isfinite(at_centre).any():
         raise UsageError(
@@ -89,7 +91,7 @@ def _fields(steps_n: np.ndarray) -> dict[str, Field]:
     return found
 
 
-def _all_steps(
+def simulated_steps(
     lake: Lake,
     versions: Sequence[SimulatorVersion],
     designs: Sequence[Design],

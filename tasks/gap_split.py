@@ -18,7 +18,7 @@ from models.ids import content_id, seed_from
 from models.objects.catalogue import get_object
 
 KIND = "gap_split"
-MIN_DESIGNS, MIN_OBJECTS = 6, 4
+MIN_DESIGNS, MIN_OBJECTS = 7, 5  # five tools and four objects are left to look at
 DESIGN_SHARE, OBJECT_SHARE = 0.3, 0.22  # notes/gap.md 3 (iv): 6 of 20 designs, 8 of 36 objects
 
 

@@ -59,7 +59,7 @@ def serve(
             data = {"url": page, "api_url": lab.api_url, "lake": found.address, "deployments": deployments}
             say(json_module.dumps(data))
         say_text(f"worker ready; can be started from the pages: {', '.join(deployments)}")
-        say_text("Ctrl-C stops server and worker; campaigns in other terminals go on with their work.")
+        say_text("Ctrl-C stops server and worker, and what the worker does; campaigns in other terminals go on.")
         _tend(lab, asked)
 
 

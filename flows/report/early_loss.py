@@ -18,6 +18,7 @@ from models.ids import tool_label
 SHORT = 0.6  # of the middle tool's lift above half the peak; less is a grasp lost early
 LEAST_N = 1.0  # grasps below are too weak to tell
 N_ROWS = 6
+N_FLAGS = 12
 
 
 def early_loss(content: Content, folder: Folder, stable_classes: Set[str]) -> tuple[Markup, list[Result]]:
@@ -54,6 +55,23 @@ def early_loss(content: Content, folder: Folder, stable_classes: Set[str]) -> tu
     )  # fmt: skip
     shown = folder.figure("early_loss", figure, f"Force over lift of {label} and the others of its batch")
     return columns(shown, paragraph(said) + listed), [losses, traces]
+
+
+def flagged_grasps(content: Content) -> tuple[Markup, Result]:
+    """What `fast features` has flagged, the surest first."""
+    result = content.result("anomalies", queries.ANOMALIES)
+    if not result.rows:
+        return paragraph(Markup("<code>fast features</code> has flagged no grasp of this campaign.")), result
+    rows = [
+        (r["kind"].replace("_", " "), tool_label(r["batch"], r["slot"]), f"{r['object_name']} ({r['object_id']})",
+         r["repeat"], f"{r['p_value']:.1g}", r["reason"])
+        for r in result.rows[:N_FLAGS]
+    ]  # fmt: skip
+    more = len(result.rows) - len(rows)
+    under = paragraph(f"{more} more are in data/anomalies.csv.", "note") if more > 0 else ""
+    headings = ("flag", "tool", "object", "repeat", "p", "why")
+    shown = table(headings, rows, numeric=(3, 4))
+    return Markup(f'<div class="words">{shown}</div>{under}'), result
 
 
 def loss_figure(curves: dict[int, Curve], slot: int, label: str) -> Figure:

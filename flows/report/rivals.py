@@ -66,7 +66,8 @@ def rivals_section(content: Content, folder: Folder) -> Markup:
     """Best tool so far and tools of the last batch of each approach."""
     if content.best is None:
         return section("rivals", TITLE, paragraph(_NO_OTHERS))
-    own = Approach(content.campaign.name or content.campaign.campaign_id, 0, content.tools, content.cost)
+    own_name = _named(content.lake.root.name)[0] if content.against else content.campaign.name
+    own = Approach(own_name or content.campaign.campaign_id, 0, content.tools, content.cost)
     objects = _objects(content.lake, content.campaign.campaign_id)
     others = [a for lake in (content.lake, *content.against) for a in _approaches(lake, content, objects)]
     others = [a for a in others if a.n_batches == max(b.n_batches for b in others if b.name == a.name)]

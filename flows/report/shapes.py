@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from flows.report import queries
 from flows.report.content import Content
-from flows.report.early_loss import early_loss
+from flows.report.early_loss import early_loss, flagged_grasps
 from flows.report.facts import Tool
 from flows.report.folder import Folder
 from flows.report.page import Markup, number, paragraph, section, table
@@ -18,7 +18,7 @@ from flows.report.queries import Result
 from flows.report.results import NOT_MEASURED
 from flows.report.style import BEST, FIRST, MUTED, SOFTEST, new_figure
 from flows.report.traces import Curve
-from flows.report.windows import Window, object_panel
+from flows.report.windows import NO_TRACES, Window, object_panel
 
 AT_MOST = 4  # objects of a group that are drawn
 WIDTH_IN, HEIGHT_IN = 1.95, 2.7
@@ -58,6 +58,8 @@ def shapes_section(content: Content, folder: Folder) -> Markup:
     features = content.result("shape_features", queries.SHAPE_FEATURES)
     classes = {row["object_id"]: (row["object_class"], row["object_name"]) for row in content.object_classes.rows}
     curves = _by_object(traces.rows, tools)
+    if not curves:
+        return section("shapes", title, paragraph(NO_TRACES), folder.sources(traces))
     window = Window.of([curve for found in curves.values() for curve in found.values()])
     parts = []
     for group in GROUPS:
@@ -71,10 +73,11 @@ def shapes_section(content: Content, folder: Folder) -> Markup:
         f"even of a weak tool. {_softness_words(softness)}", "note",
     )  # fmt: skip
     loss, loss_sources = early_loss(content, folder, STABLE_CLASSES)
+    flags, flag_source = flagged_grasps(content)
     return section(
         "shapes", title, _key(tools), words, f'<div class="groups">{"".join(parts)}</div>', _features_table(features),
-        "<h3>g&ensp;Lost too early</h3>", loss,
-        folder.sources(traces, features, *([softness] if softness else []), *loss_sources),
+        "<h3>g&ensp;Lost too early, and other anomalies</h3>", loss, flags,
+        folder.sources(traces, features, *([softness] if softness else []), *loss_sources, flag_source),
     )  # fmt: skip
 
 

@@ -1,5 +1,6 @@
 """Rerun recording of one simulated grasp: deforming fingers, contact forces and the trace on one timeline."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,8 @@ from matplotlib import colormaps
 
 from flows.report.grasp import CELL_MM, SIGNS, cell_forces
 from flows.report.style import FIRST, SIMULATED
-from flows.viewer.rerun import recording_to, send_trace, times
 from flows.viewer.scene import mounted_object_mesh, rgb
+from flows.viewer.stream import eye_from, recording_to, send_trace, times
 from models.fem.recording import SIDES, GraspRecording, Side, Snapshot
 from models.fem.skin import Skin, skin_of
 from models.records import GraspSimulation, Trace
@@ -29,22 +30,35 @@ def write_simulation(
     Raises:
         UsageError: the file cannot be written.
     """
-    furthest = max(float(s.displacement_mm.max()) for side in SIDES for s in recording.of(side))
+    furthest = furthest_mm(recording)
     with recording_to(title, path, _blueprint(title)) as stream:
         stream.log("about", rr.TextDocument(_about(title, result, furthest), media_type="text/markdown"), static=True)
         stream.log("cell/object", mounted_object_mesh(object_id), static=True)
-        for side in SIDES:
-            _send_finger(stream, recording.of(side), side, furthest)
+        send_fingers(stream, recording, lambda snapshot: snapshot.time_s)
         send_trace(stream, "force/load_cell", "lift/head", result.trace, None, "on the load cell", SIMULATED)
         _send_closing_force(stream, recording.of("right"))
     return path
+
+
+def furthest_mm(recording: GraspRecording) -> float:
+    """Largest displacement of a node in the grasp."""
+    return max(float(s.displacement_mm.max()) for side in SIDES for s in recording.of(side))
+
+
+def send_fingers(stream: rr.RecordingStream, recording: GraspRecording, clock: Callable[[Snapshot], float]) -> None:
+    """Both fingers, coloured by displacement, with the forces on them; `clock` gives the time (s) of a snapshot."""
+    furthest = furthest_mm(recording)
+    for side in SIDES:
+        _send_finger(stream, recording.of(side), side, furthest, clock)
 
 
 def _blueprint(title: str) -> rrb.Blueprint:
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
-                rrb.Spatial3DView(origin="cell", name=f"{title} (mm)"),
+                rrb.Spatial3DView(
+                    origin="cell", name=f"{title} (mm)", eye_controls=eye_from((60, -260, 90), (0, 0, 52))
+                ),
                 rrb.TextDocumentView(origin="about", name="About"),
                 row_shares=[4, 1],
             ),
@@ -68,13 +82,20 @@ def _about(title: str, result: GraspSimulation, furthest_mm: float) -> str:
     )
 
 
-def _send_finger(stream: rr.RecordingStream, snapshots: list[Snapshot], side: Side, furthest_mm: float) -> None:
+def _send_finger(
+    stream: rr.RecordingStream,
+    snapshots: list[Snapshot],
+    side: Side,
+    furthest_mm: float,
+    clock: Callable[[Snapshot], float],
+) -> None:
     skin, sign = skin_of(snapshots[0].mesh), SIGNS[side]
     flip = np.array([sign, 1.0, 1.0])
     triangles = skin.triangles if sign > 0 else skin.triangles[:, ::-1]
     entity = f"cell/fingers/{side}"
     for snapshot in snapshots:
-        _set_time(stream, snapshot)
+        stream.set_time("time", duration=clock(snapshot))
+        stream.set_time("lift_um", sequence=round(1e3 * snapshot.lift_mm))
         vertices = skin.vertices(snapshot.nodes) * flip
         mesh = rr.Mesh3D(
             vertex_positions=vertices,
@@ -101,11 +122,6 @@ def _send_closing_force(stream: rr.RecordingStream, snapshots: list[Snapshot]) -
     trace = Trace(np.array([s.time_s for s in snapshots]), np.array([s.lift_mm for s in snapshots]), force_n)
     stream.log("force/closing", rr.SeriesLines(names="of one finger on the object", colors=rgb(FIRST)), static=True)
     stream.send_columns("force/closing", times(trace, None), rr.Scalars.columns(scalars=force_n))
-
-
-def _set_time(stream: rr.RecordingStream, snapshot: Snapshot) -> None:
-    stream.set_time("time", duration=snapshot.time_s)
-    stream.set_time("lift_um", sequence=round(1e3 * snapshot.lift_mm))
 
 
 def _colours(snapshot: Snapshot, skin: Skin, furthest_mm: float) -> np.ndarray:

@@ -5,6 +5,7 @@ import numpy as np
 
 from models.features.names import (
     DIP_MM,
+    END_MM,
     FEATURES,
     HOLD,
     LET_GO,
@@ -87,8 +88,10 @@ def _fill_steps(lift_mm: np.ndarray, force_n: np.ndarray, steps_n: np.ndarray) -
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _readings(lift_mm: np.ndarray, force_n: np.ndarray, start: int, found: np.ndarray) -> None:
-    """What is read from single readings and the area under them: features 0 to 3, 6 and 17."""
+    """What is read from single readings and the area under them: features 0 to 3, 6, 17 and 18."""
     at, work_n_mm = start, 0.0
+    rest_n, n_rest = 0.0, 0
+    end_mm = np.max(lift_mm) - END_MM
     for i in range(start, len(lift_mm)):
         if force_n[i] > force_n[at]:
             at = i
@@ -104,6 +107,10 @@ def _readings(lift_mm: np.ndarray, force_n: np.ndarray, start: int, found: np.nd
     for i in range(start, len(lift_mm)):
         if force_n[i] >= least_n:
             found[17] = lift_mm[i]
+        if lift_mm[i] >= end_mm:
+            rest_n += force_n[i]
+            n_rest += 1
+    found[18] = rest_n / n_rest
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -1,6 +1,6 @@
 """Names, order and thresholds of the features of a trace; the formulas are in docs/features.md."""
 
-FEATURE_VERSION = 1  # raise it when a definition changes: the lake then calculates anew beside the old rows
+FEATURE_VERSION = 2  # raise it when a definition changes: the lake then calculates anew beside the old rows
 
 STEP_MM = 0.5  # forces are averaged over steps of lift: 8 readings of the bench, 3 or 4 of a simulation
 PROFILE_STEP_MM = 2.0
@@ -8,6 +8,7 @@ PROFILE_LIFT_MM = 60.0  # the tallest object is 50 mm: beyond, nothing is in the
 N_PROFILE = round(PROFILE_LIFT_MM / PROFILE_STEP_MM)
 LONGEST_LIFT_MM = 120.0  # `GraspSetup.max_lift_mm`
 MIN_LIFT_MM = 3.0  # a trace that lifts less shows no pull-off
+END_MM = 2.0  # of lift, at its end: the bench lifts on for 4 mm after the object is free
 DIP_MM = 3.0  # the object is still pushed down, if ever, at the start of the lift
 
 HOLD = 0.8  # of the peak: above it the grasp holds
@@ -36,4 +37,5 @@ FEATURES = (
     "drop_rate_n_per_mm",
     "lowest_after_n",
     "separation_lift_mm",
+    "end_force_n",
 )

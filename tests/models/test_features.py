@@ -12,6 +12,7 @@ from models.features import initial_force_n, peak_force_n, work_j
 from models.features.batch import features_of, features_of_samples
 from models.features.names import (
     DIP_MM,
+    END_MM,
     FEATURES,
     HOLD,
     LET_GO,
@@ -60,6 +61,7 @@ def plain(trace: Trace) -> dict[str, float]:
         "work_j": work_j(trace),
         "lowest_after_n": steps[top:].min(),
     }
+    found["end_force_n"] = force[lift >= lift.max() - END_MM].mean()
     held = np.flatnonzero(force >= max(SEPARATED * force.max(), NOISE_N))
     found["separation_lift_mm"] = lift[held[-1]] if held.size else np.nan
     runs = np.split(np.arange(n), np.flatnonzero(np.diff((steps >= HOLD * peak).astype(int))) + 1)

@@ -18,7 +18,7 @@ from tests.tasks.trace_lake import BASE, PROVENANCE, SETUP, shape
 __all__ = ["BASE", "DESIGNS", "OBJECTS", "SETUP", "bank_rows", "gap_lake", "measured_rows"]
 
 DESIGNS = [numbered_design(number) for number in range(8)]
-OBJECTS = (4, 7, 24, 30)
+OBJECTS = (4, 7, 18, 24, 30)
 N_REPEATS = 2
 measured_rows = trace_lake.measured_rows
 

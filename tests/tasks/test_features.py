@@ -8,7 +8,7 @@ from lake.store import Lake
 from lake.tables import CampaignRow, GraspRow, TraceFeaturesRow, TraceRow
 from models.errors import UsageError
 from models.features.batch import features_of
-from models.features.names import FEATURES
+from models.features.names import FEATURE_VERSION, FEATURES
 from models.records import Trace
 from tasks import features
 from tasks.features import ALL_OBJECTS, class_quality, update_features
@@ -28,7 +28,9 @@ def test_every_grasp_with_a_trace_is_calculated_once(lake):
     files = sorted((lake.root / "trace_features").iterdir())
     assert update_features(lake) == (N_VALID, 0, 0)
     assert sorted((lake.root / "trace_features").iterdir()) == files
-    assert lake.ids(TraceFeaturesRow) == {TraceFeaturesRow.make_id(k, 1) for k in lake.ids(GraspRow, status="ok")}
+    assert lake.ids(TraceFeaturesRow) == {
+        TraceFeaturesRow.make_id(k, FEATURE_VERSION) for k in lake.ids(GraspRow, status="ok")
+    }
 
 
 def test_rows_are_the_features_of_their_traces(lake, monkeypatch):
@@ -53,7 +55,7 @@ def test_only_what_is_missing_is_calculated(lake, monkeypatch):
     new = tool.model_copy(update={"grasp_id": GraspRow.make_id(tool.tool_id, 0, 9), "repeat": 9})
     lake.append([new, TraceRow.of(new.grasp_id, lake.trace(tool.grasp_id))], PROVENANCE)
     assert update_features(lake) == (N_VALID + 1, 1, 0)
-    monkeypatch.setattr(features, "FEATURE_VERSION", 2)
+    monkeypatch.setattr(features, "FEATURE_VERSION", FEATURE_VERSION + 1)
     assert update_features(lake).n_new == N_VALID + 1
 
 

@@ -89,7 +89,7 @@ def test_held_out_objects_are_of_many_classes(tmp_path: Path) -> None:
     from models.objects.catalogue import get_object
 
     lake = Lake.open(tmp_path / "lake", create=True)
-    split = frozen_split(lake, None, [f"D{number}" for number in range(6)], range(36), seed=0)
+    split = frozen_split(lake, None, [f"D{number}" for number in range(7)], range(36), seed=0)
     classes = [get_object(object_id).object_class for object_id, held in split.objects.items() if held]
     assert len(set(classes)) >= 6
 
@@ -112,7 +112,7 @@ def test_contexts_follow_the_clock_and_count_failures(tmp_path: Path) -> None:
 
 def test_without_times_and_order_a_place_is_guessed_and_said(lake: Lake) -> None:
     contexts = contexts_of(lake, CAMPAIGN)
-    assert [sentence.partition(" have ")[0] for sentence in contexts.warnings] == [f"{8 * 4 * 2} grasps"] * 2
+    assert [sentence.partition(" have ")[0] for sentence in contexts.warnings] == [f"{8 * 5 * 2} grasps"] * 2
     assert contexts.of[GraspRow.make_id("demo/B01T1", OBJECTS[0], 1)].repeat == 1
 
 
@@ -164,7 +164,7 @@ def test_too_little_is_refused_before_anything_is_simulated(tmp_path: Path) -> N
     with pytest.raises(UsageError, match="has no measured grasps"):
         split_of(Lake.open(tmp_path / "none", create=True), None, 0)
     few = [row for object_id in OBJECTS for row in measured_rows(DESIGNS[0], "T0", object_id, 0)]
-    with pytest.raises(UsageError, match="1 designs were measured, gap discovery needs at least 6"):
+    with pytest.raises(UsageError, match="1 designs were measured, gap discovery needs at least 7"):
         split_of(_lake_of(tmp_path, few), None, 0)
 
 

@@ -75,7 +75,7 @@ def run_tests(residuals: Residuals, seed: int = 0) -> TestTree:
 
 
 def bh(p: np.ndarray) -> np.ndarray:
-    """Q of p values of one family (m): Benjamini and Hochberg 1995."""
+    """The q of p values of one family (m), after Benjamini and Hochberg 1995."""
     order = np.argsort(p)
     q = p[order] * len(p) / (np.arange(len(p)) + 1)
     out = np.zeros(len(p))
@@ -118,7 +118,9 @@ def _statistics(residuals: Residuals, u: np.ndarray, draws: _Draws) -> dict[str,
     signed_cells = weight * (cells - by_tool[:, None])
     found = {EVERYWHERE: np.abs(draws.signs @ by_tool), BY_OBJECT: np.linalg.norm(draws.signs @ signed_cells, axis=1)}
     table = tool_table(residuals)[tools]
-    found |= {n: _correlation(by_tool, x, draws.tools) for n, x in zip(TOOL_FEATURES, table.T, strict=True) if x.std() > 0}
+    found |= {
+        n: _correlation(by_tool, x, draws.tools) for n, x in zip(TOOL_FEATURES, table.T, strict=True) if x.std() > 0
+    }
     table = object_table(residuals)[objects]
     found |= {n: _correlation(by_obj, x, draws.objects)
               for n, x in zip(OBJECT_FEATURES[:2], table.T, strict=False) if x.std() > 0}  # fmt: skip
@@ -184,6 +186,6 @@ def _standardised(statistics: np.ndarray) -> np.ndarray:
 
 
 def _largest(z: np.ndarray) -> float:
-    """P of the largest statistic of a branch (m x (1 + b))."""
+    """The p of the largest statistic of a branch (m x (1 + b))."""
     largest = z.max(axis=0)
     return float(np.mean(largest >= largest[0]))

@@ -16,6 +16,13 @@ WORDS = {
     "slip": "the slip after the peak",
     "tail": "the last millimetres",
 }
+AT = {
+    "dip": "in the first 3 mm of lift",
+    "rise": "on the way to the peak",
+    "peak": "at the peak",
+    "slip": "in the slip after the peak",
+    "tail": "in the last millimetres",
+}
 _TAIL_MM = 10.0  # beyond the end of slipping
 _GONE = 0.1  # of the peak: less holds nothing any more
 _SMOOTH = 3  # steps of a running mean, so that noise does not make peaks
@@ -57,7 +64,7 @@ def peaks(steps_n: np.ndarray) -> np.ndarray:
 
 
 def amplitudes(predicted_n: np.ndarray) -> np.ndarray:
-    """What forces of a grasp are measured against, n, in N: its predicted peak, not less than a quarter of the usual."""
+    """What forces of a grasp are compared with, n, in N: its predicted peak, not less than a quarter of the usual."""
     peak = np.abs(smoothed(predicted_n)).max(axis=1)
     return np.asarray(np.maximum(peak, max(_LEAST_AMPLITUDE * float(np.median(peak)), 1e-9)))
 

@@ -54,9 +54,20 @@ class Residuals:
             )
 
     @staticmethod
-    def of(problem: GapProblem, predicted_n: np.ndarray, theta: Theta, tool_factor: np.ndarray | None = None) -> "Residuals":
-        """Residuals of the grasps that are not held out; predicted_n: n x steps of all grasps, at `theta`."""
+    def of(
+        problem: GapProblem,
+        predicted_n: np.ndarray,
+        theta: Theta,
+        tool_factor: np.ndarray | None = None,
+        is_usable: np.ndarray | None = None,
+    ) -> "Residuals":
+        """Residuals of the grasps that are not held out; predicted_n: n x steps of all grasps, at `theta`.
+
+        is_usable: which of them could be predicted, n.
+        """
         grasps, bank, chosen = problem.grasps, problem.bank, ~problem.is_held_out
+        if is_usable is not None:
+            chosen = chosen & is_usable
         scale = theta.young_modulus_mpa / bank.centre.young_modulus_mpa
         contexts = [context for context, is_chosen in zip(grasps.contexts, chosen, strict=True) if is_chosen]
         return Residuals(

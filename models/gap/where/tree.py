@@ -37,7 +37,7 @@ class Split:
 
 @dataclass(frozen=True, eq=False)
 class Leaf:
-    """Cells of one leaf. `grasps`: n, which of them; `honest`: mean relative residual on designs that did not choose."""
+    """A leaf. `grasps`: n, which of them it has; `honest`: mean relative residual on designs that did not choose."""
 
     splits: tuple[Split, ...]
     grasps: np.ndarray
@@ -135,7 +135,9 @@ def _stable_question(
     stability = often[most] / len(halves)
     if stability < STABLE:
         return None
-    first = [next(q.limit for q in found if q.feature == most) for found in asked if any(q.feature == most for q in found)]
+    first = [
+        next(q.limit for q in found if q.feature == most) for found in asked if any(q.feature == most for q in found)
+    ]
     limit = float(np.median(first))
     is_above = cells.x[:, most] > limit
     sizes = [_clusters(cells.take(side)) for side in (is_above, ~is_above)]
@@ -156,7 +158,7 @@ def _questions(cells: _Cells, least_designs: int, columns: tuple[int, ...], dept
 
 def _least_designs(half: np.ndarray, cells: _Cells) -> int:
     """Designs that a leaf of a half needs: its share of `MIN_DESIGNS`, but two where there are two."""
-    is_here = cells.tool.any(axis=0)
+    is_here = cells.tool.sum(axis=0) > 0
     n_half = int(is_here[half].sum())
     return max(int(np.ceil(MIN_DESIGNS * n_half / max(is_here.sum(), 1))), min(n_half, 2), 1)
 
@@ -190,13 +192,14 @@ def _honest(cells: _Cells, splits: tuple[Split, ...], halves: Sequence[np.ndarra
     """Mean of a leaf on the designs that did not choose its limits, averaged over the halves."""
     estimates = []
     for half in halves:
-        grown, own = _in(cells, half), []
+        grown = _in(cells, half)
+        own: list[Split] = []
         for split in splits:
             node = grown.take(_follows(grown.x, tuple(own)))
             question = _best_question(node, 1, (FEATURES.index(split.feature),))
             limit = question.limit if question is not None else split.limit
             own.append(Split(split.feature, limit, split.is_above, split.stability))
-        rest = ~cells.tool[:, half].any(axis=1)
+        rest = cells.tool[:, half].sum(axis=1) == 0
         chosen = rest & _follows(cells.x, tuple(own))
         if chosen.any():
             estimates.append(float(cells.u[chosen].mean()))
@@ -204,7 +207,7 @@ def _honest(cells: _Cells, splits: tuple[Split, ...], halves: Sequence[np.ndarra
 
 
 def _in(cells: _Cells, half: np.ndarray) -> _Cells:
-    return cells.take(cells.tool[:, half].any(axis=1))
+    return cells.take(cells.tool[:, half].sum(axis=1) > 0)
 
 
 def _follows(x: np.ndarray, splits: tuple[Split, ...]) -> np.ndarray:

@@ -30,7 +30,7 @@ from tasks.engine import LOCAL, Engine, open_engine
 
 N_WORKERS = 2
 GRASP_CPU_S = (0.02, 0.08, 0.36)  # the last two: a screening and a production grasp on the machine of docs/benchmarks
-N_DESIGNS, OBJECTS = 4, tuple(range(12))
+N_DESIGNS, OBJECTS = 2, tuple(range(12))
 LIMIT_S = 600.0
 N_CORES = 1000
 

@@ -19,13 +19,14 @@ SHORT = 0.6  # of the middle tool's lift above half the peak; less is a grasp lo
 LEAST_N = 1.0  # grasps below are too weak to tell
 N_ROWS = 6
 N_FLAGS = 12
+NO_FEATURES = Markup("No features of these traces yet; <code>fast features</code> calculates them.")
 
 
 def early_loss(content: Content, folder: Folder, stable_classes: Set[str]) -> tuple[Markup, list[Result]]:
     """The shortest hold among stably grasped objects, drawn between the other tools of its batch, and its rivals."""
     losses = content.result("early_losses", queries.EARLY_LOSSES)
     if not losses.rows:
-        return paragraph("No features of these traces yet; `fast features` calculates them.", "note"), [losses]
+        return paragraph(NO_FEATURES, "note"), [losses]
     rows = [r for r in losses.rows if r["object_class"] in stable_classes and r["peak_force_n"] > LEAST_N and r["part"]]
     if not rows or rows[0]["part"] > SHORT:
         least = f" (the shortest: {100 * rows[0]['part']:.0f} %)" if rows else ""
@@ -44,7 +45,7 @@ def early_loss(content: Content, folder: Folder, stable_classes: Set[str]) -> tu
         f"{label} on the {worst['object_name']} ({worst['object_id']}): above half its peak for "
         f"{number(worst['held_mm'], 1, 'mm')}, where the middle tool of the campaign holds for "
         f"{number(worst['median_mm'], 1, 'mm')}. A narrow peak on an object that others hold points at a finger that "
-        "twists or slips off; look at the grasp with `fast view`."
+        "twists or slips off; fast view shows the grasp."
     )
     short = [r for r in rows if r["part"] <= SHORT][:N_ROWS]
     listed = table(

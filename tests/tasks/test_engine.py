@@ -11,16 +11,15 @@ import psutil
 import pytest
 
 from flows.benchmarks.dask_cluster import Cluster, cluster
-from flows.benchmarks.made_up_campaign import made_up_attempt
 from lake.store import Lake
 from lake.tables import SimulationRow
 from models.design_space import BEST_PUBLISHED, numbered_design
 from models.errors import ConfigError, FastError
-from tasks.attempt import Attempt, GraspJob
 from tasks.campaign import Campaign
 from tasks.config import CampaignConfig
 from tasks.engine import check_engine, open_engine
 from tasks.simulating import simulate_design
+from tests.tasks.made_up_grasps import made_up, pid_after, slowly_made_up
 
 pytest.importorskip("distributed", reason="the extra `scale` is not installed")
 LIMIT_S = 120.0
@@ -124,7 +123,7 @@ def test_nothing_listens_beyond_loopback(two_workers):
 
 
 def test_results_and_failures_are_rows_as_on_this_machine(engine, tmp_path, monkeypatch):
-    monkeypatch.setattr("tasks.simulating.attempt_grasp", _made_up)
+    monkeypatch.setattr("tasks.simulating.attempt_grasp", made_up)
     campaign = campaign_at(tmp_path)
     assert simulate_design(campaign, BEST_PUBLISHED, pool=engine) == 1
     rows = {row["object_id"]: (row["status"], row["reason"]) for row in campaign.lake.rows(SimulationRow)}
@@ -132,7 +131,7 @@ def test_results_and_failures_are_rows_as_on_this_machine(engine, tmp_path, monk
 
 
 def test_nothing_is_lost_when_a_worker_is_killed_in_a_design(engine, tmp_path, monkeypatch):
-    monkeypatch.setattr("tasks.simulating.attempt_grasp", _slow_made_up)
+    monkeypatch.setattr("tasks.simulating.attempt_grasp", slowly_made_up)
     campaign = campaign_at(tmp_path)
     (victim, *_) = pids_of(engine)
     threading.Timer(1.0, os.kill, (victim, signal.SIGKILL)).start()
@@ -147,7 +146,7 @@ def test_what_a_killed_worker_had_is_done_by_another(engine):
     before = pids_of(engine)
     with engine.lend() as worker:
         pid = worker.submit(os.getpid).result(LIMIT_S)
-        running = worker.submit(_pid_after, 3.0)
+        running = worker.submit(pid_after, 3.0)
         threading.Timer(1.0, os.kill, (pid, signal.SIGKILL)).start()
         assert running.result(LIMIT_S) != pid
         assert worker.submit(os.getpid).result(LIMIT_S) != pid
@@ -161,7 +160,7 @@ def test_a_call_that_hangs_ends_its_worker(two_workers):
     impatient = open_engine(two_workers.address, 1, 1.0)
     try:
         with impatient.lend() as worker, pytest.raises(BrokenExecutor):
-            worker.submit(_pid_after, 600.0).result(LIMIT_S)
+            worker.submit(pid_after, 600.0).result(LIMIT_S)
     finally:
         impatient.close()
 
@@ -192,20 +191,3 @@ def _ask_until_it_fails(engine) -> None:
     while time.monotonic() < deadline:
         with engine.lend() as worker:
             worker.submit(os.getpid).result(LIMIT_S)
-
-
-def _made_up(job: GraspJob) -> Attempt:
-    """Object 14 fails, the others succeed."""
-    if job.object_id == 14:
-        return Attempt(None, "no_convergence", "No equilibrium.", cpu_s=0.1, mesh_cpu_s=0.0, wall_s=0.1)
-    return made_up_attempt(job)
-
-
-def _slow_made_up(job: GraspJob) -> Attempt:
-    time.sleep(1.5)
-    return _made_up(job)
-
-
-def _pid_after(seconds: float) -> int:
-    time.sleep(seconds)
-    return os.getpid()

@@ -101,7 +101,7 @@ def probabilities(
 def corrected_for_choice(gains: Sequence[float]) -> float:
     """The largest gain less what the best of as many gains by chance would have (McLatchie and Vehtari 2024).
 
-    The spread of chance is taken from the lower half of the gains, where there is no effect; losses are no chance gains.
+    The spread of chance is taken from the lower half of the gains, where no effect is; losses are no chance gains.
     """
     ordered = np.sort(np.asarray(gains, dtype=float))
     n = len(ordered)

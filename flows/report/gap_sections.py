@@ -172,7 +172,10 @@ def next_section(evidence: GapEvidence, folder: Folder) -> Markup:
 def assumed_section(evidence: GapEvidence, folder: Folder) -> Markup:
     """What the answer rests on, and what it cost."""
     findings = evidence.findings
-    budget = [(name.replace("_", " "), number(value, 1)) for name, value in findings.budget.items()]
+    budget = [
+        (name.replace("_", " "), number(value, 0 if value == round(value) else 1))
+        for name, value in findings.budget.items()
+    ]
     general = (
         "Theta was calibrated again before anything was called a gap; rho is 1.",
         f"Findings of WHERE hold a false discovery rate of {100 * Q:.0f} % over phases and factors; the unit is the "

@@ -25,6 +25,7 @@ from flows.benchmarks.overhead import measure_overhead
 from flows.benchmarks.profile import measure_profile
 from flows.benchmarks.ranking import measure_ranking
 from flows.benchmarks.robustness import measure_robustness
+from flows.benchmarks.scale import measure_scale
 from flows.benchmarks.scientist import measure_scientist
 from flows.benchmarks.server_kills import measure_server_kills
 from flows.benchmarks.traces import measure_traces
@@ -73,6 +74,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "calibration-peers": _sampled(measure_calibration_peers, frozenset({"results", "worlds"})),
     "host-kills": _sampled(measure_host_kills, frozenset({"n"})),
     "day": _sampled(measure_day, frozenset({"figure"})),
+    "scale": _sampled(measure_scale, frozenset({"workers"})),
     "overhead": _sampled(measure_overhead, frozenset()),
     "server-kills": _sampled(measure_server_kills, frozenset({"n", "results", "limit_minutes"})),
 }

@@ -1,8 +1,8 @@
 """Sealed worlds: drawn from a secret, answered from data alone, judged after the answers are in the file.
 
-Three steps, each of which leaves its file. *Seal*: data go to the folder `sealed`, a hash of every key to `sealed.jsonl`,
-keys and salts to `sealed-keys.jsonl`, which only the judge opens. *Answer*: reads data and lines, writes
-`sealed-answers.jsonl` with a hash of each answer. *Judge*: checks every hash, and counts.
+Three steps, each of which leaves its file. *Seal*: data go to the folder `sealed`, a hash of every key to
+`sealed.jsonl`, keys and salts to `sealed-keys.jsonl`, which only the judge opens. *Answer*: reads data and lines,
+writes `sealed-answers.jsonl` with a hash of each answer. *Judge*: checks every hash, and counts.
 """
 
 import hashlib

@@ -11,7 +11,10 @@ from models.gap.where.residuals import Residuals
 
 @dataclass(frozen=True)
 class ThetaRow:
-    """A constant before and after, each median and 90 % interval, and as another instrument measured it (with sd)."""
+    """A constant before and after, each median and 90 % interval, and as another instrument measured it (with sd).
+
+    Both ends of an interval at the median: there is no posterior.
+    """
 
     parameter: str
     before: tuple[float, float, float]

@@ -33,7 +33,7 @@ def error_figure(shown: Shown) -> Figure:
     colours = [SIM_BEFORE if x == BEFORE else SIM_AFTER if x == AFTER else FAINT for x in labels]
     places = np.arange(len(labels))
     axes.barh(places, values, height=0.62, color=colours)
-    for place, value in zip(places, values, strict=True):
+    for place, value in enumerate(values):
         axes.text(value, place, f" {value:.2f} N", va="center", fontsize=8.5)
     floor = shown.gap.rmse_floor_n
     axes.axvline(floor, color=MUTED, linewidth=1.2, linestyle=(0, (4, 2)))
@@ -62,7 +62,7 @@ def map_figure(residuals: Residuals, phase: str) -> Figure:
         axes.spines[side].set_visible(False)
     bar = figure.colorbar(image, ax=axes, location="top", shrink=0.7, aspect=28, pad=0.02)
     bar.set_label(f"measured less simulated {AT[phase]}, % of the peak", fontsize=8.5)
-    bar.outline.set_visible(False)  # type: ignore[operator]  # a Spine, which the stubs do not say
+    bar.outline.set_visible(False)
     return figure
 
 
@@ -117,7 +117,7 @@ def names_figure(candidates: Sequence[Candidate], named: Named) -> Figure:
     places = np.arange(len(chosen))
     colours = [BEST if c.effect in answer else FAINT for c in chosen]
     axes.barh(places, [c.probability for c in chosen], height=0.62, color=colours)
-    for place, c in zip(places, chosen, strict=True):
+    for place, c in enumerate(chosen):
         axes.text(c.probability, place, f" {c.probability:.2f}", va="center", fontsize=8.5)
     axes.set_yticks(places, [words(c.effect) for c in chosen])
     axes.invert_yaxis()

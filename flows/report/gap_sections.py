@@ -134,7 +134,8 @@ def theta_section(evidence: GapEvidence, folder: Folder) -> Markup:
     rows = [
         (
             _THETA.get(r.parameter, r.parameter),
-            *(f"{m:.3g} [{low:.3g}, {high:.3g}]" for m, low, high in (r.before, r.after)),
+            _median(r.before),
+            _median(r.after),
             None if r.independent is None else f"{r.independent[0]:.3g} \u00b1 {r.independent[1]:.2g}",
             _moved(r.before[0], r.after[0], r.independent),
         )
@@ -270,6 +271,11 @@ def _metrics(shown: Shown, folder: Folder) -> Markup:
         f"<details><summary>All figures of merit</summary>{table(headings, rows, range(2, 10))}{note}</details>"
     )
     return Markup(folded + folder.numbers("gap_metrics", [m.model_dump() for m in shown.metrics]))
+
+
+def _median(of: tuple[float, float, float]) -> str:
+    median, low, high = of
+    return f"{median:.3g} [{low:.3g}, {high:.3g}]" if high > low else f"{median:.3g}"
 
 
 def _moved(before: float, after: float, independent: tuple[float, float] | None) -> str:

@@ -83,6 +83,7 @@ def campaign_blueprint(tools: Sequence[Tool], is_live: bool = False) -> rrb.Blue
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]),
         rrb.TimePanel(timeline="bench", state="collapsed", play_state=playing, playback_speed=PLAYBACK_SPEED),
+        rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
     )
 

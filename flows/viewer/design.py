@@ -132,5 +132,6 @@ def _blueprint(design: Design, tray: str, mesh: SolidMesh) -> rrb.Blueprint:
     return rrb.Blueprint(
         rrb.Horizontal(rrb.Grid(*shown, grid_columns=2), about, column_shares=[4, 1]),
         rrb.TimePanel(state="hidden"),
+        rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
     )

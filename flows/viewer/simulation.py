@@ -11,7 +11,7 @@ from matplotlib import colormaps
 from flows.report.grasp import CELL_MM, SIGNS, cell_forces
 from flows.report.style import FIRST, SIMULATED
 from flows.viewer.scene import mounted_object_mesh, rgb
-from flows.viewer.stream import eye_from, recording_to, send_trace, times
+from flows.viewer.stream import FRONT_EYE, recording_to, send_trace, times
 from models.fem.recording import SIDES, GraspRecording, Side, Snapshot
 from models.fem.skin import Skin, skin_of
 from models.records import GraspSimulation, Trace
@@ -56,9 +56,7 @@ def _blueprint(title: str) -> rrb.Blueprint:
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
-                rrb.Spatial3DView(
-                    origin="cell", name=f"{title} (mm)", eye_controls=eye_from((60, -260, 90), (0, 0, 52))
-                ),
+                rrb.Spatial3DView(origin="cell", name=f"{title} (mm)", eye_controls=FRONT_EYE),
                 rrb.TextDocumentView(origin="about", name="About"),
                 row_shares=[4, 1],
             ),
@@ -70,13 +68,14 @@ def _blueprint(title: str) -> rrb.Blueprint:
             column_shares=[3, 2],
         ),
         rrb.TimePanel(timeline="time", state="collapsed", play_state="playing", loop_mode="all"),
+        rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
     )
 
 
 def _about(title: str, result: GraspSimulation, furthest_mm: float) -> str:
     return (
-        f"# {title}\n\nPeak {result.peak_force_n:.2f} N, contact force {result.contact_force_n:.2f} N, work "
+        f"### {title}\n\nPeak {result.peak_force_n:.2f} N, contact force {result.contact_force_n:.2f} N, work "
         f"{1e3 * result.work_j:.0f} mJ. Fingers: displacement from the undeformed finger, dark 0, yellow "
         f"{furthest_mm:.1f} mm. Arrows: force of the object on the finger, {ARROW_MM_PER_N:g} mm per N."
     )

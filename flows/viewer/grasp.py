@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 
 from flows.report.style import BEST, SIMULATED
 from flows.viewer.scene import finger_meshes, finger_translations
-from flows.viewer.simulation import send_fingers
+from flows.viewer.simulation import arrow_mm_per_n, send_fingers
 from flows.viewer.stream import FRONT_EYE, recording_to, send_object, send_trace, stored_design, times
 from lake.store import Lake
 from lake.tables import GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow
@@ -149,7 +149,7 @@ def _about(grasp: GraspRow, label: str, trace: Trace, simulated: Simulated | Non
         lines.append(
             f"Measured peak {peak:.2f} N, simulated {simulated.result.peak_force_n:.2f} N. Fingers are those of the "
             f"simulation ({simulated.version_id}), coloured by displacement; arrows: force of the object on them, "
-            "6 mm per N. Press play, or drag the time: the cursor in the curves is the moment in the scene."
+            f"{arrow_mm_per_n(simulated.recording):g} mm per N. Press play, or drag the time: the cursor in the curves is the moment in the scene."
         )
     return "\n".join(lines)
 

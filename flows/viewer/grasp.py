@@ -149,7 +149,7 @@ def _about(grasp: GraspRow, label: str, trace: Trace, simulated: Simulated | Non
         lines.append(
             f"Measured peak {peak:.2f} N, simulated {simulated.result.peak_force_n:.2f} N. Fingers are those of the "
             f"simulation ({simulated.version_id}), coloured by displacement; arrows: force of the object on them, "
-            f"{arrow_mm_per_n(simulated.recording):g} mm per N. Press play, or drag the time: the cursor in the curves is the moment in the scene."
+            f"{arrow_mm_per_n(simulated.recording):g} mm per N. The cursor in the curves is the moment in the scene."
         )
     return "\n".join(lines)
 

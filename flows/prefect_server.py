@@ -33,6 +33,11 @@ OFFLINE = {
     "PREFECT_SERVER_UI_SHOW_PROMOTIONAL_CONTENT": "false",
     "PREFECT_SERVER_UI_V2_ENABLED": "false",
 }
+# Runs are forgotten three months after their end, with their tasks and logs; events after a week. The lake keeps all.
+TIDY = {
+    "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "events,flow_runs",
+    "PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD": str(90 * 86400),
+}
 PATIENT = {"PREFECT_CLIENT_MAX_RETRIES": "7"}  # about four minutes: a killed server is back by then
 
 
@@ -156,6 +161,8 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> StandingPr
     environment = {**os.environ, **client_environment(url), "PREFECT_HOME": str(home)}
     if login := _login():
         environment["PREFECT_SERVER_API_AUTH_STRING"] = login
+    for name, value in TIDY.items():
+        environment.setdefault(name, value)
     # Pages that were opened under another name ask the server they came from.
     environment.setdefault("PREFECT_UI_API_URL", "/api")
     arguments = [host, str(port), str(os.getpid()), str(lake_root / "outputs")]

@@ -107,6 +107,7 @@ _SUMMARY: Mapping[str, tuple[str, ...]] = {
     "simulations": ("design_id", "object_id", "status", "reason", "peak_force_n", "contact_force_n", "work_j"),
     "grasps": ("tool_id", "object_id", "repeat", "attempt", "bench", "status", "reason", "peak_force_n", "work_j"),
     "trace_features": ("feature_version", "peak_force_n", "work_j", "hold_mm", "n_peaks", "separation_lift_mm"),
+    "anomaly_flags": ("kind", "is_flagged", "p_value", "compared", "reason"),
     "diagnostics": ("tool_id", "kind", "parameters_json", "object_id", "repeat", "bench", "status", "reason"),
     "fits": ("batch", "n_real", "n_sim", "rho", "noise_sd_n", "loo_rmse_n"),
     "events": ("kind", "message"),

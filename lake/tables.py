@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from lake.row import Channel, Row, Status
-from lake.tables_features import TraceFeaturesRow
+from lake.tables_features import AnomalyFlagRow, TraceFeaturesRow
 from lake.tables_inference import CalibrationRow, EffectRow, GapFindingRow, PosteriorDrawsRow
 from models.design_space import PARAMETERS
 from models.ids import canonical_json, content_id
@@ -384,6 +384,7 @@ TABLES: tuple[type[Row], ...] = (
     SimulationRow,
     GraspRow,
     TraceFeaturesRow,
+    AnomalyFlagRow,
     FitRow,
     CalibrationRow,
     GapFindingRow,

@@ -1,10 +1,11 @@
-"""Row record of what a trace says in numbers; `fast features` fills the table, docs/features.md has the formulas."""
+"""Row records of what traces say: their features, and flags on grasps that went wrong; `fast features` fills both."""
 
 from typing import ClassVar, Self
 
 from pydantic import Field
 
 from lake.row import Row
+from models.features.anomalies import Anomaly, Compared, Kind
 from models.features.names import FEATURE_VERSION
 from models.ids import content_id
 
@@ -57,3 +58,36 @@ class TraceFeaturesRow(Row):
     def make_id(grasp_id: str, feature_version: int) -> str:
         """Id derived from the grasp and the definitions: calculating again duplicates nothing."""
         return content_id("T", [grasp_id, feature_version])
+
+
+class AnomalyFlagRow(Row):
+    """One thing wrong with a measured grasp, as its repeats and peers tell; the view `anomalies` has those that stand.
+
+    Grasps measured later may take a flag back: the row is then superseded by one that is not flagged.
+    """
+
+    table: ClassVar[str] = "anomaly_flags"
+    flag_id: str
+    grasp_id: str
+    kind: Kind
+    is_flagged: bool
+    p_value: float | None = Field(default=None, description="that chance departs as far; empty when taken back")
+    compared: Compared | None = Field(default=None, description="what the grasp was compared with")
+    shortfall: float | None = Field(default=None, description="in the unit that the reason names")
+    reason: str = ""
+
+    @classmethod
+    def of(cls, grasp_id: str, anomaly: Anomaly) -> Self:
+        """Row of a flag."""
+        values = {name: value for name, value in anomaly._asdict().items() if name != "place"}
+        return cls(flag_id=cls.make_id(grasp_id, anomaly.kind), grasp_id=grasp_id, is_flagged=True, **values)
+
+    @classmethod
+    def taken_back(cls, grasp_id: str, kind: Kind) -> Self:
+        """Row of a flag that no longer stands."""
+        return cls(flag_id=cls.make_id(grasp_id, kind), grasp_id=grasp_id, kind=kind, is_flagged=False)
+
+    @staticmethod
+    def make_id(grasp_id: str, kind: Kind) -> str:
+        """Id derived from the grasp and the kind: a later row supersedes an earlier one."""
+        return content_id("Y", [grasp_id, kind])

@@ -135,6 +135,14 @@ CREATE VIEW feature_summary AS
     FROM grasp_summary AS g JOIN trace_features AS f USING (grasp_id)
     WHERE g.is_valid AND f.feature_version = (SELECT max(feature_version) FROM trace_features);
 
+-- One row per thing that went wrong with a valid grasp, as `fast features` found when it last looked.
+CREATE VIEW anomalies AS
+    SELECT
+        g.campaign_id, g.tool_id, g.batch, g.slot, g.object_id, g.object_name, g.repeat, a.grasp_id,
+        a.kind, a.p_value, a.compared, a.shortfall, a.reason
+    FROM anomaly_flags AS a JOIN grasp_summary AS g USING (grasp_id)
+    WHERE a.is_flagged AND g.is_valid;
+
 -- One row per tool and object: how well the repeats agree. Coefficients of variation are relative standard deviations.
 -- `trace_distance_n` is the standard deviation of the repeats' forces at the same lift, root mean square along the
 -- profiles. All three are NULL for a single repeat.

@@ -34,6 +34,12 @@ class Split:
         """Id derived from the content: the hash that the report states."""
         return content_id("Z", self._payload())
 
+    @property
+    def words(self) -> str:
+        """How many are held out."""
+        designs, objects = self.designs.values(), self.objects.values()
+        return f"{sum(designs)} of {len(designs)} designs and {sum(objects)} of {len(objects)} objects"
+
     def json(self) -> str:
         """The split as it is kept in the lake."""
         return json.dumps(self._payload(), sort_keys=True)
@@ -104,13 +110,11 @@ def _newest(lake: Lake, campaign_id: str | None, seed: int) -> Split:
 
 
 def _write(lake: Lake, campaign_id: str | None, seed: int, split: Split) -> None:
-    n_designs, n_objects = sum(split.designs.values()), sum(split.objects.values())
     row = EventRow(
         event_id=content_id("E", [KIND, campaign_id, seed, split.split_id]),
         campaign_id=campaign_id or "",
         kind=KIND,
-        message=f"{n_designs} of {len(split.designs)} designs and {n_objects} of {len(split.objects)} objects are held "
-        f"out of gap discovery, {split.split_id}",
+        message=f"{split.words} are held out of gap discovery, {split.split_id}",
         payload_json=json.dumps(json.loads(split.json()) | {"seed": seed}, sort_keys=True),
     )
     lake.append([row], current_provenance(seed=seed))

@@ -50,7 +50,7 @@ class Answer(Record):
     rounds: tuple[Said, ...]
     statistics: dict[str, float]
     closing: Closing | None = None
-    evidence: tuple[tuple[float, ...], ...] = ()
+    evidence: tuple[tuple[tuple[float, ...], ...], ...] = ()
     priors: tuple[float, ...] = ()
     cpu_s: float = 0.0
 
@@ -131,8 +131,8 @@ def statistics_of(answer: Answer) -> "Statistics":
     return Statistics(**answer.statistics)
 
 
-def _rounded(gains: Sequence[np.ndarray]) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(np.round(gain, 3).ravel().tolist()) for gain in gains)
+def _rounded(gains: Sequence[np.ndarray]) -> tuple[tuple[tuple[float, ...], ...], ...]:
+    return tuple(tuple(tuple(row) for row in np.round(gain, 3).tolist()) for gain in gains)
 
 
 def _said(result: "NameResult") -> Said:

@@ -37,5 +37,5 @@ def paper_section(body: str) -> Markup:
         where = Markup(f'<a href="#{anchor}">here</a>') if is_there else missing or _NO_CALIBRATION
         rows.append((figure, what, where))
     note = paragraph("Figs. 1 and 2b are photographs and drawings of the authors' platform.", "note")
-    shown = table(("paper", "what it shows", "in this report"), rows).replace("<td>needs", '<td class="wrap">needs')
-    return section("paper", "The paper's figures and tables", shown, note)
+    shown = table(("paper", "what it shows", "in this report"), rows)
+    return section("paper", "The paper's figures and tables", f'<div class="words">{shown}</div>', note)

@@ -30,4 +30,5 @@ def throughput(content: Content) -> tuple[Markup, Result]:
         ("grasps per hour at that pace", number(3600 / pause if pause else None, 0), PAPER["grasps_per_hour"]),
     ]
     shown = table(("throughput", "this campaign", "paper"), rows, numeric=(1, 2))
+    shown = Markup(f'<div class="words">{shown}</div>')
     return Markup(shown + (paragraph(_LOCKSTEP, "note") if is_lockstep else "")), result

@@ -81,7 +81,7 @@ class Clock(NamedTuple):
         return cls(_closing_s(simulated), _closing_s(measured), lifts, moments)
 
     def at(self, phase: str, time_s: float, lift_mm: float) -> float:
-        """The measured time of a simulated moment; beyond the last measured lift, at the pace of the last two."""
+        """The measured time of a simulated moment; beyond the last measured lift, at its mean pace."""
         if phase == "closing" or not self.lifts_mm.size:
             return time_s * self.measured_closing_s / self.closing_s if self.closing_s else time_s
         over = max(lift_mm - float(self.lifts_mm[-1]), 0.0)

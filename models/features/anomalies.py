@@ -4,7 +4,6 @@ A grasp departs if it falls short of its repeats, or of what its tool and object
 explains and by more than matters. The kinds, their measures and limits are in docs/identification.md.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
@@ -18,27 +17,37 @@ Kind = Literal["stuck_valve", "ejection", "early_loss", "torsional_slip", "negat
 KINDS: tuple[Kind, ...] = get_args(Kind)
 Compared = Literal["repeats", "peers", "zero"]
 
+TURNED = "turned 45 deg"  # orientation of an object that shows an edge to each finger
+
 LIMIT_P = 3e-4  # three false alarms of a kind in 10,000 grasps at most, if the p-values are right
+SUDDEN = 1.1  # a lost object is let go as much earlier as its work is done earlier; one that slips is held on to
 DONE_SHARE = 0.9  # of the work: the lift by which it is done says when an object is lost, and noise moves it little
+PEERS_FREEDOM = 3.0  # a tool has its own way with an object
+ZERO_FREEDOM = 30.0  # a mean of noise has light tails
 EJECTED_MM = 8.0  # lift within which an object that is lost was never picked up
+LEAST_WORK_J = 1e-4  # whose logarithm is taken
 PULLED_N = 0.3  # mean over 2 mm of lift: five standard deviations of noise, so that a free gripper does no work
 STILL_HELD_N = 1.0  # a force at the end that is no drift: the trace ends before the object is free
 
 
 class Measure(NamedTuple):
-    """What a kind is measured by: its least shortfall that matters, and the smallest scale of chance, of its unit."""
+    """What a kind is measured by: the least shortfalls that matter, and the smallest scale of chance, of its unit.
+
+    `least_of_peers` None: not compared with peers, whose own ways with an object would pass for faults.
+    """
 
     unit: str
     least: float
+    least_of_peers: float | None
     least_scale: float
 
 
 MEASURES: dict[str, Measure] = {
-    "grip": Measure("N", 0.5, 0.05),
-    "lift": Measure("mm", 3.0, 0.3),
-    "work": Measure("share", 0.1, 0.01),
-    "preload": Measure("N", 0.7, 0.1),
-    "zero": Measure("N", 0.15, 0.02),
+    "grip": Measure("N", 0.5, 3.0, 0.05),
+    "lift": Measure("mm", 3.0, 10.0, 0.3),
+    "work": Measure("share", 0.1, 0.5, 0.01),
+    "preload": Measure("N", 0.7, None, 0.1),
+    "zero": Measure("N", 0.15, None, 0.02),
 }
 
 
@@ -55,7 +64,7 @@ class Anomaly(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """Which tool and object (numbers, n) each of n grasps was made with; repeats share both. `is_turned`: see reason."""
+    """Numbers of tool and object of n grasps, and whether the object is turned about z (n each)."""
 
     tool: np.ndarray
     object_id: np.ndarray
@@ -64,15 +73,17 @@ class Labels:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """One measure of n grasps: p-value, what it was compared with (index into `Compared`), and the shortfall."""
+    """One measure of n grasps: p-value, whether it is against repeats or peers, shortfall; p against repeats alone."""
 
     p_value: np.ndarray
     is_of_repeats: np.ndarray
     shortfall: np.ndarray
+    p_of_repeats: np.ndarray
 
     def is_flagged(self, measure: Measure, limit_p: float) -> np.ndarray:
         """Which of the n depart by more than chance explains, and by more than matters."""
-        return (self.p_value < limit_p) & (self.shortfall >= measure.least)
+        least = np.where(self.is_of_repeats, measure.least, measure.least_of_peers or measure.least)
+        return np.asarray((self.p_value < limit_p) & (self.shortfall >= least))
 
 
 def find_anomalies(features: TraceFeatures, labels: Labels, limit_p: float = LIMIT_P) -> list[Anomaly]:
@@ -80,10 +91,12 @@ def find_anomalies(features: TraceFeatures, labels: Labels, limit_p: float = LIM
 
     Without repeats and without three tools and objects there is nothing to compare with but the zero.
     """
-    evidence = {name: _evidence(name, values, features, labels) for name, values in _values(features).items()}
-    evidence["zero"] = _zero_evidence(features)
+    evidence = evidence_of(features, labels)
     flagged = {name: found.is_flagged(MEASURES[name], limit_p) for name, found in evidence.items()}
-    kinds = _kinds(features, labels, flagged)
+    is_sudden = evidence["lift"].shortfall <= SUDDEN * _shortfalls_like(
+        evidence["lift"], _separation_mm(features), labels
+    )
+    kinds = _kinds(features, labels, flagged, is_sudden)
     found = [
         _anomaly(place, kind, measure, evidence[measure])
         for kind, (measure, is_kind) in kinds.items()
@@ -92,9 +105,15 @@ def find_anomalies(features: TraceFeatures, labels: Labels, limit_p: float = LIM
     return sorted(found, key=lambda anomaly: (anomaly.place, KINDS.index(anomaly.kind)))
 
 
+def evidence_of(features: TraceFeatures, labels: Labels) -> dict[str, Evidence]:
+    """How far n grasps depart, by the names in `MEASURES`."""
+    evidence = {name: _evidence(name, values, features, labels) for name, values in _values(features).items()}
+    return {**evidence, "zero": _zero_evidence(features)}
+
+
 def _values(features: TraceFeatures) -> dict[str, np.ndarray]:
     """The measures of n grasps that fall when something is wrong."""
-    work_j, peak_n = np.maximum(features.column("work_j"), 1e-4), features.column("peak_force_n")
+    work_j = np.maximum(features.column("work_j"), LEAST_WORK_J)
     return {
         "grip": _grip_n(features),
         "lift": _done_mm(features.profile_n),
@@ -122,42 +141,60 @@ def _done_mm(profile_n: np.ndarray) -> np.ndarray:
 
 def _evidence(name: str, values: np.ndarray, features: TraceFeatures, labels: Labels) -> Evidence:
     """The stronger of both comparisons, paid for with a factor of two."""
-    group = labels.tool * (int(labels.object_id.max()) + 1) + labels.object_id
-    of_repeats = shortfall_to_repeats(values, group)
-    of_peers = shortfall_to_peers(values, labels.tool, labels.object_id)
+    of_repeats, of_peers = _shortfalls(values, labels)
     level = np.abs(values) if name in ("grip", "preload") else features.column("peak_force_n")
-    p_repeats, p_peers = (
-        np.nan_to_num(p_values(shortfalls, level, MEASURES[name].least_scale), nan=1.0)
-        for shortfalls in (of_repeats, of_peers)
-    )
+    least_scale = MEASURES[name].least_scale
+    p_repeats = np.nan_to_num(p_values(of_repeats, level, least_scale), nan=1.0)
+    if MEASURES[name].least_of_peers is None:
+        return Evidence(p_repeats, np.ones(len(values), dtype=bool), np.nan_to_num(of_repeats), p_repeats)
+    p_peers = np.nan_to_num(p_values(of_peers, level, least_scale, PEERS_FREEDOM), nan=1.0)
     is_of_repeats = p_repeats <= p_peers
     shortfall = np.where(is_of_repeats, of_repeats, of_peers)
     if name == "work":  # from a difference of logarithms
         shortfall = -np.expm1(-shortfall)
-    return Evidence(np.minimum(2.0 * np.minimum(p_repeats, p_peers), 1.0), is_of_repeats, np.nan_to_num(shortfall))
+    p = np.minimum(2.0 * np.minimum(p_repeats, p_peers), 1.0)
+    return Evidence(p, is_of_repeats, np.nan_to_num(shortfall), p_repeats)
+
+
+def _shortfalls(values: np.ndarray, labels: Labels) -> tuple[np.ndarray, np.ndarray]:
+    """Against repeats and against peers (n each)."""
+    group = labels.tool * (int(labels.object_id.max()) + 1) + labels.object_id
+    return shortfall_to_repeats(values, group), shortfall_to_peers(values, labels.tool, labels.object_id)
 
 
 def _zero_evidence(features: TraceFeatures) -> Evidence:
     """How far the force at the end of the lift is from zero, where it should be."""
-    rest_n = np.abs(features.column("end_force_n"))
-    rest_n[rest_n > STILL_HELD_N] = np.nan
-    p = np.nan_to_num(2.0 * p_values(rest_n, np.zeros(len(rest_n)), MEASURES["zero"].least_scale), nan=1.0)
-    return Evidence(np.minimum(p, 1.0), np.zeros(len(rest_n), dtype=bool), np.nan_to_num(rest_n))
+    rest_n = features.column("end_force_n").copy()
+    rest_n[np.abs(rest_n) > STILL_HELD_N] = np.nan
+    no_level, least = np.zeros(len(rest_n)), MEASURES["zero"].least_scale
+    p = np.fmin(*(p_values(sign * rest_n, no_level, least, ZERO_FREEDOM) for sign in (1.0, -1.0)))
+    p = np.minimum(np.nan_to_num(2.0 * p, nan=1.0), 1.0)
+    return Evidence(p, np.zeros(len(rest_n), dtype=bool), np.nan_to_num(np.abs(rest_n)), p)
+
+
+def _separation_mm(features: TraceFeatures) -> np.ndarray:
+    return np.nan_to_num(features.column("separation_lift_mm"), nan=0.0)
+
+
+def _shortfalls_like(evidence: Evidence, values: np.ndarray, labels: Labels) -> np.ndarray:
+    """Shortfalls (n) of other values, against the repeats or the peers that the evidence is against."""
+    return np.nan_to_num(np.where(evidence.is_of_repeats, *_shortfalls(values, labels)))
 
 
 def _kinds(
-    features: TraceFeatures, labels: Labels, flagged: dict[str, np.ndarray]
+    features: TraceFeatures, labels: Labels, flagged: dict[str, np.ndarray], is_sudden: np.ndarray
 ) -> dict[Kind, tuple[str, np.ndarray]]:
-    """Which grasps are of each kind, and the measure that says so. Of the losses the earlier explains the later ones."""
+    """Which grasps are of each kind, and the measure that says so; a drift or an earlier loss explains later ones."""
     has_no_grip = flagged["grip"] & (_grip_n(features) < NOISE_N)
-    lift_mm = _done_mm(features.profile_n)
-    is_lost = flagged["lift"] & ~has_no_grip
-    is_slip = flagged["work"] & ~has_no_grip & ~is_lost & labels.is_turned
+    is_explained = has_no_grip | flagged["zero"]
+    is_lost = flagged["lift"] & is_sudden & ~is_explained
+    is_slip = flagged["work"] & labels.is_turned & ~is_lost & ~is_explained
+    is_ejected = is_lost & (_done_mm(features.profile_n) < EJECTED_MM)
     presses = flagged["preload"] & (features.column("initial_force_n") < -NOISE_N)
     return {
         "stuck_valve": ("grip", has_no_grip),
-        "ejection": ("lift", is_lost & (lift_mm < EJECTED_MM)),
-        "early_loss": ("lift", is_lost & (lift_mm >= EJECTED_MM)),
+        "ejection": ("lift", is_ejected),
+        "early_loss": ("lift", is_lost & ~is_ejected),
         "torsional_slip": ("work", is_slip),
         "negative_preload": ("preload", presses),
         "drifting_cell": ("zero", flagged["zero"]),
@@ -182,9 +219,3 @@ def _anomaly(place: int, kind: Kind, measure: str, evidence: Evidence) -> Anomal
     value = float(evidence.shortfall[place])
     reason = _SENTENCES[kind].format(value=value, others=_OTHERS[compared])
     return Anomaly(place, kind, float(evidence.p_value[place]), compared, value, reason)
-
-
-def count_by_kind(found: list[Anomaly]) -> Iterator[tuple[Kind, int]]:
-    """Flags of each kind, in the order of `KINDS`."""
-    for kind in KINDS:
-        yield kind, sum(anomaly.kind == kind for anomaly in found)

@@ -5,10 +5,10 @@ from scipy.stats import t as student
 
 _BIN = 60  # departures that a scale is estimated from
 _MOST_BINS = 8
-_NORMAL_MAD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
-_TAIL, _BULK = 0.975, 0.75  # quantiles whose ratio tells how heavy the tails are
-_FREEDOMS = np.concatenate([np.arange(1.0, 6.0, 0.25), np.arange(6.0, 31.0, 1.0), [1e6]])
+_TAIL = 0.05  # of all departures are excesses as far out as the one that the scale is taken from
 _N_POLISH = 10
+LEAST_PEERS = 4  # tools and objects; fewer expect nothing
+FREEDOM = 5.0  # degrees of freedom; chosen on grasps of the virtual bench with nothing wrong
 
 
 def shortfall_to_repeats(values: np.ndarray, group: np.ndarray) -> np.ndarray:
@@ -36,7 +36,7 @@ def shortfall_to_peers(values: np.ndarray, tool: np.ndarray, object_id: np.ndarr
     """
     tools, row = np.unique(tool, return_inverse=True)
     objects, column = np.unique(object_id, return_inverse=True)
-    if min(len(tools), len(objects)) < 3:
+    if min(len(tools), len(objects)) < LEAST_PEERS:
         return np.full(len(values), np.nan)
     cell = row * len(objects) + column
     table = np.full(len(tools) * len(objects), np.nan)
@@ -52,39 +52,31 @@ def shortfall_to_peers(values: np.ndarray, tool: np.ndarray, object_id: np.ndarr
     return np.asarray(expected.ravel()[cell] - values)
 
 
-def p_values(shortfalls: np.ndarray, level: np.ndarray, least_scale: float) -> np.ndarray:
+def p_values(shortfalls: np.ndarray, level: np.ndarray, least_scale: float, freedom: float = FREEDOM) -> np.ndarray:
     """Probability (n) that so large a shortfall, or a larger, comes by chance; NaN where there is no shortfall.
 
-    All shortfalls together say what chance is: most grasps are as they should be. Their scale, a robust one, may depend
-    on `level` (n; such as the force); over it they follow a t-distribution whose degrees of freedom match the ratio of
-    two of their quantiles.
+    Chance is as likely to give an excess, and nothing that goes wrong does: the excesses among the n say how far chance
+    goes. Over their scale, which may depend on `level`, shortfalls are taken to follow a t-distribution.
 
     Args:
         shortfalls: n, of one unit; positive is suspicious.
-        level: n, what their scale may depend on.
+        level: n, what their scale may depend on, such as the force.
         least_scale: of the shortfalls' unit; what is smaller is not told apart.
+        freedom: degrees of freedom of the t-distribution; fewer, heavier tails.
     """
     found, is_known = np.full(len(shortfalls), np.nan), np.isfinite(shortfalls)
     if is_known.sum() < _BIN:
         return found
-    scores = shortfalls[is_known] / np.maximum(_scale(shortfalls[is_known], level[is_known]), least_scale)
-    found[is_known] = student.sf(scores, _freedom(scores))
+    scale = _scale(shortfalls[is_known], level[is_known], freedom)
+    found[is_known] = student.sf(shortfalls[is_known] / np.maximum(scale, least_scale), freedom)
     return found
 
 
-def _scale(values: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """Scale of each of n values: of its bin of like level, linear between the middles of bins."""
-    n_bins = int(np.clip(len(values) // _BIN, 1, _MOST_BINS))
+def _scale(shortfalls: np.ndarray, level: np.ndarray, freedom: float) -> np.ndarray:
+    """Scale at each of n: of the excesses in its bin of like level, linear between the middles of bins."""
+    n_bins = int(np.clip(len(shortfalls) // _BIN, 1, _MOST_BINS))
     parts = np.array_split(np.argsort(level, kind="stable"), n_bins)
     middles = np.array([np.median(level[part]) for part in parts])
-    scales = np.array([_NORMAL_MAD * np.median(np.abs(values[part])) for part in parts])
+    far = student.ppf(1.0 - _TAIL, freedom)
+    scales = np.array([np.quantile(-np.minimum(shortfalls[part], 0.0), 1.0 - _TAIL) / far for part in parts])
     return np.interp(level, middles, scales)
-
-
-def _freedom(scores: np.ndarray) -> float:
-    """Degrees of freedom of the t-distribution with as heavy tails as the scores, 1 to (in effect) infinite."""
-    bulk, tail = np.quantile(np.abs(scores), [2.0 * _BULK - 1.0, 2.0 * _TAIL - 1.0])
-    if bulk <= 0.0:
-        return 1.0
-    ratios = student.ppf(_TAIL, _FREEDOMS) / student.ppf(_BULK, _FREEDOMS)
-    return float(_FREEDOMS[np.argmin(np.abs(ratios - tail / bulk))])

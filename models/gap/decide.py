@@ -10,7 +10,7 @@ from models.gap.findings import Named, NamedParameter
 from models.gap.fit import Fit, axes_of
 from models.gap.isolability import DEFLATION
 from models.gap.refit import Refit
-from models.gap.score import Score, r2
+from models.gap.score import Score
 from models.gap.thresholds import Statistics, Thresholds
 
 _Z90 = 1.645
@@ -60,7 +60,9 @@ def decided(evidence: Evidence, thresholds: Thresholds) -> Named:
     """The answer of a round."""
     best = max(evidence.singles, key=lambda tried: tried.r2, default=None)
     if not is_alarm(evidence, thresholds):
-        return Named(kind="none", probability=evidence.none, sentence="Nothing that designs and objects agree on is left.")
+        return Named(
+            kind="none", probability=evidence.none, sentence="Nothing that designs and objects agree on is left."
+        )
     if best is None or not _is_credible(best, evidence, thresholds) or _is_incomplete(best, evidence, thresholds):
         return _unknown(evidence)
     chosen = _told_apart_from(best, evidence, thresholds)
@@ -134,7 +136,9 @@ def _told_apart_from(best: Tried, evidence: Evidence, thresholds: Thresholds) ->
     credible = [tried for tried in evidence.singles if tried.r2 > 0.5 * best.r2]
     total = sum(tried.probability for tried in credible)
     if best.probability >= thresholds.probability * max(total, 1e-12):
-        alike = [t for t in credible if t is not best and apart_nats(t.refit.fit, best.refit.fit) < thresholds.least_nats]
+        alike = [
+            t for t in credible if t is not best and apart_nats(t.refit.fit, best.refit.fit) < thresholds.least_nats
+        ]
         return [best, *alike][:_LARGEST_SET]
     chosen, mass = [best], best.probability
     for tried in sorted(credible, key=lambda t: -t.probability):

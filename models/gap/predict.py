@@ -16,9 +16,11 @@ from models.effects.base import Effect
 from models.effects.catalogue import CATALOGUE, build_effects
 from models.errors import UsageError
 from models.gap.fields import FieldSurface, friction_factor_of_reference
-from models.gap.problem import GapProblem, Grasps
+from models.gap.problem import Bank, Field, GapProblem, Grasps
 from models.gap.sensing import acts_on_traces, sensed
 from models.records import EffectValue, Theta
+
+LEAST_MADE = 0.9  # of the cells: an amplitude of which less was simulated is left alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +51,7 @@ class Predictor:
             centre=bank.centre,
             surfaces=surfaces,
             rows_n=surfaces.coefficients[grasps.tool, grasps.obj],
-            fields={name: FieldSurface.of(field, bank.centre_steps_n) for name, field in bank.fields.items()},
+            fields=_surfaces_of_fields(bank),
             wider_mm=np.concatenate([[0.0], bank.wider_mm]),
             wider_n=np.concatenate([nothing, wider_n], axis=2),
             is_usable=is_known[grasps.tool, grasps.obj],
@@ -124,6 +126,19 @@ class Predictor:
         part = ((wider_mm - self.wider_mm[low]) / (self.wider_mm[low + 1] - self.wider_mm[low]))[:, None]
         tool, obj = self.grasps.tool, self.grasps.obj
         return np.asarray((1.0 - part) * self.wider_n[tool, obj, low] + part * self.wider_n[tool, obj, low + 1])
+
+
+def _surfaces_of_fields(bank: Bank) -> dict[str, FieldSurface]:
+    """Surfaces of the effects that the bank has simulated; a bank that is being filled lacks the last of them."""
+    is_known = np.isfinite(bank.centre_steps_n).all(axis=-1)
+    surfaces = {}
+    for name, field in bank.fields.items():
+        made = np.isfinite(field.steps_n).all(axis=-1)[is_known].mean(axis=0) >= LEAST_MADE
+        if made.any():
+            rows = tuple(row for row, there in zip(field.parameters, made, strict=True) if there)
+            known = Field(name, rows, field.steps_n[:, :, made])
+            surfaces[name] = FieldSurface.of(known, bank.centre_steps_n)
+    return surfaces
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from models.errors import UsageError
+from models.identification.kinds import SIDES, SIDES_OF_OBJECTS
 from models.objects.catalogue import OBJECTS
 
 N_OBJECTS = len(OBJECTS)
@@ -22,7 +23,7 @@ _ORIENTATION_OF = np.array([ORIENTATIONS.index(obj.orientation) for obj in OBJEC
 
 @dataclass(frozen=True, eq=False)
 class Beliefs:
-    """Probabilities (n x 36) of the objects of the catalogue for n grasps, or n sets of grasps of one object each."""
+    """Probabilities (n x 36) of the objects of the catalogue for n grasps."""
 
     objects: np.ndarray
 
@@ -36,6 +37,11 @@ class Beliefs:
         """Probabilities (n x len(ORIENTATIONS)): sums over the objects in an orientation."""
         return _summed(self.objects, _ORIENTATION_OF, len(ORIENTATIONS))
 
+    @cached_property
+    def sides(self) -> np.ndarray:
+        """Probabilities (n x len(SIDES)): sums over the objects with these sides."""
+        return _summed(self.objects, SIDES_OF_OBJECTS, len(SIDES))
+
     def combined(self) -> "Beliefs":
         """What all rows together say of one object (1 x 36): the product of independent rows, with equal priors."""
         log = np.log(np.maximum(self.objects, LEAST_PROBABILITY)).sum(axis=0)
@@ -43,14 +49,14 @@ class Beliefs:
         return Beliefs((odds / odds.sum())[None])
 
 
-def class_of(object_id: np.ndarray) -> np.ndarray:
-    """Numbers in `CLASSES` of objects (n)."""
-    return np.asarray(_CLASS_OF[object_id])
-
-
-def orientation_of(object_id: np.ndarray) -> np.ndarray:
-    """Numbers in `ORIENTATIONS` of objects (n)."""
-    return np.asarray(_ORIENTATION_OF[object_id])
+def truth_of(object_id: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns (n) of the true object in each array of `Beliefs`, by its name."""
+    return {
+        "objects": object_id,
+        "classes": _CLASS_OF[object_id],
+        "orientations": _ORIENTATION_OF[object_id],
+        "sides": SIDES_OF_OBJECTS[object_id],
+    }
 
 
 def _summed(objects: np.ndarray, group: np.ndarray, n_groups: int) -> np.ndarray:

@@ -28,7 +28,9 @@ def test_every_grasp_with_a_trace_is_calculated_once(lake):
     files = sorted((lake.root / "trace_features").iterdir())
     assert update_features(lake) == (N_VALID, 0, 0)
     assert sorted((lake.root / "trace_features").iterdir()) == files
-    assert lake.ids(TraceFeaturesRow) == {TraceFeaturesRow.make_id(k, FEATURE_VERSION) for k in lake.ids(GraspRow, status="ok")}
+    assert lake.ids(TraceFeaturesRow) == {
+        TraceFeaturesRow.make_id(k, FEATURE_VERSION) for k in lake.ids(GraspRow, status="ok")
+    }
 
 
 def test_rows_are_the_features_of_their_traces(lake, monkeypatch):

@@ -34,7 +34,7 @@ def test_softening_over_repeats_is_found_and_is_a_clue() -> None:
     clue = next(t for t in where.trends if t.against == "repeat")
     assert clue.is_clue
     assert clue.change == pytest.approx(-0.06, abs=0.01)
-    assert "mullins_softening" in clue.sentence
+    assert "mullins softening" in clue.sentence
 
 
 def test_a_late_gap_is_not_seen_before_it() -> None:

@@ -99,6 +99,7 @@ def calibration_section(content: Content, folder: Folder) -> Markup:
     panels = calibration.held_out_panels or calibration.panels
     agreement = agreement_columns(panels, folder) + scores_table(panels) if panels else ""
     words = paragraph(
+        "Table 2 of the paper above, Fig. 4 on the left, Fig. 3 below: before (a) and after (b) the calibration. "
         f"Calibration {calibration_id} of {moment(calibration.made_at)} UTC, {calibration.row.n_designs} measured "
         f"designs and {calibration.simulations}. All of it: fast report {calibration_id}.", "note",
     )  # fmt: skip

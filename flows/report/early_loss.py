@@ -18,13 +18,15 @@ from models.ids import tool_label
 SHORT = 0.6  # of the middle tool's lift above half the peak; less is a grasp lost early
 LEAST_N = 1.0  # grasps below are too weak to tell
 N_ROWS = 6
+N_FLAGS = 12
+NO_FEATURES = Markup("No features of these traces yet; <code>fast features</code> calculates them.")
 
 
 def early_loss(content: Content, folder: Folder, stable_classes: Set[str]) -> tuple[Markup, list[Result]]:
     """The shortest hold among stably grasped objects, drawn between the other tools of its batch, and its rivals."""
     losses = content.result("early_losses", queries.EARLY_LOSSES)
     if not losses.rows:
-        return paragraph("No features of these traces yet; `fast features` calculates them.", "note"), [losses]
+        return paragraph(NO_FEATURES, "note"), [losses]
     rows = [r for r in losses.rows if r["object_class"] in stable_classes and r["peak_force_n"] > LEAST_N and r["part"]]
     if not rows or rows[0]["part"] > SHORT:
         least = f" (the shortest: {100 * rows[0]['part']:.0f} %)" if rows else ""
@@ -43,7 +45,7 @@ def early_loss(content: Content, folder: Folder, stable_classes: Set[str]) -> tu
         f"{label} on the {worst['object_name']} ({worst['object_id']}): above half its peak for "
         f"{number(worst['held_mm'], 1, 'mm')}, where the middle tool of the campaign holds for "
         f"{number(worst['median_mm'], 1, 'mm')}. A narrow peak on an object that others hold points at a finger that "
-        "twists or slips off; look at the grasp with `fast view`."
+        "twists or slips off; fast view shows the grasp."
     )
     short = [r for r in rows if r["part"] <= SHORT][:N_ROWS]
     listed = table(
@@ -54,6 +56,23 @@ def early_loss(content: Content, folder: Folder, stable_classes: Set[str]) -> tu
     )  # fmt: skip
     shown = folder.figure("early_loss", figure, f"Force over lift of {label} and the others of its batch")
     return columns(shown, paragraph(said) + listed), [losses, traces]
+
+
+def flagged_grasps(content: Content) -> tuple[Markup, Result]:
+    """What `fast features` has flagged, the surest first."""
+    result = content.result("anomalies", queries.ANOMALIES)
+    if not result.rows:
+        return paragraph(Markup("<code>fast features</code> has flagged no grasp of this campaign.")), result
+    rows = [
+        (r["kind"].replace("_", " "), tool_label(r["batch"], r["slot"]), f"{r['object_name']} ({r['object_id']})",
+         r["repeat"], f"{r['p_value']:.1g}", r["reason"])
+        for r in result.rows[:N_FLAGS]
+    ]  # fmt: skip
+    more = len(result.rows) - len(rows)
+    under = paragraph(f"{more} more are in data/anomalies.csv.", "note") if more > 0 else ""
+    headings = ("flag", "tool", "object", "repeat", "p", "why")
+    shown = table(headings, rows, numeric=(3, 4))
+    return Markup(f'<div class="words">{shown}</div>{under}'), result
 
 
 def loss_figure(curves: dict[int, Curve], slot: int, label: str) -> Figure:

@@ -136,6 +136,11 @@ SELECT *, median(held_mm) OVER of_object AS median_mm, held_mm / median(held_mm)
 FROM held WINDOW of_object AS (PARTITION BY object_id)
 ORDER BY part, tool_id, object_id"""
 
+ANOMALIES = """
+SELECT kind, tool_id, batch, slot, object_id, object_name, repeat, grasp_id, p_value, reason
+FROM anomalies WHERE campaign_id = {campaign}
+ORDER BY p_value, tool_id, object_id, repeat, kind"""
+
 # {object}, {batch}: numbers; {step}: lift step in mm.
 OBJECT_TRACES = f"""
 WITH counted AS ({_COUNTED} AND object_id = {{object}} AND batch = {{batch}}),

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from flows.report import queries
 from flows.report.content import Content
-from flows.report.early_loss import early_loss
+from flows.report.early_loss import NO_FEATURES, early_loss, flagged_grasps
 from flows.report.facts import Tool
 from flows.report.folder import Folder
 from flows.report.page import Markup, number, paragraph, section, table
@@ -18,7 +18,7 @@ from flows.report.queries import Result
 from flows.report.results import NOT_MEASURED
 from flows.report.style import BEST, FIRST, MUTED, SOFTEST, new_figure
 from flows.report.traces import Curve
-from flows.report.windows import Window, object_panel
+from flows.report.windows import NO_TRACES, Window, object_panel
 
 AT_MOST = 4  # objects of a group that are drawn
 WIDTH_IN, HEIGHT_IN = 1.95, 2.7
@@ -58,6 +58,8 @@ def shapes_section(content: Content, folder: Folder) -> Markup:
     features = content.result("shape_features", queries.SHAPE_FEATURES)
     classes = {row["object_id"]: (row["object_class"], row["object_name"]) for row in content.object_classes.rows}
     curves = _by_object(traces.rows, tools)
+    if not curves:
+        return section("shapes", title, paragraph(NO_TRACES), folder.sources(traces))
     window = Window.of([curve for found in curves.values() for curve in found.values()])
     parts = []
     for group in GROUPS:
@@ -71,22 +73,27 @@ def shapes_section(content: Content, folder: Folder) -> Markup:
         f"even of a weak tool. {_softness_words(softness)}", "note",
     )  # fmt: skip
     loss, loss_sources = early_loss(content, folder, STABLE_CLASSES)
+    flags, flag_source = flagged_grasps(content)
     return section(
         "shapes", title, _key(tools), words, f'<div class="groups">{"".join(parts)}</div>', _features_table(features),
-        "<h3>g&ensp;Lost too early</h3>", loss,
-        folder.sources(traces, features, *([softness] if softness else []), *loss_sources),
+        "<h3>g&ensp;Lost too early, and other anomalies</h3>", loss, flags,
+        folder.sources(traces, features, *([softness] if softness else []), *loss_sources, flag_source),
     )  # fmt: skip
 
 
 def three_tools(content: Content, best: Tool) -> tuple[dict[str, Tool], Result | None]:
-    """Softest and stiffest tool of the first batch, and the best; with simulated contact forces, if they said so."""
-    first = {t.slot: t for t in content.first}
+    """Softest and stiffest tool of the first batch, and the best; with simulated contact forces, if they said so.
+
+    The best is none of the other two, where the batch has two others.
+    """
+    others = [t for t in content.first if t is not best]
+    first = {t.slot: t for t in (others if len(others) > 1 else content.first)}
     result = content.result("contact_forces", queries.CONTACT_FORCES, batch=content.first[0].batch)
     rows = [r for r in result.rows if r["slot"] in first]
     most = max((r["n_objects"] for r in rows), default=0)
     version = next((r["version_id"] for r in rows if r["n_objects"] == most), None)
     forces = {r["slot"]: r["contact_force_n"] for r in rows if (r["version_id"], r["n_objects"]) == (version, most)}
-    known = forces.keys() == first.keys()
+    known = forces.keys() >= first.keys()
     order = sorted(first, key=lambda s: forces[s] if known else first[s].quality_n or 0.0)
     tools = {"softest": first[order[0]], "stiffest": first[order[-1]], "best": best}
     return tools, result if known else None
@@ -151,7 +158,7 @@ def _softness_words(softness: Result | None) -> str:
 def _features_table(features: Result) -> Markup:
     """Medians of what the traces of each group look like; one line where they have not been calculated."""
     if not features.rows:
-        return paragraph("No features of these traces yet; `fast features` calculates them.", "note")
+        return paragraph(NO_FEATURES, "note")
     rows = []
     for group in GROUPS:
         for row in features.rows:

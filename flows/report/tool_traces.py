@@ -16,7 +16,7 @@ from flows.report.page import Markup, paragraph, section
 from flows.report.results import NOT_MEASURED
 from flows.report.style import BEST, FIRST, MUTED, new_figure
 from flows.report.traces import Curve
-from flows.report.windows import Window, object_panel
+from flows.report.windows import NO_TRACES, Window, object_panel
 
 STEP_MM = 1.0
 WIDTH_IN, HEIGHT_IN = 2.9, 1.75
@@ -32,6 +32,8 @@ def tool_traces_section(content: Content, folder: Folder) -> Markup:
     first, last = content.first[0].batch, content.last[0].batch
     result = content.result("batch_traces", queries.BATCH_TRACES, first=first, last=last, step=STEP_MM)
     curves = curves_of(result.rows)
+    if not curves:
+        return section("batches", title, paragraph(NO_TRACES), folder.sources(result))
     qualities = {(t.batch, t.slot): t.quality_n or 0.0 for t in content.tools}
     window = Window.of([c for batches in curves.values() for slots in batches.values() for c in slots.values()])
     names = {row["object_id"]: row["object_name"] for row in content.work.rows}

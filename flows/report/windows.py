@@ -15,6 +15,7 @@ from flows.report.traces import Curve
 from models.errors import UsageError
 
 _LOG = logging.getLogger(__name__)
+NO_TRACES = "These grasps have no lift in their traces, so there is nothing to draw."
 _STILL = 0.04  # of the largest force; beyond, nothing happens any more
 _ROOM_MM = 3.0
 _LOWEST_SHARE = 0.35  # forces below zero get at most this share of the height of those above

@@ -165,7 +165,9 @@ def _with_notes(found: tuple[WhereFinding, ...], residuals: Residuals, tests: Te
     notes = []
     first = min(PHASES.index(f.phase) for f in found)
     if first > 0:
-        notes.append(f"nothing before {WORDS[PHASES[first]]}")
+        notes.append(
+            "nothing before that" if found[0].phase == PHASES[first] else f"nothing before {WORDS[PHASES[first]]}"
+        )
     if not any(h.factor == REPEAT for phase in PHASES for h in tests.rejected(phase)) and residuals.repeat.max() > 0:
         notes.append("the same in all repeats")
     lead = found[0].sentence.removesuffix(".") + "".join(f"; {note}" for note in notes) + "."

@@ -223,8 +223,8 @@ def _share_table(evidence: GapEvidence, folder: Folder) -> Markup:
     ]  # fmt: skip
     alias = max((s.order_alias for s in evidence.where[0].shares), default=0.0)
     said = paragraph(
-        f"{100 * alias:.0f} % of the order of the grasps is known from tool and object"
-        + ("; what drifts cannot be told from them, randomise the order." if alias > 0.8 else "."), "note",
+        f"{100 * alias:.0f} % of the order of a tool's grasps is known from tool and object"
+        + ("; what drifts cannot be told from them, randomise the order." if alias > 0.9 else "."), "note",
     )  # fmt: skip
     return Markup(said + folder.numbers("gap_shares", rows)) if rows else said
 

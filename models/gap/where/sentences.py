@@ -144,7 +144,7 @@ def _of_history(residuals: Residuals, phase: str, tested: Hypothesis) -> WhereFi
     if not size.is_large:
         return None
     verb = "rises" if size.share > 0 else "falls"
-    span = "from the first to the last repeat" if is_repeat else "from early to late grasps of a batch"
+    span = "from the first to the last repeat" if is_repeat else "from early to late grasps of a tool"
     words = size_words(size.effect_n, size.share, size.ci90)
     return WhereFinding(
         sentence=f"Measured force {AT[phase]} {verb} by {words} {span}, which the simulator does not.",

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tasks.identifying import Answer
 
 N_FLAGS = 20  # shown
+LEAST_SHOWN = 0.005  # probability
 _TITLES = {
     "tool_quality_n": "tool quality: mean peak pull-off force (N)",
     "work_j": "grasp quality: mean work to break the grasp (J)",
@@ -63,12 +64,13 @@ def _show_identification(lake: "Lake", grasp_id: str, as_json: bool) -> None:
 def _answer_text(answer: "Answer") -> str:
     title = "from this grasp alone" if answer.n_grasps == 1 else f"from {answer.n_grasps} repeats together"
     rows = [
-        {"is it": f"{name} {probability:.0%}", "what": what}
+        {"": what, "probability": f"{probability:.0%}", "it is": name}
         for what, found in answer._asdict().items()
         if what != "n_grasps"
         for name, probability in found
+        if probability >= LEAST_SHOWN
     ]
-    return f"{title}\n\n{table_text(rows, ['what', 'is it'])}"
+    return f"{title}\n\n{table_text(rows)}"
 
 
 def _anomalies_text(flags: list[dict[str, Any]]) -> str:

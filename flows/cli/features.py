@@ -53,7 +53,7 @@ def _show_identification(lake: "Lake", grasp_id: str, as_json: bool) -> None:
     found = identify(lake, grasp_id)
     answers = [found.alone, found.together] if found.together.n_grasps > 1 else [found.alone]
     data = {**found._asdict(), **{name: getattr(found, name)._asdict() for name in ("alone", "together")}}
-    accuracy = "" if found.accuracy is None else f", {found.accuracy:.0%} of which they recognise of one another"
+    accuracy = "" if found.accuracy is None else f" ({found.accuracy:.0%} right among themselves)"
     head = (
         f"{grasp_id}, recorded as {found.recorded}; learnt from {found.n_learnt} grasps of {found.n_tools} other tools"
         f"{accuracy}"

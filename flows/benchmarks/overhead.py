@@ -58,9 +58,6 @@ def measure_overhead(options: Options) -> Tables:
             total, marginal, n_states = _run_campaign(Path(folder), options)
         bench_s = _bench_cpu_s(Path(folder))
         state_s = state_cpu_s(Path(folder) / "half", SIMULATED_DESIGNS_OF_PAPER // 2, TOOLS_OF_PAPER // 2)
-            _bench_cpu_s(Path(folder)),
-            state_cpu_s(Path(folder) / "half", SIMULATED_DESIGNS_OF_PAPER // 2, TOOLS_OF_PAPER // 2),
-        )
     n_grasps, n_designs = N_TOOLS * len(OBJECTS) * N_REPEATS, N_SIMULATIONS + N_TOOLS
     n_rows, n_tasks = n_grasps + n_designs * len(OBJECTS), n_designs + N_TOOLS + 2
     measured = {

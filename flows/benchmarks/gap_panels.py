@@ -163,7 +163,7 @@ def visible_share(
     ridge = np.diag([0.0] * (1 + len(slopes)) + [1.0] * len(by_tool))
     target = (change * weight).ravel()
     fitted = free @ np.linalg.solve(free.T @ free + ridge + 1e-9 * np.eye(len(ridge)), free.T @ target)
-    return float(np.linalg.norm(target - fitted) / max(np.linalg.norm(target), 1e-12))
+    return float(np.linalg.norm(target - fitted) / max(float(np.linalg.norm(target)), 1e-12))
 
 
 def bank_slopes(bank: Bank, theta: tuple[float, float]) -> list[np.ndarray]:

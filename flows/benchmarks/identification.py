@@ -109,7 +109,10 @@ def _fit_logistic(inputs: np.ndarray, object_id: np.ndarray) -> Callable[[np.nda
     from sklearn.preprocessing import FunctionTransformer, StandardScaler
 
     model = make_pipeline(
-        SimpleImputer(), FunctionTransformer(np.arcsinh), StandardScaler(), LogisticRegression(C=0.3, max_iter=1000)
+        SimpleImputer(keep_empty_features=True),
+        FunctionTransformer(np.arcsinh),
+        StandardScaler(),
+        LogisticRegression(C=0.3, max_iter=1000),
     )
     return _fitted(model, inputs, object_id)
 
@@ -138,9 +141,11 @@ def _confused(beliefs: "Beliefs", object_id: np.ndarray) -> Rows:
     rows: Rows = []
     for place in np.argsort(both, axis=None)[::-1][:N_CONFUSED]:
         one, other = divmod(int(place), len(OBJECTS))
+        if not both[one, other]:
+            break
         share = both[one, other] / (counts[one].sum() + counts[other].sum())
         rows.append({"object": get_object(one).name, "taken for": get_object(other).name, "share": float(share)})
-    return [row for row in rows if row["share"] > 0]
+    return rows
 
 
 def _sides(beliefs: "Beliefs", object_id: np.ndarray) -> Rows:

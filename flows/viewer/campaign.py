@@ -72,7 +72,7 @@ def campaign_blueprint(tools: Sequence[Tool], is_live: bool = False) -> rrb.Blue
     scene = rrb.Spatial3DView(
         origin="cell",
         name=f"Bench (mm); objects by their last peak, dark 0 to yellow {FULL_COLOUR_N:g} N",
-        eye_controls=eye_from((x - 120, y - 1150, 820), (x, y - 30, 30)),
+        eye_controls=eye_from((x - 100, y - 860, 620), (x, y - 40, 30)),
     )
     notes = rrb.Tabs(
         rrb.TextLogView(origin="log", name="Log"), rrb.TextDocumentView(origin="about", name="About"), active_tab=0

@@ -16,6 +16,7 @@ from models.gap.thresholds import Statistics, Thresholds
 _Z90 = 1.645
 _SET_PROBABILITY = 0.95
 _LARGEST_SET = 3
+_LEFT = 1.25  # times its line: a misfit that is not clearly above those of null worlds
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,11 +124,14 @@ def _is_incomplete(best: Tried, evidence: Evidence, thresholds: Thresholds) -> b
 
 
 def _leaves_little(tried: Tried, evidence: Evidence, thresholds: Thresholds) -> bool:
-    """Whether most of the misfit above the null worlds' is gone; a strong effect is never met to the last bit."""
+    """Whether no misfit is clearly above those of null worlds, or most of it is gone.
+
+    A strong effect is never met to the last bit.
+    """
     before = (evidence.statistics.misfit, evidence.statistics.contrast_misfit)
     lines = (thresholds.misfit, thresholds.contrast_misfit)
     parts = zip(before, misfits(tried.refit.fit), lines, strict=True)
-    return all(was <= line or was - now >= thresholds.share * (was - line) for was, now, line in parts)
+    return all(now <= _LEFT * line or was - now >= thresholds.share * (was - line) for was, now, line in parts)
 
 
 def _told_apart_from(best: Tried, evidence: Evidence, thresholds: Thresholds) -> list[Tried]:

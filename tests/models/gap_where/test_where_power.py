@@ -1,4 +1,4 @@
-"""What docs/gap.md and docs/gap-limits.md say of WHERE: how often a gap is seen, and how often one that is not there."""
+"""What docs say of WHERE: how often a gap is seen (docs/gap.md), and one that is not there (docs/gap-limits.md)."""
 
 import numpy as np
 import pytest

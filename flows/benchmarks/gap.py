@@ -6,7 +6,7 @@ Three stages, each in the results file: `calibration` worlds set the lines and t
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -25,12 +25,13 @@ from models.gap.problem import Bank
 from models.records import GraspSetup, Record, SimulatorVersion
 
 if TYPE_CHECKING:
-    from models.gap.thresholds import Thresholds
+    from models.gap.thresholds import Statistics, Thresholds
 
 OBJECTS = (1, 6, 14, 22, 25, 28, 30, 32)
 N_CALIBRATION_NULLS, N_CALIBRATION_SINGLES = 40, 20
 N_WORLDS: dict[Group, int] = {"null": 60, "nasty null": 20, "single": 60, "alias": 12, "unlisted": 12, "pair": 20}
 PUBLIC_SEED = 8
+MARGIN_SD, LEAST_CEILING_R2 = 3.0, 0.005
 Stage = Literal["calibration", "development", "sealed"]
 
 
@@ -146,7 +147,7 @@ def calibrated(
                 options.tell(_line(outcomes[place]))
             made.append(outcomes[place])
     nulls = [statistics_of(one.answer) for one in made if one.key.group == "null"]
-    lines = fit_thresholds(nulls, provisional)
+    lines = with_margin(fit_thresholds(nulls, provisional), nulls)
     tried = [one for one in made if one.answer.evidence and one.key.names[0] in one.answer.rounds[0].candidates]
     if not tried:
         return lines
@@ -156,6 +157,18 @@ def calibrated(
         [list(one.answer.rounds[0].candidates).index(one.key.names[0]) for one in tried],
     )
     return lines.model_copy(update={"temperature": temperature})
+
+
+def with_margin(lines: "Thresholds", nulls: "Sequence[Statistics]") -> "Thresholds":
+    """Lines no lower than `MARGIN_SD` standard deviations above the mean of null worlds.
+
+    The largest of 40 worlds is crossed by one new world in 41, and there are four lines. A ceiling that predicts less
+    than `LEAST_CEILING_R2` is no gap, whatever null worlds give.
+    """
+    found = {name: np.array([getattr(one, name) for one in nulls]) for name in type(nulls[0]).model_fields}
+    high = {name: float(values.mean() + MARGIN_SD * values.std()) for name, values in found.items()}
+    high["ceiling_r2"] = max(high["ceiling_r2"], LEAST_CEILING_R2)
+    return lines.model_copy(update={name: max(getattr(lines, name), value) for name, value in high.items()})
 
 
 def thresholds_content(thresholds: "Thresholds") -> dict[str, object]:

@@ -10,6 +10,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
@@ -83,9 +84,17 @@ def ask_server(api_url: str, path: str, body: Any = None, timeout_s: float = 10.
         headers["Authorization"] = f"Basic {base64.b64encode(login.encode()).decode()}"
     data = None if body is None else json.dumps(body).encode()
     request = urllib.request.Request(f"{api_url}{path}", data, headers)
-    with urllib.request.urlopen(request, timeout=timeout_s) as answer:
-        content = answer.read()
-    return json.loads(content) if content else None
+    for patience_s in (0.5, 1.0, 2.0, 4.0, 0.0):
+        try:
+            with urllib.request.urlopen(request, timeout=timeout_s) as answer:
+                content = answer.read()
+            return json.loads(content) if content else None
+        except urllib.error.HTTPError as error:
+            # SQLite was busy for longer than the server waits for it.
+            if error.code != HTTPStatus.SERVICE_UNAVAILABLE or not patience_s:
+                raise
+        time.sleep(patience_s)
+    return None
 
 
 @contextmanager

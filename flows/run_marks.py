@@ -5,6 +5,7 @@ import os
 import re
 import socket
 from dataclasses import dataclass
+from uuid import UUID
 
 import psutil
 
@@ -72,6 +73,6 @@ def mark_run() -> None:
     kept = [tag for tag in flow_run.get_tags() if not _TAG.fullmatch(tag)]
     try:
         with get_client(sync_client=True) as client:
-            client.update_flow_run(run_id, tags=[*kept, RunningProcess.own().tag])
+            client.update_flow_run(UUID(run_id), tags=[*kept, RunningProcess.own().tag])
     except HTTPError as error:
         logger.warning("the flow run %s does not say which process does it: %s", run_id, error)

@@ -97,12 +97,12 @@ class DaskEngine:
     def hold(self, running: "DaskFuture") -> None:
         """Keep the future of a call until it is finished."""
         with self._lock:
-            self._running[running.key] = running
+            self._running[str(running.key)] = running
 
     def let_go(self, done: "DaskFuture") -> None:
         """Forget the future of a finished call."""
         with self._lock:
-            self._running.pop(done.key, None)
+            self._running.pop(str(done.key), None)
 
 
 class DaskWorker:

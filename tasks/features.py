@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -34,10 +34,10 @@ _SAMPLES = """
 _TOOLS = f"""
     SELECT
         campaign_id, coalesce(batch, 1) AS batch, tool_id,
-        CASE WHEN grouping(object_class) = 1 THEN '{ALL_OBJECTS}' ELSE coalesce(object_class, 'unknown') END AS class,
+        CASE WHEN grouping({{by}}) = 1 THEN '{ALL_OBJECTS}' ELSE coalesce({{by}}, 'unknown') END AS class,
         avg(peak_force_n) AS tool_quality_n, avg(work_j) AS work_j, avg(peak_cv) AS peak_cv
     FROM repeatability WHERE $campaign IS NULL OR campaign_id = $campaign
-    GROUP BY GROUPING SETS ((campaign_id, batch, tool_id, object_class), (campaign_id, batch, tool_id))
+    GROUP BY GROUPING SETS ((campaign_id, batch, tool_id, {{by}}), (campaign_id, batch, tool_id))
     ORDER BY ALL
 """
 
@@ -103,7 +103,7 @@ def _flat(samples: pa.Table) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 class ClassQuality(NamedTuple):
-    """One measure of the tools on the objects of a class: the first batch, the last, and what changed between."""
+    """One measure of the tools on a class of objects or an object: first batch, last batch, and the change."""
 
     campaign_id: str
     measure: str
@@ -115,13 +115,15 @@ class ClassQuality(NamedTuple):
     change: Interval | None
 
 
-def class_quality(lake: Lake, campaign_id: str | None = None) -> list[ClassQuality]:
-    """Quality, work and scatter of repeats by object class, of each campaign's first batch against its last.
+def class_quality(
+    lake: Lake, campaign_id: str | None = None, by: Literal["object_class", "object_name"] = "object_class"
+) -> list[ClassQuality]:
+    """Quality, work and scatter of repeats by object class or object, of each campaign's first batch against its last.
 
     A tool counts with its mean over the objects of the class that it met, of which each counts with the mean over
     its repeats. Intervals are of the bootstrap over tools.
     """
-    tools = lake.query(_TOOLS, {"campaign": campaign_id}).to_pylist()
+    tools = lake.query(_TOOLS.format(by=by), {"campaign": campaign_id}).to_pylist()
     batches: dict[str, set[int]] = {}
     for tool in tools:
         batches.setdefault(tool["campaign_id"], set()).add(tool["batch"])

@@ -13,9 +13,9 @@ import numpy as np
 from lake.provenance import current_provenance
 from lake.store import Lake
 from lake.tables import EventRow
-from models.errors import UsageError
 from models.ids import content_id, seed_from
 from models.objects.catalogue import get_object
+from tasks.calibration_data import TooLittleDataError
 
 KIND = "gap_split"
 MIN_DESIGNS, MIN_OBJECTS = 7, 5  # five tools and four objects are left to look at
@@ -34,6 +34,12 @@ class Split:
         """Id derived from the content: the hash that the report states."""
         return content_id("Z", self._payload())
 
+    @property
+    def words(self) -> str:
+        """How many are held out."""
+        designs, objects = self.designs.values(), self.objects.values()
+        return f"{sum(designs)} of {len(designs)} designs and {sum(objects)} of {len(objects)} objects"
+
     def json(self) -> str:
         """The split as it is kept in the lake."""
         return json.dumps(self._payload(), sort_keys=True)
@@ -48,12 +54,12 @@ def frozen_split(
     """The split of these designs and objects, from the lake or made now and written there.
 
     Raises:
-        UsageError: there are too few designs or objects to hold any out.
+        TooLittleDataError: there are too few designs or objects to hold any out.
     """
     counts = (("designs", len(set(design_ids)), MIN_DESIGNS), ("objects", len(set(object_ids)), MIN_OBJECTS))
     for what, n, least in counts:
         if n < least:
-            raise UsageError(
+            raise TooLittleDataError(
                 f"{n} {what} were measured, gap discovery needs at least {least} to hold some out; with 14 designs it "
                 "finds about 8 of 10 effects that change forces by 5 %, so measure more."
             )
@@ -104,13 +110,11 @@ def _newest(lake: Lake, campaign_id: str | None, seed: int) -> Split:
 
 
 def _write(lake: Lake, campaign_id: str | None, seed: int, split: Split) -> None:
-    n_designs, n_objects = sum(split.designs.values()), sum(split.objects.values())
     row = EventRow(
         event_id=content_id("E", [KIND, campaign_id, seed, split.split_id]),
         campaign_id=campaign_id or "",
         kind=KIND,
-        message=f"{n_designs} of {len(split.designs)} designs and {n_objects} of {len(split.objects)} objects are held "
-        f"out of gap discovery, {split.split_id}",
+        message=f"{split.words} are held out of gap discovery, {split.split_id}",
         payload_json=json.dumps(json.loads(split.json()) | {"seed": seed}, sort_keys=True),
     )
     lake.append([row], current_provenance(seed=seed))

@@ -14,6 +14,7 @@ from flows.benchmarks.day import measure_day
 from flows.benchmarks.fanout import measure_fanout
 from flows.benchmarks.features import measure_features
 from flows.benchmarks.gap import measure_gap
+from flows.benchmarks.gap_sealed import measure_gap_sealed
 from flows.benchmarks.gap_truth import measure_gap_truth
 from flows.benchmarks.grasp import measure_grasp
 from flows.benchmarks.identification import measure_identification
@@ -24,6 +25,7 @@ from flows.benchmarks.overhead import measure_overhead
 from flows.benchmarks.profile import measure_profile
 from flows.benchmarks.ranking import measure_ranking
 from flows.benchmarks.robustness import measure_robustness
+from flows.benchmarks.scale import measure_scale
 from flows.benchmarks.scientist import measure_scientist
 from flows.benchmarks.server_kills import measure_server_kills
 from flows.benchmarks.traces import measure_traces
@@ -53,6 +55,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "robustness": _sampled(measure_robustness, _STUDY | {"tiers"}),
     "fanout": _sampled(measure_fanout, _SAMPLE | {"workers"}),
     "gap": _sampled(measure_gap, _SAMPLE | {"results", "limit_minutes", "worlds"}),
+    "gap-sealed": _sampled(measure_gap_sealed, _SAMPLE | {"results", "limit_minutes", "worlds"}),
     "gap-truth": _sampled(measure_gap_truth, _STUDY),
     "traces": _sampled(measure_traces, _SAMPLE | {"figure"}),
     "calibration-traces": _sampled(measure_calibration_traces, _STUDY | {"figure", "worlds"}),
@@ -71,6 +74,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "calibration-peers": _sampled(measure_calibration_peers, frozenset({"results", "worlds"})),
     "host-kills": _sampled(measure_host_kills, frozenset({"n"})),
     "day": _sampled(measure_day, frozenset({"figure"})),
+    "scale": _sampled(measure_scale, frozenset({"workers"})),
     "overhead": _sampled(measure_overhead, frozenset()),
     "server-kills": _sampled(measure_server_kills, frozenset({"n", "results", "limit_minutes"})),
 }

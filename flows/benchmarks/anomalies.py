@@ -81,7 +81,7 @@ def _plan(grasps: list[WorldGrasp], rng: np.random.Generator) -> tuple[dict[_Cas
     used: set[tuple[int, int]] = set()
     for kind in PLANTS:
         able = [p for p in pairs if p not in used and (kind != "torsional_slip" or OBJECTS[p[1]].orientation == TURNED)]
-        n_pairs = min(n - N_REPEATS * n_whole + n_whole, len(able) // 2)
+        n_pairs = min(n_whole + max(n - N_REPEATS * n_whole, 1), len(able) // 2)
         for number, place in enumerate(rng.choice(len(able), n_pairs, replace=False)):
             pair = able[int(place)]
             used.add(pair)
@@ -109,7 +109,7 @@ def _found(measured: WorldTraces) -> "list[Anomaly]":
 
 
 def _clean_rows(world: "World", grasps: list[WorldGrasp]) -> Rows:
-    """How often p-values are small, and how many grasps are flagged, when nothing is wrong; a row per measure."""
+    """How often p-values against repeats are small, and grasps flagged, when nothing is wrong; a row per measure."""
     from models.features.anomalies import evidence_of, find_anomalies
 
     measured = measure_world(world, grasps)
@@ -117,7 +117,7 @@ def _clean_rows(world: "World", grasps: list[WorldGrasp]) -> Rows:
     n_flags = len({anomaly.place for anomaly in find_anomalies(features, labels)})
     rows: Rows = []
     for name, evidence in evidence_of(features, labels).items():
-        below = {f"p_below_{limit:g}": float((evidence.p_value < limit).mean()) for limit in QUANTILES}
+        below = {f"p_below_{limit:g}": float((evidence.p_of_repeats < limit).mean()) for limit in QUANTILES}
         rows.append({"measure": name, "n": len(evidence.p_value), "n_flagged": n_flags, **below})
     return rows
 

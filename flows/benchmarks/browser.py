@@ -15,7 +15,7 @@ from typing import Any
 from models.errors import FastError
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
-WAIT_S = 120.0
+WAIT_S = 300.0
 _FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync", "--hide-scrollbars", "--remote-debugging-port=0",

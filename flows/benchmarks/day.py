@@ -4,29 +4,31 @@ The bench is virtual and small; server, worker, pages, forms, schedule and notif
 """
 
 import json
+import math
 import os
 import signal
 import socket
 import subprocess
 import sys
 import tempfile
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
-from urllib.error import HTTPError
 
 from flows.benchmarks.base import Options, Tables
 from flows.benchmarks.browser import Browser, open_browser
+from flows.benchmarks.inbox import open_inbox
 from flows.benchmarks.sockets import family, is_loopback, listening
 from flows.lab import CHECKOUT
 from flows.prefect_server import ask_server, running_server
 from models.errors import FastError
 
 LIMIT_S = 1800.0
+CLICK_S = 30.0
 CAMPAIGN = "day"
 _CONFIG = """
 name = "day"
@@ -52,9 +54,11 @@ notify_virtual = true
 def measure_day(options: Options) -> Tables:
     """A day in a lab on a virtual bench, with server, worker, browser and schedule; --figure FOLDER keeps pictures."""
     with tempfile.TemporaryDirectory(prefix="fast-day-") as folder:
+        messages: list[dict[str, Any]] = []
         day = Day(Path(folder), options.figure, options.tell)
-        with day.inbox(), day.serving(), open_browser(height=1900) as browser:
+        with open_inbox(messages) as address, day.serving(address), open_browser(height=1900) as browser:
             day.live(browser)
+            day.check_messages(messages)
         return {"day": day.steps}
 
 
@@ -65,8 +69,6 @@ class Day:
         self.steps: list[dict[str, Any]] = []
         self._folder, self._pictures, self._tell = folder, pictures, tell
         self._lake = folder / "lake"
-        self._messages: list[dict[str, str]] = []
-        self._notify = ""
         self._api = ""
         self._serve_pid = 0
         self._since_s = time.monotonic()
@@ -75,7 +77,7 @@ class Day:
         """All steps, in order; each raises when the lab does not do what it should."""
         self._check_sockets()
         self._schedule_recalibration()
-        run_id = self._start_campaign()
+        self._start("run-campaign/campaign", config=str(self._folder / "day.toml"))
         form = self._wait_for_form()
         self._answer_badly(browser, form)
         self._kill_server()
@@ -84,44 +86,21 @@ class Day:
         self._look(browser, f"/runs/flow-run/{self._campaign_run()}", "campaign-measuring")
         self._wait_for_batch(2)
         self._confirm("B02")
-        self._wait_for("the campaign to end", lambda: self._state(run_id)["type"] == "COMPLETED")
-        self._step("campaign complete", self._state(run_id)["message"])
+        self._wait_for("the campaign to end", self._campaign_end)
+        self._step("campaign complete", self._campaign_end())
+        self._run_other_deployments()
         self._look_at_page(browser)
         self._look_at_report(browser)
         self._check_recalibration()
-        self._check_messages()
 
     @contextmanager
-    def inbox(self) -> Iterator[None]:
-        """A server that takes the notifications."""
-        messages = self._messages
-
-        class Handler(BaseHTTPRequestHandler):
-            def do_POST(self) -> None:
-                messages.append(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
-                self.send_response(200)
-                self.end_headers()
-
-            def log_message(self, *words: object) -> None:
-                """Say nothing."""
-
-        server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        self._notify = f"json://127.0.0.1:{server.server_port}"
-        try:
-            yield
-        finally:
-            server.shutdown()
-            server.server_close()
-
-    @contextmanager
-    def serving(self) -> Iterator[None]:
-        """`fast serve` for as long as the `with` block lasts; it must stop cleanly."""
+    def serving(self, notify: str) -> Iterator[None]:
+        """`fast serve` for as long as the `with` block lasts; it must stop cleanly. `notify`: where messages go."""
         world = (CHECKOUT / "worlds" / "quick.toml").read_text(encoding="utf-8").replace("5.0", "8.0")
         (self._folder / "world.toml").write_text(world, encoding="utf-8")
         (self._folder / "day.toml").write_text(_CONFIG, encoding="utf-8")
         kept = {key: value for key, value in os.environ.items() if not key.startswith("PREFECT_")}
-        environment = {**kept, "FAST_NOTIFY": self._notify, "PYTHONPATH": str(CHECKOUT)}
+        environment = {**kept, "FAST_NOTIFY": notify, "PYTHONPATH": str(CHECKOUT)}
         words = ["serve", "--lake", str(self._lake), "--port", str(_free_port()), "--json"]
         command = [sys.executable, "-m", "flows.cli.main", *words]
         child = subprocess.Popen(command, cwd=CHECKOUT, env=environment, stdout=subprocess.PIPE, text=True)
@@ -147,16 +126,38 @@ class Day:
         self._step("listens on loopback only", ", ".join(sorted(addresses)))
 
     def _schedule_recalibration(self) -> None:
-        """A schedule for each minute beside the one of prefect.yaml, so that the day need not last until 06:00."""
+        """A schedule in two minutes beside the one of prefect.yaml, so that the day need not last until 06:00."""
         found = ask_server(self._api, "/deployments/name/recalibrate/recalibrate")
-        every_minute = {"schedule": {"cron": "* * * * *", "timezone": "UTC"}, "active": True}
-        ask_server(self._api, f"/deployments/{found['id']}/schedules", [every_minute])
+        at = datetime.now(UTC) + timedelta(minutes=2)
+        daily = {"schedule": {"cron": f"{at.minute} {at.hour} * * *", "timezone": "UTC"}, "active": True}
+        ask_server(self._api, f"/deployments/{found['id']}/schedules", [daily])
 
-    def _start_campaign(self) -> str:
-        deployment = ask_server(self._api, "/deployments/name/run-campaign/campaign")
-        parameters = {"config": str(self._folder / "day.toml"), "lake": str(self._lake)}
-        run = ask_server(self._api, f"/deployments/{deployment['id']}/create_flow_run", {"parameters": parameters})
-        return str(run["id"])
+    def _campaign_end(self) -> str:
+        """What the completed run of the campaign says; a crashed one is continued in another run."""
+        named = {"flows": {"name": {"any_": ["run-campaign"]}}}
+        runs = ask_server(self._api, "/flow_runs/filter", named)
+        ended = [run["state"]["message"] for run in runs if run["state"]["type"] == "COMPLETED"]
+        return str(ended[0]) if ended else ""
+
+    def _run_other_deployments(self) -> None:
+        """What else the pages offer, on a campaign that is complete: each says that nothing is left to do."""
+        config = str(self._folder / "day.toml")
+        runs = {
+            "run-batch/run_batch": self._start("run-batch/run_batch", config=config, batch=1),
+            "simulate/simulate": self._start("simulate/simulate", config=config),
+        }
+        for name, run_id in runs.items():
+            self._wait_for(name, partial(self._has_ended, run_id))
+            self._step(name, self._state(run_id)["message"])
+
+    def _has_ended(self, run_id: str) -> bool:
+        return self._state(run_id)["type"] in ("COMPLETED", "FAILED")
+
+    def _start(self, deployment: str, **parameters: Any) -> str:
+        """Id of a new run of a deployment, on the lake of the day."""
+        found = ask_server(self._api, f"/deployments/name/{deployment}")
+        body = {"parameters": {"lake": str(self._lake), **parameters}}
+        return str(ask_server(self._api, f"/deployments/{found['id']}/create_flow_run", body)["id"])
 
     def _wait_for_form(self) -> str:
         """Id of the run that waits with a form."""
@@ -174,7 +175,7 @@ class Day:
         self._open_form(browser, form)
         browser.type_into("Your name", "Ada")
         browser.choose("What became", "rejected", 1)
-        browser.click("Submit")
+        self._submit(browser, form)
         self._wait_for("the form to come back", lambda: self._suspended() == form and self._times_asked(form) > 1)
         self._step("bad answer asks again", "a tool rejected without a reason")
 
@@ -195,7 +196,7 @@ class Day:
         browser.choose("What became", "print again", 1)
         browser.type_into("Reason", "warped", 1)
         self._picture(browser, "print-form")
-        browser.click("Submit")
+        self._submit(browser, form)
         self._wait_for("the form to be read", lambda: self._state(form)["type"] == "COMPLETED")
         self._step("form accepted", self._state(form)["message"])
 
@@ -203,6 +204,21 @@ class Day:
         browser.open(f"{self._api.removesuffix('/api')}/runs/flow-run/{form}")
         browser.click("Resume")
         browser.wait("document.querySelectorAll('.p-modal .p-label').length > 16")
+
+    def _submit(self, browser: Browser, form: str) -> None:
+        """Click until the answer is taken: the page says `Oops` when the server's database is busy."""
+        before, clicked_s = self._state(form)["id"], -math.inf
+
+        def is_taken() -> bool:
+            nonlocal clicked_s
+            if self._state(form)["id"] != before:
+                return True
+            if time.monotonic() - clicked_s > CLICK_S:
+                browser.click("Submit")
+                clicked_s = time.monotonic()
+            return False
+
+        self._wait_for("the answer to be taken", is_taken)
 
     def _confirm(self, batch: str) -> None:
         """The word of a person on the command line."""
@@ -245,8 +261,9 @@ class Day:
         self._wait_for("a scheduled recalibration", lambda: bool(ended()))
         self._step("scheduled recalibration fired", ended()[0]["state"]["message"])
 
-    def _check_messages(self) -> None:
-        titles = [message["title"] for message in self._messages]
+    def check_messages(self, messages: Sequence[Mapping[str, Any]]) -> None:
+        """The notifications of the day: one that needs a person, one at the end."""
+        titles = [message["title"] for message in messages]
         if not (any("needs you" in title for title in titles) and any("is done" in title for title in titles)):
             raise FastError(f"the notifications were {titles}; one that needs a person and one at the end were due.")
         self._step("notifications", "; ".join(titles))
@@ -274,10 +291,8 @@ class Day:
             try:
                 if condition():
                     return
-            except HTTPError:
-                raise
             except OSError:
-                pass  # the server is being started again
+                pass  # the server is busy, or being started again
             time.sleep(1)
         raise FastError(f"waited {LIMIT_S:.0f} s for {what}.")
 

@@ -50,7 +50,7 @@ class Answer(Record):
     rounds: tuple[Said, ...]
     statistics: dict[str, float]
     closing: Closing | None = None
-    evidence: tuple[tuple[float, ...], ...] = ()
+    evidence: tuple[tuple[tuple[float, ...], ...], ...] = ()
     priors: tuple[float, ...] = ()
     cpu_s: float = 0.0
 
@@ -111,9 +111,7 @@ def answer(
         rounds=tuple(_said(result) for result in results),
         statistics={name: float(value) for name, value in first.statistics.model_dump().items()},
         closing=_closing(problem, results, truth),
-        evidence=tuple(
-            tuple(np.round(gain, 3).ravel().tolist()) for gain in (first.evidence_nats if keep_evidence else ())
-        ),
+        evidence=_rounded(first.evidence_nats) if keep_evidence else (),
         priors=first.priors if keep_evidence else (),
         cpu_s=round(cpu_s, 2),
     )
@@ -131,8 +129,8 @@ def statistics_of(answer: Answer) -> "Statistics":
     return Statistics(**answer.statistics)
 
 
-def _rounded(gains: Sequence[np.ndarray]) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(np.round(gain, 3).ravel().tolist()) for gain in gains)
+def _rounded(gains: Sequence[np.ndarray]) -> tuple[tuple[tuple[float, ...], ...], ...]:
+    return tuple(tuple(tuple(row) for row in np.round(gain, 3).tolist()) for gain in gains)
 
 
 def _said(result: "NameResult") -> Said:

@@ -111,10 +111,10 @@ class Worlds:
             return key
         names = effects[group]
         first = names[number % len(names)]
-        key = self._with(key, first, STRENGTHS[(number // len(names)) % len(STRENGTHS)], rng)
+        key = self.with_effect(key, first, STRENGTHS[(number + number // len(names)) % len(STRENGTHS)], rng)
         if group == "pair":
             second = str(rng.choice([name for name in self.panels.lab_laws if self._may_pair(name, first)]))
-            key = self._with(key, second, STRENGTHS[1 + number % 2], rng)
+            key = self.with_effect(key, second, STRENGTHS[1 + number % 2], rng)
         return key
 
     @property
@@ -141,7 +141,7 @@ class Worlds:
         is_everywhere = name not in ("friction_wear", "pressure_droop")
         return name not in (*ALIASES, *UNLISTED, first_law) and is_everywhere
 
-    def _with(self, key: WorldKey, name: str, strength: float, rng: np.random.Generator) -> WorldKey:
+    def with_effect(self, key: WorldKey, name: str, strength: float, rng: np.random.Generator) -> WorldKey:
         """The key with one more effect: a set of true grasps as it is, a law of the lab at the strength."""
         if name in self.panels.sets:
             return self._with_set(key, name)
@@ -149,7 +149,7 @@ class Worlds:
             key = key.model_copy(update={"base": RESPONDING})
         largest, has_sign = _LIMITS[name]
         sign = -1.0 if has_sign and rng.uniform() < 0.5 else 1.0
-        lab, factor = self._lab(key), modulus_factor(key.young_modulus_mpa)
+        lab, factor = self.lab(key), modulus_factor(key.young_modulus_mpa)
         sites = lab.order()
         force_n = factor * _at(self.panels.steps_n[key.base], sites)
         amplitude = sign * 0.1 * largest
@@ -168,7 +168,7 @@ class Worlds:
         if not self.panels.is_scaled(name):
             update["young_modulus_mpa"] = MODULUS_MPA
         key = key.model_copy(update=update)
-        sites, factor = self._lab(key).order(), modulus_factor(key.young_modulus_mpa)
+        sites, factor = self.lab(key).order(), modulus_factor(key.young_modulus_mpa)
         change_n = factor * _at(self.panels.change_of_law(name), sites)
         force_n = factor * _at(self.panels.steps_n[base], sites)
         return self._appended(key, Hidden(effect=one.law, truth_set=name), change_n, force_n, sites)
@@ -181,7 +181,8 @@ class Worlds:
         measured = {"raw_strength": float(f"{raw:.3g}"), "visible_strength": float(f"{visible:.3g}")}
         return key.model_copy(update={"effects": (*key.effects, hidden.model_copy(update=measured))})
 
-    def _lab(self, key: WorldKey) -> Lab:
+    def lab(self, key: WorldKey) -> Lab:
+        """The lab that measures a world."""
         return Lab(self.panels.designs, self.panels.objects, key.seed, nuisance=key.nuisance)
 
     def measure(self, key: WorldKey) -> list[tuple[Site, Trace]]:
@@ -189,7 +190,7 @@ class Worlds:
         name = next((hidden.truth_set for hidden in key.effects if hidden.truth_set), key.base)
         laws = [(hidden.effect, hidden.amplitude) for hidden in key.effects if not hidden.truth_set]
         truth = self.panels.truth(name, modulus_factor(key.young_modulus_mpa))
-        return self._lab(key).measure(truth, laws, is_scaled=self.panels.is_scaled(name))
+        return self.lab(key).measure(truth, laws, is_scaled=self.panels.is_scaled(name))
 
     def problem(self, key: WorldKey) -> GapProblem:
         """The gap problem that a world makes, with designs and objects held out."""

@@ -16,11 +16,11 @@ N_SIMULATIONS = 20
 SIMULATION_S = 0.2  # wall time of a made-up simulation
 
 
-def made_up_attempt(job: GraspJob) -> Attempt:
+def made_up_attempt(job: GraspJob, wall_s: float = SIMULATION_S) -> Attempt:
     """What `tasks.attempt.attempt_grasp` does, without a solver."""
-    time.sleep(SIMULATION_S)
+    time.sleep(wall_s)
     request = build_request(World(), "made-up/B01T0", job.design, job.object_id, job.setup)
-    return Attempt(fingerprint(request), "", "", cpu_s=0.0, mesh_cpu_s=0.0, wall_s=SIMULATION_S, worker=os.getpid())
+    return Attempt(fingerprint(request), "", "", cpu_s=0.0, mesh_cpu_s=0.0, wall_s=wall_s, worker=os.getpid())
 
 
 def config_of(name: str) -> CampaignConfig:

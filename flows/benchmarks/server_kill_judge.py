@@ -1,12 +1,13 @@
 """What must hold after the kills of `flows.benchmarks.server_kills`, and what of it does not."""
 
 from collections import Counter
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 from flows.benchmarks.fingerprints import SparseTraceError, label_problem
 from flows.benchmarks.made_up_campaign import N_SIMULATIONS, N_TOOLS, OBJECTS, labels_of, world_of
-from flows.prefect_server import ask_server
 from flows.sweeper import ACTIVE
 from lake.maintenance import check
 from lake.store import Lake
@@ -68,10 +69,10 @@ def judge_campaign(lake: Lake, name: str) -> list[str]:
     return [f"{name}: {problem}" for problem in problems if problem]
 
 
-def judge_server(api_url: str) -> list[str]:
-    """Flow runs that the server still holds for active, though nothing runs any more."""
+def judge_server(ask: Callable[[str, dict[str, Any]], Any]) -> list[str]:
+    """Flow runs that the server, asked so, still holds for active, though nothing runs any more."""
     question = {"flow_runs": {"state": {"type": {"any_": list(ACTIVE)}}}}
-    runs = ask_server(api_url, "/flow_runs/filter", question, timeout_s=60.0)
+    runs = ask("/flow_runs/filter", question)
     return [f"the flow run {run['name']} is still {run['state']['name']}" for run in runs]
 
 

@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import psutil
 
@@ -63,7 +64,7 @@ def measure_server_kills(options: Options) -> Tables:
             study.run(n_kills)
             problems = study.problems()
     kills = study.kills
-    return {"kills": _summary(kills), "problems": [{"problem": text} for text in problems] or [{"problem": "none"}]}
+    return {"kills": summary(kills), "problems": [{"problem": text} for text in problems] or [{"problem": "none"}]}
 
 
 class _Study:
@@ -96,7 +97,7 @@ class _Study:
         """What is not as it must be in the lake, on the server and of the locks, now that all is quiet."""
         names = [f"kills-{number}" for number in range(1, int(self._name.rpartition("-")[2]) + 1)]
         found = [problem for name in names for problem in judge_campaign(self._lake, name)]
-        found += judge_server(self._lab.api_url)
+        found += judge_server(lambda path, body: ask_again(self._lab, path, body))
         found += [f"kill {kill.number}: {kill.problem}" for kill in self.kills if kill.problem]
         locks = ["gantry", *(f"campaign-{name}" for name in names)]
         return found + [f"the lock {lock} is stuck" for lock in locks if is_held(self._lake, lock)]
@@ -111,7 +112,7 @@ class _Study:
         config = write_files(self._folder, self._name)
         parameters = {"config": str(config), "lake": str(self._folder / "lake"), "auto_print": True}
         body = {"parameters": parameters, "idempotency_key": self._name}
-        ask_server(self._lab.api_url, f"/deployments/{self._deployment_id}/create_flow_run", body, timeout_s=60.0)
+        ask_again(self._lab, f"/deployments/{self._deployment_id}/create_flow_run", body)
         self._wait_until(lambda: self._progress().n_rows > 0)
 
     def _kill_once(self) -> Kill:
@@ -188,20 +189,36 @@ class _Study:
 def _deploy(lab: Lab) -> str:
     """The deployment of the made-up campaign, as `prefect deploy` would make it; returns its id."""
     lab.wait_for_pool()
-    flow_id = ask_server(lab.api_url, "/flows/", {"name": CONTINUED})["id"]
+    flow_id = ask_again(lab, "/flows/", {"name": CONTINUED})["id"]
     step = {"prefect.deployments.steps.set_working_directory": {"directory": str(CHECKOUT)}}
     deployment = {
         "name": "made-up",
         "flow_id": flow_id,
         "work_pool_name": "lab",
-        "entrypoint": "flows/benchmarks/made_up_deployable.py:campaign",
+        "entrypoint": "flows.benchmarks.made_up_deployable.campaign",
         "pull_steps": [step],
         "concurrency_limit": 1,
     }
-    return str(ask_server(lab.api_url, "/deployments/", deployment)["id"])
+    return str(ask_again(lab, "/deployments/", deployment)["id"])
 
 
-def _summary(kills: list[Kill]) -> Rows:
+def ask_again(lab: Lab, path: str, body: dict[str, Any]) -> Any:
+    """Answer of a server that may be busy, or killed; the same question twice must do no harm.
+
+    Raises:
+        FastError: it does not answer for long.
+    """
+    deadline = time.monotonic() + CONTINUE_LIMIT_S
+    while True:
+        try:
+            return ask_server(lab.api_url, path, body, timeout_s=60.0)
+        except OSError as error:
+            if time.monotonic() > deadline:
+                raise FastError(f"the server of the study does not answer: {error}; run it again.") from error
+            time.sleep(2.0)
+
+
+def summary(kills: list[Kill]) -> Rows:
     """A row for each set of targets and one for all: kills, and how long it took until a new row came."""
     rows: Rows = []
     for targets in (*TARGETS, None):
@@ -234,8 +251,8 @@ def _folder(results: Path | None) -> Iterator[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         yield folder
         return
-    with tempfile.TemporaryDirectory(prefix="fast-server-kills-") as folder:
-        yield Path(folder)
+    with tempfile.TemporaryDirectory(prefix="fast-server-kills-") as name:
+        yield Path(name)
 
 
 def _alive(pid: int) -> list[int]:

@@ -8,9 +8,13 @@ from cyclopts import Parameter
 from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell
 
 if TYPE_CHECKING:
+    from lake.store import Lake
     from models.features.quality import Interval
     from tasks.features import ClassQuality, FeatureUpdate
+    from tasks.identifying import Answer
 
+N_FLAGS = 20  # shown
+LEAST_SHOWN = 0.005  # probability
 _TITLES = {
     "tool_quality_n": "tool quality: mean peak pull-off force (N)",
     "work_j": "grasp quality: mean work to break the grasp (J)",
@@ -22,17 +26,60 @@ def features(
     *,
     lake: LakePath = DEFAULT_LAKE,
     campaign: Annotated[str | None, Parameter(help="Campaign whose grasps count; default: all of the lake.")] = None,
+    objects: Annotated[bool, Parameter(negative="", help="A row for each object in place of each class.")] = False,
+    identify: Annotated[str | None, Parameter(help="Grasp: which object was it, by its trace?")] = None,
     json: AsJson = False,
 ) -> None:
-    """Calculate the features of traces that lack them, then quality, work and stability per object class and batch."""
+    """Calculate the features of traces that lack them; quality, work and stability by objects and batch; anomalies."""
     from flows.cli.campaign import open_lake, resolve_campaign
+    from tasks.anomalies import update_anomalies
     from tasks.features import class_quality, update_features
 
     found = open_lake(lake)
     name = resolve_campaign(found, campaign) if campaign is not None else None
     update = update_features(found, name, tell)
-    rows = class_quality(found, name)
-    show({**update._asdict(), "quality": [_data(row) for row in rows]}, _text(update, rows), json)
+    if identify is not None:
+        _show_identification(found, identify, json)
+        return
+    rows = class_quality(found, name, "object_name" if objects else "object_class")
+    flags = update_anomalies(found, name)
+    data = {**update._asdict(), "quality": [_data(row) for row in rows], "anomalies": flags}
+    show(data, f"{_text(update, rows)}\n\n{_anomalies_text(flags)}", json)
+
+
+def _show_identification(lake: "Lake", grasp_id: str, as_json: bool) -> None:
+    from tasks.identifying import identify
+
+    found = identify(lake, grasp_id)
+    answers = [found.alone, found.together] if found.together.n_grasps > 1 else [found.alone]
+    data = {**found._asdict(), **{name: getattr(found, name)._asdict() for name in ("alone", "together")}}
+    accuracy = "" if found.accuracy is None else f" ({found.accuracy:.0%} right among themselves)"
+    head = (
+        f"{grasp_id}, recorded as {found.recorded}; learnt from {found.n_learnt} grasps of {found.n_tools} other tools"
+        f"{accuracy}"
+    )
+    show(data, "\n\n".join([head, *(_answer_text(answer) for answer in answers)]), as_json)
+
+
+def _answer_text(answer: "Answer") -> str:
+    title = "from this grasp alone" if answer.n_grasps == 1 else f"from {answer.n_grasps} repeats together"
+    rows = [
+        {"": what, "probability": f"{probability:.0%}", "it is": name}
+        for what, found in answer._asdict().items()
+        if what != "n_grasps"
+        for name, probability in found
+        if probability >= LEAST_SHOWN
+    ]
+    return f"{title}\n\n{table_text(rows)}"
+
+
+def _anomalies_text(flags: list[dict[str, Any]]) -> str:
+    if not flags:
+        return "No grasp departs from its repeats and peers by more than chance."
+    columns = ["tool_id", "object_name", "repeat", "kind", "p_value", "reason"]
+    shown = table_text(flags[:N_FLAGS], columns)
+    more = f"\n... and {len(flags) - N_FLAGS} more: `fast sql 'FROM anomalies'`" if len(flags) > N_FLAGS else ""
+    return f"grasps that went wrong, surest first\n\n{shown}{more}"
 
 
 def _data(row: "ClassQuality") -> dict[str, Any]:

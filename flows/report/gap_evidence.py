@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from models.gap.findings import Findings
+from models.gap.isolability import Isolability
 from models.gap.show.shown import Shown
 from models.gap.where.locate import Where
 from models.gap.where.residuals import Residuals
@@ -10,7 +11,10 @@ from models.gap.where.residuals import Residuals
 
 @dataclass(frozen=True)
 class ThetaRow:
-    """A constant before and after, each median and 90 % interval, and as another instrument measured it (with sd)."""
+    """A constant before and after, each median and 90 % interval, and as another instrument measured it (with sd).
+
+    Both ends of an interval at the median: there is no posterior.
+    """
 
     parameter: str
     before: tuple[float, float, float]
@@ -23,21 +27,13 @@ INDEPENDENT = {"young_modulus_mpa": (11.5, 1.75)}
 
 
 @dataclass(frozen=True, eq=False)
-class Isolated:
-    """Nats by which pairs of effects would be told apart (e x e), whatever the data say; rows are the truth."""
-
-    effects: tuple[str, ...]
-    nats: tuple[tuple[float, ...], ...]
-
-
-@dataclass(frozen=True, eq=False)
 class GapEvidence:
-    """A finished search. `where`: of each round; `residuals`: of the first; `assumed`: sentences."""
+    """A finished search. `where`: of each round; `residuals`, `isolated`: of the first; `assumed`: sentences."""
 
     findings: Findings
     where: tuple[Where, ...] = ()
     residuals: Residuals | None = None
     shown: Shown | None = None
     theta: tuple[ThetaRow, ...] = ()
-    isolated: Isolated | None = None
+    isolated: Isolability | None = None
     assumed: tuple[str, ...] = ()

@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from flows.report.gap_evidence import Isolated
+from flows.report.gap_words import probability_words, words
 from flows.report.style import BEST, FAINT, FIRST, INK, MUTED, SIMULATED, WIDTH_IN, new_axes
 from models.calibration.traces.features import STEP_MM
 from models.gap.findings import Candidate, Named
+from models.gap.isolability import LEAST_NATS, Isolability
 from models.gap.show.shown import AFTER, BEFORE, Shown
 from models.gap.where.phases import AT, PHASES
 from models.gap.where.residuals import Residuals
@@ -20,13 +21,8 @@ MEASURED, SIM_BEFORE, SIM_AFTER = INK, FIRST, BEST
 _SOURCE_COLOURS = dict(
     zip(SOURCES, (FIRST, BEST, SIMULATED, "#cc79a7", "#e69f00", "#56b4e9", FAINT), strict=True)
 )  # Okabe and Ito 2008
-_MOST_NAMES = 8
+_FEWEST_NAMES, _MOST_NAMES = 4, 8
 _LEAST_SHARE = 2.0  # per cent that the colours of a map always span
-
-
-def words(effect: str) -> str:
-    """An effect of the catalogue, or what stands in its place, as people write it."""
-    return {"none": "nothing is missing", "unknown": "not in the catalogue"}.get(effect, effect.replace("_", " "))
 
 
 def error_figure(shown: Shown) -> Figure:
@@ -37,7 +33,7 @@ def error_figure(shown: Shown) -> Figure:
     colours = [SIM_BEFORE if x == BEFORE else SIM_AFTER if x == AFTER else FAINT for x in labels]
     places = np.arange(len(labels))
     axes.barh(places, values, height=0.62, color=colours)
-    for place, value in zip(places, values, strict=True):
+    for place, value in enumerate(values):
         axes.text(value, place, f" {value:.2f} N", va="center", fontsize=8.5)
     floor = shown.gap.rmse_floor_n
     axes.axvline(floor, color=MUTED, linewidth=1.2, linestyle=(0, (4, 2)))
@@ -65,8 +61,8 @@ def map_figure(residuals: Residuals, phase: str) -> Figure:
     for side in ("left", "bottom"):
         axes.spines[side].set_visible(False)
     bar = figure.colorbar(image, ax=axes, location="top", shrink=0.7, aspect=28, pad=0.02)
-    bar.set_label(f"measured less simulated {AT[phase]}, % of the peak", fontsize=8.5)
-    bar.outline.set_visible(False)  # type: ignore[operator]  # a Spine, which the stubs do not say
+    bar.set_label(f"measured less simulated force {AT[phase]},\n% of the peak", fontsize=8.5)
+    bar.outline.set_visible(False)
     return figure
 
 
@@ -115,14 +111,15 @@ def shares_figure(shares: Sequence[PhaseShares]) -> Figure:
 def names_figure(candidates: Sequence[Candidate], named: Named) -> Figure:
     """Probabilities of names, the answer's in blue; `none` and `unknown` are among them."""
     ranked = sorted(candidates, key=lambda c: -c.probability)
-    chosen = [c for c in ranked if c.probability >= 0.005 or c.effect in named.effects][:_MOST_NAMES] or ranked[:3]
+    n_likely = sum(c.probability >= 0.005 or c.effect in named.effects for c in ranked)
+    chosen = ranked[: min(max(n_likely, _FEWEST_NAMES), _MOST_NAMES)]
     figure, axes = new_axes(WIDTH_IN, 0.8 + 0.32 * len(chosen), grid="x")
     answer = set(named.effects) or {named.kind}
     places = np.arange(len(chosen))
     colours = [BEST if c.effect in answer else FAINT for c in chosen]
     axes.barh(places, [c.probability for c in chosen], height=0.62, color=colours)
-    for place, c in zip(places, chosen, strict=True):
-        axes.text(c.probability, place, f" {c.probability:.2f}", va="center", fontsize=8.5)
+    for place, c in enumerate(chosen):
+        axes.text(c.probability, place, f" {probability_words(c.probability)}", va="center", fontsize=8.5)
     axes.set_yticks(places, [words(c.effect) for c in chosen])
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
@@ -131,15 +128,14 @@ def names_figure(candidates: Sequence[Candidate], named: Named) -> Figure:
     return figure
 
 
-def isolability_figure(isolated: Isolated) -> Figure:
+def isolability_figure(isolated: Isolability) -> Figure:
     """Which effects these designs and objects could tell apart: dark is sure, white is not at all."""
     n = len(isolated.effects)
-    nats = np.array(isolated.nats)
-    apart = np.minimum(nats, nats.T)
+    apart = np.minimum(isolated.nats, isolated.nats.T)
     figure, axes = new_axes(WIDTH_IN, 1.2 + 0.185 * n, grid="")
     shown = np.log10(np.clip(np.where(np.eye(n) > 0, np.nan, apart), 0.1, 1000.0))
     image = axes.imshow(shown, cmap="Greys", vmin=-1.0, vmax=3.0, aspect="auto")
-    for i, j in zip(*np.nonzero((apart < 3.0) & ~np.eye(n, dtype=bool)), strict=True):
+    for i, j in zip(*np.nonzero((apart < LEAST_NATS) & ~np.eye(n, dtype=bool)), strict=True):
         axes.plot(j, i, marker="x", color=FIRST, markersize=3.5, markeredgewidth=1.1)
     axes.set_yticks(range(n), [words(e) for e in isolated.effects], fontsize=7.2)
     axes.set_xticks(range(n), [str(i + 1) for i in range(n)], fontsize=6.5)
@@ -161,8 +157,8 @@ def trace_figure(shown: Shown, rows: Sequence[int], title: str) -> Figure:
     first = rows[0]
     if after.sd_n is not None:
         half = 1.645 * after.sd_n[first]
-        axes.fill_between(lift_mm, after.steps_n[first] - half, after.steps_n[first] + half, color=SIM_AFTER, alpha=0.15,
-                          linewidth=0)  # fmt: skip
+        low, high = after.steps_n[first] - half, after.steps_n[first] + half
+        axes.fill_between(lift_mm, low, high, color=SIM_AFTER, alpha=0.15, linewidth=0)
     for row in rows:
         axes.plot(lift_mm, shown.held_out.measured_n[row], color=MEASURED, linewidth=1.0, alpha=0.75)
     axes.plot(lift_mm, by_label[BEFORE].steps_n[first], color=SIM_BEFORE, linewidth=1.7, linestyle=(0, (4, 1.5)))

@@ -1,5 +1,7 @@
 """Sections of the page of a gap search."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from flows.report.folder import Folder
@@ -13,11 +15,10 @@ from flows.report.gap_figures import (
     names_figure,
     shares_figure,
     trace_figure,
-    words,
 )
+from flows.report.gap_words import answer, named_words, probability, short, words
 from flows.report.page import Markup, columns, number, paragraph, section, table, text, tiles
-from models.effects.catalogue import CATALOGUE
-from models.gap.findings import Findings, Named, Round
+from models.gap.findings import Named, Round
 from models.gap.show.shown import Shown
 from models.gap.where.hypotheses import Q
 from models.gap.where.phases import PHASES
@@ -40,13 +41,13 @@ def headline(evidence: GapEvidence) -> Markup:
     low, high = gap.ci95
     closed = f"{100 * gap.closed_fraction:.0f}\u00a0%"
     shown = [
-        (_short(findings), _probability(findings)),
+        (short(findings), probability(findings)),
         (number(gap.rmse_before_n, 2, "N"), "held-out error before, theta alone recalibrated"),
         (number(gap.rmse_after_n, 2, "N"), f"held-out error after; noise floor {gap.rmse_floor_n:.2f} N"),
         (closed, f"of the gap above the floor closed, 95 %: {100 * low:.0f} to {100 * high:.0f} %"),
     ]
     warnings = "".join(paragraph(f"Warning: {sentence}", "note") for sentence in findings.warnings)
-    return Markup(paragraph(_answer(findings), "lead") + tiles(shown) + warnings)
+    return Markup(paragraph(answer(findings), "lead") + tiles(shown) + warnings)
 
 
 def where_section(evidence: GapEvidence, folder: Folder) -> Markup:
@@ -56,8 +57,13 @@ def where_section(evidence: GapEvidence, folder: Folder) -> Markup:
     if evidence.where and evidence.residuals is not None:
         where = evidence.where[0]
         lead = where.findings[0].phase if where.findings else "peak"
-        maps = {phase: folder.figure(f"gap_map_{phase}", map_figure(evidence.residuals, phase), f"Gap by tool and object, {phase}")
-                for phase in PHASES if any(s.phase == phase for s in where.shares) or phase == lead}  # fmt: skip
+        phases = [phase for phase in PHASES if phase == lead or any(s.phase == phase for s in where.shares)]
+        maps = {
+            phase: folder.figure(
+                f"gap_map_{phase}", map_figure(evidence.residuals, phase), f"Gap by tool, object: {phase}"
+            )
+            for phase in phases
+        }
         note = paragraph(
             "Purple: the simulator promises too little; orange: too much. Tools and objects are sorted by their means, "
             "so that what belongs together lies together. A gap that is one colour per column is a print, not physics.",
@@ -65,11 +71,10 @@ def where_section(evidence: GapEvidence, folder: Folder) -> Markup:
         )
         shares = folder.figure("gap_shares", shares_figure(where.shares), "What the gap goes with")
         clues = [t.sentence for t in where.trends if t.is_clue]
-        parts.append(columns(maps[lead] + note, shares + _shares_words() + _list(clues, "Constants that vary: ")))
+        parts.append(columns(maps[lead] + note, shares + _shares_words() + _clues(clues)))
         others = "".join(picture for phase, picture in maps.items() if phase != lead)
-        parts.append(
-            Markup(f'<details><summary>Maps of the other phases</summary><div class="two">{others}</div></details>')
-        )
+        folded = f'<summary>Maps of the other phases</summary><div class="two">{others}</div>'
+        parts.append(Markup(f"<details>{folded}</details>"))
         parts.append(_share_table(evidence, folder))
     return section("where", "Where they disagree", *parts)
 
@@ -79,7 +84,7 @@ def name_section(evidence: GapEvidence, folder: Folder) -> Markup:
     rounds = evidence.findings.rounds
     parts: list[str] = []
     for place, found in enumerate(rounds):
-        title = f"Round {place + 1}: {_named(found.named)}" if len(rounds) > 1 else _named(found.named)
+        title = f"Round {place + 1}: {named_words(found.named)}" if len(rounds) > 1 else named_words(found.named)
         figure = folder.figure(
             f"gap_names_{place + 1}", names_figure(found.candidates, found.named), "Probabilities of names"
         )
@@ -129,7 +134,8 @@ def theta_section(evidence: GapEvidence, folder: Folder) -> Markup:
     rows = [
         (
             _THETA.get(r.parameter, r.parameter),
-            *(f"{m:.3g} [{low:.3g}, {high:.3g}]" for m, low, high in (r.before, r.after)),
+            _median(r.before),
+            _median(r.after),
             None if r.independent is None else f"{r.independent[0]:.3g} \u00b1 {r.independent[1]:.2g}",
             _moved(r.before[0], r.after[0], r.independent),
         )
@@ -166,47 +172,20 @@ def next_section(evidence: GapEvidence, folder: Folder) -> Markup:
 def assumed_section(evidence: GapEvidence, folder: Folder) -> Markup:
     """What the answer rests on, and what it cost."""
     findings = evidence.findings
-    budget = [(name.replace("_", " "), number(value, 1)) for name, value in findings.budget.items()]
+    budget = [
+        (name.replace("_", " "), number(value, 0 if value == round(value) else 1))
+        for name, value in findings.budget.items()
+    ]
     general = (
         "Theta was calibrated again before anything was called a gap; rho is 1.",
-        f"Findings of WHERE hold a false discovery rate of {100 * Q:.0f} % over phases and factors; the unit is the tool "
-        "or the object, never the grasp.",
+        f"Findings of WHERE hold a false discovery rate of {100 * Q:.0f} % over phases and factors; the unit is the "
+        "tool or the object, never the grasp.",
         "Names are those of the catalogue; what is not in it can only be called unknown.",
         f"Seed {findings.seed}.",
     )
     return section(
         "assumed", "What was assumed", _list((*general, *evidence.assumed)), table(("cost", "value"), budget, (1,))
     )
-
-
-def _answer(findings: Findings) -> str:
-    """The finding that a lab head should read."""
-    if not findings.alarm:
-        return "Simulation and measurement agree as well as noise and meshes allow: nothing is missing that these data show."
-    lead = next((r.where[0].sentence for r in findings.rounds if r.where), "")
-    names = [_named(r.named) for r in findings.rounds if r.named.kind != "none"]
-    return f"{lead} {'Missing: ' if names else ''}{', then '.join(names)}{'.' if names else ''}".strip()
-
-
-def _named(named: Named) -> str:
-    if named.kind == "effect":
-        return " and ".join(CATALOGUE[e].title if e in CATALOGUE else words(e) for e in named.effects)
-    if named.kind == "set":
-        return f"one of {', '.join(words(e) for e in named.effects)}, which these data cannot tell apart"
-    return "nothing" if named.kind == "none" else "something that is not in the catalogue"
-
-
-def _short(findings: Findings) -> str:
-    named = [r.named for r in findings.rounds if r.named.kind != "none"]
-    if not named:
-        return "no gap"
-    kinds = {"set": "a set", "unknown": "unknown"}
-    return ", ".join(kinds.get(n.kind) or " + ".join(words(e) for e in n.effects) for n in named)
-
-
-def _probability(findings: Findings) -> str:
-    named = [r.named for r in findings.rounds if r.named.kind != "none"] or [r.named for r in findings.rounds[:1]]
-    return "is what is missing, probability " + ", ".join(f"{n.probability:.2f}" for n in named)
 
 
 def _sentences(found: Round, place: int, n_rounds: int) -> Markup:
@@ -219,8 +198,12 @@ def _sentences(found: Round, place: int, n_rounds: int) -> Markup:
     return Markup(head + paragraph(first.sentence, "lead" if place == 0 else "") + _list([f.sentence for f in others]))
 
 
-def _list(sentences: object, before: str = "") -> Markup:
-    items = "".join(f"<li>{text(before + s)}</li>" for s in sentences)  # type: ignore[attr-defined]  # any iterable
+def _clues(sentences: Sequence[str]) -> Markup:
+    return Markup(f"<h3>Constants that vary</h3>{_list(sentences)}" if sentences else "")
+
+
+def _list(sentences: Sequence[str]) -> Markup:
+    items = "".join(f"<li>{text(s)}</li>" for s in sentences)
     return Markup(f"<ul>{items}</ul>" if items else "")
 
 
@@ -240,8 +223,8 @@ def _share_table(evidence: GapEvidence, folder: Folder) -> Markup:
     ]  # fmt: skip
     alias = max((s.order_alias for s in evidence.where[0].shares), default=0.0)
     said = paragraph(
-        f"{100 * alias:.0f} % of the order of the grasps is known from tool and object"
-        + ("; what drifts cannot be told from them, randomise the order." if alias > 0.8 else "."), "note",
+        f"{100 * alias:.0f} % of the order of a tool's grasps is known from tool and object"
+        + ("; what drifts cannot be told from them, randomise the order." if alias > 0.9 else "."), "note",
     )  # fmt: skip
     return Markup(said + folder.numbers("gap_shares", rows)) if rows else said
 
@@ -275,8 +258,8 @@ def _trace(shown: Shown, rows: list[int], place: int, folder: Folder) -> Markup:
 
 
 def _metrics(shown: Shown, folder: Folder) -> Markup:
-    headings = ("model", "of", "RMSE (N)", "peak bias (%)", "peak MAE (N)", "rank, designs", "rank, per object", "work (J)",
-                "in 90 %", "width (N)")  # fmt: skip
+    headings = ("model", "of", "RMSE (N)", "peak bias (%)", "peak MAE (N)", "rank, designs", "rank, per object",
+                "work (J)", "in 90 %", "width (N)")  # fmt: skip
     rows = [
         (m.label, m.block, number(m.rmse_n, 2), number(100 * m.peak_bias_share, 1), number(m.peak_mae_n, 2),
          number(m.rank_by_design, 2), number(m.rank_by_object, 2), number(m.work_error_j, 3), number(m.coverage_90, 2),
@@ -291,6 +274,11 @@ def _metrics(shown: Shown, folder: Folder) -> Markup:
         f"<details><summary>All figures of merit</summary>{table(headings, rows, range(2, 10))}{note}</details>"
     )
     return Markup(folded + folder.numbers("gap_metrics", [m.model_dump() for m in shown.metrics]))
+
+
+def _median(of: tuple[float, float, float]) -> str:
+    median, low, high = of
+    return f"{median:.3g} [{low:.3g}, {high:.3g}]" if high > low else f"{median:.3g}"
 
 
 def _moved(before: float, after: float, independent: tuple[float, float] | None) -> str:

@@ -20,6 +20,7 @@ Compared = Literal["repeats", "peers", "zero"]
 TURNED = "turned 45 deg"  # orientation of an object that shows an edge to each finger
 
 LIMIT_P = 3e-4  # three false alarms of a kind in 10,000 grasps at most, if the p-values are right
+SUDDEN = 1.1  # a lost object is let go as much earlier as its work is done earlier; one that slips is held on to
 DONE_SHARE = 0.9  # of the work: the lift by which it is done says when an object is lost, and noise moves it little
 PEERS_FREEDOM = 3.0  # a tool has its own way with an object
 ZERO_FREEDOM = 30.0  # a mean of noise has light tails
@@ -72,11 +73,12 @@ class Labels:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """One measure of n grasps: p-value, whether it is against repeats or against peers, and the shortfall."""
+    """One measure of n grasps: p-value, whether it is against repeats or peers, shortfall; p against repeats alone."""
 
     p_value: np.ndarray
     is_of_repeats: np.ndarray
     shortfall: np.ndarray
+    p_of_repeats: np.ndarray
 
     def is_flagged(self, measure: Measure, limit_p: float) -> np.ndarray:
         """Which of the n depart by more than chance explains, and by more than matters."""
@@ -91,7 +93,10 @@ def find_anomalies(features: TraceFeatures, labels: Labels, limit_p: float = LIM
     """
     evidence = evidence_of(features, labels)
     flagged = {name: found.is_flagged(MEASURES[name], limit_p) for name, found in evidence.items()}
-    kinds = _kinds(features, labels, flagged)
+    is_sudden = evidence["lift"].shortfall <= SUDDEN * _shortfalls_like(
+        evidence["lift"], _separation_mm(features), labels
+    )
+    kinds = _kinds(features, labels, flagged, is_sudden)
     found = [
         _anomaly(place, kind, measure, evidence[measure])
         for kind, (measure, is_kind) in kinds.items()
@@ -141,13 +146,14 @@ def _evidence(name: str, values: np.ndarray, features: TraceFeatures, labels: La
     least_scale = MEASURES[name].least_scale
     p_repeats = np.nan_to_num(p_values(of_repeats, level, least_scale), nan=1.0)
     if MEASURES[name].least_of_peers is None:
-        return Evidence(p_repeats, np.ones(len(values), dtype=bool), np.nan_to_num(of_repeats))
+        return Evidence(p_repeats, np.ones(len(values), dtype=bool), np.nan_to_num(of_repeats), p_repeats)
     p_peers = np.nan_to_num(p_values(of_peers, level, least_scale, PEERS_FREEDOM), nan=1.0)
     is_of_repeats = p_repeats <= p_peers
     shortfall = np.where(is_of_repeats, of_repeats, of_peers)
     if name == "work":  # from a difference of logarithms
         shortfall = -np.expm1(-shortfall)
-    return Evidence(np.minimum(2.0 * np.minimum(p_repeats, p_peers), 1.0), is_of_repeats, np.nan_to_num(shortfall))
+    p = np.minimum(2.0 * np.minimum(p_repeats, p_peers), 1.0)
+    return Evidence(p, is_of_repeats, np.nan_to_num(shortfall), p_repeats)
 
 
 def _shortfalls(values: np.ndarray, labels: Labels) -> tuple[np.ndarray, np.ndarray]:
@@ -163,19 +169,26 @@ def _zero_evidence(features: TraceFeatures) -> Evidence:
     no_level, least = np.zeros(len(rest_n)), MEASURES["zero"].least_scale
     p = np.fmin(*(p_values(sign * rest_n, no_level, least, ZERO_FREEDOM) for sign in (1.0, -1.0)))
     p = np.minimum(np.nan_to_num(2.0 * p, nan=1.0), 1.0)
-    return Evidence(p, np.zeros(len(rest_n), dtype=bool), np.nan_to_num(np.abs(rest_n)))
+    return Evidence(p, np.zeros(len(rest_n), dtype=bool), np.nan_to_num(np.abs(rest_n)), p)
+
+
+def _separation_mm(features: TraceFeatures) -> np.ndarray:
+    return np.nan_to_num(features.column("separation_lift_mm"), nan=0.0)
+
+
+def _shortfalls_like(evidence: Evidence, values: np.ndarray, labels: Labels) -> np.ndarray:
+    """Shortfalls (n) of other values, against the repeats or the peers that the evidence is against."""
+    return np.nan_to_num(np.where(evidence.is_of_repeats, *_shortfalls(values, labels)))
 
 
 def _kinds(
-    features: TraceFeatures, labels: Labels, flagged: dict[str, np.ndarray]
+    features: TraceFeatures, labels: Labels, flagged: dict[str, np.ndarray], is_sudden: np.ndarray
 ) -> dict[Kind, tuple[str, np.ndarray]]:
-    """Which grasps are of each kind, and the measure that says so; an earlier loss explains the later ones."""
+    """Which grasps are of each kind, and the measure that says so; a drift or an earlier loss explains later ones."""
     has_no_grip = flagged["grip"] & (_grip_n(features) < NOISE_N)
-    separation_mm = np.nan_to_num(features.column("separation_lift_mm"), nan=0.0)
-    of_repeats, of_peers = _shortfalls(separation_mm, labels)
-    lets_go_early_mm = np.where(np.isnan(of_repeats) | (of_peers > of_repeats), of_peers, of_repeats)
-    is_lost = flagged["lift"] & (lets_go_early_mm >= MEASURES["lift"].least) & ~has_no_grip
-    is_slip = (flagged["work"] & labels.is_turned) & ~has_no_grip & ~is_lost
+    is_explained = has_no_grip | flagged["zero"]
+    is_lost = flagged["lift"] & is_sudden & ~is_explained
+    is_slip = flagged["work"] & labels.is_turned & ~is_lost & ~is_explained
     is_ejected = is_lost & (_done_mm(features.profile_n) < EJECTED_MM)
     presses = flagged["preload"] & (features.column("initial_force_n") < -NOISE_N)
     return {

@@ -10,7 +10,7 @@ misses is measured at draws and said. `phi` (1 or more) is what the fit leaves b
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -22,6 +22,7 @@ from models.calibration.problem import THETA
 from models.calibration.result import CalibrationResult
 from models.calibration.sampling import sample
 from models.calibration.settings import CalibrationSettings, ThetaPriors
+from models.calibration.traces.calibrate import laplace
 from models.effects.catalogue import CATALOGUE
 from models.gap.fit import CLIP_SD, Axis, Fit, axes_of
 from models.gap.working import IS_LIFT
@@ -31,7 +32,9 @@ R_HAT_LIMIT = 1.01
 _REACH_SD = 1.5  # of the points that carry the surface
 _SURFACE_LIMIT_NATS = 0.5
 _CHECKED_DRAWS = 24
+_MOVES = 2  # of the surface to the mode that it has itself
 _N_THETA = 3
+_BESIDE = 0.03  # of a range: a fit nearer to its end is beside a bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +69,18 @@ class JointDensity:
         terms = _terms(np.linalg.solve(self.spread, v - self.middle))
         return -0.5 * float(terms @ self.gram @ terms)
 
+    @property
+    def start(self) -> np.ndarray:
+        """Unbounded coordinates of the middle."""
+        return self.outside(self.middle)
+
     def inside(self, u: np.ndarray) -> np.ndarray:
         """The v of unbounded coordinates, ... x k."""
         return np.asarray(self.lower + (self.upper - self.lower) * expit(u))
 
     def outside(self, v: np.ndarray) -> np.ndarray:
-        """Unbounded coordinates of v, ... x k; at a bound, those of a thousandth of the range from it."""
-        share = np.clip((v - self.lower) / (self.upper - self.lower), 1e-3, 1.0 - 1e-3)
+        """Unbounded coordinates of v, ... x k; at a bound, those of a hundredth of the range from it."""
+        share = np.clip((v - self.lower) / (self.upper - self.lower), 0.01, 0.99)
         return np.asarray(np.log(share) - np.log1p(-share))
 
     def values(self, v: np.ndarray) -> np.ndarray:
@@ -124,8 +132,9 @@ def joint_posterior(
     rng = np.random.default_rng([settings.seed, 3])
     start_v = surface.point + 0.5 * rng.standard_normal((settings.chains, len(surface.point))) @ density.spread.T
     scale = density.spread @ density.spread.T
-    share = (surface.point - density.lower) / (density.upper - density.lower)
-    by_u = 1.0 / np.maximum((density.upper - density.lower) * share * (1.0 - share), 1e-6)
+    # Beside a bound a logit may go far; NUTS learns how far.
+    share = np.clip((surface.point - density.lower) / (density.upper - density.lower), _BESIDE, 1.0 - _BESIDE)
+    by_u = 1.0 / ((density.upper - density.lower) * share * (1.0 - share))
     samples = sample(density, density.outside(start_v), settings, scale=scale * np.outer(by_u, by_u), progress=progress)
     v = density.inside(samples.draws)
     names = (*THETA, *(f"{axis.effect}.{axis.name}" for axis in density.axes))
@@ -159,7 +168,11 @@ def effects_at(names: Sequence[str], medians: Sequence[float]) -> tuple[EffectVa
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The residual around a fit as polynomials. point: k, the fit; phi: how much wider errors are than stated."""
+    """The residual around a fit as polynomials of v.
+
+    point: k, their middle. phi: how much wider errors are than stated. weight: m x f, roots of Huber's. nuisance: what
+    tools and other meshes change, weighted, c x (m f); inverse: c x c, of its precision with the priors.
+    """
 
     fit: Fit
     density: JointDensity
@@ -190,11 +203,15 @@ class Surface:
             nuisance,
             inverse,
         )
-        covariance = fit.covariance[np.ix_(kept, kept)]
         at_fit = bare.rows(point)
         phi = max(1.0, float(at_fit @ bare.projected(at_fit)) / max(at_fit.size - len(point), 1))
-        spread = np.linalg.cholesky(phi * covariance + 1e-14 * np.eye(len(point)))
-        return bare._with(spread, phi)
+        surface = replace(bare, phi=phi).moved(point, phi * fit.covariance[np.ix_(kept, kept)])
+        for _ in range(_MOVES):
+            u, covariance = laplace(surface.density)
+            share = expit(u)
+            slope = (upper - lower) * np.maximum(share * (1.0 - share), _BESIDE * (1.0 - _BESIDE))
+            surface = surface.moved(surface.density.inside(u), covariance * np.outer(slope, slope))
+        return surface
 
     def rows(self, v: np.ndarray) -> np.ndarray:
         """Weighted residual at v with tools and meshes as fitted, with what those take up added back, (m f)."""
@@ -213,18 +230,18 @@ class Surface:
             exact.append(-0.5 * float(rows @ self.projected(rows)) / self.phi - self.density.log_likelihood(v))
         return float(np.std(exact))
 
-    def _with(self, spread: np.ndarray, phi: float) -> "Surface":
-        """The surface with its polynomial, over points of the ellipsoid `spread`."""
-        density = self.density
-        margin = 1e-3 * (density.upper - density.lower)
-        wanted = self.point + _points(len(self.point)) @ spread.T
-        points = np.clip(wanted, density.lower + margin, density.upper - margin)
-        at = np.array([_terms(w) for w in np.linalg.solve(spread, (points - self.point).T).T])
-        rows = np.array([self.rows(v) for v in points])
-        coefficients = np.linalg.lstsq(at, rows, rcond=None)[0]
-        gram = coefficients @ self.projected(coefficients.T) / phi
-        full = JointDensity(density.axes, density.priors, density.lower, density.upper, self.point, spread, gram)
-        return Surface(self.fit, full, self.point, phi, self.weight, self.nuisance, self.inverse)
+    def moved(self, v: np.ndarray, covariance: np.ndarray) -> "Surface":
+        """The surface with its polynomial, over an ellipsoid about v that fits within the bounds."""
+        lower, upper = self.density.lower, self.density.upper
+        reach = _REACH_SD * np.sqrt(np.diag(covariance))
+        shrink = np.minimum(1.0, 0.45 * (upper - lower) / reach)
+        point = np.clip(v, lower + shrink * reach, upper - shrink * reach)
+        spread = np.linalg.cholesky(covariance * np.outer(shrink, shrink) + 1e-14 * np.eye(len(v)))
+        points = np.clip(point + _points(len(v)) @ spread.T, lower + 1e-9, upper - 1e-9)
+        at = np.array([_terms(w) for w in np.linalg.solve(spread, (points - point).T).T])
+        coefficients = np.linalg.lstsq(at, np.array([self.rows(one) for one in points]), rcond=None)[0]
+        gram = coefficients @ self.projected(coefficients.T) / self.phi
+        return replace(self, point=point, density=replace(self.density, middle=point, spread=spread, gram=gram))
 
 
 def _vector(fit: Fit, axes: Sequence[Axis]) -> np.ndarray:

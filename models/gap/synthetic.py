@@ -123,7 +123,7 @@ def made_up_trace(
     push = np.exp(-(late**2)) * (0.5 + ratio) - 0.3 * (1.0 - 2 * shape[3]) * np.exp(-z / 5.0)
     force = stiffness * hold * friction / (0.6 + friction) - 0.3 * stiffness * push * (z < length)
     if "shear_adhesion" in known:
-        area_mm2 = 100.0 * (0.3 + shape[1]) * np.sqrt(np.clip(1.0 - z / length, 0.0, None))
+        area_mm2 = 500.0 * (0.3 + shape[1]) * np.sqrt(np.clip(1.0 - z / length, 0.0, None))
         force = force + known["shear_adhesion"]["shear_strength_mpa"] * area_mm2
     if "object_edge_radius" in known:
         worn = 0.5 * known["object_edge_radius"]["extra_radius_mm"] * (0.2 + shape[3])
@@ -149,9 +149,9 @@ def _closed_share(stiffness: float, shape: np.ndarray, hidden: Hidden) -> float:
     share = 1.0
     if "wall_thickness_offset" in hidden:
         share *= (1.0 + hidden["wall_thickness_offset"]["offset_mm"] / (2.0 + shape[0])) ** (2.0 + shape[2])
-    closing_n = 4.0 * stiffness * share * (0.5 + shape[2])
+    closing_n = 0.4 * stiffness * share * (0.5 + shape[2])
     if "base_compliance" in hidden:
-        share /= 1.0 + hidden["base_compliance"]["compliance_mm_per_n"] * closing_n / 8.0
+        share /= 1.0 + hidden["base_compliance"]["compliance_mm_per_n"] * closing_n / 1.5
     if "force_limited_closing" in hidden:
         share *= min(1.0, hidden["force_limited_closing"]["max_force_n"] / closing_n)
     return share

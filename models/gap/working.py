@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.calibration.traces.features import FEATURES, features_of_steps
+from models.calibration.traces.features import BIN_EDGES_MM, FEATURES, LIFT_MM, features_of_steps
 from models.calibration.traces.noise import feature_noise
 from models.calibration.traces.problem import (
     LEAST_AMPLITUDE,
@@ -25,10 +25,13 @@ from models.gap.problem import Bank, GapProblem
 FLOOR_SHARE = 0.01  # of the cell's peak: no simulator is better (notes/gap.md section 3)
 PLACEMENT_SHARE = 0.015  # scatter of a tool on an object, relative
 CONTRAST_SHARE = 0.003  # what repeats of a cell differ by for no reason, relative
+TARE_SD_N = 0.05  # zero of the load cell from grasp to grasp: notes/gap.md section 4.1
 REPEAT_SD = 0.01  # scatter of the force from grasp to grasp, relative; notes/gap.md section 4.1
 
 IS_LIFT = are_lifts(FEATURES)
 _UNIT = units_of(FEATURES)
+# What a constant force adds to each feature; the area is that beyond the bins.
+OF_OFFSET = np.where(IS_LIFT, 0.0, np.where(_UNIT == 1.0, 1.0, LIFT_MM - BIN_EDGES_MM[-1]))
 _IS_AMPLITUDE = ~IS_LIFT & (_UNIT == 1.0)
 
 
@@ -103,7 +106,7 @@ def working(problem: GapProblem, predictor: Predictor, predicted_n: np.ndarray, 
     clean = features_of_steps(predicted_n[first])
     amplitude = _amplitude(clean)
     force = np.where(IS_LIFT, 0.0, clean)
-    repeats = REPEAT_SD**2 * _outer(force) + noise
+    repeats = REPEAT_SD**2 * _outer(force) + TARE_SD_N**2 * _outer(OF_OFFSET) + noise
     at = (cells[:, 0], cells[:, 1])
     scatter = (FLOOR_SHARE**2 + PLACEMENT_SHARE**2) * _outer(amplitude) * error_correlation(FEATURES)
     scatter = scatter + _outer(amplitude * numerical_shares(FEATURES)) * error_correlation(FEATURES)

@@ -9,6 +9,7 @@ from flows.benchmarks.base import Options
 from flows.benchmarks.features import measure_features
 from lake.sql import run_sql
 from lake.store import Lake
+from lake.tables import GraspRow
 from models.features.names import FEATURES
 from tests.flows.cli_lakes import Fast
 from tests.flows.synthetic_lake import build
@@ -35,6 +36,23 @@ def test_the_table_is_filled_and_summed_up(fast, lake):
     assert {row["measure"] for row in data["quality"]} == {"tool_quality_n", "work_j", "peak_cv"}
     first = data["quality"][0]["first"]
     assert first["lower"] < first["mean"] < first["upper"]
+
+
+def test_objects_one_by_one_and_what_went_wrong(fast, lake):
+    text = fast("features", "--objects", "--lake", lake.root).out
+    assert re.search(r"^object 3 +\S+ \[", text, re.MULTILINE)
+    assert "departs from its repeats" in text or "grasps that went wrong" in text
+    assert isinstance(fast("features", "--json", "--lake", lake.root).json["anomalies"], list)
+
+
+def test_a_grasp_is_identified(fast, lake, monkeypatch):
+    monkeypatch.setattr("models.identification.classifier.N_TREES", 20)
+    grasp = lake.records(GraspRow, status="ok")[0]
+    text = fast("features", "--identify", grasp.grasp_id, "--lake", lake.root).out
+    assert text.startswith(f"{grasp.grasp_id}, recorded as object {grasp.object_id}; learnt from ")
+    assert "from this grasp alone" in text
+    assert "from 3 repeats together" in text
+    assert "grasp `K0` is not in this lake" in fast.refused("features", "--identify", "K0", "--lake", lake.root)
 
 
 def test_wrong_use_is_one_sentence(fast, lake, tmp_path):

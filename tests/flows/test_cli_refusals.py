@@ -247,7 +247,7 @@ def test_a_taken_port_is_refused(fast, tmp_path, monkeypatch):
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     with socket.create_server(("127.0.0.1", 0)) as taken:
         said = fast.refused("serve", "--port", taken.getsockname()[1], "--lake", tmp_path / "lake")
-    assert "cannot be used (Address already in use); give another one" in said
+    assert "cannot be used on 127.0.0.1 (Address already in use); give another one" in said
     assert not (tmp_path / "lake").exists()
 
 

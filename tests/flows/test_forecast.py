@@ -8,9 +8,14 @@ from flows.forecast import Forecast, forecast
 from tasks.printing import PrintConfirmation, confirm_print
 from tasks.proposing import propose_initial
 from tests.tasks.made_up import append_grasp, append_simulation
+from tests.tasks.small_campaign import small_campaign
 
-pytest_plugins = ["tests.tasks.conftest"]
 NOW = datetime(2026, 11, 21, 4, 0)
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    return small_campaign(tmp_path)
 
 
 def look(campaign, s_per_grasp=15.0, s_per_simulation=100.0):

@@ -1,12 +1,14 @@
 """Forms in the pages, against a server that answers as Prefect's does; what cannot be had never fails a campaign."""
 
+from urllib.error import HTTPError
+
 import pytest
 
 from flows.desk import PrintDesk
 from flows.forms import close_forms, open_form
 from flows.launch import Voice
 from flows.notify import SILENT
-from flows.prefect_server import address_for_others
+from flows.prefect_server import address_for_others, ask_server
 from lake.store import Lake
 from lake.tables import EventRow
 from tasks.campaign import Campaign
@@ -73,6 +75,16 @@ def test_without_deployment_or_server_there_is_no_form(lake, pages, monkeypatch)
     monkeypatch.setenv("PREFECT_API_URL", "http://127.0.0.1:9/api")
     assert open_form(lake, "quick", 1) is None
     close_forms(lake, "quick", 1, "nobody hears it")
+
+
+def test_a_server_whose_database_is_busy_is_asked_again(monkeypatch):
+    monkeypatch.setattr("flows.prefect_server.time.sleep", lambda s: None)
+    answers = [(503, {}), (503, {}), (200, "well"), *[(503, {})] * 5]
+    with local_server(lambda request: answers.pop(0)) as (address, seen):
+        assert ask_server(address, "/x") == "well"
+        with pytest.raises(HTTPError, match="503"):
+            ask_server(address, "/x")
+    assert len(seen) == 8
 
 
 def test_the_desk_asks_reminds_and_thanks(tmp_path, pages, monkeypatch):

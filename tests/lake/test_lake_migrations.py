@@ -20,7 +20,15 @@ from lake.store import Lake
 from lake.tables import TABLES, GraspRow, SimulationRow, ToolRow, TraceRow
 from models.errors import LakeError
 
-NEW_TABLES = {"calibrations", "posterior_draws", "effects", "gap_findings", "flow_runs", "trace_features"}
+NEW_TABLES = {
+    "calibrations",
+    "posterior_draws",
+    "effects",
+    "gap_findings",
+    "flow_runs",
+    "trace_features",
+    "anomaly_flags",
+}
 
 
 def peak_was_in_centinewton(rows: pa.Table) -> pa.Table:

@@ -29,6 +29,7 @@ CONTRACT = {
     "effects",
     "gap_findings",
     "trace_features",
+    "anomaly_flags",
     "diagnostics",
     "events",
     "flow_runs",

@@ -10,6 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from flows.benchmarks.dask_cluster import Cluster, cluster
 from lake.store import Lake
 from lake.tables import SimulationRow
 from models.design_space import BEST_PUBLISHED, numbered_design
@@ -18,7 +19,7 @@ from tasks.campaign import Campaign
 from tasks.config import CampaignConfig
 from tasks.engine import check_engine, open_engine
 from tasks.simulating import simulate_design
-from tests.tasks.dask_cluster import Cluster, cluster
+from tests.tasks.made_up_grasps import made_up, pid_after, slowly_made_up
 
 pytest.importorskip("distributed", reason="the extra `scale` is not installed")
 LIMIT_S = 120.0
@@ -82,6 +83,8 @@ def test_an_engine_is_part_of_the_config_and_not_of_its_hash(address):
     assert chosen.config_hash == plain.config_hash
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_the_cluster_gives_the_numbers_of_this_machine(engine, tmp_path):
     here, there = campaign_at(tmp_path / "here"), campaign_at(tmp_path / "there")
     local = open_engine("local", 1, LIMIT_S)
@@ -119,17 +122,31 @@ def test_nothing_listens_beyond_loopback(two_workers):
     assert {ip for ip in listening if ip not in ("127.0.0.1", "::1")} == set()
 
 
-def test_a_failed_grasp_is_a_row_as_on_this_machine(engine, tmp_path):
-    campaign = campaign_at(tmp_path, deadline_s=1e-6)
-    assert simulate_design(campaign, BEST_PUBLISHED, pool=engine) == 2
-    assert {(row["status"], row["reason"]) for row in campaign.lake.rows(SimulationRow)} == {("failed", "time_out")}
+def test_results_and_failures_are_rows_as_on_this_machine(engine, tmp_path, monkeypatch):
+    monkeypatch.setattr("tasks.simulating.attempt_grasp", made_up)
+    campaign = campaign_at(tmp_path)
+    assert simulate_design(campaign, BEST_PUBLISHED, pool=engine) == 1
+    rows = {row["object_id"]: (row["status"], row["reason"]) for row in campaign.lake.rows(SimulationRow)}
+    assert rows == {0: ("ok", ""), 14: ("failed", "no_convergence")}
+
+
+def test_nothing_is_lost_when_a_worker_is_killed_in_a_design(engine, tmp_path, monkeypatch):
+    monkeypatch.setattr("tasks.simulating.attempt_grasp", slowly_made_up)
+    campaign = campaign_at(tmp_path)
+    (victim, *_) = pids_of(engine)
+    threading.Timer(1.0, os.kill, (victim, signal.SIGKILL)).start()
+    with ThreadPoolExecutor(2) as threads:
+        assert sum(threads.map(lambda design: simulate_design(campaign, design, pool=engine), DESIGNS)) == 2
+    rows = campaign.lake.rows(SimulationRow)
+    assert len(rows) == 4
+    assert {row["reason"] for row in rows} == {"", "no_convergence"}
 
 
 def test_what_a_killed_worker_had_is_done_by_another(engine):
     before = pids_of(engine)
     with engine.lend() as worker:
         pid = worker.submit(os.getpid).result(LIMIT_S)
-        running = worker.submit(_pid_after, 3.0)
+        running = worker.submit(pid_after, 3.0)
         threading.Timer(1.0, os.kill, (pid, signal.SIGKILL)).start()
         assert running.result(LIMIT_S) != pid
         assert worker.submit(os.getpid).result(LIMIT_S) != pid
@@ -143,7 +160,7 @@ def test_a_call_that_hangs_ends_its_worker(two_workers):
     impatient = open_engine(two_workers.address, 1, 1.0)
     try:
         with impatient.lend() as worker, pytest.raises(BrokenExecutor):
-            worker.submit(_pid_after, 600.0).result(LIMIT_S)
+            worker.submit(pid_after, 600.0).result(LIMIT_S)
     finally:
         impatient.close()
 
@@ -174,8 +191,3 @@ def _ask_until_it_fails(engine) -> None:
     while time.monotonic() < deadline:
         with engine.lend() as worker:
             worker.submit(os.getpid).result(LIMIT_S)
-
-
-def _pid_after(seconds: float) -> int:
-    time.sleep(seconds)
-    return os.getpid()

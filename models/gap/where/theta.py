@@ -172,7 +172,7 @@ def _trend(regression: _Regression, against: str, x: np.ndarray) -> list[ThetaTr
         ends = sorted(np.sign(v) * 100 * np.array([a, b]))
         size = f"{abs(100 * v):.0f} % [{ends[0]:.0f}, {ends[1]:.0f}]"
         sentence = f"{_WORDS[parameter]} that fits {verb} by {size} {_AGAINST[against]}"
-        hint = _CLUES.get((parameter, against)) if is_clue else None
+        hint = _CLUES.get((parameter, against), "").replace("_", " ") if is_clue else ""
         sentence += f", as with {hint}." if hint else "."
         found.append(ThetaTrend(parameter, against, float(v), (float(a), float(b)), is_clue, sentence))
     return found

@@ -14,7 +14,7 @@ QUIET = Nuisance(tool_sd=0.0, cell_sd=0.0, repeat_sd=0.0, noise_sd_n=0.0, tare_n
 
 
 def _moment(height_mm: float = 40.0, **context: float) -> Moment:
-    return Moment(numbered_design(0), 3, height_mm, GraspContext(**context))
+    return Moment(numbered_design(0), 3, height_mm, GraspContext.model_validate(context))
 
 
 def _trace() -> Trace:
@@ -41,7 +41,9 @@ def test_relaxation_has_no_time_constant() -> None:
     trace = _trace()
     ratio = LAB_LAWS["stress_relaxation"](0.2).trace(trace, _moment()).force_n[3:-1] / trace.force_n[3:-1]
     held_s = trace.time_s[3:-1] - 1.0
-    assert np.interp([0.0, 1.0, 3.0, 7.0], held_s, ratio)[1:] == pytest.approx(2.0 ** (-0.2 * np.arange(1, 4)), rel=1e-3)
+    assert np.interp([0.0, 1.0, 3.0, 7.0], held_s, ratio)[1:] == pytest.approx(
+        2.0 ** (-0.2 * np.arange(1, 4)), rel=1e-3
+    )
 
 
 def test_softening_goes_with_repeats_and_recovers_a_little() -> None:

@@ -1,4 +1,4 @@
-"""A Dask scheduler and workers on loopback, each a process of its own, started and killed by the tests."""
+"""A Dask scheduler and workers on loopback, each a process of its own, for studies and tests."""
 
 import os
 import socket
@@ -9,7 +9,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from models.errors import FastError
+
 START_LIMIT_S = 60.0
+_ONE_MORE_TRY = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"}  # a call that kills its worker twice has failed
 ROOT = Path(__file__).parents[2]
 
 
@@ -25,19 +28,28 @@ class Cluster:
 
     def start_scheduler(self) -> None:
         """Start the scheduler and wait until it listens."""
-        words = ["--host", "127.0.0.1", "--port", str(self.port), "--no-dashboard"]
+        words = ["--host", "127.0.0.1", "--port", str(self.port), "--dashboard-address", "127.0.0.1:0"]
         self.scheduler = self._start("scheduler", *words)
         deadline = time.monotonic() + START_LIMIT_S
         while not _answers(self.port):
-            assert self.scheduler.poll() is None, (self._folder / "scheduler.log").read_text()
-            assert time.monotonic() < deadline
+            if self.scheduler.poll() is not None or time.monotonic() > deadline:
+                raise FastError(f"the Dask scheduler did not start; its log is {self._folder / 'scheduler.log'}.")
             time.sleep(0.1)
 
     def add_worker(self, n_threads: int = 1) -> None:
         """Start another worker; it comes when it comes."""
-        words = [f"tcp://127.0.0.1:{self.port}", "--nthreads", str(n_threads), "--host", "127.0.0.1", "--no-dashboard"]
+        words = [f"tcp://127.0.0.1:{self.port}", "--nthreads", str(n_threads), "--host", "127.0.0.1"]
         name = f"worker{len(self.workers)}"
-        words += ["--name", name, "--local-directory", str(self._folder / name), "--death-timeout", "60"]
+        words += [
+            "--dashboard-address",
+            "127.0.0.1:0",
+            "--name",
+            name,
+            "--local-directory",
+            str(self._folder / name),
+            "--death-timeout",
+            "60",
+        ]
         self.workers.append(self._start("worker", *words))
 
     def kill(self) -> None:
@@ -52,7 +64,7 @@ class Cluster:
                 process.wait()
 
     def _start(self, kind: str, *words: str) -> "subprocess.Popen[bytes]":
-        environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "ignore"}
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "ignore", **_ONE_MORE_TRY}
         with (self._folder / f"{kind}.log").open("ab") as log:
             return subprocess.Popen(
                 [sys.executable, "-m", "distributed.cli.dask_" + kind, *words],

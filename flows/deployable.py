@@ -94,3 +94,26 @@ def recalibrate(
     order = CalibrationOrder(settings, campaign, hypercube=HypercubePlan(n=simulate) if simulate else None)
     voice = Voice(progress=logger.info, announce=logger.warning)
     return ended(lambda: recalibrate_lake(Lake.open(lake), order, str(flow_run.get_id()), voice))
+
+
+@flow(name="close-gap", flow_run_name="close gap {lake}")
+def close_gap(
+    lake: str = "lake-data",
+    campaign: str | None = None,
+    rounds: int = 4,
+    seed: int = 0,
+    budget_minutes: float | None = None,
+    workers: int = 2,
+) -> State[Any]:
+    """Search a lake for what its simulator misses, if anything is new; the state of the run says what was found.
+
+    `budget_minutes`: of simulating; what is left is simulated by the next run. `campaign`: None is all measurements.
+    """
+    from flows.gap import GapOrder
+    from flows.gap_watch import watch_gap
+    from flows.launch import Voice
+    from lake.store import Lake
+
+    order = GapOrder(campaign, seed, rounds, budget_minutes).with_workers(workers)
+    voice = Voice(progress=logger.info, announce=logger.warning)
+    return ended(lambda: watch_gap(Lake.open(lake), order, str(flow_run.get_id()), voice))

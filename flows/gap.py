@@ -193,8 +193,8 @@ def _searched(lake: Lake, search: _Search, voice: Voice) -> GapOutcome:
         calibration_ids=tuple(turn.after.calibration_id for turn in turns),
         findings=findings,
     )
-    parents = dict.fromkeys([before.calibration_id, *run.calibration_ids])
-    write_run(lake, run, answer(findings), current_provenance(content_id("H", search.gap_id), order.seed, [*parents]))
+    parents = list(dict.fromkeys([before.calibration_id, *(turn.after.calibration_id for turn in turns)]))
+    write_run(lake, run, answer(findings), current_provenance(content_id("H", search.gap_id), order.seed, parents))
     return GapOutcome(run, True, tuple(turns), comparison)
 
 

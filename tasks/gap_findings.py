@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from lake.provenance import Provenance
 from lake.row import Row
@@ -20,7 +21,7 @@ KIND = "gap"
 class GapRun(Record):
     """A finished search: its answer, and the simulator versions before and after.
 
-    `calibration_ids`: of each round, None where nothing was added.
+    `calibration_ids`: of the simulator that each round ended with.
     """
 
     gap_id: str
@@ -31,7 +32,7 @@ class GapRun(Record):
     base_version_id: str
     before_version_id: str
     after_version_id: str
-    calibration_ids: tuple[str | None, ...]
+    calibration_ids: tuple[str, ...]
     findings: Findings
 
 
@@ -131,7 +132,7 @@ def _named_rows(run: GapRun, number: int, found: Round) -> list[GapFindingRow]:
     ]
 
 
-def _parameters(named: Named, effect: str | None) -> dict[str, tuple[object, ...]]:
+def _parameters(named: Named, effect: str | None) -> dict[str, Any]:
     """Parameters of one effect of an answer, which names them `<effect>.<parameter>` or, of a single one, plainly."""
     if effect is None:
         return {}
@@ -148,7 +149,7 @@ def _parameters(named: Named, effect: str | None) -> dict[str, tuple[object, ...
     }
 
 
-def _columns(run: GapRun, number: int, kind: str, place: int) -> dict[str, object]:
+def _columns(run: GapRun, number: int, kind: str, place: int) -> dict[str, Any]:
     return {
         "finding_id": GapFindingRow.make_id(run.gap_id, number + 1, kind, place),
         "gap_id": run.gap_id,

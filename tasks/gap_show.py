@@ -38,7 +38,7 @@ class Comparison:
 def show_plans(problem: GapProblem, versions: Sequence[SimulatorVersion]) -> tuple[SimulationPlan, ...]:
     """Simulations of the held-out cells by versions: held-out tools on all objects, the others on held-out objects."""
     grasps = problem.grasps
-    solid = list(dict.fromkeys(solid_version(problem, version) for version in versions))
+    solid = {found.version_id: found for found in (solid_version(problem, version) for version in versions)}.values()
     is_new, is_new_object = problem.held_out_tools, problem.held_out_objects
     plans = []
     for tools, objects in ((is_new, np.ones_like(is_new_object)), (~is_new, is_new_object)):
@@ -67,14 +67,14 @@ def compare(
         UsageError: there is no held-out grasp that both simulated.
     """
     predictor = Predictor.of(problem)
-    steps = {model.version: _simulated(lake, problem, predictor, model.version) for model in (before, after)}
+    models = (before, after)
+    steps_n = [_simulated(lake, problem, predictor, model.version) for model in models]
     is_usable = predictor.is_usable & np.isfinite(problem.grasps.steps_n).all(axis=1)
-    for steps_n in steps.values():
-        is_usable &= np.isfinite(steps_n).all(axis=1)
+    is_usable &= np.isfinite(np.array(steps_n)).all(axis=(0, 2))
     held_out = HeldOut.of(problem, before.version.theta, is_usable)
     first, last = (
-        _prediction(label, problem, held_out, model, steps[model.version], seed)
-        for label, model in ((BEFORE, before), (AFTER, after))
+        _prediction(label, problem, held_out, model, rows_n, seed)
+        for label, model, rows_n in zip((BEFORE, AFTER), models, steps_n, strict=True)
     )
     return Comparison(show(held_out, first, last, residuals, seed), residuals)
 

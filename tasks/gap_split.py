@@ -13,9 +13,9 @@ import numpy as np
 from lake.provenance import current_provenance
 from lake.store import Lake
 from lake.tables import EventRow
-from models.errors import UsageError
 from models.ids import content_id, seed_from
 from models.objects.catalogue import get_object
+from tasks.calibration_data import TooLittleDataError
 
 KIND = "gap_split"
 MIN_DESIGNS, MIN_OBJECTS = 7, 5  # five tools and four objects are left to look at
@@ -54,12 +54,12 @@ def frozen_split(
     """The split of these designs and objects, from the lake or made now and written there.
 
     Raises:
-        UsageError: there are too few designs or objects to hold any out.
+        TooLittleDataError: there are too few designs or objects to hold any out.
     """
     counts = (("designs", len(set(design_ids)), MIN_DESIGNS), ("objects", len(set(object_ids)), MIN_OBJECTS))
     for what, n, least in counts:
         if n < least:
-            raise UsageError(
+            raise TooLittleDataError(
                 f"{n} {what} were measured, gap discovery needs at least {least} to hold some out; with 14 designs it "
                 "finds about 8 of 10 effects that change forces by 5 %, so measure more."
             )

@@ -81,7 +81,7 @@ def _plan(grasps: list[WorldGrasp], rng: np.random.Generator) -> tuple[dict[_Cas
     used: set[tuple[int, int]] = set()
     for kind in PLANTS:
         able = [p for p in pairs if p not in used and (kind != "torsional_slip" or OBJECTS[p[1]].orientation == TURNED)]
-        n_pairs = min(n - N_REPEATS * n_whole + n_whole, len(able) // 2)
+        n_pairs = min(n_whole + max(n - N_REPEATS * n_whole, 1), len(able) // 2)
         for number, place in enumerate(rng.choice(len(able), n_pairs, replace=False)):
             pair = able[int(place)]
             used.add(pair)

@@ -111,9 +111,7 @@ def answer(
         rounds=tuple(_said(result) for result in results),
         statistics={name: float(value) for name, value in first.statistics.model_dump().items()},
         closing=_closing(problem, results, truth),
-        evidence=tuple(
-            tuple(np.round(gain, 3).ravel().tolist()) for gain in (first.evidence_nats if keep_evidence else ())
-        ),
+        evidence=_rounded(first.evidence_nats) if keep_evidence else (),
         priors=first.priors if keep_evidence else (),
         cpu_s=round(cpu_s, 2),
     )

@@ -85,9 +85,9 @@ class Panels:
                 return None
             if not responds:
                 return Variants(base)
-            others = [self._scaled(other, tool, obj, factor) for other in (LOWER, WIDER, RAISED)]
+            lower, wider, raised = (self._scaled(other, tool, obj, factor) for other in (LOWER, WIDER, RAISED))
             lower_factor = self.sets[LOWER].theta[0] / self.sets[name].theta[0] if LOWER in self.sets else 0.5
-            return Variants(base, *others, lower_factor=lower_factor)
+            return Variants(base, lower, wider, raised, lower_factor=lower_factor)
 
         return of
 
@@ -163,12 +163,13 @@ def visible_share(
     ridge = np.diag([0.0] * (1 + len(slopes)) + [1.0] * len(by_tool))
     target = (change * weight).ravel()
     fitted = free @ np.linalg.solve(free.T @ free + ridge + 1e-9 * np.eye(len(ridge)), free.T @ target)
-    return float(np.linalg.norm(target - fitted) / max(np.linalg.norm(target), 1e-12))
+    return float(np.linalg.norm(target - fitted) / max(float(np.linalg.norm(target)), 1e-12))
 
 
 def bank_slopes(bank: Bank, theta: tuple[float, float]) -> list[np.ndarray]:
     """Slopes (t x o x 120) of the bank's forces in friction and in Poisson's ratio, by least squares near theta."""
-    apart = (bank.grid - np.array(theta)) / np.ptp(bank.grid, axis=0)
+    low, high = bank.grid.min(axis=0), bank.grid.max(axis=0)
+    apart = np.asarray(bank.grid - np.array(theta)) / np.asarray(high - low)
     weight = np.exp(-4.0 * (apart**2).sum(axis=1))
     design = np.column_stack([np.ones(len(apart)), apart]) * weight[:, None]
     solve = np.linalg.pinv(design)[1:] * weight

@@ -70,7 +70,9 @@ def measure_gap_sealed(options: Options) -> Tables:
         worlds = Worlds(panels, bank, secrets.token_hex(16), is_sealed=True)
         seal(worlds, folder, thresholds_id(thresholds), options)
     answer_all(folder, bank, thresholds, options)
-    return gap_tables(judged(folder))
+    worlds_judged = judged(folder)
+    ask_without_truth(folder, bank, thresholds, options)
+    return gap_tables([*worlds_judged, *left_out(folder)])
 
 
 def frozen_lines(folder: Path) -> Any:
@@ -129,6 +131,34 @@ def answer_all(folder: Path, bank: Bank, thresholds: Any, options: Options) -> N
             options.tell(f"{one.world}: {said.rounds[0].kind}, {said.cpu_s:.1f} s")
 
 
+def ask_without_truth(folder: Path, bank: Bank, thresholds: Any, options: Options) -> None:
+    """Ask answered worlds with one effect again, the effect taken out of the catalogue; their keys are open by now."""
+    path = folder / "sealed-left-out.jsonl"
+    known = {one.world for one in read_records(path, SealedAnswer, "answer to a sealed world")}
+    keys = _keys(folder)
+    end = time.monotonic() + 60.0 * options.limit_minutes
+    with RecordFile(path) as file:
+        for one in read_records(folder / "sealed-answers.jsonl", SealedAnswer, "answer to a sealed world"):
+            key = keys[one.world].key
+            if key.group != "single" or one.world in known or time.monotonic() > end:
+                continue
+            problem = read_problem(folder / "sealed" / f"{one.world}.npz", bank)
+            said = answer(problem, thresholds, without=key.names, max_rounds=1)
+            file.append(SealedAnswer(world=one.world, answer=said, answer_hash=said.answer_hash))
+            options.tell(f"{one.world} without its effect: {said.rounds[0].kind}")
+
+
+def left_out(folder: Path) -> list[Judged]:
+    """Answers of `ask_without_truth` with their keys."""
+    keys = _keys(folder)
+    answers = read_records(folder / "sealed-left-out.jsonl", SealedAnswer, "answer to a sealed world")
+    return [(keys[one.world].key, one.answer, True) for one in answers]
+
+
+def _keys(folder: Path) -> dict[str, SealedKey]:
+    return {one.world: one for one in read_records(folder / "sealed-keys.jsonl", SealedKey, "key of a sealed world")}
+
+
 def judged(folder: Path) -> list[Judged]:
     """Answered worlds with their keys, every hash checked.
 
@@ -136,7 +166,7 @@ def judged(folder: Path) -> list[Judged]:
         UsageError: a key or an answer was changed after its hash was written.
     """
     public = {one.world: one for one in read_records(folder / "sealed.jsonl", Sealed, "sealed world")}
-    keys = {one.world: one for one in read_records(folder / "sealed-keys.jsonl", SealedKey, "key of a sealed world")}
+    keys = _keys(folder)
     found: list[Judged] = []
     for one in read_records(folder / "sealed-answers.jsonl", SealedAnswer, "answer to a sealed world"):
         if keys[one.world].key_hash != public[one.world].key_hash:
@@ -192,5 +222,4 @@ def read_problem(path: Path, bank: Bank) -> GapProblem:
 
 
 def _context(row: Sequence[float]) -> GraspContext:
-    values = dict(zip(GraspContext.model_fields, row, strict=True))
-    return GraspContext(**{name: x if name == "clock_s" else int(x) for name, x in values.items()})
+    return GraspContext.model_validate(dict(zip(GraspContext.model_fields, row, strict=True)))

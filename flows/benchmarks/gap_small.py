@@ -43,7 +43,10 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
     bank = Bank(
         centre=CENTRE,
         grid=arrays["grid"],
-        **{name: _unpacked(arrays[name]) for name in _ARRAYS},
+        grid_steps_n=_unpacked(arrays["grid_steps_n"]),
+        centre_steps_n=_unpacked(arrays["centre_steps_n"]),
+        numerical_steps_n=_unpacked(arrays["numerical_steps_n"]),
+        wider_steps_n=_unpacked(arrays["wider_steps_n"]),
         wider_mm=np.array(WIDER_MM),
         fields=fields,
     )

@@ -111,7 +111,7 @@ class Worlds:
             return key
         names = effects[group]
         first = names[number % len(names)]
-        key = self.with_effect(key, first, STRENGTHS[(number // len(names)) % len(STRENGTHS)], rng)
+        key = self.with_effect(key, first, STRENGTHS[(number + number // len(names)) % len(STRENGTHS)], rng)
         if group == "pair":
             second = str(rng.choice([name for name in self.panels.lab_laws if self._may_pair(name, first)]))
             key = self.with_effect(key, second, STRENGTHS[1 + number % 2], rng)

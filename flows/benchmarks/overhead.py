@@ -12,14 +12,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from unittest import mock
 
 import psutil
 
 from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.made_up_batch import Batch, lockstep_bench
 from flows.benchmarks.made_up_campaign import N_REPEATS, N_SIMULATIONS, N_TOOLS, OBJECTS, world_of, write_files
+from flows.benchmarks.state_cost import state_cpu_s
 from flows.prefect_server import configure_client, server, state_folder
 from lake.store import Lake
+from tasks.campaign import Campaign
 
 NAME = "overhead"
 N_OBJECTS_OF_PAPER, SIMULATED_DESIGNS_OF_PAPER, TOOLS_OF_PAPER, REPEATS_OF_PAPER = 36, 850, 110, 3
@@ -34,6 +37,11 @@ class Spent:
     server_s: float
     database: int
 
+    @property
+    def cpu_s(self) -> float:
+        """CPU seconds of both."""
+        return self.process_s + self.server_s
+
     def since(self, before: "Spent") -> "Spent":
         """What was added since an earlier moment."""
         return Spent(
@@ -47,19 +55,22 @@ def measure_overhead(options: Options) -> Tables:
         root = Path(folder) / "lake"
         lake = Lake.open(root, create=True)
         with _server_of_study(lake):
-            spent = _run_campaign(Path(folder), options)
+            total, marginal, n_states = _run_campaign(Path(folder), options)
         bench_s = _bench_cpu_s(Path(folder))
+        state_s = state_cpu_s(Path(folder) / "half", SIMULATED_DESIGNS_OF_PAPER // 2, TOOLS_OF_PAPER // 2)
     n_grasps, n_designs = N_TOOLS * len(OBJECTS) * N_REPEATS, N_SIMULATIONS + N_TOOLS
-    n_simulations, n_tasks = n_designs * len(OBJECTS), n_designs + N_TOOLS + 2
+    n_rows, n_tasks = n_grasps + n_designs * len(OBJECTS), n_designs + N_TOOLS + 2
     measured = {
-        "grasps": n_grasps,
-        "simulations": n_simulations,
+        "grasps_and_simulations": n_rows,
         "task_runs": n_tasks,
-        "process_cpu_s": spent.process_s,
+        "fixed_cpu_s": total.cpu_s - marginal.cpu_s,
+        "process_cpu_s": marginal.process_s,
         "of_it_virtual_bench_cpu_s": bench_s,
-        "server_cpu_s": spent.server_s,
-        "overhead_ms_per_row": 1e3 * (spent.process_s - bench_s + spent.server_s) / (n_grasps + n_simulations),
-        "database_kb_per_task_run": spent.database / n_tasks / 1e3,
+        "server_cpu_s": marginal.server_s,
+        "overhead_ms_per_row": 1e3 * (marginal.cpu_s - bench_s) / n_rows,
+        "states_per_row": n_states / n_rows,
+        "state_at_half_paper_cpu_ms": 1e3 * state_s,
+        "database_kb_per_task_run": total.database / n_tasks / 1e3,
     }
     return {"measured": [measured], "at the paper's schedule": _extrapolated(measured)}
 
@@ -69,7 +80,10 @@ def _extrapolated(measured: dict[str, float]) -> Rows:
     n_designs = SIMULATED_DESIGNS_OF_PAPER + TOOLS_OF_PAPER
     n_simulations = n_designs * N_OBJECTS_OF_PAPER
     n_grasps = TOOLS_OF_PAPER * N_OBJECTS_OF_PAPER * REPEATS_OF_PAPER
-    overhead_s = (n_simulations + n_grasps) * measured["overhead_ms_per_row"] / 1e3
+    row_ms = (
+        measured["overhead_ms_per_row"] + measured["states_per_row"] * measured["state_at_half_paper_cpu_ms"]
+    )  # the state of the small lake is in the first, too
+    overhead_s = measured["fixed_cpu_s"] + (n_simulations + n_grasps) * row_ms / 1e3
     physics_s = n_simulations * _physics_cpu_s()
     n_tasks = N_LARGE / N_OBJECTS_OF_PAPER
     return [
@@ -106,18 +120,28 @@ def _server_of_study(lake: Lake) -> Iterator[None]:
                 os.environ["PREFECT_API_URL"] = before
 
 
-def _run_campaign(folder: Path, options: Options) -> Spent:
-    """CPU of a campaign from the start of its flow on; the imports before it cost the same however long it is."""
+def _run_campaign(folder: Path, options: Options) -> tuple[Spent, Spent, int]:
+    """CPU of a campaign, CPU from its first grasp or simulation to its last, and how often its state was derived."""
     from flows.benchmarks.made_up_deployable import use_made_up_physics
     from flows.launch import Voice, run_campaign
 
     config = write_files(folder, NAME)
     use_made_up_physics()
     root = folder / "lake"
-    before = _spent(root)
-    run_campaign(config, root, auto_print=True, voice=Voice(options.tell, options.tell))
+    marks: dict[str, Spent] = {}
+
+    def hear(line: str) -> None:
+        options.tell(line)
+        if " | " in line:
+            marks.setdefault("first", _spent(root))
+        elif line.startswith("writing report"):
+            marks["last"] = _spent(root)
+
+    before, derived = _spent(root), Campaign.state
+    with mock.patch.object(Campaign, "state", autospec=True, side_effect=derived) as counted:
+        run_campaign(config, root, auto_print=True, voice=Voice(hear, options.tell))
     time.sleep(3.0)  # the server stores events after they came
-    return _spent(root).since(before)
+    return _spent(root).since(before), marks["last"].since(marks["first"]), counted.call_count
 
 
 def _spent(root: Path) -> Spent:

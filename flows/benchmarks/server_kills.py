@@ -64,7 +64,7 @@ def measure_server_kills(options: Options) -> Tables:
             study.run(n_kills)
             problems = study.problems()
     kills = study.kills
-    return {"kills": _summary(kills), "problems": [{"problem": text} for text in problems] or [{"problem": "none"}]}
+    return {"kills": summary(kills), "problems": [{"problem": text} for text in problems] or [{"problem": "none"}]}
 
 
 class _Study:
@@ -218,7 +218,7 @@ def ask_again(lab: Lab, path: str, body: dict[str, Any]) -> Any:
             time.sleep(2.0)
 
 
-def _summary(kills: list[Kill]) -> Rows:
+def summary(kills: list[Kill]) -> Rows:
     """A row for each set of targets and one for all: kills, and how long it took until a new row came."""
     rows: Rows = []
     for targets in (*TARGETS, None):

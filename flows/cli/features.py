@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tasks.identifying import Answer
 
 N_FLAGS = 20  # shown
+LEAST_SHOWN = 0.005  # probability
 _TITLES = {
     "tool_quality_n": "tool quality: mean peak pull-off force (N)",
     "work_j": "grasp quality: mean work to break the grasp (J)",
@@ -52,7 +53,7 @@ def _show_identification(lake: "Lake", grasp_id: str, as_json: bool) -> None:
     found = identify(lake, grasp_id)
     answers = [found.alone, found.together] if found.together.n_grasps > 1 else [found.alone]
     data = {**found._asdict(), **{name: getattr(found, name)._asdict() for name in ("alone", "together")}}
-    accuracy = "" if found.accuracy is None else f", {found.accuracy:.0%} of which they recognise of one another"
+    accuracy = "" if found.accuracy is None else f" ({found.accuracy:.0%} right among themselves)"
     head = (
         f"{grasp_id}, recorded as {found.recorded}; learnt from {found.n_learnt} grasps of {found.n_tools} other tools"
         f"{accuracy}"
@@ -63,12 +64,13 @@ def _show_identification(lake: "Lake", grasp_id: str, as_json: bool) -> None:
 def _answer_text(answer: "Answer") -> str:
     title = "from this grasp alone" if answer.n_grasps == 1 else f"from {answer.n_grasps} repeats together"
     rows = [
-        {"is it": f"{name} {probability:.0%}", "what": what}
+        {"": what, "probability": f"{probability:.0%}", "it is": name}
         for what, found in answer._asdict().items()
         if what != "n_grasps"
         for name, probability in found
+        if probability >= LEAST_SHOWN
     ]
-    return f"{title}\n\n{table_text(rows, ['what', 'is it'])}"
+    return f"{title}\n\n{table_text(rows)}"
 
 
 def _anomalies_text(flags: list[dict[str, Any]]) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from flows.report.gap_words import words
+from flows.report.gap_words import probability_words, words
 from flows.report.style import BEST, FAINT, FIRST, INK, MUTED, SIMULATED, WIDTH_IN, new_axes
 from models.calibration.traces.features import STEP_MM
 from models.gap.findings import Candidate, Named
@@ -21,7 +21,7 @@ MEASURED, SIM_BEFORE, SIM_AFTER = INK, FIRST, BEST
 _SOURCE_COLOURS = dict(
     zip(SOURCES, (FIRST, BEST, SIMULATED, "#cc79a7", "#e69f00", "#56b4e9", FAINT), strict=True)
 )  # Okabe and Ito 2008
-_MOST_NAMES = 8
+_FEWEST_NAMES, _MOST_NAMES = 4, 8
 _LEAST_SHARE = 2.0  # per cent that the colours of a map always span
 
 
@@ -61,7 +61,7 @@ def map_figure(residuals: Residuals, phase: str) -> Figure:
     for side in ("left", "bottom"):
         axes.spines[side].set_visible(False)
     bar = figure.colorbar(image, ax=axes, location="top", shrink=0.7, aspect=28, pad=0.02)
-    bar.set_label(f"measured less simulated {AT[phase]}, % of the peak", fontsize=8.5)
+    bar.set_label(f"measured less simulated force {AT[phase]},\n% of the peak", fontsize=8.5)
     bar.outline.set_visible(False)
     return figure
 
@@ -111,14 +111,15 @@ def shares_figure(shares: Sequence[PhaseShares]) -> Figure:
 def names_figure(candidates: Sequence[Candidate], named: Named) -> Figure:
     """Probabilities of names, the answer's in blue; `none` and `unknown` are among them."""
     ranked = sorted(candidates, key=lambda c: -c.probability)
-    chosen = [c for c in ranked if c.probability >= 0.005 or c.effect in named.effects][:_MOST_NAMES] or ranked[:3]
+    n_likely = sum(c.probability >= 0.005 or c.effect in named.effects for c in ranked)
+    chosen = ranked[: min(max(n_likely, _FEWEST_NAMES), _MOST_NAMES)]
     figure, axes = new_axes(WIDTH_IN, 0.8 + 0.32 * len(chosen), grid="x")
     answer = set(named.effects) or {named.kind}
     places = np.arange(len(chosen))
     colours = [BEST if c.effect in answer else FAINT for c in chosen]
     axes.barh(places, [c.probability for c in chosen], height=0.62, color=colours)
     for place, c in enumerate(chosen):
-        axes.text(c.probability, place, f" {c.probability:.2f}", va="center", fontsize=8.5)
+        axes.text(c.probability, place, f" {probability_words(c.probability)}", va="center", fontsize=8.5)
     axes.set_yticks(places, [words(c.effect) for c in chosen])
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)

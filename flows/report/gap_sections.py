@@ -172,7 +172,10 @@ def next_section(evidence: GapEvidence, folder: Folder) -> Markup:
 def assumed_section(evidence: GapEvidence, folder: Folder) -> Markup:
     """What the answer rests on, and what it cost."""
     findings = evidence.findings
-    budget = [(name.replace("_", " "), number(value, 1)) for name, value in findings.budget.items()]
+    budget = [
+        (name.replace("_", " "), number(value, 0 if value == round(value) else 1))
+        for name, value in findings.budget.items()
+    ]
     general = (
         "Theta was calibrated again before anything was called a gap; rho is 1.",
         f"Findings of WHERE hold a false discovery rate of {100 * Q:.0f} % over phases and factors; the unit is the "
@@ -220,8 +223,8 @@ def _share_table(evidence: GapEvidence, folder: Folder) -> Markup:
     ]  # fmt: skip
     alias = max((s.order_alias for s in evidence.where[0].shares), default=0.0)
     said = paragraph(
-        f"{100 * alias:.0f} % of the order of the grasps is known from tool and object"
-        + ("; what drifts cannot be told from them, randomise the order." if alias > 0.8 else "."), "note",
+        f"{100 * alias:.0f} % of the order of a tool's grasps is known from tool and object"
+        + ("; what drifts cannot be told from them, randomise the order." if alias > 0.9 else "."), "note",
     )  # fmt: skip
     return Markup(said + folder.numbers("gap_shares", rows)) if rows else said
 

@@ -9,6 +9,11 @@ def words(effect: str) -> str:
     return {"none": "nothing is missing", "unknown": "not in the catalogue"}.get(effect, effect.replace("_", " "))
 
 
+def probability_words(probability: float) -> str:
+    """A probability to two digits, never 1.00 or 0.00."""
+    return "> 0.99" if probability > 0.995 else "< 0.01" if probability < 0.005 else f"{probability:.2f}"
+
+
 def answer(findings: Findings) -> str:
     """The finding that a lab head should read."""
     if not findings.alarm:
@@ -40,4 +45,4 @@ def probability(findings: Findings) -> str:
     """The line under the tile: what it is, and how sure."""
     named = [r.named for r in findings.rounds if r.named.kind != "none"] or [r.named for r in findings.rounds[:1]]
     said = "what is missing" if findings.alarm else "beyond noise and meshes"
-    return f"{said}, probability " + ", ".join(f"{n.probability:.2f}" for n in named)
+    return f"{said}, probability " + ", ".join(probability_words(n.probability) for n in named)

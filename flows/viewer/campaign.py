@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import rerun as rr
@@ -72,17 +72,18 @@ def campaign_blueprint(tools: Sequence[Tool], is_live: bool = False) -> rrb.Blue
     scene = rrb.Spatial3DView(
         origin="cell",
         name=f"Bench (mm); objects by their last peak, dark 0 to yellow {FULL_COLOUR_N:g} N",
-        eye_controls=eye_from((x - 120, y - 1150, 820), (x, y - 30, 30)),
+        eye_controls=eye_from((x - 100, y - 860, 620), (x, y - 40, 30)),
     )
     notes = rrb.Tabs(
         rrb.TextLogView(origin="log", name="Log"), rrb.TextDocumentView(origin="about", name="About"), active_tab=0
     )
     left = rrb.Vertical(scene, notes, row_shares=[3, 1])
     right = rrb.Tabs(_results_tab(), _proposals_tab(), *_lift_tabs(tools), active_tab=0)
-    playing = "following" if is_live else "playing"
+    playing: Literal["following", "playing"] = "following" if is_live else "playing"
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]),
         rrb.TimePanel(timeline="bench", state="collapsed", play_state=playing, playback_speed=PLAYBACK_SPEED),
+        rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
     )
 

@@ -104,15 +104,17 @@ def _send_tray(stream: rr.RecordingStream, items: list[PrintItem]) -> None:
 
 
 def _about(design: Design, tray: str, mesh: SolidMesh) -> str:
-    rows = "\n".join(
-        f"| {name.removesuffix('_' + unit_of(name)) if unit_of(name) else name} | {getattr(design, name):.4g} "
-        f"{unit_of(name) or ''} |".replace("_", " ")
-        for name in PARAMETERS
-    )
+    rows = "\n".join(_parameter_row(name, getattr(design, name)) for name in PARAMETERS)
     return (
         f"# {design.design_id}\n\n| parameter | value |\n|---|---|\n{rows}\n\n{mesh.n_elements} solid elements of the "
         f"production tier. Tray: {tray}."
     )
+
+
+def _parameter_row(name: str, value: float) -> str:
+    unit = unit_of(name) or ""
+    words = name.removesuffix(f"_{unit}").replace("_", " ")
+    return f"| {words} | {value:.4g} {unit} |"
 
 
 def _blueprint(design: Design, tray: str, mesh: SolidMesh) -> rrb.Blueprint:
@@ -130,5 +132,6 @@ def _blueprint(design: Design, tray: str, mesh: SolidMesh) -> rrb.Blueprint:
     return rrb.Blueprint(
         rrb.Horizontal(rrb.Grid(*shown, grid_columns=2), about, column_shares=[4, 1]),
         rrb.TimePanel(state="hidden"),
+        rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
     )

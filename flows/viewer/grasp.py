@@ -11,8 +11,8 @@ import rerun.blueprint as rrb
 
 from flows.report.style import BEST, SIMULATED
 from flows.viewer.scene import finger_meshes, finger_translations
-from flows.viewer.simulation import send_fingers
-from flows.viewer.stream import eye_from, recording_to, send_object, send_trace, stored_design, times
+from flows.viewer.simulation import arrow_mm_per_n, send_fingers
+from flows.viewer.stream import FRONT_EYE, recording_to, send_object, send_trace, stored_design, times
 from lake.store import Lake
 from lake.tables import GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow
 from models.errors import FastError, UsageError
@@ -52,15 +52,15 @@ def write_grasp_recording(lake: Lake, grasp_id: str, path: Path, is_simulated: b
         text = _about(grasp, label, trace, simulated)
         stream.log("about", rr.TextDocument(text, media_type="text/markdown"), static=True)
         send_object(stream, "cell/object", grasp.object_id, (0.0, 0.0))
+        send_trace(stream, "force/measured", "lift/measured", trace, grasp.started_at, "measured", BEST)
+        for number, (version_id, stored) in enumerate(_stored_traces(lake, grasp)):
+            moved = Clock.between(stored, trace).moved(stored)
+            send_trace(stream, f"force/simulated_{number}", None, moved, None, f"simulated {version_id}", SIMULATED)
         if simulated is None:
             _send_moving_fingers(stream, design, setup, label, trace)
         else:
             clock = Clock.between(simulated.result.trace, trace)
             send_fingers(stream, simulated.recording, lambda s: clock.at(s.phase, s.time_s, s.lift_mm))
-        send_trace(stream, "force/measured", "lift/measured", trace, grasp.started_at, "measured", BEST)
-        for number, (version_id, stored) in enumerate(_stored_traces(lake, grasp)):
-            moved = Clock.between(stored, trace).moved(stored)
-            send_trace(stream, f"force/simulated_{number}", None, moved, None, f"simulated {version_id}", SIMULATED)
     return path
 
 
@@ -141,7 +141,7 @@ def _stored_traces(lake: Lake, grasp: GraspRow) -> Iterator[tuple[str, Trace]]:
 
 
 def _about(grasp: GraspRow, label: str, trace: Trace, simulated: Simulated | None) -> str:
-    lines = [f"# {label} on object {grasp.object_id}, repeat {grasp.repeat}", ""]
+    lines = [f"### {label} on object {grasp.object_id}, repeat {grasp.repeat}", ""]
     peak = float(trace.force_n[trace.is_lift].max()) if trace.is_lift.any() else float(trace.force_n.max())
     if simulated is None:
         lines.append(f"Measured peak {peak:.2f} N. Fingers are drawn undeformed.")
@@ -149,16 +149,16 @@ def _about(grasp: GraspRow, label: str, trace: Trace, simulated: Simulated | Non
         lines.append(
             f"Measured peak {peak:.2f} N, simulated {simulated.result.peak_force_n:.2f} N. Fingers are those of the "
             f"simulation ({simulated.version_id}), coloured by displacement; arrows: force of the object on them, "
-            "6 mm per N. Press play, or drag the time: the cursor in the curves is the moment in the scene."
+            f"{arrow_mm_per_n(simulated.recording):g} mm per N. The cursor in the curves is the moment in the scene."
         )
     return "\n".join(lines)
 
 
 def _blueprint(label: str) -> rrb.Blueprint:
-    scene = rrb.Spatial3DView(origin="cell", name=f"{label} (mm)", eye_controls=eye_from((60, -260, 90), (0, 0, 52)))
+    scene = rrb.Spatial3DView(origin="cell", name=f"{label} (mm)", eye_controls=FRONT_EYE)
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(scene, rrb.TextDocumentView(origin="about", name="About"), row_shares=[5, 1]),
+            rrb.Vertical(scene, rrb.TextDocumentView(origin="about", name="About"), row_shares=[4, 1]),
             rrb.Vertical(
                 rrb.TimeSeriesView(origin="force", name="Force (N)", plot_legend=rrb.PlotLegend("RightTop")),
                 rrb.TimeSeriesView(origin="lift", name="Lift (mm)", plot_legend=rrb.PlotLegend(visible=False)),
@@ -166,6 +166,7 @@ def _blueprint(label: str) -> rrb.Blueprint:
             ),
         ),
         rrb.TimePanel(timeline="time", state="collapsed", play_state="playing", loop_mode="all"),
+        rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
     )
 

@@ -34,7 +34,9 @@ def follow(
     """
     content = Content.load(lake, campaign_id)
     writable(path)
-    sinks = [rr.FileSink(path), *([rr.GrpcSink(address)] if address else [])]
+    sinks: list[rr.FileSink | rr.GrpcSink] = [rr.FileSink(path)]
+    if address:
+        sinks.append(rr.GrpcSink(address))
     blueprint = campaign_blueprint([], is_live=True)
     with rr.RecordingStream(APPLICATION, recording_id=f"campaign {campaign_id} live") as stream:
         stream.set_sinks(*sinks, default_blueprint=blueprint)

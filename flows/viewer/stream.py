@@ -61,6 +61,9 @@ def eye_from(position: tuple[float, float, float], target: tuple[float, float, f
     return rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 0.0, 1.0))
 
 
+FRONT_EYE = eye_from((50.0, -215.0, 85.0), (0.0, 0.0, 58.0))  # a grasp, with both fingers and the object
+
+
 def send_trace(
     recording: rr.RecordingStream,
     force_entity: str,

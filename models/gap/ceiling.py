@@ -14,7 +14,7 @@ from models.gap.flexible import inputs_of
 from models.gap.groups import design_folds, object_folds
 
 N_FOLDS = 4
-_TREES = {"max_iter": 60, "learning_rate": 0.1, "max_leaf_nodes": 8, "min_samples_leaf": 40, "l2_regularization": 5.0}
+_TREES = {"max_iter": 40, "learning_rate": 0.1, "max_leaf_nodes": 8, "min_samples_leaf": 40, "l2_regularization": 5.0}
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from models.gap.thresholds import Statistics, Thresholds
 _Z90 = 1.645
 _SET_PROBABILITY = 0.95
 _LARGEST_SET = 3
+_LEFT = 1.25  # times its line: a misfit that is not clearly above those of null worlds
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +78,12 @@ def is_alarm(evidence: Evidence, thresholds: Thresholds) -> bool:
     return any(getattr(found, name) > getattr(thresholds, name) for name in Statistics.model_fields)
 
 
-def excludes_nothing(refit: Refit) -> bool:
-    """Whether the 90 % interval of an amplitude of each new effect excludes its neutral value."""
-    return all(_amplitude_is_sure(refit.fit, value.effect) for value in refit.values)
+def is_needed(tried: Tried, base: Fit) -> bool:
+    """Whether the training grasps are so much better explained that an amplitude of zero is outside 90 %.
+
+    By the ratio of likelihoods: an interval of the curvature is wide where amplitude and shape make up for each other.
+    """
+    return DEFLATION * (base.loss - tried.refit.fit.loss) > 0.5 * _Z90**2
 
 
 def parameters_of(fit: Fit, effect: str) -> dict[str, NamedParameter]:
@@ -103,32 +107,31 @@ def apart_nats(first: Fit, second: Fit) -> float:
     return float(0.5 * DEFLATION * (difference**2).sum())
 
 
-def _amplitude_is_sure(fit: Fit, effect: str) -> bool:
-    found = parameters_of(fit, effect)
-    for p in CATALOGUE[effect].parameters:
-        is_shape = p.neutral == p.prior_median and p.name != CATALOGUE[effect].parameters[0].name
-        low, high = found[p.name].ci90
-        if not is_shape and not low <= p.neutral <= high:
-            return True
-    return False
-
-
 def _is_credible(best: Tried, evidence: Evidence, thresholds: Thresholds) -> bool:
     is_better = best.r2 > thresholds.effect_r2 and evidence.corrected_gain > 0.0
-    return is_better and excludes_nothing(best.refit)
+    return is_better and is_needed(best, evidence.base)
 
 
 def _is_incomplete(best: Tried, evidence: Evidence, thresholds: Thresholds) -> bool:
-    """Whether neither the best effect nor a pair with it leaves only what null worlds leave."""
+    """Whether neither the best effect nor a pair with it explains most of what there is."""
     with_best = [tried for tried in evidence.pairs if best.refit.effects[0] in tried.refit.effects]
     pair = max(with_best, key=lambda tried: tried.r2, default=best)
     for tried in (best, pair):
         explained = tried.r2 / max(evidence.ceiling, tried.r2, 1e-9)
-        misfit, contrast = misfits(tried.refit.fit)
-        is_left = misfit > thresholds.misfit or contrast > thresholds.contrast_misfit
-        if explained >= thresholds.share and not is_left:
+        if explained >= thresholds.share and _leaves_little(tried, evidence, thresholds):
             return False
     return True
+
+
+def _leaves_little(tried: Tried, evidence: Evidence, thresholds: Thresholds) -> bool:
+    """Whether no misfit is clearly above those of null worlds, or most of it is gone.
+
+    A strong effect is never met to the last bit.
+    """
+    before = (evidence.statistics.misfit, evidence.statistics.contrast_misfit)
+    lines = (thresholds.misfit, thresholds.contrast_misfit)
+    parts = zip(before, misfits(tried.refit.fit), lines, strict=True)
+    return all(now <= _LEFT * line or was - now >= thresholds.share * (was - line) for was, now, line in parts)
 
 
 def _told_apart_from(best: Tried, evidence: Evidence, thresholds: Thresholds) -> list[Tried]:

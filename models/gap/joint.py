@@ -168,7 +168,11 @@ def effects_at(names: Sequence[str], medians: Sequence[float]) -> tuple[EffectVa
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The residual around a fit as polynomials. point: k, the fit or, beside bounds, inside them; phi: how much wider errors are than stated."""
+    """The residual around a fit as polynomials of v.
+
+    point: k, their middle. phi: how much wider errors are than stated. weight: m x f, roots of Huber's. nuisance: what
+    tools and other meshes change, weighted, c x (m f); inverse: c x c, of its precision with the priors.
+    """
 
     fit: Fit
     density: JointDensity
@@ -201,12 +205,12 @@ class Surface:
         )
         at_fit = bare.rows(point)
         phi = max(1.0, float(at_fit @ bare.projected(at_fit)) / max(at_fit.size - len(point), 1))
-        surface = replace(bare, phi=phi)._moved(point, phi * fit.covariance[np.ix_(kept, kept)])
+        surface = replace(bare, phi=phi).moved(point, phi * fit.covariance[np.ix_(kept, kept)])
         for _ in range(_MOVES):
             u, covariance = laplace(surface.density)
             share = expit(u)
             slope = (upper - lower) * np.maximum(share * (1.0 - share), _BESIDE * (1.0 - _BESIDE))
-            surface = surface._moved(surface.density.inside(u), covariance * np.outer(slope, slope))
+            surface = surface.moved(surface.density.inside(u), covariance * np.outer(slope, slope))
         return surface
 
     def rows(self, v: np.ndarray) -> np.ndarray:
@@ -226,7 +230,7 @@ class Surface:
             exact.append(-0.5 * float(rows @ self.projected(rows)) / self.phi - self.density.log_likelihood(v))
         return float(np.std(exact))
 
-    def _moved(self, v: np.ndarray, covariance: np.ndarray) -> "Surface":
+    def moved(self, v: np.ndarray, covariance: np.ndarray) -> "Surface":
         """The surface with its polynomial, over an ellipsoid about v that fits within the bounds."""
         lower, upper = self.density.lower, self.density.upper
         reach = _REACH_SD * np.sqrt(np.diag(covariance))

@@ -11,7 +11,7 @@ from models.gap.screen import Screen
 from models.records import EffectValue
 
 N_LEADING = 6
-N_PAIRED = 4  # of the leading effects, in pairs
+N_PAIRED = 3  # of the leading effects, in pairs
 _STARTS = 2  # secants from which an effect is fitted
 
 

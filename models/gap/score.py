@@ -101,14 +101,12 @@ def probabilities(
 def corrected_for_choice(gains: Sequence[float]) -> float:
     """The largest gain less what the best of as many gains by chance would have (McLatchie and Vehtari 2024).
 
-    The spread of chance is taken from the lower half of the gains, where there is no effect.
+    The spread of chance is taken from the lower half of the gains, where no effect is; losses are no chance gains.
     """
     ordered = np.sort(np.asarray(gains, dtype=float))
     n = len(ordered)
-    if n < 2:
-        return float(ordered[-1])
-    lower = ordered[: max(n // 2, 1)]
-    spread = float(np.median(np.abs(lower - np.median(lower)))) * 1.4826
+    lower = np.maximum(ordered[: n // 2], 0.0)
+    spread = 1.4826 * float(np.median(lower)) if len(lower) else 0.0
     return float(ordered[-1] - spread * np.sqrt(2.0 * np.log(n)))
 
 

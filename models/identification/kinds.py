@@ -12,8 +12,8 @@ SIDES: tuple[Sides, ...] = get_args(Sides)
 MEANINGS: dict[Sides, str] = {
     "flat sides": "holds firmly until contact is lost",
     "curved sides": "holds stably, with a steady decline",
-    "tapers inwards": "unstable: a narrow peak, little or no force outside it",
-    "pronounced geometry": "the force follows the contour, most with soft tools",
+    "tapers inwards": "unstable, a narrow peak of force",
+    "pronounced geometry": "the force follows the contour",
 }
 
 # By the outline that the fingers meet, as the object stands: parallel to the lift; narrowing all the way up; with a

@@ -10,6 +10,7 @@ import pytest
 import flows.gap
 from flows.gap import GapOrder, run_gap
 from flows.gap_folder import write_folder
+from flows.gap_watch import markdown
 from flows.launch import Voice
 from lake.store import Lake
 from lake.tables import CalibrationRow, EventRow, GapFindingRow, SimulatorVersionRow, TraceRow
@@ -21,12 +22,12 @@ from models.records import EffectValue
 from tasks.gap_bank import bank_plans
 from tasks.gap_split import KIND as SPLIT
 from tasks.hypercube import SimulationPlan
-from tests.models.gap.test_gap_joint import metropolis
+from tests.models.gap.random_walk import random_walk
 from tests.tasks.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, gap_lake, plan_rows
 from tests.tasks.trace_lake import PROVENANCE
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.4})
-ORDER = GapOrder("demo", settings=CalibrationSettings(chains=4, draws=200, tune=50, workers=1))
+ORDER = GapOrder("demo", settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
 
 
 def silent() -> Voice:
@@ -41,7 +42,7 @@ def no_physics(monkeypatch: pytest.MonkeyPatch) -> None:
         lake.append(plan_rows(plans), PROVENANCE)
 
     monkeypatch.setattr(flows.gap, "simulate_missing", simulate)
-    monkeypatch.setattr(joint, "sample", metropolis)
+    monkeypatch.setattr(joint, "sample", random_walk)
 
 
 @pytest.fixture(scope="module")
@@ -67,13 +68,22 @@ def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path)
     assert "load_cell_lag.time_constant_s" in names
     rows = lagging.records(GapFindingRow, gap_id=outcome.run.gap_id, kind="named", round=1)
     assert [(row.effect, row.calibration_id) for row in rows] == [("load_cell_lag", calibration.calibration_id)]
-    path = write_folder(lagging, outcome, tmp_path / "out")
+    page = write_folder(lagging, outcome, tmp_path / "out")
     assert Findings.model_validate(json.loads((tmp_path / "out" / "findings.json").read_text())) == findings
-    assert path.is_file()
+    assert "load-cell transmitter" in page.read_text()
+    assert "load_cell_lag" in markdown(outcome, str(page))
     again = run_gap(lagging, ORDER, silent())
     assert not again.is_new
     assert again.run == outcome.run
     assert again.sentence.startswith("nothing new since gap search")
+
+
+def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path) -> None:
+    outcome = run_gap(gap_lake(tmp_path / "lake"), ORDER, silent())
+    assert [turn.named.kind for turn in outcome.run.findings.rounds] == ["none"]
+    assert not outcome.run.findings.alarm
+    assert outcome.run.before_version_id == outcome.run.after_version_id
+    assert "no gap beyond noise and numerical error" in outcome.sentence
 
 
 def test_the_split_is_frozen_before_traces_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

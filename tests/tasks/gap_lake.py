@@ -19,7 +19,7 @@ from tests.tasks.trace_lake import PROVENANCE
 
 BASE, SETUP = SimulatorVersion(), GraspSetup()
 DESIGNS = [numbered_design(number) for number in range(8)]
-OBJECTS = (4, 7, 18, 24, 30)
+OBJECTS = (4, 7, 14, 18, 24, 30)
 N_REPEATS = 2
 TRUTH = Theta(young_modulus_mpa=9.2, friction=0.66, poisson_ratio=0.43)
 _SIMPLE = ("rib_imperfection", "hyperelastic_stiffening", "print_anisotropy", "finger_finger_contact")
@@ -54,11 +54,11 @@ def measured_rows(
     attempt: int = 0,
     hidden: Sequence[EffectValue] = (),
 ) -> list[Row]:
-    """A measured grasp: closing for a second, then the lift, 80 readings a second with noise of 0.05 N."""
+    """A measured grasp: three seconds of closing and holding, then the lift; 80 readings a second, noise of 0.05 N."""
     lift = made_up_trace(shape(design, object_id), TRUTH)
-    time_s = np.arange(0.0, 13.0, 1 / 80.0)
-    lift_mm = SETUP.lift_speed_mm_per_s * np.clip(time_s - 1.0, 0.0, None)
-    force_n = np.where(lift_mm > 0, np.interp(lift_mm, lift.lift_mm, lift.force_n), 0.0)
+    time_s = np.arange(0.0, 15.0, 1 / 80.0)
+    lift_mm = SETUP.lift_speed_mm_per_s * np.clip(time_s - 3.0, 0.0, None)
+    force_n = np.where(time_s > 0.35, np.interp(lift_mm, lift.lift_mm, lift.force_n), 0.0)
     trace = Trace(time_s, lift_mm, force_n * (1.0 + 0.02 * np.sin(7.0 * design.length_mm)))
     for effect in build_effects(hidden):
         trace = effect.in_grasp(design, SETUP, GraspContext()).modify_trace(trace)

@@ -112,7 +112,7 @@ def test_contexts_follow_the_clock_and_count_failures(tmp_path: Path) -> None:
 
 def test_without_times_and_order_a_place_is_guessed_and_said(lake: Lake) -> None:
     contexts = contexts_of(lake, CAMPAIGN)
-    assert [sentence.partition(" have ")[0] for sentence in contexts.warnings] == [f"{8 * 5 * 2} grasps"] * 2
+    assert [sentence.partition(" have ")[0] for sentence in contexts.warnings] == [f"{8 * 6 * 2} grasps"] * 2
     assert contexts.of[GraspRow.make_id("demo/B01T1", OBJECTS[0], 1)].repeat == 1
 
 

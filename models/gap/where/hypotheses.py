@@ -21,6 +21,7 @@ from models.gap.where.features import (
 )
 from models.gap.where.phases import PHASES
 from models.gap.where.residuals import Residuals
+from models.gap.where.shares import LEAST_OWN
 
 N_DRAWS = 1999
 Q = 0.05
@@ -168,7 +169,7 @@ def _histories(
         for _ in range(1 if len(groups) == 1 else 20):
             for group in groups:
                 y, x_left = _centred(y, group), _centred(x_left, group)
-        if x_left.std() > 0.05 * max(x.std(), 1e-12):  # else the objects tell the order
+        if x_left.std() > LEAST_OWN * max(x.std(), 1e-12):  # else the objects tell the order
             slopes = np.bincount(t, x_left * y) / np.maximum(np.bincount(t, x_left**2), 1e-12)
             found[factor] = np.abs(draws.signs @ slopes)
     return found

@@ -18,7 +18,7 @@ MIN_OBJECTS = 4
 class Residuals:
     """n measured grasps of t tools on o objects with what the recalibrated simulator predicts for each.
 
-    tool, obj, repeat: n, numbers from 0. order: n, grasps of all tools of the batch before. measured_n, predicted_n:
+    tool, obj, repeat: n, numbers from 0. order: n, grasps of this tool before. measured_n, predicted_n:
     n x steps. tool_factor: t, what was fitted as the modulus of each tool over the common one. numerical_n:
     t x o x v x steps, what v other meshes change at this theta; NaN where a simulation failed.
     """
@@ -77,7 +77,7 @@ class Residuals:
             tool=grasps.tool[chosen],
             obj=grasps.obj[chosen],
             repeat=np.array([context.repeat for context in contexts]),
-            order=np.array([context.batch_grasps for context in contexts], dtype=float),
+            order=np.array([context.tool_grasps for context in contexts], dtype=float),
             measured_n=grasps.steps_n[chosen],
             predicted_n=predicted_n[chosen],
             tool_factor=np.ones(len(grasps.tools)) if tool_factor is None else tool_factor,

@@ -144,7 +144,7 @@ def _of_history(residuals: Residuals, phase: str, tested: Hypothesis) -> WhereFi
     if not size.is_large:
         return None
     verb = "rises" if size.share > 0 else "falls"
-    span = "from the first to the last repeat" if is_repeat else "from early to late grasps of a batch"
+    span = "from the first to the last repeat" if is_repeat else "from early to late grasps of a tool"
     words = size_words(size.effect_n, size.share, size.ci90)
     return WhereFinding(
         sentence=f"Measured force {AT[phase]} {verb} by {words} {span}, which the simulator does not.",
@@ -165,7 +165,9 @@ def _with_notes(found: tuple[WhereFinding, ...], residuals: Residuals, tests: Te
     notes = []
     first = min(PHASES.index(f.phase) for f in found)
     if first > 0:
-        notes.append(f"nothing before {WORDS[PHASES[first]]}")
+        notes.append(
+            "nothing before that" if found[0].phase == PHASES[first] else f"nothing before {WORDS[PHASES[first]]}"
+        )
     if not any(h.factor == REPEAT for phase in PHASES for h in tests.rejected(phase)) and residuals.repeat.max() > 0:
         notes.append("the same in all repeats")
     lead = found[0].sentence.removesuffix(".") + "".join(f"; {note}" for note in notes) + "."

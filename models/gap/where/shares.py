@@ -18,6 +18,7 @@ from scipy.stats import t as student
 from models.gap.where.phases import PHASES
 from models.gap.where.residuals import Residuals
 
+LEAST_OWN = 0.3  # of the spread of repeat or order: if tool and object know more, nothing can be said of it
 SOURCES = ("common", "tool", "object", "tool x object", "repeat", "order", "noise")
 
 
@@ -157,7 +158,7 @@ def _repeat_and_order(rows: _Rows) -> tuple[float, float, np.ndarray]:
     within = np.column_stack([_absorbed(c, rows.tool, rows.obj) for c in X.T])
     y = _absorbed(rows.u, rows.tool, rows.obj)
     scale = np.sqrt((within**2).mean(axis=0))
-    kept = scale > 0.05  # less of it is left by tool and object: an alias
+    kept = scale > LEAST_OWN
     beta = np.zeros(X.shape[1])
     beta[kept] = np.linalg.lstsq(within[:, kept], y, rcond=None)[0]
     left = float(np.mean((y - within @ beta) ** 2))

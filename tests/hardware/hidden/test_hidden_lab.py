@@ -14,7 +14,7 @@ QUIET = Nuisance(tool_sd=0.0, cell_sd=0.0, repeat_sd=0.0, noise_sd_n=0.0, tare_n
 
 
 def _moment(height_mm: float = 40.0, **context: float) -> Moment:
-    return Moment(numbered_design(0), 3, height_mm, GraspContext(**context))
+    return Moment(numbered_design(0), 3, height_mm, GraspContext.model_validate(context))
 
 
 def _trace() -> Trace:

@@ -1,12 +1,9 @@
 """The joint posterior of theta and effects: its gradient, the surface under it, and that it finds the truth."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from models.calibration.outcome import WITH_EFFECTS, refusal
-from models.calibration.sampling import LogDensity, Samples
 from models.calibration.settings import CalibrationSettings
 from models.gap import joint
 from models.gap.fit import Fit
@@ -15,6 +12,7 @@ from models.gap.joint import Surface, effects_at, joint_posterior
 from models.gap.synthetic import GapTruth, made_up_gap
 from models.gap.working import training
 from models.records import EffectValue
+from tests.models.gap.random_walk import random_walk
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.25})
 FRICTION = EffectValue(effect="static_kinetic_friction", parameters={"kinetic_ratio": 0.7, "slip_scale_mm": 1.5})
@@ -30,21 +28,6 @@ def fit_of(*hidden: EffectValue) -> Fit:
 @pytest.fixture(scope="module")
 def lagging() -> Fit:
     return fit_of(LAG)
-
-
-def metropolis(density: LogDensity, start: np.ndarray, settings: CalibrationSettings, **kwargs: Any) -> Samples:
-    """Random walk in the metric that NUTS is given, many short steps a draw: PyMC takes ten seconds."""
-    rng, root = np.random.default_rng(0), np.linalg.cholesky(kwargs["scale"])
-    draws = np.zeros((len(start), settings.draws, start.shape[1]))
-    for chain, row in enumerate(start):
-        at, value = row, density(row)[0]
-        for step in range(15 * settings.draws):
-            tried = at + 0.9 * root @ rng.standard_normal(len(at))
-            other = density(tried)[0]
-            if np.log(rng.uniform()) < other - value:
-                at, value = tried, other
-            draws[chain, step // 15] = at
-    return Samples(draws, np.zeros(draws.shape[:2], dtype=int), 0, 0, 0, 0.0)
 
 
 @pytest.mark.parametrize("hidden", [(LAG,), (FRICTION,), ()])
@@ -68,7 +51,7 @@ def test_the_surface_is_the_likelihood_where_the_posterior_is(lagging: Fit) -> N
 
 
 def test_theta_and_the_effect_are_found_together(lagging: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(joint, "sample", metropolis)
+    monkeypatch.setattr(joint, "sample", random_walk)
     result = joint_posterior(lagging, SETTINGS)
     assert result.names == ("young_modulus_mpa", "friction", "poisson_ratio", "load_cell_lag.time_constant_s")
     assert result.method == WITH_EFFECTS

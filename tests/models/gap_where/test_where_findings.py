@@ -40,7 +40,7 @@ def test_softening_over_repeats_is_found_and_is_a_clue() -> None:
 def test_a_late_gap_is_not_seen_before_it() -> None:
     where = locate(made_up_residuals(lambda d, s, r: 1.0 - 0.08 * (s[1] * 0.8 < LIFT_MM)))
     assert where.findings[0].phase == "slip"
-    assert "nothing before the slip" in where.findings[0].sentence
+    assert "nothing before that" in where.findings[0].sentence
     assert {f.phase for f in where.findings} <= {"slip", "tail"}
 
 

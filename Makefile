@@ -7,10 +7,10 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 
-.PHONY: help setup campaign test studies check format lock clean
+.PHONY: help setup campaign test studies check audit-online format lock clean
 
 help:           ## list the commands
-	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
+	@grep -E '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
 
 setup: $(VENV)/.ready  ## virtual environment from the lock file
 
@@ -30,11 +30,17 @@ test: setup     ## the test suite
 studies: setup  ## tests that take minutes: hundreds of kills, campaigns in an object store
 	$(BIN)/python -m pytest -m study
 
-check: setup    ## format, lint, types, import layers
+check: setup    ## format, lint, types, import layers, packages as locked
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m flows.audit
+
+audit-online: setup  ## known vulnerabilities of the locked packages; asks a public service
+	$(PYTHON) -m venv $(VENV)-audit
+	$(VENV)-audit/bin/python -m pip install --quiet --disable-pip-version-check pip-audit
+	$(VENV)-audit/bin/pip-audit --no-deps --requirement requirements.lock
 
 format: setup   ## format and fix what can be fixed
 	$(BIN)/ruff format .
@@ -44,4 +50,4 @@ lock: setup     ## write requirements.lock from the environment (after changing 
 	$(BIN)/python -m pip freeze --all --exclude-editable | grep -v '^pip==' | sed 's/+cpu$$//' > requirements.lock
 
 clean:          ## remove the environment and caches, never the lake
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build *.egg-info
+	rm -rf $(VENV) $(VENV)-audit .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build *.egg-info

@@ -1,16 +1,14 @@
 """Calibrate the simulator of a lake: simulate the hypercube, infer theta, verify; what exists is not made again."""
 
-import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 from flows.launch import Voice
-from flows.progress import RateEstimate, in_words
-from lake.maintenance import compact
+from flows.simulations import n_missing, simulate_missing
 from lake.store import Lake
-from lake.tables import CalibrationRow, SimTraceRow, SimulationRow
+from lake.tables import CalibrationRow
 from models.calibration.hypercube import HypercubePlan, hypercube
 from models.calibration.settings import CalibrationSettings
 from models.errors import UsageError
@@ -20,10 +18,8 @@ from tasks.calibrating_means import CalibrationData, gather
 from tasks.calibrating_traces import gather_traces, grid_simulations
 from tasks.calibration_data import MeasuredTools, base_version, measured_tools
 from tasks.control import exclusive
-from tasks.hypercube import PointDone, SimulationPlan, missing_objects, simulate_plan
+from tasks.hypercube import SimulationPlan
 from tasks.verifying import verification_plan, verify
-
-_PROGRESS_INTERVAL_S = 10.0
 
 
 @dataclass(frozen=True)
@@ -57,10 +53,11 @@ class CalibrationOrder:
             )
         if self.verify:
             raise UsageError("--verify simulates held-out designs, and --data trace holds none out; leave it out.")
-        for name in ("method", "rho"):
+        for name in ("method", "rho", "print_scatter"):
             value, only = getattr(self.settings, name), CalibrationSettings.model_fields[name].default
             if value != only:
-                raise UsageError(f"--{name} {value} is of the calibration on means; leave it out with --data trace.")
+                flag = f"--{name.replace('_', '-')} {value}"
+                raise UsageError(f"{flag} is of the calibration on means; leave it out with --data trace.")
 
 
 @dataclass(frozen=True)
@@ -99,7 +96,8 @@ def run_calibration(
             return _calibrated(lake, gather_traces(lake, order.campaign_id, order.version_id), order, voice)
         if order.hypercube is not None:
             simulate_hypercube(lake, order, order.hypercube, voice, should_stop)
-        data = gather(lake, order.campaign_id, order.version_id, order.settings.seed)
+        settings = order.settings
+        data = gather(lake, order.campaign_id, order.version_id, settings.seed, print_scatter=settings.print_scatter)
         outcome = _calibrated(lake, data, order, voice)
         if order.verify:
             outcome = replace(outcome, row=_verify(lake, data, outcome.row, order.settings.workers, voice))
@@ -117,10 +115,10 @@ def write_page(lake: Lake, outcome: CalibrationOutcome, out: Path | None = None)
 def simulate_grid(lake: Lake, order: CalibrationOrder, voice: Voice, should_stop: Callable[[], bool]) -> None:
     """Simulate what the lake lacks of the grid that a calibration on traces needs, saying first how much it is."""
     plan = grid_simulations(lake, order.campaign_id, order.version_id)
-    n_missing = sum(len(objects) for _, objects in missing_objects(lake, plan))
-    if n_missing:
-        voice.progress(f"{n_missing} of {plan.n_grasps} grasps of the grid around the measured designs are missing")
-    _simulate(lake, plan, order.settings.workers, voice, should_stop)
+    n_grasps = n_missing(lake, [plan])
+    if n_grasps:
+        voice.progress(f"{n_grasps} of {plan.n_grasps} grasps of the grid around the measured designs are missing")
+    simulate_missing(lake, [plan], order.settings.workers, voice, should_stop)
 
 
 def simulate_hypercube(
@@ -129,7 +127,7 @@ def simulate_hypercube(
     """Simulate the points of a plan that the lake lacks, on the objects that were measured."""
     measured = measured_tools(lake, order.campaign_id)
     base = base_version(lake, measured.campaign_ids, order.version_id)
-    _simulate(lake, hypercube_simulations(plan, base, measured), order.settings.workers, voice, should_stop)
+    simulate_missing(lake, [hypercube_simulations(plan, base, measured)], order.settings.workers, voice, should_stop)
 
 
 def hypercube_simulations(plan: HypercubePlan, base: SimulatorVersion, measured: MeasuredTools) -> SimulationPlan:
@@ -154,39 +152,5 @@ def _verify(lake: Lake, data: CalibrationData, row: CalibrationRow, n_workers: i
     if plan is None:
         voice.announce("nothing to verify: the calibration gave no simulator version, or no design was held out")
         return row
-    _simulate(lake, plan, n_workers, voice, lambda: False)
+    simulate_missing(lake, [plan], n_workers, voice)
     return verify(lake, data, row, plan)
-
-
-def _simulate(lake: Lake, plan: SimulationPlan, n_workers: int, voice: Voice, should_stop: Callable[[], bool]) -> None:
-    if not missing_objects(lake, plan):
-        return
-    reporter = _Reporter(voice)
-    n_failed = simulate_plan(lake, plan, n_workers, reporter.tell, should_stop)
-    for row_type in (SimTraceRow, SimulationRow):
-        compact(lake, row_type)
-    failed = f"; {n_failed} failed" if n_failed else ""
-    voice.progress(f"simulated {len(plan.points)} designs on {len(plan.object_ids)} objects{failed}")
-
-
-@dataclass
-class _Reporter:
-    """A line of progress with the time left, at most one in ten seconds."""
-
-    voice: Voice
-    rate: RateEstimate = field(default_factory=RateEstimate)
-    last_s: float = -_PROGRESS_INTERVAL_S
-
-    def tell(self, done: PointDone) -> None:
-        """Note that a point ended."""
-        now = time.monotonic()
-        self.rate.update(done.n_done, now)
-        if now - self.last_s < _PROGRESS_INTERVAL_S:
-            return
-        self.last_s = now
-        left_s = self.rate.seconds_left(done.n_grasps - done.n_done)
-        left = f"{in_words(left_s)} left" if left_s is not None else "time left not known yet"
-        failed = f", {done.n_failed} failed" if done.n_failed else ""
-        self.voice.progress(
-            f"{time.strftime('%H:%M:%S')}  simulated {done.n_done}/{done.n_grasps} grasps{failed}  |  {left}"
-        )

@@ -9,18 +9,17 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial
 from queue import Empty
-from typing import Any, cast
-from uuid import UUID
+from typing import Any
 
-from prefect import flow
-from prefect.artifacts import create_markdown_artifact, create_progress_artifact, update_progress_artifact
+from prefect import flow, tags
 from prefect.futures import PrefectFuture
 from prefect.runtime import flow_run
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
+from flows.campaign_page import CampaignPage
 from flows.events import announce_measured
 from flows.lanes import BenchLane, RerunLane, Session, SimulationLane
-from flows.progress import workload
+from flows.run_marks import RunningProcess
 from lake.maintenance import compact
 from lake.tables import TABLES
 from models.errors import FastError
@@ -30,15 +29,15 @@ from tasks.control import append_event, requested_verb
 from tasks.flow_runs import recorded
 from tasks.observing import closed_batches
 from tasks.steps import opaque
-from tasks.versions import at_present, at_stage, designs_to_rerun
+from tasks.versions import at_stage, designs_to_rerun
 
 POLL_S = 2.0  # how often requests of people are looked up while nothing else happens
 
 
 def run_flow(
-    session: Session, finish: Callable[[], str], interrupts: Callable[[], AbstractContextManager[None]]
+    session: Session, finish: Callable[[], None], interrupts: Callable[[], AbstractContextManager[None]]
 ) -> bool:
-    """Run the campaign as a Prefect flow; `finish` writes report and recording and returns a Markdown summary.
+    """Run the campaign as a Prefect flow; `finish` writes report and recording.
 
     `interrupts` is entered when the flow has started; it turns signals into requests to stop.
     Returns True when the schedule is complete, False when someone asked to pause or stop.
@@ -63,22 +62,21 @@ def run_flow(
                 campaign.provenance(campaign.config.seed),
             )
 
-    return campaign_flow(campaign.campaign_id, campaign.config.config_hash, campaign.lake.address)
+    with tags(RunningProcess.own().tag):
+        return campaign_flow(campaign.campaign_id, campaign.config.config_hash, campaign.lake.address)
 
 
-def _run_stages(session: Session, finish: Callable[[], str]) -> bool:
+def _run_stages(session: Session, finish: Callable[[], None]) -> bool:
     campaign = session.campaign
-    name = campaign.campaign_id
-    description = "grasps done, measured and simulated"
-    # Called from a synchronous flow it returns the id, not a coroutine.
-    artifact = cast(UUID, create_progress_artifact(0.0, key=f"{name}-progress", description=description))
-    on_event = partial(_show_progress, artifact, campaign)
-    for stage in range(campaign.config.schedule.n_stages):
-        if not run_stage(session, stage, on_event):
-            return False
-    on_event()
-    create_markdown_artifact(finish(), key=f"{name}-summary", description="result of the campaign")
-    return True
+    page = CampaignPage(campaign)
+    try:
+        for stage in range(campaign.config.schedule.n_stages):
+            if not run_stage(session, stage, page.update):
+                return False
+        finish()
+        return True
+    finally:
+        page.update(now=True)
 
 
 def run_stage(session: Session, stage: int, on_event: Callable[[], None]) -> bool:
@@ -130,19 +128,19 @@ def _drive(
             continue
         if not (is_bench_busy or are_simulations_busy):
             return error
-        future = _next_event(session)
+        future = _next_event(session, on_event)
         try:
             if not bench.finish(future):
                 simulations.finish(future)
         except FastError as fault:
             error = error or fault
             session.stopping.set()
-        on_event()
 
 
-def _next_event(session: Session) -> PrefectFuture[Any]:
+def _next_event(session: Session, on_wait: Callable[[], None]) -> PrefectFuture[Any]:
     """The next future that is finished; requests of people are heard meanwhile."""
     while True:
+        on_wait()
         verb = requested_verb(session.campaign.lake, session.campaign.campaign_id)
         if verb is not None:
             session.ask(verb)
@@ -161,8 +159,7 @@ def _ensure_proposed(campaign: Campaign, stage: int) -> None:
             f"campaign {campaign.campaign_id}: none of the {len(state.tools)} tools so far gave a grasp, so there is "
             "nothing to learn from; look at `fast campaign status` and print the tools again under a new campaign name."
         )
-    label = f"{campaign.campaign_id} B{schedule.batches_of(stage)[-1]:02d}"
-    steps.propose_batch(label, opaque(campaign), stage)
+    steps.propose_batch(f"B{schedule.batches_of(stage)[-1]:02d}", opaque(campaign), stage)
 
 
 def _close_stage(campaign: Campaign, stage: int) -> None:
@@ -174,7 +171,3 @@ def _close_stage(campaign: Campaign, stage: int) -> None:
         campaign.lake, campaign.campaign_id, "stage_closed", f"stage {stage} closed", stage=stage, batches=closed
     )
     announce_measured(campaign, closed)
-
-
-def _show_progress(artifact_id: UUID, campaign: Campaign) -> None:
-    update_progress_artifact(artifact_id, progress=100.0 * workload(campaign, at_present(campaign).state()).fraction)

@@ -8,9 +8,13 @@ from collections.abc import Sequence
 
 from prefect.events import emit_event
 
+from flows.prefect_server import address_for_others
+from lake.store import Lake
 from tasks.campaign import Campaign
 
 MEASURED = "fast.batches.measured"
+CALIBRATED = "fast.calibration.made"
+FOUND = "fast.gap.found"
 
 
 def announce_measured(campaign: Campaign, batches: Sequence[int]) -> None:
@@ -21,5 +25,23 @@ def announce_measured(campaign: Campaign, batches: Sequence[int]) -> None:
             "prefect.resource.id": f"fast.campaign.{campaign.campaign_id}",
             "prefect.resource.name": campaign.campaign_id,
         },
-        payload={"lake": campaign.lake.address, "campaign": campaign.campaign_id, "batches": list(batches)},
+        payload={"lake": address_for_others(campaign.lake), "campaign": campaign.campaign_id, "batches": list(batches)},
+    )
+
+
+def announce_gap(lake: Lake, gap_id: str, sentence: str, is_alarm: bool) -> None:
+    """Tell the server that a gap search of a lake has ended with something new to say."""
+    emit_event(
+        FOUND,
+        resource={"prefect.resource.id": f"fast.gap.{gap_id}", "prefect.resource.name": gap_id},
+        payload={"lake": lake.address, "gap": gap_id, "alarm": is_alarm, "sentence": sentence},
+    )
+
+
+def announce_calibrated(lake: Lake, calibration_id: str, sentence: str) -> None:
+    """Tell the server that a lake has a new calibration."""
+    emit_event(
+        CALIBRATED,
+        resource={"prefect.resource.id": f"fast.calibration.{calibration_id}", "prefect.resource.name": calibration_id},
+        payload={"lake": lake.address, "calibration": calibration_id, "sentence": sentence},
     )

@@ -4,7 +4,6 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from queue import Queue
 
 from prefect.futures import PrefectFuture
@@ -15,9 +14,10 @@ from hardware.safety import Verb
 from models.records import Design
 from tasks import proposing, steps
 from tasks.campaign import Campaign
+from tasks.engine import Engine
 from tasks.measuring import OpenBench
 from tasks.observing import unfinished_tools
-from tasks.pool import WorkerPool
+from tasks.printing import Desk
 from tasks.state import CampaignState, ProposedTool
 from tasks.steps import opaque
 
@@ -27,13 +27,13 @@ class Session:
     """What lives only as long as the process: workers, events, and whether someone asked to stop."""
 
     campaign: Campaign
-    pool: WorkerPool
+    pool: Engine
     open_bench: OpenBench
     world_hash: str | None
     auto_print: bool
     on_grasp: Callable[[ProposedTool, MeasuredGrasp], None]
     on_simulated: Callable[[str, int], None]
-    announce_print: Callable[[int, Path], None]
+    desk: Desk
     events: "Queue[PrefectFuture]" = field(default_factory=Queue)
     stopping: threading.Event = field(default_factory=threading.Event)
     asked: Verb | None = None
@@ -96,7 +96,7 @@ class BenchLane:
             tools = unfinished_tools(session.campaign, state, batch)
             if tools:
                 future = steps.measure_batch.submit(
-                    f"{session.campaign.campaign_id} B{batch:02d}",
+                    f"B{batch:02d}",
                     opaque(session.campaign),
                     opaque(tools),
                     opaque(session.heard_bench),
@@ -112,12 +112,12 @@ class BenchLane:
         for batch in self._batches:
             if not state.is_confirmed(batch):
                 future = steps.print_batch.submit(
-                    f"{session.campaign.campaign_id} B{batch:02d}",
+                    f"B{batch:02d}",
                     opaque(session.campaign),
                     batch,
                     session.auto_print,
                     opaque(session.should_stop),
-                    opaque(lambda sheet, batch=batch: session.announce_print(batch, sheet)),
+                    opaque(session.desk),
                 )
                 return session.watch(future)
         return None
@@ -171,9 +171,8 @@ class SimulationLane:
 
     def _submit(self, job: SimulationJob) -> None:
         session = self._session
-        label = f"{session.campaign.campaign_id} {job.label}"
         future = steps.simulate_design.submit(
-            label,
+            job.label,
             opaque(session.campaign),
             opaque(job.design),
             opaque(session.pool),
@@ -199,11 +198,11 @@ class SimulationLane:
         jobs = self._proposed(state)
         if self._session.campaign.config.simulator.simulate_tools:
             tools = [tool for batch in self._batches for tool in state.tools_of(batch)]
-            jobs += [SimulationJob(tool.design, f"tool {tool.label}") for tool in tools]
+            jobs += [SimulationJob(tool.design, f"{tool.label} simulated") for tool in tools]
         return jobs
 
     def _proposed(self, state: CampaignState) -> list[SimulationJob]:
-        name = f"B{self._batch:02d} design"
+        name = f"B{self._batch:02d} simulated design"
         proposals = state.simulations_of(self._batch)
         return [SimulationJob(p.design, f"{name} {p.index + 1} of {self._budget}") for p in proposals]
 
@@ -218,4 +217,6 @@ class RerunLane(SimulationLane):
 
     def _known(self, state: CampaignState) -> list[SimulationJob]:
         total = len(self._designs)
-        return [SimulationJob(design, f"again {n} of {total}") for n, design in enumerate(self._designs, start=1)]
+        return [
+            SimulationJob(design, f"simulated again {n} of {total}") for n, design in enumerate(self._designs, start=1)
+        ]

@@ -9,6 +9,7 @@ from typing import Any
 
 from flows.dependencies import CAMPAIGN, require
 from flows.prefect_server import configure_client, server
+from flows.sweeper import sweep
 from hardware.bench import BenchSettings
 from hardware.safety import Verb
 from hardware.world.spec import World, load_world
@@ -81,6 +82,8 @@ def run_campaign(
         voice.progress("starting the Prefect server (ten seconds the first time, a minute on a busy machine)")
         api_url = stack.enter_context(server(campaign.lake.root))
         configure_client(api_url, campaign.lake.root)
+        for sentence in sweep(api_url).sentences:
+            voice.progress(sentence)
         voice.announce(f"Campaign {name}; watch it at {api_url.removesuffix('/api')}")
         # Prefect reads its settings when first imported, so only now.
         from flows.session import run_session

@@ -1,15 +1,9 @@
 """Recalibration without a person: calibrate again when measurements or simulations are new, else say why not."""
 
-import os
-import socket
-from datetime import UTC, datetime
-from typing import Literal
-
 from flows.calibrate import CalibrationOrder, run_calibration, write_page
 from flows.launch import Voice
-from lake.provenance import current_provenance
+from flows.noted_run import NotedRun
 from lake.store import Lake
-from lake.tables import FlowRunRow
 from models.errors import FastError
 from tasks.calibration_data import TooLittleDataError
 
@@ -20,22 +14,18 @@ def recalibrate_lake(lake: Lake, order: CalibrationOrder, flow_run_id: str, voic
     """Calibrate the lake if anything is new; a sentence says what was done, or why nothing was.
 
     The run and its sentence are a row of `flow_runs`. A new calibration gets its page, which shows theta over time, in
-    the lake's outputs.
+    the lake's outputs, and is an event of the Prefect server.
 
     Raises:
         FastError: the calibration could not be done, or gave no simulator version.
     """
-    started_at = datetime.now(UTC)
-    try:
-        sentence = _recalibrate(lake, order, voice)
-    except BaseException as error:
-        _note(lake, order, flow_run_id, started_at, "failed", str(error) or type(error).__name__)
-        raise
-    _note(lake, order, flow_run_id, started_at, "completed", sentence)
-    return sentence
+    run = NotedRun(lake, FLOW, flow_run_id, order.campaign_id, order.settings.seed)
+    return run.of(lambda: _recalibrate(lake, order, voice))
 
 
 def _recalibrate(lake: Lake, order: CalibrationOrder, voice: Voice) -> str:
+    from flows.events import announce_calibrated
+
     try:
         outcome = run_calibration(lake, order, voice)
     except TooLittleDataError as error:
@@ -45,27 +35,5 @@ def _recalibrate(lake: Lake, order: CalibrationOrder, voice: Voice) -> str:
     if not outcome.is_new:
         return outcome.sentence
     voice.progress(f"page: {write_page(lake, outcome)}")
+    announce_calibrated(lake, outcome.row.calibration_id, outcome.sentence)
     return " ".join([f"{outcome.sentence}.", *outcome.row.warnings])
-
-
-def _note(
-    lake: Lake,
-    order: CalibrationOrder,
-    flow_run_id: str,
-    started_at: datetime,
-    status: Literal["completed", "failed"],
-    reason: str,
-) -> None:
-    row = FlowRunRow(
-        flow_run_id=flow_run_id,
-        flow=FLOW,
-        name=f"{FLOW} {order.campaign_id or lake.address}",
-        campaign_id=order.campaign_id,
-        status=status,
-        reason=reason,
-        started_at=started_at,
-        ended_at=datetime.now(UTC),
-        host=socket.gethostname(),
-        process_id=os.getpid(),
-    )
-    lake.append([row], current_provenance(seed=order.settings.seed))

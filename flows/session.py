@@ -6,18 +6,19 @@ import signal
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 
 from prefect import get_run_logger
 from prefect.exceptions import MissingContextError
 from prefect.logging.handlers import APILogWorker
 
 from flows.campaign import run_flow
+from flows.desk import PrintDesk
 from flows.lanes import Session
 from flows.launch import Outcome, Voice
+from flows.notify import notifier
 from flows.progress import ProgressReporter
-from flows.report.build import write_report
-from flows.viewer.rerun import write_recording
+from flows.report.build import add_features, write_report
+from flows.viewer.campaign import write_recording
 from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_bench
 from hardware.cell import MeasuredGrasp
 from hardware.safety import Verb
@@ -25,13 +26,17 @@ from hardware.tools import MountedTool
 from hardware.world.physics import PhysicsCache, PhysicsRequest, simulate_request
 from hardware.world.physics_files import PhysicsFiles
 from hardware.world.spec import World
+from models.errors import FastError
 from models.features import peak_force_n
 from models.records import GraspSimulation
+from tasks.attempt import hang_limit_s
 from tasks.campaign import Campaign
+from tasks.config import CampaignConfig
 from tasks.control import append_event, bench_log_folder
+from tasks.engine import Engine, open_engine
 from tasks.pool import WorkerPool
 from tasks.state import ProposedTool
-from tasks.summary import markdown_table, ranked_tools
+from tasks.summary import ranked_tools
 
 _INTERRUPTS = (
     (Verb.PAUSE, "Finishing the current grasp and the simulations that run; the same command continues later."),
@@ -42,29 +47,32 @@ _INTERRUPTS = (
 def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print: bool, voice: Voice) -> Outcome:
     """Run the campaign's flow until its schedule is complete or someone asks to stop."""
     config = campaign.config
-    simulations = WorkerPool(config.execution.simulation_workers)
+    simulations = _open_simulations(config)
     physics = WorkerPool(config.execution.physics_workers)
+    told = notifier(isinstance(setup, World), config.execution.notify, config.execution.notify_virtual)
     progress = ProgressReporter(campaign, functools.partial(_emit, voice))
     session = Session(
         campaign=campaign,
         pool=simulations,
-        open_bench=functools.partial(_open_bench, campaign, setup, _kept_physics(campaign, physics)),
+        open_bench=functools.partial(open_campaign_bench, campaign, setup, kept_physics(campaign, physics)),
         world_hash=setup.world_hash if isinstance(setup, World) else None,
         auto_print=auto_print,
         on_grasp=functools.partial(_tell_grasp, progress),
         on_simulated=functools.partial(_tell_simulated, progress),
-        announce_print=functools.partial(_announce_print, campaign, voice),
+        desk=PrintDesk(campaign, voice, told),
     )
     if auto_print:
         voice.announce("--auto-print: trays count as printed and mounted without asking a person")
     outcome: list[Outcome] = []
 
-    def finish() -> str:
+    def finish() -> None:
         outcome.append(_write_results(campaign, voice))
-        return markdown_table(outcome[0].tools) + f"\n\nReport: `{outcome[0].report}`"
 
     try:
         is_complete = run_flow(session, finish, functools.partial(interrupts, session, voice))
+    except FastError as error:
+        told.send("stopped", f"FAST stopped: campaign {campaign.campaign_id}", str(error))
+        raise
     finally:
         simulations.close()
         physics.close()
@@ -73,9 +81,16 @@ def run_session(campaign: Campaign, setup: World | BenchSettings, *, auto_print:
     event = "completed" if is_complete else "interrupted"
     append_event(campaign.lake, campaign.campaign_id, event, f"campaign {event}")
     if outcome:
+        told.send("done", f"FAST is done: campaign {campaign.campaign_id}", _best_in_words(outcome[0]))
         return outcome[0]
     tools = ranked_tools(campaign.lake, campaign.campaign_id)
     return Outcome(campaign.campaign_id, False, tools, ended_by=session.asked)
+
+
+def _open_simulations(config: CampaignConfig) -> Engine:
+    """The workers that simulate, here or on a cluster."""
+    limit_s = hang_limit_s(config.simulator.grasp_deadline_s)
+    return open_engine(config.execution.engine, config.execution.simulation_workers, limit_s)
 
 
 def _emit(voice: Voice, line: str) -> None:
@@ -86,9 +101,10 @@ def _emit(voice: Voice, line: str) -> None:
 
 
 @contextmanager
-def _open_bench(
+def open_campaign_bench(
     campaign: Campaign, setup: World | BenchSettings, physics: PhysicsCache, tools: Sequence[ProposedTool]
 ) -> Iterator[Bench]:
+    """The campaign's bench with these tools in its rack, connected and homed."""
     mounted = {tool.rack_slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
     logs = bench_log_folder(campaign.lake)
     if isinstance(setup, World):
@@ -101,7 +117,7 @@ def _open_bench(
         yield bench
 
 
-def _kept_physics(campaign: Campaign, pool: WorkerPool) -> PhysicsCache:
+def kept_physics(campaign: Campaign, pool: WorkerPool) -> PhysicsCache:
     """The physics of the campaign's world, solved in the pool, once, and kept beside the lake's tables."""
     files = PhysicsFiles(campaign.lake.root / ".state" / "physics")
     return PhysicsCache(functools.partial(_solve_in_worker, pool), files)
@@ -119,17 +135,7 @@ def _tell_grasp(progress: ProgressReporter, tool: ProposedTool, grasp: MeasuredG
 
 def _tell_simulated(progress: ProgressReporter, label: str, n_failed: int) -> None:
     failed = f", {n_failed} failed" if n_failed else ""
-    progress.line(f"simulated {label}{failed}", force=True)
-
-
-def _announce_print(campaign: Campaign, voice: Voice, batch: int, sheet: Path) -> None:
-    name = f"{campaign.campaign_id}/B{batch:02d}"
-    voice.announce(
-        f"A person is needed: print and mount batch {name} ({sheet}), then\n"
-        f"    fast print confirm {name} --operator NAME --lake {campaign.lake.address}\n"
-        "Simulations go on meanwhile."
-    )
-    append_event(campaign.lake, campaign.campaign_id, "print_waiting", f"waiting for {name}", batch=batch)
+    progress.line(f"{label}{failed}", force=True)
 
 
 @contextmanager
@@ -159,8 +165,15 @@ def interrupts(session: Session, voice: Voice) -> Iterator[None]:
         restore()
 
 
+def _best_in_words(outcome: Outcome) -> str:
+    best = outcome.tools[0] if outcome.tools else None
+    words = f"best tool {best['tool_id']}, {best['tool_quality_n']:.2f} N; " if best else "no tool was measured; "
+    return f"{words}report {outcome.report}"
+
+
 def _write_results(campaign: Campaign, voice: Voice) -> Outcome:
     voice.progress("writing report and recording")
+    add_features(campaign.lake, campaign.campaign_id)
     report = write_report(campaign.lake, campaign.campaign_id, campaign.output / "report")
     recording = campaign.output / f"{campaign.campaign_id}.rrd"
     write_recording(campaign.lake, campaign.campaign_id, recording)

@@ -5,9 +5,8 @@ import os
 import resource
 import sys
 import time
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import BrokenExecutor, CancelledError, Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
@@ -23,8 +22,8 @@ from models.mesh.build import build_mesh
 from models.mesh.solid import SolidMesh
 from models.objects.catalogue import get_object
 from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion
+from tasks.engine import EngineWorker
 from tasks.mesh_cache import cached_mesh
-from tasks.pool import Worker
 
 logger = logging.getLogger(__name__)
 
@@ -131,21 +130,27 @@ def _mesh_of(design: Design, version_json: str, full_width: bool, lake_root: Pat
     return build_mesh(design, version.mesh, full_width=full_width, effects=effects)
 
 
-def answer(worker: Worker, job: GraspJob, future: "Future[Attempt]") -> Attempt:
+def answer(worker: EngineWorker, job: GraspJob, future: "Future[Attempt]") -> Attempt:
     """What the worker says; one that hangs is killed, one that died (once may be bad luck) is asked again."""
     started = time.monotonic()
+    limit_s = hang_limit_s(job.deadline_s)
     for attempt in range(ATTEMPTS):
         if attempt > 0:
             future = worker.submit(attempt_grasp, job)
         try:
-            return future.result(timeout=job.deadline_s + HANG_MARGIN_S)
+            return future.result(timeout=None if worker.ends_hangs else limit_s)
         except FutureTimeoutError:
             worker.restart()
-            message = f"no answer for {job.deadline_s + HANG_MARGIN_S:.0f} s; worker killed"
+            message = f"no answer for {limit_s:.0f} s; worker killed"
             return _lost("hang", message, started)
-        except (BrokenProcessPool, CancelledError):
+        except (BrokenExecutor, CancelledError):
             logger.warning("a worker died at %s on object %d", job.design.design_id, job.object_id)
     return _lost("worker_died", f"its worker died {ATTEMPTS} times", started)
+
+
+def hang_limit_s(deadline_s: float) -> float:
+    """Wall time after which a worker at a grasp with this deadline is taken to hang."""
+    return deadline_s + HANG_MARGIN_S
 
 
 def _lost(reason: str, message: str, started: float) -> Attempt:

@@ -10,7 +10,7 @@ from lake.row import Row
 from lake.simulators import missing_version_rows
 from lake.store import Lake
 from lake.tables import CalibrationRow, PosteriorDrawsRow
-from models.calibration.outcome import refusal, theta_of, worst
+from models.calibration.outcome import WITH_EFFECTS, refusal, theta_of, worst
 from models.calibration.problem import THETA
 from models.calibration.result import CalibrationResult
 from models.calibration.settings import CalibrationSettings
@@ -111,7 +111,8 @@ def infer(
         version_rows = missing_version_rows(lake, version)
         if version_rows:
             lake.append(version_rows, _with_parents(provenance, [calibration_id]))
-    history = theta_history(lake, data.base.version_id, data.campaign_id, data.data)
+    with_effects = result.method == WITH_EFFECTS
+    history = theta_history(lake, data.base.version_id, data.campaign_id, data.data, with_effects=with_effects)
     drift = drift_warnings(history, theta_summary(result)) if version is not None else ()
     row = _row(calibration_id, data, settings, learned, drift)
     lake.append([row], _with_parents(provenance, data.row_ids))

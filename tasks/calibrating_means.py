@@ -91,9 +91,16 @@ class CalibrationData(CalibrationSource):
 
 
 def gather(
-    lake: Lake, campaign_id: str | None, version_id: str | None, seed: int, only: Collection[str] | None = None
+    lake: Lake,
+    campaign_id: str | None,
+    version_id: str | None,
+    seed: int,
+    only: Collection[str] | None = None,
+    print_scatter: float = 0.0,
 ) -> CalibrationData:
     """Read what a calibration compares; `only` are ids of the grasps and simulations that count, by default all.
+
+    `print_scatter` as in `CalibrationSettings`.
 
     Raises:
         UsageError: it is not there, too little, or of several benches, setups, simulators.
@@ -101,7 +108,7 @@ def gather(
     measured = measured_tools(lake, campaign_id, only)
     base = base_version(lake, measured.campaign_ids, version_id)
     simulated = simulated_points(lake, base, measured, only)
-    problem = problem_of(measured, simulated, base)
+    problem = problem_of(measured, simulated, base, print_scatter)
     held_out = is_held_out(list(measured.design_ids), seed)
     return CalibrationData(campaign_id, base, measured, simulated, problem, held_out)
 
@@ -115,7 +122,8 @@ def regather(lake: Lake, calibration_id: str) -> CalibrationData | None:
     # A simulator that no campaign consults and nothing was simulated with is the program's own, and in no lake.
     base = row["base_version_id"] if lake.has(SimulatorVersionRow, row["base_version_id"]) else None
     try:
-        data = gather(lake, row["campaign_id"], base, row["seed"], only=set(row["parents"]))
+        print_scatter = CalibrationSettings.model_validate_json(row["settings_json"]).print_scatter
+        data = gather(lake, row["campaign_id"], base, row["seed"], set(row["parents"]), print_scatter)
     except UsageError:
         return None
     again = CalibrationRow.make_id(data.base.version_id, data.data, data.row_ids, row["settings_json"], row["seed"])

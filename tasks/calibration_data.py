@@ -19,10 +19,9 @@ from models.records import Design, GraspSetup, SimulatorVersion
 from models.surrogate.imputation import mean_over_objects
 from models.validation import closest, load_record
 from tasks.config import CampaignConfig
-from tasks.state import ProposedTool, load_designs, tuples
+from tasks.state import THICKNESSES, ProposedTool, load_designs, tuples
 
 LEAST_SHARE = 0.5  # of the objects a tool must have been measured on to count
-_THICKNESSES = ("front_thickness_mm", "back_thickness_mm", "rib_thickness_mm")
 
 
 class TooLittleDataError(UsageError):
@@ -179,8 +178,13 @@ def simulated_points(
     )
 
 
-def problem_of(measured: MeasuredTools, simulated: SimulatedPoints, base: SimulatorVersion) -> CalibrationProblem:
+def problem_of(
+    measured: MeasuredTools, simulated: SimulatedPoints, base: SimulatorVersion, print_scatter: float = 0.0
+) -> CalibrationProblem:
     """Means over the objects, with the paper's rule for missing ones.
+
+    `print_scatter`, relative, adds to the variance of a measured mean what the stiffness of prints scatters: force is
+    proportional to it, so the strongest tools are the least certain.
 
     Where forces scale with Young's modulus, simulated ones are imputed in N per MPa: over designs of 2 to 200 MPa, the
     mean force of an object says little of a missing one.
@@ -199,7 +203,7 @@ def problem_of(measured: MeasuredTools, simulated: SimulatedPoints, base: Simula
         variance_sim=variance_sim * modulus_mpa**2,
         x_real=measured.points,
         y_real=y_real,
-        variance_real=variance_real,
+        variance_real=variance_real + (print_scatter * y_real) ** 2,
         scales_with_modulus=scales,
     )
 
@@ -259,7 +263,7 @@ def _printed_points(lake: Lake, tool_ids: Sequence[str], designs: Sequence[Desig
     points = []
     for tool_id, design in zip(tool_ids, designs, strict=True):
         said = printed.get(tool_id, {})
-        thicknesses = {name: said.get(f"measured_{name}") for name in _THICKNESSES}
+        thicknesses = {name: said.get(f"measured_{name}") for name in THICKNESSES}
         measured_mm = {name: value for name, value in thicknesses.items() if value is not None}
         points.append(ProposedTool(tool_id, 0, 0, design, measured_mm=measured_mm).mounted_point)
     return np.array(points)

@@ -24,6 +24,8 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THR
 class Worker:
     """One process that does one thing at a time, in order; it is replaced after it crashed or was killed."""
 
+    ends_hangs = False
+
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._executor: ProcessPoolExecutor | None = None

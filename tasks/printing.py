@@ -1,9 +1,10 @@
 """The human step: write what is printed, and record what a person says became of it."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 from pydantic import Field
 
@@ -16,6 +17,7 @@ from models.geometry.tray import PrintItem, tray_files
 from models.ids import tool_label
 from models.records import Record
 from tasks.campaign import stored_provenance
+from tasks.control import append_event
 from tasks.state import load_designs
 
 SHEET = "sheet.html"
@@ -36,9 +38,33 @@ class PrintConfirmation(Record):
     operator: str = Field(min_length=1)
     material_lot: str = ""
     rejected: Mapping[int, str] = Field(default_factory=dict, description="slot -> reason")
+    again: Mapping[int, str] = Field(default_factory=dict, description="slot to be printed again -> reason, or empty")
     measured: Mapping[int, MeasuredTool] = Field(default_factory=dict)
     mounted: Mapping[int, int] = Field(default_factory=dict, description="slot -> slot of the rack where it hangs")
     confirmed_by: Literal["person", "auto"] = "person"
+
+
+@dataclass(frozen=True)
+class Printed:
+    """What a word did: tools mounted and rejected by it, slots that are still to be printed, and their new tray."""
+
+    n_mounted: int
+    n_rejected: int
+    again: tuple[int, ...] = ()
+    sheet: Path | None = None
+
+
+class Desk(Protocol):
+    """Where a campaign and the person at the printer meet."""
+
+    def ask(self, batch: int, sheet: Path) -> None:
+        """A batch has to be printed and mounted now."""
+
+    def wait(self, batch: int, sheet: Path) -> None:
+        """Called again and again until the batch is confirmed."""
+
+    def thank(self, batch: int) -> None:
+        """The batch is confirmed."""
 
 
 def print_folder(lake: Lake, campaign_id: str, batch: int) -> Path:
@@ -46,13 +72,15 @@ def print_folder(lake: Lake, campaign_id: str, batch: int) -> Path:
     return lake.root / "outputs" / campaign_id / f"B{batch:02d}-print"
 
 
-def write_tray(lake: Lake, campaign_id: str, batch: int, folder: Path) -> Path:
+def write_tray(lake: Lake, campaign_id: str, batch: int, folder: Path, slots: Collection[int] | None = None) -> Path:
     """Write STL and 3MF files and the batch sheet of a proposed batch; returns the path of the sheet.
+
+    `slots`: only these tools; None is all of them.
 
     Raises:
         UsageError: unknown batch, or a folder that cannot be written.
     """
-    rows = _proposals(lake, campaign_id, batch)
+    rows = [row for row in _proposals(lake, campaign_id, batch) if slots is None or row["slot"] in slots]
     designs = load_designs(lake)
     items = [PrintItem(label=tool_label(batch, r["slot"]), design=designs[r["design_id"]]) for r in rows]
     files = tray_files(items)
@@ -85,26 +113,62 @@ def write_file(path: Path, content: bytes) -> None:
     os.replace(temporary, path)
 
 
-def confirm_print(lake: Lake, campaign_id: str, batch: int, confirmation: PrintConfirmation) -> int:
-    """Record the tools of a printed batch; returns how many are mounted.
+def confirm_print(lake: Lake, campaign_id: str, batch: int, confirmation: PrintConfirmation) -> Printed:
+    """Record the tools of a printed batch, but for those to be printed again, whose tray is written.
+
+    Tools of the batch that were confirmed before stay as they are. The batch is measured when all are confirmed.
 
     Raises:
-        UsageError: unknown batch or slot, or a batch that is already confirmed.
+        UsageError: unknown batch or slot, a slot with two fates, or a batch or slot that is already confirmed.
     """
     rows = _proposals(lake, campaign_id, batch)
-    name = BatchRow.make_id(campaign_id, batch)
-    slots = [r["slot"] for r in rows]
-    for slot in sorted(set(confirmation.rejected) | set(confirmation.measured) | set(confirmation.mounted)):
+    _check_slots(BatchRow.make_id(campaign_id, batch), [r["slot"] for r in rows], confirmation)
+    before = {row["slot"]: row for row in lake.rows(ToolRow, campaign_id=campaign_id, batch=batch)}
+    _check_open(BatchRow.make_id(campaign_id, batch), rows, before, confirmation)
+    said = [row for row in rows if row["slot"] not in before and row["slot"] not in confirmation.again]
+    _check_rack([row["slot"] for row in said], before, confirmation)
+    tools = [_tool_row(campaign_id, batch, r["slot"], r["design_id"], confirmation) for r in said]
+    lake.append(tools, stored_provenance(lake, campaign_id, [r["proposal_id"] for r in said]))
+    n_mounted = sum(tool.status == "printed" for tool in tools)
+    again = tuple(sorted(confirmation.again))
+    if not again:
+        return Printed(n_mounted, len(tools) - n_mounted)
+    why = "; ".join(f"{tool_label(batch, slot)} {confirmation.again[slot]}".strip() for slot in again)
+    append_event(lake, campaign_id, "print_again", f"to be printed again: {why}", batch=batch, slots=again)
+    named = "again-" + "-".join(map(str, again))
+    sheet = write_tray(lake, campaign_id, batch, print_folder(lake, campaign_id, batch) / named, again)
+    return Printed(n_mounted, len(tools) - n_mounted, again, sheet)
+
+
+def open_slots(lake: Lake, campaign_id: str, batch: int) -> list[int]:
+    """Slots of a proposed batch of which nobody has said what became of them.
+
+    Raises:
+        UsageError: unknown batch.
+    """
+    said = {row["slot"] for row in lake.rows(ToolRow, campaign_id=campaign_id, batch=batch)}
+    return [row["slot"] for row in _proposals(lake, campaign_id, batch) if row["slot"] not in said]
+
+
+def _check_slots(name: str, slots: list[int], word: PrintConfirmation) -> None:
+    """Raises UsageError for a slot that the batch does not have, or one with two fates."""
+    for slot in sorted({*word.rejected, *word.again, *word.measured, *word.mounted}):
         if slot not in slots:
             raise UsageError(
                 f"slot {slot} is not in batch {name}, its slots are {slots[0]} to {slots[-1]}; correct it."
             )
-    _check_rack(slots, confirmation)
-    if lake.rows(ToolRow, campaign_id=campaign_id, batch=batch):
+    for slot in sorted(set(word.again) & {*word.rejected, *word.measured, *word.mounted}):
+        raise UsageError(f"slot {slot} is to be printed again, so nothing else can be said of it yet; correct it.")
+
+
+def _check_open(
+    name: str, rows: list[dict[str, Any]], before: Mapping[int, dict[str, Any]], word: PrintConfirmation
+) -> None:
+    """Raises UsageError when the batch, or a slot that is spoken of, is already confirmed."""
+    if len(before) == len(rows):
         raise UsageError(f"batch {name} is already confirmed; nothing was changed.")
-    tools = [_tool_row(campaign_id, batch, r["slot"], r["design_id"], confirmation) for r in rows]
-    lake.append(tools, stored_provenance(lake, campaign_id, [r["proposal_id"] for r in rows]))
-    return sum(tool.status == "printed" for tool in tools)
+    for slot in sorted({*word.rejected, *word.again, *word.measured, *word.mounted} & set(before)):
+        raise UsageError(f"slot {slot} of batch {name} is already confirmed; leave it out.")
 
 
 def _tool_row(campaign_id: str, batch: int, slot: int, design_id: str, confirmation: PrintConfirmation) -> ToolRow:
@@ -126,9 +190,10 @@ def _tool_row(campaign_id: str, batch: int, slot: int, design_id: str, confirmat
     )
 
 
-def _check_rack(slots: list[int], confirmation: PrintConfirmation) -> None:
+def _check_rack(slots: list[int], before: Mapping[int, dict[str, Any]], confirmation: PrintConfirmation) -> None:
     """Raises UsageError for a rack slot that is not there, or that two tools would hang in."""
-    taken: dict[int, int] = {}
+    hanging = [row for row in before.values() if row["status"] == "printed"]
+    taken = {row["slot"] if row["rack_slot"] is None else row["rack_slot"]: row["slot"] for row in hanging}
     for slot in (slot for slot in slots if slot not in confirmation.rejected):
         rack_slot = confirmation.mounted.get(slot, slot)
         if not 0 <= rack_slot < N_SLOTS:

@@ -8,6 +8,7 @@ from pydantic import Field, field_validator
 from hardware.travel import shortest_tour
 from models.printability import PrintingRules
 from models.records import EffectValue, MeshSettings, Record, SimulatorVersion, Theta
+from tasks.engine import check_engine
 
 N_OBJECTS = 36
 
@@ -164,9 +165,25 @@ class Execution(Record):
     """How the work is spread over this machine; changes no result."""
 
     simulation_workers: int = Field(default=2, ge=1, le=256)
+    engine: str = Field(
+        default="local",
+        description='what simulates: "local" processes, "dask://127.0.0.1:8786", "dask+tls://HOST:8786"',
+    )
     physics_workers: int = Field(default=1, ge=1, le=64, description="processes behind a virtual bench")
     print_poll_s: float = Field(default=5.0, gt=0, le=3600)
+    print_reminder_h: float = Field(
+        default=4.0, ge=0, le=1000, description="hours between reminders of a batch to be printed; 0: none"
+    )
+    notify: tuple[Literal["needs_you", "done", "stopped", "gap"], ...] = Field(
+        default=("needs_you", "done", "stopped", "gap"), description="what is sent to the addresses in FAST_NOTIFY"
+    )
+    notify_virtual: bool = Field(default=False, description="also of campaigns on a virtual bench")
     max_grasp_attempts: int = Field(default=2, ge=1, le=10)
     position_check_tools: int = Field(
         default=0, ge=0, le=10, description="tools between checks of the gantry for lost steps; 0: after a batch only"
     )
+
+    @field_validator("engine")
+    @classmethod
+    def _check_engine(cls, engine: str) -> str:
+        return check_engine(engine)

@@ -10,13 +10,13 @@ from models.ids import canonical_json
 from models.records import Design, GraspSimulation
 from tasks.attempt import Attempt, GraspJob, answer, attempt_grasp
 from tasks.campaign import Campaign
-from tasks.pool import WorkerPool
+from tasks.engine import Engine
 
 logger = logging.getLogger(__name__)
 
 
 def simulate_design(
-    campaign: Campaign, design: Design, *, pool: WorkerPool, should_stop: Callable[[], bool] = lambda: False
+    campaign: Campaign, design: Design, *, pool: Engine, should_stop: Callable[[], bool] = lambda: False
 ) -> int:
     """Simulate a design on the objects it misses, all in one worker; each result, or failure, is a row at once.
 

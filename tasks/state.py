@@ -14,7 +14,7 @@ from models.ids import tool_label
 from models.records import BENCH_FAULT, Design
 
 Cell = tuple[int, int]  # (object id, repeat)
-_THICKNESSES = ("front_thickness_mm", "back_thickness_mm", "rib_thickness_mm")
+THICKNESSES = ("front_thickness_mm", "back_thickness_mm", "rib_thickness_mm")
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ def load_designs(lake: Lake) -> dict[str, Design]:
 def _tool(campaign_id: str, row: dict, designs: dict[str, Design], printed: dict[str, dict]) -> ProposedTool:
     tool_id = ToolRow.make_id(campaign_id, row["batch"], row["slot"])
     said = printed.get(tool_id, {})
-    thicknesses = {name: said.get(f"measured_{name}") for name in _THICKNESSES}
+    thicknesses = {name: said.get(f"measured_{name}") for name in THICKNESSES}
     measured_mm = {name: value for name, value in thicknesses.items() if value is not None}
     design = designs[row["design_id"]]
     return ProposedTool(tool_id, row["batch"], row["slot"], design, said.get("rack_slot"), measured_mm)

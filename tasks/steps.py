@@ -2,11 +2,11 @@
 
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import TypeVar, cast
 
 from prefect import task
 from prefect.cache_policies import NO_CACHE
+from prefect.runtime import task_run
 from prefect.utilities.annotations import quote
 
 from hardware.bench import Bench
@@ -14,8 +14,9 @@ from hardware.cell import MeasuredGrasp
 from models.records import Design
 from tasks import measuring, printing, proposing, simulating
 from tasks.campaign import Campaign
+from tasks.engine import Engine
 from tasks.measuring import OpenBench
-from tasks.pool import WorkerPool
+from tasks.run_names import PlaceInName
 from tasks.state import ProposedTool
 
 T = TypeVar("T")
@@ -26,7 +27,7 @@ def opaque(value: T) -> T:
     return cast(T, quote(value))
 
 
-@task(task_run_name="propose {label}", cache_policy=NO_CACHE)
+@task(task_run_name="{label} propose", cache_policy=NO_CACHE)
 def propose_batch(label: str, campaign: Campaign, stage: int) -> None:
     """Choose the tools of a stage and write their trays: at random at first, then with the surrogate."""
     batches = campaign.config.schedule.batches_of(stage)
@@ -38,22 +39,22 @@ def propose_batch(label: str, campaign: Campaign, stage: int) -> None:
         printing.ensure_tray(campaign.lake, campaign.campaign_id, batch)
 
 
-@task(task_run_name="simulate {label}", cache_policy=NO_CACHE)
+@task(task_run_name="{label}", cache_policy=NO_CACHE)
 def simulate_design(
-    label: str, campaign: Campaign, design: Design, pool: WorkerPool, should_stop: Callable[[], bool]
+    label: str, campaign: Campaign, design: Design, pool: Engine, should_stop: Callable[[], bool]
 ) -> int:
     """Simulate one design on all objects that are missing; returns the number of failed grasps."""
     return simulating.simulate_design(campaign, design, pool=pool, should_stop=should_stop)
 
 
-@task(task_run_name="print {label}", cache_policy=NO_CACHE)
+@task(task_run_name="{label} print", cache_policy=NO_CACHE)
 def print_batch(
     label: str,
     campaign: Campaign,
     batch: int,
     auto_print: bool,
     should_stop: Callable[[], bool],
-    announce: Callable[[Path], None],
+    desk: printing.Desk,
 ) -> None:
     """Write tray and sheet, then wait until a person has confirmed the batch."""
     sheet = printing.ensure_tray(campaign.lake, campaign.campaign_id, batch)
@@ -61,12 +62,16 @@ def print_batch(
         word = printing.PrintConfirmation(operator="nobody (--auto-print)", confirmed_by="auto")
         printing.confirm_print(campaign.lake, campaign.campaign_id, batch, word)
         return
-    announce(sheet)
-    while not should_stop() and not campaign.state().is_confirmed(batch):
+    desk.ask(batch, sheet)
+    while not campaign.state().is_confirmed(batch):
+        if should_stop():
+            return
         time.sleep(campaign.config.execution.print_poll_s)
+        desk.wait(batch, sheet)
+    desk.thank(batch)
 
 
-@task(task_run_name="gantry {label}", cache_policy=NO_CACHE)
+@task(task_run_name="{label}", cache_policy=NO_CACHE)
 def measure_tool(
     label: str,
     campaign: Campaign,
@@ -76,18 +81,25 @@ def measure_tool(
     should_stop: Callable[[], bool],
     on_grasp: Callable[[MeasuredGrasp], None],
 ) -> None:
-    """Make the missing grasps of one tool."""
+    """Make the missing grasps of one tool; its run is named after the object it is at."""
+    done = campaign.state().measured.get(tool.tool_id, set())
+    place = PlaceInName(label, str(task_run.get_id()), campaign.config.objects, done)
+
+    def count(grasp: MeasuredGrasp) -> None:
+        on_grasp(grasp)
+        place.count(grasp)
+
     measuring.measure_tool(
         campaign,
         bench,
         tool,
         world_hash=world_hash,
         should_stop=should_stop,
-        on_grasp=on_grasp,
+        on_grasp=count,
     )
 
 
-@task(task_run_name="gantry {label}", cache_policy=NO_CACHE)
+@task(task_run_name="{label} gantry", cache_policy=NO_CACHE)
 def measure_batch(
     label: str,
     campaign: Campaign,
@@ -101,7 +113,7 @@ def measure_batch(
 
     def measure(bench: Bench, tool: ProposedTool, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
         measure_tool(
-            f"{campaign.campaign_id} {tool.label}",
+            f"{label} gantry, tool {tool.slot}",
             opaque(campaign),
             opaque(bench),
             opaque(tool),

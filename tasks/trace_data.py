@@ -1,12 +1,12 @@
 """What a calibration on traces compares, from the lake: measured traces, and the grid of simulations around them."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from lake.store import Lake
-from lake.tables import DesignRow, GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow, TraceRow
+from lake.tables import GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow, TraceRow
 from models.calibration.traces.assemble import Cell, GridPoint, trace_problem
 from models.calibration.traces.features import is_usable
 from models.calibration.traces.grid import GRID_MODULUS_MPA, ThetaGrid
@@ -17,6 +17,7 @@ from models.errors import UsageError
 from models.ids import canonical_json
 from models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace
 from tasks.hypercube import SimulationPlan
+from tasks.trace_rows import designs_of, measured_grasps, read_traces
 
 _Pair = tuple[str, int]  # (design, object)
 
@@ -47,23 +48,26 @@ def trace_data(
 
     Raises:
         UsageError: forces of `base` do not scale with Young's modulus, nothing was measured or not in one way, a
-            measured trace cannot be used, or too little of the grid is simulated.
+            design is unknown, a measured trace cannot be used, or too little of the grid is simulated.
     """
     _require_scaling(base)
-    grasps = _measured_grasps(lake, campaign_id)
+    grasps = measured_grasps(lake, campaign_id)
     setup = GraspSetup.model_validate_json(grasps[0].setup_json)
-    pairs = {(row.design_id, row.object_id) for row in grasps}
+    known = designs_of(lake, [row.design_id for row in grasps])
+    # Simulations name a design by its content, measurements perhaps as another lab does.
+    pair_of = {row.grasp_id: (known[row.design_id].design_id, row.object_id) for row in grasps}
+    pairs = set(pair_of.values())
     simulations = _grid_simulations(lake, base, grasps[0].setup_id, pairs, grid)
     enough = n_terms(np.array(grid.points)) + 1
     complete = {pair for pair, rows in simulations.items() if len(rows) >= enough}
-    used = [row for row in grasps if (row.design_id, row.object_id) in complete]
+    used = [row for row in grasps if pair_of[row.grasp_id] in complete]
     if not used:
         raise UsageError(
             f"none of the {len(pairs)} measured pairs of a design and an object has the {enough} simulations around it "
             f"that a calibration on traces needs; simulate the {len(grid.points)} points of the grid for them."
         )
     measured, grasp_ids = _measured_traces(lake, used)
-    designs = {(row.tool_id, str(row.object_id)): (row.design_id, row.object_id) for row in used}
+    designs = {(row.tool_id, str(row.object_id)): pair_of[row.grasp_id] for row in used}
     made = _simulated_traces(lake, {pair: simulations[pair] for pair in complete})
     problem = trace_problem(
         measured,
@@ -103,7 +107,7 @@ def measured_campaigns(lake: Lake, campaign_id: str | None = None) -> list[str]:
     Raises:
         UsageError: nothing was measured, or not in one way.
     """
-    return sorted({row.campaign_id for row in _measured_grasps(lake, campaign_id)})
+    return sorted({row.campaign_id for row in measured_grasps(lake, campaign_id)})
 
 
 def measured_designs(lake: Lake, campaign_id: str | None = None) -> tuple[list[Design], list[int]]:
@@ -112,13 +116,9 @@ def measured_designs(lake: Lake, campaign_id: str | None = None) -> tuple[list[D
     Raises:
         UsageError: nothing was measured, or a design is unknown.
     """
-    grasps = _measured_grasps(lake, campaign_id)
-    wanted = sorted({row.design_id for row in grasps})
-    known = {row.design_id: row.design for row in lake.records(DesignRow, design_id=wanted)}
-    unknown = [design_id for design_id in wanted if design_id not in known]
-    if unknown:
-        raise UsageError(f"measured design {unknown[0]} is not in the table of designs; import it with its parameters.")
-    return [known[design_id] for design_id in wanted], sorted({row.object_id for row in grasps})
+    grasps = measured_grasps(lake, campaign_id)
+    known = designs_of(lake, [row.design_id for row in grasps])
+    return list(known.values()), sorted({row.object_id for row in grasps})
 
 
 def grid_plan(
@@ -133,7 +133,7 @@ def grid_plan(
         UsageError: as `measured_designs` and `grid_points`.
     """
     designs, objects = measured_designs(lake, campaign_id)
-    setup = GraspSetup.model_validate_json(_measured_grasps(lake, campaign_id)[0].setup_json)
+    setup = GraspSetup.model_validate_json(measured_grasps(lake, campaign_id)[0].setup_json)
     return SimulationPlan(grid_points(designs, base, grid), tuple(objects), setup)
 
 
@@ -145,24 +145,6 @@ def _require_scaling(version: SimulatorVersion) -> None:
             f"with `{breaking[0]}` forces do not scale with Young's modulus, which a calibration on traces takes for "
             "granted; calibrate on mean forces, or without the effect."
         )
-
-
-def _measured_grasps(lake: Lake, campaign_id: str | None) -> list[GraspRow]:
-    """Grasps that ended well, the last attempt of each repeat."""
-    where = {"campaign_id": campaign_id} if campaign_id else {}
-    rows = sorted(lake.records(GraspRow, status="ok", **where), key=lambda row: row.attempt)
-    last = {(row.tool_id, row.object_id, row.repeat): row for row in rows}
-    place = f"campaign {campaign_id}" if campaign_id else f"the lake {lake.address}"
-    if not last:
-        raise UsageError(f"{place} has no measured grasps; measure tools, or import data with `fast lake import`.")
-    benches = {f"{row.bench} {row.world_hash or ''}".strip() for row in last.values()}
-    for what, found in (("setups", {row.setup_id for row in last.values()}), ("benches", benches)):
-        if len(found) > 1:
-            raise UsageError(
-                f"{place} has grasps of {len(found)} {what} ({', '.join(sorted(found))}), which one calibration cannot "
-                "compare; give a campaign that has a single one."
-            )
-    return [last[key] for key in sorted(last)]
 
 
 def _grid_simulations(
@@ -197,7 +179,7 @@ def _measured_traces(lake: Lake, grasps: Sequence[GraspRow]) -> tuple[dict[Cell,
     for row in grasps:
         by_tool.setdefault(row.tool_id, {})[row.grasp_id] = (row.tool_id, str(row.object_id))
     for cells in by_tool.values():
-        for grasp_id, trace in _traces(lake, TraceRow, list(cells)):
+        for grasp_id, trace in read_traces(lake, TraceRow, list(cells)):
             if is_usable(trace):
                 found.setdefault(cells[grasp_id], []).append(trace)
                 grasp_ids.append(grasp_id)
@@ -211,20 +193,11 @@ def _simulated_traces(
     found: dict[_Pair, dict[GridPoint, Trace]] = {}
     for pair, rows in simulations.items():
         points = {row_id: (point, modulus_mpa) for point, (row_id, modulus_mpa) in rows.items()}
-        for row_id, trace in _traces(lake, SimTraceRow, list(points)):
+        for row_id, trace in read_traces(lake, SimTraceRow, list(points)):
             point, modulus_mpa = points[row_id]
             scaled = Trace(trace.time_s, trace.lift_mm, trace.force_n * GRID_MODULUS_MPA / modulus_mpa)
             found.setdefault(pair, {})[point] = scaled
     return found
-
-
-def _traces(lake: Lake, table: type[TraceRow] | type[SimTraceRow], ids: Sequence[str]) -> Iterator[tuple[str, Trace]]:
-    """Traces by id, as far as there are any, in one query."""
-    key = table.id_column()
-    sql = f"SELECT {key}, time_s, lift_mm, force_n FROM {table.table} WHERE {key} IN (SELECT unnest(?))"
-    columns = [column.combine_chunks() for column in lake.query(sql, [list(ids)]).columns]
-    for row_id, *channels in zip(*columns, strict=True):
-        yield row_id.as_py(), Trace(*(np.asarray(channel.values, dtype=float) for channel in channels))
 
 
 def _left_out(n: int, n_all: int, enough: int) -> str:

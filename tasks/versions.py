@@ -8,6 +8,7 @@ from typing import NamedTuple
 from lake.simulators import missing_version_rows
 from lake.store import Lake
 from lake.tables import CalibrationRow, EventRow, SimulatorVersionRow
+from models.calibration.outcome import WITH_EFFECTS
 from models.effects.scaling import force_ratio
 from models.ids import canonical_json, content_id
 from models.records import Design, SimulatorVersion
@@ -79,15 +80,20 @@ def newest_calibrated(lake: Lake, base_version_id: str, campaign_id: str) -> tup
     """The newest version that calibrations made from the base version, or from one made from it, and its calibration.
 
     Counted are calibrations with the measurements of this campaign or of the whole lake: another campaign's may have
-    been on another bench.
+    been on another bench. Effects that gap discovery has added stay: a later calibration of theta alone, of a simulator
+    that lacks one of them, does not take them away. What re-tested them may.
     """
     rows = [row for row in lake.rows(CalibrationRow, status="ok") if row["campaign_id"] in (None, campaign_id)]
     known = {row.version_id: row for row in lake.records(SimulatorVersionRow) if row.tier != "imported"}
     line, newest = {base_version_id}, None
+    effects: set[str] = set()
     for row in rows:  # oldest first: a version is made before it is calibrated in turn
-        if row["base_version_id"] in line and row["version_id"] in known:
-            line.add(row["version_id"])
-            newest = row
+        if row["base_version_id"] not in line or row["version_id"] not in known:
+            continue
+        line.add(row["version_id"])
+        found = {value.effect for value in known[row["version_id"]].version.effects}
+        if effects <= found or row["sampler"] == WITH_EFFECTS:
+            newest, effects = row, found
     return None if newest is None else (known[newest["version_id"]].version, newest["calibration_id"])
 
 

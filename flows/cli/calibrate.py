@@ -58,6 +58,13 @@ def calibrate(
     rho: Annotated[
         Literal["fixed", "free"], Parameter(help="Scale between simulation and measurement: 1, or inferred.")
     ] = "fixed",
+    print_scatter: Annotated[
+        float,
+        Parameter(
+            help="Relative scatter of stiffness between prints, e.g. 0.04; the calibration on traces infers it; "
+            "of means alone."
+        ),
+    ] = 0.0,
     workers: Annotated[int, Parameter(help="Worker processes; changes no result.", validator=AT_LEAST_ONE)] = 2,
     out: Annotated[
         Path | None,
@@ -77,8 +84,10 @@ def calibrate(
     from models.calibration.settings import CalibrationSettings
     from models.validation import load_record
 
-    options = {"chains": chains, "draws": draws, "tune": tune, "seed": seed, "method": method, "rho": rho}
-    settings = load_record(CalibrationSettings, {**options, "workers": workers}, "fast calibrate")
+    sampler = {"chains": chains, "draws": draws, "tune": tune, "seed": seed, "method": method, "workers": workers}
+    settings = load_record(
+        CalibrationSettings, {**sampler, "rho": rho, "print_scatter": print_scatter}, "fast calibrate"
+    )
     plan = None
     if simulate is not None:
         plan = load_record(HypercubePlan, {"n": simulate, "modulus": modulus, "seed": seed}, "fast calibrate")

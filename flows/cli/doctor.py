@@ -55,8 +55,10 @@ def _bench(bench_file: Path) -> list[Check]:
 
 
 def _computer(lake: Path, server: bool) -> list[Check]:
-    checks = [_python(), _packages(), _fastapi(), _disk(lake), _lake(lake)]
+    checks = [_python(), _packages(), _versions(), _fastapi(), _disk(lake), _lake(lake)]
     checks += [
+        _try("server", lambda: _running(lake), "delete .state/server.json of the lake"),
+        _try("notifications", _notifications, "correct FAST_NOTIFY (https://appriseit.com/services/)"),
         _try("devices", _serial_ports, "pyserial is broken; run `make setup`"),
         _try("loopback ports", _loopback, "allow programs to listen on 127.0.0.1"),
         _try("serial pty", _pty, "mount devpts at /dev/pts; virtual benches need it"),
@@ -79,6 +81,14 @@ def _packages() -> Check:
 
     missing = [name for name in ALL if not is_installed(name)]
     return Check("packages", not missing, missing_sentence(missing) if missing else f"all {len(ALL)} are installed")
+
+
+def _versions() -> Check:
+    from flows.audit import LOCK, mismatches
+
+    wrong = list(mismatches(LOCK.read_text(encoding="utf-8"))) if LOCK.exists() else []
+    others = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
+    return Check("versions", not wrong, f"{wrong[0]}{others}" if wrong else "as in requirements.lock")
 
 
 def _fastapi() -> Check:
@@ -127,6 +137,39 @@ def _serial_ports() -> str:
 
     ports = [port.device for port in list_ports.comports()]
     return ", ".join(ports) or "no serial port (a virtual bench needs none)"
+
+
+def _running(lake: Path) -> str:
+    import socket
+
+    from flows.prefect_server import DEFAULT_PORT, LOOPBACK, running_server
+    from lake.storage import storage_at
+
+    named = os.environ.get("PREFECT_API_URL")
+    known = named or running_server(storage_at(lake).root)
+    if known:
+        return f"{'named by PREFECT_API_URL' if named else 'of this lake'}: {known.removesuffix('/api')}"
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((LOOPBACK, DEFAULT_PORT))
+        except OSError:
+            return f"none of this lake; port {DEFAULT_PORT} is taken, so give `fast serve` another --port"
+    return f"none of this lake; `fast serve` starts one, port {DEFAULT_PORT} is free"
+
+
+def _notifications() -> str:
+    from flows.notify import VARIABLE
+
+    addresses = os.environ.get(VARIABLE, "").split()
+    if not addresses:
+        return f"none; set {VARIABLE} to be told when a person is needed"
+    import apprise
+
+    n_wrong = sum(apprise.Apprise.instantiate(address) is None for address in addresses)
+    if n_wrong:
+        raise ValueError(f"{n_wrong} of {len(addresses)} addresses in {VARIABLE} are not understood")
+    return f"{len(addresses)} addresses in {VARIABLE}; nothing was sent"
 
 
 def _loopback() -> str:

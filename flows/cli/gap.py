@@ -1,11 +1,18 @@
-"""`fast gap`: the effects by which simulation and measurement may differ."""
+"""`fast gap`: where the simulator is wrong, what is missing, and what adding it changes."""
 
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
-from flows.cli.common import AsJson, show, table_text
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell
 
+if TYPE_CHECKING:
+    from flows.gap import GapOutcome
+
+_AT_LEAST_ONE = Number(gte=1)
+_MOST_CANDIDATES = 6
 _COSTS = (
     "cost P: post-processing of a trace; C: other closings or frictions of the simulator without it; "
     "F: finite elements of its own"
@@ -14,15 +21,79 @@ _COSTS = (
 
 def gap(
     *,
-    catalogue: Annotated[bool, Parameter(negative="", help="Print the catalogue of effects.")] = False,
+    lake: LakePath = DEFAULT_LAKE,
+    campaign: Annotated[
+        str | None, Parameter(help="Campaign whose measurements count; default: all of the lake.")
+    ] = None,
+    catalogue: Annotated[bool, Parameter(negative="", help="Only print the catalogue of effects.")] = False,
+    out: Annotated[
+        Path | None,
+        Parameter(help="Folder for report.html and findings.json; default: of the search, in the lake's outputs."),
+    ] = None,
+    rounds: Annotated[int, Parameter(help="Effects to look for, one after the other.", validator=_AT_LEAST_ONE)] = 4,
+    seed: Annotated[int, Parameter(help="Seed of what is held out, and of the chains.")] = 0,
+    budget_minutes: Annotated[
+        float | None,
+        Parameter(help="Minutes to simulate in; what is left is simulated by the next call.", validator=Number(gt=0)),
+    ] = None,
+    workers: Annotated[int, Parameter(help="Worker processes; changes no result.", validator=_AT_LEAST_ONE)] = 2,
     json: AsJson = False,
 ) -> None:
-    """The catalogue of effects that a simulator version can switch on, with bounds, priors and what confuses them."""
-    from models.effects.table import catalogue_entries, catalogue_rows
-    from models.errors import UsageError
+    """Find where simulation and measurement disagree, name the missing effect, add it, and show the gap shrink.
 
-    if not catalogue:
-        raise UsageError(
-            "`fast gap` cannot search for a gap yet; `fast gap --catalogue` prints the effects to choose from."
-        )
-    show(catalogue_entries(), f"{table_text(catalogue_rows())}\n\n{_COSTS}", json)
+    Designs and objects are held out first. What the lake lacks of the bank of simulations around the measured tools is
+    simulated, so the first call takes an hour or more on two cores; a killed command continues when it is given again.
+    """
+    from flows.cli.campaign import open_lake, resolve_campaign
+    from flows.gap import GapOrder, run_gap
+    from flows.gap_folder import write_folder
+    from flows.launch import Voice
+
+    if catalogue:
+        from models.effects.table import catalogue_entries, catalogue_rows
+
+        show(catalogue_entries(), f"{table_text(catalogue_rows())}\n\n{_COSTS}", json)
+        return
+    found = open_lake(lake)
+    name = resolve_campaign(found, campaign) if campaign is not None else None
+    order = GapOrder(name, seed, rounds, budget_minutes)
+    order = order.with_workers(workers)
+    outcome = run_gap(found, order, Voice(tell, tell))
+    page = write_folder(found, outcome, out)
+    show(_data(outcome) | {"report": str(page)}, _text(outcome, page), json)
+
+
+def _data(outcome: "GapOutcome") -> dict[str, Any]:
+    run = outcome.run.model_dump(mode="json")
+    return {**run.pop("findings"), **run, "is_new": outcome.is_new, "summary": outcome.sentence}
+
+
+def _text(outcome: "GapOutcome", page: Path) -> str:
+    findings = outcome.run.findings
+    lines = [f"{outcome.sentence}.", ""]
+    for number, turn in enumerate(findings.rounds, start=1):
+        lines += [f"round {number}: {turn.named.kind}. {turn.named.sentence}"]
+        lines += [f"  where: {found.sentence}" for found in turn.where[:3]]
+        rows = [
+            {
+                "candidate": row.effect,
+                "P": row.probability,
+                "gain_nats": round(row.held_out_gain_nats, 1),
+                "rmse": f"{100 * row.held_out_rmse_change:+.0f} %",
+                "visible": row.visible_fraction,
+            }
+            for row in sorted(turn.candidates, key=lambda row: -row.probability)[:_MOST_CANDIDATES]
+        ]
+        lines += ["", table_text(rows), ""]
+    shown = findings.gap
+    low, high = shown.ci95
+    lines.append(
+        f"held out: {shown.rmse_before_n:.2f} -> {shown.rmse_after_n:.2f} N, floor {shown.rmse_floor_n:.2f} N, closed "
+        f"{100 * shown.closed_fraction:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
+    )
+    if findings.next_experiment is not None:
+        lines.append(f"next experiment: {findings.next_experiment.sentence}")
+    lines += [f"not to be told from {alias.of}: {alias.effect}" for alias in findings.aliases]
+    lines += [f"warning: {sentence}" for sentence in findings.warnings]
+    lines += [f"simulator version: {outcome.run.after_version_id}", f"page: {page}"]
+    return "\n".join(lines)

@@ -56,6 +56,10 @@ def confirm(
         list[str] | None,
         Parameter(negative="", help="SLOT=reason of a tool that cannot be used; may be given several times."),
     ] = None,
+    again: Annotated[
+        list[str] | None,
+        Parameter(negative="", help="SLOT=reason of a tool to be printed again; the batch waits for it."),
+    ] = None,
     measured: Annotated[
         list[str] | None,
         Parameter(
@@ -70,6 +74,7 @@ def confirm(
     json: AsJson = False,
 ) -> None:
     """Say that a batch is printed and mounted; the campaign goes on."""
+    from flows.forms import close_forms
     from lake.store import Lake
     from models.validation import load_record
     from tasks.printing import PrintConfirmation, confirm_print
@@ -81,16 +86,23 @@ def confirm(
         {
             "operator": operator,
             "material_lot": material_lot,
-            "rejected": _by_slot("--reject", [_rejection(entry) for entry in reject or []]),
+            "rejected": _by_slot("--reject", [_reason("--reject", entry) for entry in reject or []]),
+            "again": _by_slot("--again", [_reason("--again", entry) for entry in again or []]),
             "measured": _by_slot("--measured", [_measurement(entry) for entry in measured or []]),
             "mounted": _by_slot("--mounted", [_mounting(entry) for entry in mounted or []]),
         },
         "print confirmation",
     )
-    n_mounted = confirm_print(found, campaign_id, number, word)
-    name, n_rejected = f"{campaign_id}/B{number:02d}", len(word.rejected)
-    data = {"batch": name, "n_mounted": n_mounted, "n_rejected": n_rejected, "operator": operator}
-    show(data, f"batch {name}: {n_mounted} tools mounted, {n_rejected} rejected.", json)
+    done = confirm_print(found, campaign_id, number, word)
+    close_forms(found, campaign_id, number, f"said by {operator} on the command line")
+    name = f"{campaign_id}/B{number:02d}"
+    data = {"batch": name, "n_mounted": done.n_mounted, "n_rejected": done.n_rejected, "operator": operator}
+    data |= {"again": list(done.again), "sheet": str(done.sheet) if done.sheet else None}
+    text = f"batch {name}: {done.n_mounted} tools mounted, {done.n_rejected} rejected"
+    if done.again:
+        slots = ", ".join(map(str, done.again))
+        text += f"; to be printed again: slot {slots} ({done.sheet}), then confirm the batch once more"
+    show(data, f"{text}.", json)
 
 
 def parse_batch(lake: Any, text: str) -> tuple[str, int]:
@@ -119,12 +131,12 @@ def _by_slot(option: str, entries: list[tuple[int, V]]) -> dict[int, V]:
     return dict(entries)
 
 
-def _rejection(entry: str) -> tuple[int, str]:
+def _reason(option: str, entry: str) -> tuple[int, str]:
     from models.errors import UsageError
 
     slot, separator, reason = entry.partition("=")
     if not (slot.isdigit() and separator and reason.strip()):
-        raise UsageError(f"--reject `{entry}` is not SLOT=reason; write it like --reject 3='tip torn'.")
+        raise UsageError(f"{option} `{entry}` is not SLOT=reason; write it like {option} 3='tip torn'.")
     return int(slot), reason.strip()
 
 

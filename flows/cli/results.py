@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, tell
 
 if TYPE_CHECKING:
     from lake.store import Lake
+
+LIVE_PORT = 9876  # Rerun's own default
 
 
 def report(
@@ -22,11 +24,15 @@ def report(
     *,
     lake: LakePath = DEFAULT_LAKE,
     out: Annotated[Path | None, Parameter(help="Folder to write to; default: beside the lake's other outputs.")] = None,
+    against: Annotated[
+        list[Path] | None,
+        Parameter(negative="", help="Lake with another approach, for Fig. 2a; may be given several times."),
+    ] = None,
     json: AsJson = False,
 ) -> None:
     """Write a report as one folder of HTML, figures and data: of a campaign, finished or not, or of a calibration."""
     from flows.cli.campaign import open_lake, resolve_campaign
-    from flows.report.build import write_report
+    from flows.report.build import add_features, write_report
     from flows.report.calibration import write_calibration_report
     from lake.tables import CalibrationRow
 
@@ -36,7 +42,9 @@ def report(
         show({"calibration": campaign, "report": str(page)}, str(page), json)
         return
     name = resolve_campaign(found, campaign)
-    page = write_report(found, name, out or found.root / "outputs" / name / "report")
+    others = [open_lake(path) for path in against or []]
+    add_features(found, name)
+    page = write_report(found, name, out or found.root / "outputs" / name / "report", others)
     show({"campaign": name, "report": str(page)}, str(page), json)
 
 
@@ -45,37 +53,63 @@ def view(
     *,
     lake: LakePath = DEFAULT_LAKE,
     save: Annotated[Path | None, Parameter(help="Write the recording (.rrd) to this file and open no viewer.")] = None,
+    live: Annotated[bool, Parameter(negative="", help="Follow a running campaign until it ends.")] = False,
     json: AsJson = False,
 ) -> None:
     """Show a grasp, the fingers of a design, or a whole campaign in the Rerun viewer."""
     from flows.cli.campaign import open_lake
 
     found = open_lake(lake)
-    write = _recorder(found, what)
+    folder, write = _recorder(found, what)
+    path = save or found.root / "outputs" / folder / f"{what.replace('/', '-')}.rrd"
     viewer = None if save else _viewer()
-    path = write(save or found.root / "outputs" / f"{what.replace('/', '-')}.rrd")
+    if live:
+        shown = _follow(found, what, path, viewer)
+        show({"shown": what, "recording": str(path), "grasps": shown}, f"{shown} grasps written to {path}", json)
+        return
+    write(path)
     show({"shown": what, "recording": str(path)}, str(path), json)
     if viewer:
         subprocess.run([viewer, str(path)], check=False)
 
 
-def _recorder(lake: "Lake", what: str) -> Callable[[Path], Path]:
-    """What writes the recording of a grasp, design or campaign.
+def _follow(lake: "Lake", campaign_id: str, path: Path, viewer: str | None) -> int:
+    """Send a campaign to a file, and to a viewer, as it grows; returns the number of grasps.
+
+    Raises:
+        UsageError: it is no campaign.
+    """
+    from flows.cli.campaign import resolve_campaign
+    from flows.viewer.live import follow
+    from tasks.control import is_held
+
+    name = resolve_campaign(lake, campaign_id)
+    if viewer:
+        subprocess.Popen([viewer, "--port", str(LIVE_PORT)])
+    address = f"rerun+http://127.0.0.1:{LIVE_PORT}/proxy" if viewer else None
+    return follow(lake, name, path, lambda: is_held(lake, f"campaign-{name}"), address=address, tell=tell)
+
+
+def _recorder(lake: "Lake", what: str) -> tuple[str, Callable[[Path], Path]]:
+    """The folder of outputs, and what writes the recording of a grasp, design or campaign.
 
     Raises:
         UsageError: the lake has nothing of this name.
     """
     from flows.cli.campaign import campaign_ids
-    from flows.viewer.rerun import write_design_recording, write_grasp_recording, write_recording
+    from flows.viewer.campaign import write_recording
+    from flows.viewer.design import write_design_recording
+    from flows.viewer.grasp import write_grasp_recording
     from lake.tables import DesignRow, GraspRow
     from models.errors import UsageError
 
     if lake.has(GraspRow, what):
-        return lambda path: write_grasp_recording(lake, what, path)
+        campaign_id = lake.records(GraspRow, grasp_id=what)[-1].campaign_id
+        return campaign_id or ".", lambda path: write_grasp_recording(lake, what, path)
     if lake.has(DesignRow, what):
-        return lambda path: write_design_recording(lake, what, path)
+        return ".", lambda path: write_design_recording(lake, what, path)
     if what in campaign_ids(lake):
-        return lambda path: write_recording(lake, what, path)
+        return what, lambda path: write_recording(lake, what, path)
     raise UsageError(
         f"`{what}` is no grasp, design or campaign of this lake; list them with "
         '`fast sql "SELECT grasp_id, tool_id, object_id FROM grasps"`, `fast sql "FROM designs"` or '

@@ -1,56 +1,93 @@
-"""`fast serve`: the Prefect server of a lake, with its pages."""
+"""`fast serve`: the Prefect server of a lake with its pages, a worker, and the deployments."""
 
+import ipaddress
 import json as json_module
 import os
 import socket
-from typing import Annotated
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, tell
+
+if TYPE_CHECKING:
+    from flows.lab import Lab
+
+TEND_S = 1.0
 
 
 def serve(
     *,
     lake: LakePath = DEFAULT_LAKE,
-    port: Annotated[int, Parameter(help="Port on the loopback address.", validator=Number(gte=1, lte=65535))] = 4200,
+    port: Annotated[int, Parameter(help="Port of the server.", validator=Number(gte=1, lte=65535))] = 4200,
+    host: Annotated[
+        str, Parameter(help="Address to listen on; one that others reach needs a password in FAST_PASSWORD.")
+    ] = "127.0.0.1",
+    runs: Annotated[int, Parameter(help="Flow runs that the worker does at once.", validator=Number(gte=1))] = 4,
     json: AsJson = False,
 ) -> None:
-    """Run the Prefect server of this lake until Ctrl-C; campaigns on the same lake show there."""
-    from flows.cli.virtual import wait_for, watch_signals
+    """Run the Prefect server of this lake, a worker and the deployments of prefect.yaml until Ctrl-C.
+
+    Campaigns on the same lake show there and can be started there. A server named by PREFECT_API_URL is used instead
+    of one of its own. With FAST_PASSWORD set, pages and programs need it (user `fast`).
+    """
+    from flows.cli.virtual import watch_signals
     from flows.dependencies import require
-    from flows.prefect_server import running_server, server
+    from flows.lab import LabPlan, open_lab
+    from flows.prefect_server import running_server
     from lake.store import Lake
     from models.errors import FastError
 
     require(["prefect"])
-    _check_server_wanted(port)
+    named = os.environ.get("PREFECT_API_URL")
+    if named is None:
+        _check_server_wanted(host, port)
     found = Lake.open(lake, create=True)
-    known = running_server(found.root)
+    known = None if named else running_server(found.root)
     if known:
         raise FastError(f"a server of this lake runs already: {known.removesuffix('/api')}; use that one.")
-    with server(found.root, port) as api_url:
+    with open_lab(found, LabPlan(port, host, runs)) as lab:
         asked = watch_signals()  # a server that is still starting is ended by the default
-        page = api_url.removesuffix("/api")
+        page = lab.api_url.removesuffix("/api")
+        say_text: Callable[[str], None] = tell if json else say
+        say_text(f"Prefect server of {found.address}: {page}")
+        deployments = lab.deploy()
         if json:
-            say(json_module.dumps({"url": page, "api_url": api_url, "lake": found.address}))
-        else:
-            say(f"Prefect server of {found.address}: {page}")
-            say("Ctrl-C stops it; campaigns that use it go on with their work.")
-        wait_for(asked)
+            data = {"url": page, "api_url": lab.api_url, "lake": found.address, "deployments": deployments}
+            say(json_module.dumps(data))
+        say_text(f"worker ready; can be started from the pages: {', '.join(deployments)}")
+        say_text("Ctrl-C stops server and worker, and what the worker does; campaigns in other terminals go on.")
+        _tend(lab, asked)
 
 
-def _check_server_wanted(port: int) -> None:
-    """Raises UsageError when the environment names another server, or the port is taken."""
+def _tend(lab: "Lab", asked: threading.Event) -> None:
+    while not asked.wait(TEND_S):
+        lab.tend(tell)
+
+
+def _check_server_wanted(host: str, port: int) -> None:
+    """Raises UsageError when the port is taken, or others would reach a server without password."""
+    from flows.prefect_server import PASSWORD_VARIABLE
     from models.errors import UsageError
 
-    named = os.environ.get("PREFECT_API_URL")
-    if named:
-        raise UsageError(f"PREFECT_API_URL is {named}, so campaigns use that server; unset it to start one here.")
+    if not _is_loopback(host) and not os.environ.get(PASSWORD_VARIABLE):
+        raise UsageError(f"--host {host} is reached by others; set a password in {PASSWORD_VARIABLE}, then try again.")
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a port left a moment ago is free
         try:
-            probe.bind(("127.0.0.1", port))
+            probe.bind((host, port))
         except OSError as error:
-            raise UsageError(f"--port {port} cannot be used ({error.strerror}); give another one.") from error
+            raise UsageError(f"--port {port} cannot be used on {host} ({error.strerror}); give another one.") from error
+
+
+def _is_loopback(host: str) -> bool:
+    """Raises UsageError for what is no IPv4 address."""
+    from models.errors import UsageError
+
+    try:
+        return ipaddress.IPv4Address(host).is_loopback
+    except ValueError as error:
+        raise UsageError(f"--host {host} is no IPv4 address; give one of this machine, e.g. 127.0.0.1.") from error

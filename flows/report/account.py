@@ -8,6 +8,7 @@ from flows.report.facts import Tool
 from flows.report.folder import Folder
 from flows.report.page import DASH, Markup, moment, number, paragraph, section, table, text
 from flows.report.results import NOT_MEASURED
+from flows.report.throughput import throughput
 
 
 def tools_section(content: Content, folder: Folder) -> Markup:
@@ -62,17 +63,19 @@ def _bar(tool: Tool, top: float) -> Markup:
 def cost_section(content: Content, folder: Folder) -> Markup:
     """Batches, throughput, simulations and failures."""
     failures = content.result("failures", queries.FAILURES)
+    pace, throughput_source = throughput(content)
     reasons = [(row["what"], row["reason"], row["n"]) for row in failures.rows]
     return section(
         "cost",
         "What it took",
+        pace,
         "<h3>Bench</h3>",
         _batches_table(content),
         "<h3>Simulator</h3>",
         _simulations_table(content),
         "<h3>Failures</h3>",
         table(("what failed", "reason", "times"), reasons, numeric=(2,), empty="Nothing failed."),
-        folder.sources(content.batches, content.cost, failures),
+        folder.sources(content.batches, content.cost, failures, throughput_source),
     )
 
 

@@ -82,11 +82,14 @@ def write_calibration_report(
 
 
 def calibration_section(content: Content, folder: Folder) -> Markup:
-    """The newest calibration with this campaign's measurements: Table 2, Fig. 3 and Fig. 4."""
+    """The newest calibration with this campaign's measurements: Table 2, Figs. 3 and 4, sensitivities."""
     newest = content.result("calibrations", NEWEST)
     if not newest.rows:
-        said = "The simulator has not been calibrated with these measurements yet; `fast calibrate` does it."
-        return section("calibration", "Calibration", paragraph(said))
+        said = (
+            "Figs. 3b and 4, Table 2 and the sensitivities: the simulator has not been calibrated with these "
+            "measurements yet; <code>fast calibrate</code> does it."
+        )
+        return section("calibration", "Calibration", paragraph(Markup(said)))
     calibration_id = newest.rows[0]["calibration_id"]
     try:
         calibration = StoredCalibration.load(content.lake, calibration_id, n_predicted=_N_SECTION_DRAWS)
@@ -96,10 +99,11 @@ def calibration_section(content: Content, folder: Folder) -> Markup:
     panels = calibration.held_out_panels or calibration.panels
     agreement = agreement_columns(panels, folder) + scores_table(panels) if panels else ""
     words = paragraph(
+        "Table 2 of the paper above, Fig. 4 on the left, Fig. 3 below: before (a) and after (b) the calibration. "
         f"Calibration {calibration_id} of {moment(calibration.made_at)} UTC, {calibration.row.n_designs} measured "
         f"designs and {calibration.simulations}. All of it: fast report {calibration_id}.", "note",
     )  # fmt: skip
-    return section(
+    shown = section(
         "calibration",
         "Calibration",
         warnings_of(calibration),
@@ -108,3 +112,4 @@ def calibration_section(content: Content, folder: Folder) -> Markup:
         agreement,
         folder.sources(newest, calibration.queries["calibration"]),
     )
+    return Markup(shown + supplement_section(calibration, folder))

@@ -1,25 +1,17 @@
-"""Sections of the report that compare: traces object by object, first batch with last, simulation with bench."""
+"""Sections of the report that compare: traces object by object, simulation with bench."""
 
-import logging
 from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
 
 from flows.report import queries
 from flows.report.content import Content
 from flows.report.facts import Tool, agreement, design_pairs, object_pairs
-from flows.report.figures import agreement_figure, work_figure
+from flows.report.figures import agreement_figure
 from flows.report.folder import Folder
-from flows.report.page import Markup, columns, number, paragraph, section, table, text
-from flows.report.render import object_picture
+from flows.report.page import Markup, columns, paragraph, section, text
 from flows.report.results import NOT_MEASURED
 from flows.report.traces import Panel, common_limits, panel_figure, panels_of
-from models.errors import UsageError
-
-_LOG = logging.getLogger(__name__)
-
-N_EXTREMES = 6
+from flows.report.windows import object_panel
 
 
 def traces_section(content: Content, folder: Folder) -> Markup:
@@ -69,61 +61,7 @@ def _trace_key(best: Tool, rival: Tool | None, has_simulated: bool) -> Markup:
 def _panel(
     panel: Panel, name: str | None, limits: tuple[tuple[float, float], tuple[float, float]], folder: Folder
 ) -> str:
-    label = name or "object"
-    figure = folder.figure(
-        f"traces/object_{panel.object_id:02d}", panel_figure(panel, limits), f"Force over lift, {label}"
-    )
-    try:
-        address = folder.image(f"objects/object_{panel.object_id:02d}", object_picture(panel.object_id))
-        image = f'<img src="{address}" alt="">'
-    except UsageError as error:
-        _LOG.info("object %d is drawn without its picture: %s", panel.object_id, error)
-        image = ""
-    return f'<div class="panel"><h3>{image}<span>{text(label)} <i>{panel.object_id}</i></span></h3>{figure}</div>'
-
-
-def work_section(content: Content, folder: Folder) -> Markup:
-    """Grasp work per object, first batch against last."""
-    if not content.first:
-        return section("work", "Grasp work by object", paragraph(NOT_MEASURED))
-    first, last = content.first[0].batch, content.last[0].batch
-    shown = folder.figure("work_by_object", work_figure(content.work.rows, first, last), "Work per object")
-    words = paragraph(
-        "The area under force over lift, in joule, is the work that it takes to break a grasp: a grasp that holds long "
-        "counts for more than one that is strong for a moment. Each dot is a tool, each bar the median of its batch; "
-        "objects are sorted by the newest batch."
-    )  # fmt: skip
-    return section(
-        "work", "Grasp work by object", columns(shown, words + _work_changes(content, first, last)),
-        folder.sources(content.work),
-    )  # fmt: skip
-
-
-def _work_changes(content: Content, first: int, last: int) -> Markup:
-    """On how many objects the median work rose, and the largest changes both ways."""
-    medians = sorted(_work_medians(content, first, last), key=lambda row: row[1] - row[2])
-    if first == last or not medians:
-        return paragraph("Only one batch has been measured completely so far; the comparison begins with the next.")
-    rose = sum(1 for _, before, after in medians if after > before)
-    extremes = medians if len(medians) <= 2 * N_EXTREMES else [*medians[:N_EXTREMES], *medians[-N_EXTREMES:]]
-    shown = [(name, number(b, 3), number(a, 3), f"{a - b:+.3f}".replace("-", "\u2212")) for name, b, a in extremes]
-    which = "" if extremes is medians else f" The {N_EXTREMES} largest and the {N_EXTREMES} smallest changes:"
-    return Markup(
-        paragraph(f"From B{first:02d} to B{last:02d} the median work rose on {rose} of {len(medians)} objects.{which}")
-        + table(("object", f"B{first:02d} (J)", f"B{last:02d} (J)", "change (J)"), shown, numeric=(1, 2, 3))
-    )
-
-
-def _work_medians(content: Content, first: int, last: int) -> list[tuple[str, float, float]]:
-    """(object, median work in the first batch, in the last), for objects that both have measured."""
-    found = []
-    for object_id in sorted({row["object_id"] for row in content.work.rows}):
-        rows = [r for r in content.work.rows if r["object_id"] == object_id and r["work_j"] is not None]
-        values = [[r["work_j"] for r in rows if r["batch"] == batch] for batch in (first, last)]
-        if all(values):
-            name = f"{rows[0]['object_name'] or 'object'} ({object_id})"
-            found.append((name, float(np.median(values[0])), float(np.median(values[1]))))
-    return found
+    return object_panel("traces", panel.object_id, name, panel_figure(panel, limits), folder)
 
 
 def agreement_section(content: Content, folder: Folder) -> Markup:

@@ -1,5 +1,6 @@
 """Everything the report needs, fetched once: query results and what follows from them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,10 +21,11 @@ class Content:
 
     lake: Lake
     campaign: CampaignRow
+    against: tuple[Lake, ...] = ()
 
     @classmethod
-    def load(cls, lake: Lake, campaign_id: str) -> "Content":
-        """Find the campaign.
+    def load(cls, lake: Lake, campaign_id: str, against: Sequence[Lake] = ()) -> "Content":
+        """Find the campaign; `against` are lakes with campaigns to compare it with.
 
         Raises:
             UsageError: the lake has no such campaign.
@@ -35,7 +37,7 @@ class Content:
                 closest(campaign_id, known) if known else "the lake has none yet; start one with `fast campaign run`."
             )
             raise UsageError(f"There is no campaign `{campaign_id}` in {lake.address}; {hint}")
-        return cls(lake, found[-1])
+        return cls(lake, found[-1], tuple(against))
 
     def result(self, name: str, sql: str, **values: str | float) -> Result:
         """One query for this campaign."""
@@ -50,6 +52,11 @@ class Content:
     def work(self) -> Result:
         """One row per tool and object."""
         return self.result("object_work", queries.OBJECT_WORK)
+
+    @cached_property
+    def object_classes(self) -> Result:
+        """Name and class of the objects."""
+        return self.result("objects", queries.OBJECTS)
 
     @cached_property
     def pairs(self) -> Result:

@@ -56,6 +56,11 @@ FROM designs d JOIN tools t USING (design_id)
 WHERE t.campaign_id = {campaign}
 ORDER BY d.design_id"""
 
+OBJECTS = """
+SELECT object_id, name AS object_name, object_class FROM objects
+WHERE object_id IN (SELECT object_id FROM grasps WHERE campaign_id = {campaign})
+ORDER BY object_id"""
+
 OBJECT_WORK = f"""
 WITH counted AS ({_COUNTED})
 SELECT c.batch, c.slot, c.object_id, any_value(o.name) AS object_name, avg(c.work_j ORDER BY c.repeat) AS work_j,
@@ -76,6 +81,78 @@ SELECT tool_id, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_
 FROM points WHERE lift_mm > 0
 GROUP BY ALL
 ORDER BY tool_id, object_id, lift_mm"""
+
+# {first}, {last}: batches; {step}: lift step in mm.
+BATCH_TRACES = f"""
+WITH counted AS ({_COUNTED} AND batch IN ({{first}}, {{last}})),
+points AS (
+  SELECT c.batch, c.slot, c.object_id, c.repeat, unnest(t.lift_mm) AS lift_mm, unnest(t.force_n) AS force_n
+  FROM counted c JOIN trace_times w USING (grasp_id)
+  JOIN traces t ON t.grasp_id = w.grasp_id AND t.created_at = w.created_at)
+SELECT batch, slot, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm,
+       avg(force_n ORDER BY repeat, lift_mm, force_n) AS force_n
+FROM points WHERE lift_mm > 0
+GROUP BY ALL
+ORDER BY batch, slot, object_id, lift_mm"""
+
+# Softness by what the simulator says that a closed finger presses with; {batch}: the first batch.
+CONTACT_FORCES = """
+SELECT t.batch, t.slot, t.tool_id, s.version_id, count(*) AS n_objects,
+       avg(s.contact_force_n ORDER BY s.object_id) AS contact_force_n
+FROM tools t JOIN simulations s USING (design_id)
+WHERE t.campaign_id = {campaign} AND t.batch = {batch} AND s.status = 'ok' AND s.contact_force_n IS NOT NULL
+GROUP BY ALL
+ORDER BY n_objects DESC, s.version_id, contact_force_n, t.slot"""
+
+# {soft}, {stiff}, {best}: quoted tool ids; {step}: lift step in mm.
+THREE_TOOLS = f"""
+WITH counted AS ({_COUNTED} AND tool_id IN ({{soft}}, {{stiff}}, {{best}})),
+points AS (
+  SELECT c.tool_id, c.object_id, c.repeat, unnest(t.lift_mm) AS lift_mm, unnest(t.force_n) AS force_n
+  FROM counted c JOIN trace_times w USING (grasp_id)
+  JOIN traces t ON t.grasp_id = w.grasp_id AND t.created_at = w.created_at)
+SELECT tool_id, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm,
+       avg(force_n ORDER BY repeat, lift_mm, force_n) AS force_n
+FROM points WHERE lift_mm > 0
+GROUP BY ALL
+ORDER BY tool_id, object_id, lift_mm"""
+
+SHAPE_FEATURES = """
+SELECT object_class, count(*) AS n_grasps, median(hold_mm) AS hold_mm, median(hold_slope_n_per_mm / peak_force_n)
+         AS relative_slope_per_mm, median(half_peak_lift_mm) AS half_peak_lift_mm, avg(n_peaks) AS n_peaks,
+       avg((positive_after_mm = 0)::INTEGER) AS holds_at_once
+FROM feature_summary
+WHERE campaign_id = {campaign} AND peak_force_n > 0
+GROUP BY object_class
+ORDER BY object_class"""
+
+# How long a tool holds an object, against the middle tool on it; the shortest first.
+EARLY_LOSSES = """
+WITH held AS (
+  SELECT tool_id, batch, slot, object_id, object_name, object_class, count(*) AS n_repeats,
+         avg(peak_force_n ORDER BY repeat) AS peak_force_n, avg(half_peak_lift_mm ORDER BY repeat) AS held_mm
+  FROM feature_summary WHERE campaign_id = {campaign} GROUP BY ALL)
+SELECT *, median(held_mm) OVER of_object AS median_mm, held_mm / median(held_mm) OVER of_object AS part
+FROM held WINDOW of_object AS (PARTITION BY object_id)
+ORDER BY part, tool_id, object_id"""
+
+ANOMALIES = """
+SELECT kind, tool_id, batch, slot, object_id, object_name, repeat, grasp_id, p_value, reason
+FROM anomalies WHERE campaign_id = {campaign}
+ORDER BY p_value, tool_id, object_id, repeat, kind"""
+
+# {object}, {batch}: numbers; {step}: lift step in mm.
+OBJECT_TRACES = f"""
+WITH counted AS ({_COUNTED} AND object_id = {{object}} AND batch = {{batch}}),
+points AS (
+  SELECT c.slot, c.repeat, unnest(t.lift_mm) AS lift_mm, unnest(t.force_n) AS force_n
+  FROM counted c JOIN trace_times w USING (grasp_id)
+  JOIN traces t ON t.grasp_id = w.grasp_id AND t.created_at = w.created_at)
+SELECT slot, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm,
+       avg(force_n ORDER BY repeat, lift_mm, force_n) AS force_n
+FROM points WHERE lift_mm > 0
+GROUP BY ALL
+ORDER BY slot, lift_mm"""
 
 # {version}, {design}: quoted ids; {setup}: the setup the measurements used.
 SIMULATED_TRACES = """
@@ -122,6 +199,23 @@ LEFT JOIN grasps g ON g.campaign_id = b.campaign_id AND g.batch = b.batch
 WHERE b.campaign_id = {campaign}
 GROUP BY b.batch, b.kind, b.n_tools
 ORDER BY b.batch"""
+
+THROUGHPUT = """
+WITH designs_asked AS (SELECT design_id FROM proposals WHERE campaign_id = {campaign}
+                       UNION SELECT design_id FROM tools WHERE campaign_id = {campaign}),
+measured AS (
+  SELECT grasp_id, started_at, bench,
+         epoch(started_at - lag(started_at) OVER (PARTITION BY tool_id ORDER BY started_at)) AS interval_s
+  FROM grasps WHERE campaign_id = {campaign}),
+simulated AS (SELECT created_at FROM simulations WHERE design_id IN (FROM designs_asked))
+SELECT count(*) AS n_grasps, coalesce(bool_or(bench = 'virtual'), false) AS is_virtual,
+       median(interval_s) AS median_interval_s,
+       (SELECT median(t.time_s[-1]) FROM traces t JOIN measured USING (grasp_id)) AS median_trace_s,
+       (SELECT count(*) FROM simulated) AS n_simulated,
+       (SELECT count(*) FROM simulated
+        WHERE created_at BETWEEN (SELECT min(started_at) FROM measured) AND (SELECT max(started_at) FROM measured))
+         AS n_simulated_meanwhile
+FROM measured"""
 
 SIMULATION_COST = """
 SELECT s.version_id, count(*) AS n_simulations, count(*) FILTER (s.status = 'ok') AS n_ok,

@@ -20,6 +20,7 @@ FAINT = "#c9ced6"
 FIRST = "#d55e00"  # Okabe-Ito vermilion: the first random batch
 BEST = "#0072b2"  # Okabe-Ito blue: the best tool, the last batch
 SIMULATED = "#009e73"  # Okabe-Ito bluish green: anything simulated
+SOFTEST = "#cc79a7"  # Okabe-Ito reddish purple: the softest tool
 COMPLIANT = "#7fb2d6"
 RIGID = "#6b7078"
 OBJECT = "#d9c9a3"

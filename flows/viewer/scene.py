@@ -26,7 +26,7 @@ def finger_meshes(design: Design, mark: str | None = None) -> dict[str, rr.Mesh3
             hanging = body.copy()
             # Turned tips down by half a turn about x; the left one by another half turn about z.
             hanging.apply_transform(np.diag([sign, -sign, -1.0, 1.0]))
-            found[f"{side}/{name}"] = _flat_mesh(hanging, colour)
+            found[f"{side}/{name}"] = flat_mesh(hanging, colour)
     return found
 
 
@@ -45,21 +45,30 @@ def finger_translations(design: Design, setup: GraspSetup, trace: Trace) -> dict
 
 
 def mounted_object_mesh(object_id: int, shift_mm: tuple[float, float] = (0.0, 0.0)) -> rr.Mesh3D:
-    """A test object, moved in x and y.
+    """A test object, moved in x and y, in the colour of objects.
+
+    Raises:
+        UsageError: the catalogue has no such object.
+    """
+    return object_mesh_at(object_id, (*shift_mm, 0.0), rgb(OBJECT))
+
+
+def object_mesh_at(object_id: int, place_mm: tuple[float, float, float], colour: list[int] | None = None) -> rr.Mesh3D:
+    """A test object with its bottom at a place; without a colour, another message may give it one.
 
     Raises:
         UsageError: the catalogue has no such object.
     """
     mesh = object_mesh(get_object(object_id), spacing_mm=OBJECT_SPACING_MM)
     return rr.Mesh3D(
-        vertex_positions=np.asarray(mesh.vertices) + np.array([*shift_mm, 0.0]),
+        vertex_positions=np.asarray(mesh.vertices) + np.array(place_mm),
         vertex_normals=np.asarray(mesh.vertex_normals),
         triangle_indices=np.asarray(mesh.faces),
-        albedo_factor=rgb(OBJECT),
+        albedo_factor=colour,
     )
 
 
-def _flat_mesh(mesh: trimesh.Trimesh, colour: str) -> rr.Mesh3D:
+def flat_mesh(mesh: trimesh.Trimesh, colour: str) -> rr.Mesh3D:
     """Mesh with its own corners for every triangle, so that creases stay sharp."""
     corners = np.asarray(mesh.vertices)[np.asarray(mesh.faces)].reshape(-1, 3)
     return rr.Mesh3D(

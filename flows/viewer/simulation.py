@@ -1,5 +1,6 @@
 """Rerun recording of one simulated grasp: deforming fingers, contact forces and the trace on one timeline."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +10,13 @@ from matplotlib import colormaps
 
 from flows.report.grasp import CELL_MM, SIGNS, cell_forces
 from flows.report.style import FIRST, SIMULATED
-from flows.viewer.rerun import recording_to, send_trace, times
 from flows.viewer.scene import mounted_object_mesh, rgb
+from flows.viewer.stream import FRONT_EYE, recording_to, send_trace, times
 from models.fem.recording import SIDES, GraspRecording, Side, Snapshot
 from models.fem.skin import Skin, skin_of
 from models.records import GraspSimulation, Trace
 
-ARROW_MM_PER_N = 6.0
+LONGEST_ARROW_MM = 60.0
 DISPLACEMENT_COLOURS = "viridis"
 
 
@@ -29,22 +30,46 @@ def write_simulation(
     Raises:
         UsageError: the file cannot be written.
     """
-    furthest = max(float(s.displacement_mm.max()) for side in SIDES for s in recording.of(side))
+    furthest = furthest_mm(recording)
     with recording_to(title, path, _blueprint(title)) as stream:
-        stream.log("about", rr.TextDocument(_about(title, result, furthest), media_type="text/markdown"), static=True)
+        stream.log(
+            "about",
+            rr.TextDocument(_about(title, result, furthest, arrow_mm_per_n(recording)), media_type="text/markdown"),
+            static=True,
+        )
         stream.log("cell/object", mounted_object_mesh(object_id), static=True)
-        for side in SIDES:
-            _send_finger(stream, recording.of(side), side, furthest)
+        send_fingers(stream, recording, lambda snapshot: snapshot.time_s)
         send_trace(stream, "force/load_cell", "lift/head", result.trace, None, "on the load cell", SIMULATED)
         _send_closing_force(stream, recording.of("right"))
     return path
+
+
+def furthest_mm(recording: GraspRecording) -> float:
+    """Largest displacement of a node in the grasp."""
+    return max(float(s.displacement_mm.max()) for side in SIDES for s in recording.of(side))
+
+
+def arrow_mm_per_n(recording: GraspRecording) -> float:
+    """Length of the arrows: 1, 2 or 5 times a power of ten, the longest at most `LONGEST_ARROW_MM`."""
+    forces = [s.scale * cell_forces(s, CELL_MM)[1] for side in SIDES for s in recording.of(side) if s.pressure.size]
+    largest = max((float(np.linalg.norm(force, axis=1).max()) for force in forces), default=1.0)
+    most = LONGEST_ARROW_MM / max(largest, 1e-6)
+    power = 10.0 ** np.floor(np.log10(most))
+    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= most))
+
+
+def send_fingers(stream: rr.RecordingStream, recording: GraspRecording, clock: Callable[[Snapshot], float]) -> None:
+    """Both fingers, coloured by displacement, with the forces on them; `clock` gives the time (s) of a snapshot."""
+    furthest, mm_per_n = furthest_mm(recording), arrow_mm_per_n(recording)
+    for side in SIDES:
+        _send_finger(stream, recording.of(side), side, furthest, mm_per_n, clock)
 
 
 def _blueprint(title: str) -> rrb.Blueprint:
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
-                rrb.Spatial3DView(origin="cell", name=f"{title} (mm)"),
+                rrb.Spatial3DView(origin="cell", name=f"{title} (mm)", eye_controls=FRONT_EYE),
                 rrb.TextDocumentView(origin="about", name="About"),
                 row_shares=[4, 1],
             ),
@@ -56,25 +81,34 @@ def _blueprint(title: str) -> rrb.Blueprint:
             column_shares=[3, 2],
         ),
         rrb.TimePanel(timeline="time", state="collapsed", play_state="playing", loop_mode="all"),
+        rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
     )
 
 
-def _about(title: str, result: GraspSimulation, furthest_mm: float) -> str:
+def _about(title: str, result: GraspSimulation, furthest_mm: float, mm_per_n: float) -> str:
     return (
-        f"# {title}\n\nPeak {result.peak_force_n:.2f} N, contact force {result.contact_force_n:.2f} N, work "
+        f"### {title}\n\nPeak {result.peak_force_n:.2f} N, contact force {result.contact_force_n:.2f} N, work "
         f"{1e3 * result.work_j:.0f} mJ. Fingers: displacement from the undeformed finger, dark 0, yellow "
-        f"{furthest_mm:.1f} mm. Arrows: force of the object on the finger, {ARROW_MM_PER_N:g} mm per N."
+        f"{furthest_mm:.1f} mm. Arrows: force of the object on the finger, {mm_per_n:g} mm per N."
     )
 
 
-def _send_finger(stream: rr.RecordingStream, snapshots: list[Snapshot], side: Side, furthest_mm: float) -> None:
+def _send_finger(
+    stream: rr.RecordingStream,
+    snapshots: list[Snapshot],
+    side: Side,
+    furthest_mm: float,
+    mm_per_n: float,
+    clock: Callable[[Snapshot], float],
+) -> None:
     skin, sign = skin_of(snapshots[0].mesh), SIGNS[side]
     flip = np.array([sign, 1.0, 1.0])
     triangles = skin.triangles if sign > 0 else skin.triangles[:, ::-1]
     entity = f"cell/fingers/{side}"
     for snapshot in snapshots:
-        _set_time(stream, snapshot)
+        stream.set_time("time", duration=clock(snapshot))
+        stream.set_time("lift_um", sequence=round(1e3 * snapshot.lift_mm))
         vertices = skin.vertices(snapshot.nodes) * flip
         mesh = rr.Mesh3D(
             vertex_positions=vertices,
@@ -84,7 +118,7 @@ def _send_finger(stream: rr.RecordingStream, snapshots: list[Snapshot], side: Si
         )
         stream.log(f"{entity}/surface", mesh)
         places, forces = cell_forces(snapshot, CELL_MM)
-        vectors = ARROW_MM_PER_N * snapshot.scale * forces * flip
+        vectors = mm_per_n * snapshot.scale * forces * flip
         # A half model has its points on one half; their sum acts in the middle plane.
         middle = flip * (np.array([1.0, 0.0, 1.0]) if snapshot.mesh.is_half else 1.0)
         # Drawn towards the finger's surface, so that the arrows are not hidden inside it.
@@ -101,11 +135,6 @@ def _send_closing_force(stream: rr.RecordingStream, snapshots: list[Snapshot]) -
     trace = Trace(np.array([s.time_s for s in snapshots]), np.array([s.lift_mm for s in snapshots]), force_n)
     stream.log("force/closing", rr.SeriesLines(names="of one finger on the object", colors=rgb(FIRST)), static=True)
     stream.send_columns("force/closing", times(trace, None), rr.Scalars.columns(scalars=force_n))
-
-
-def _set_time(stream: rr.RecordingStream, snapshot: Snapshot) -> None:
-    stream.set_time("time", duration=snapshot.time_s)
-    stream.set_time("lift_um", sequence=round(1e3 * snapshot.lift_mm))
 
 
 def _colours(snapshot: Snapshot, skin: Skin, furthest_mm: float) -> np.ndarray:

@@ -49,6 +49,12 @@ class CalibrationSettings(Record):
     method: Literal["auto", "factorised", "joint", "blocked"] = Field(
         default="auto", description="auto: factorised, checked by k-hat; joint for small problems; blocked otherwise"
     )
+    print_scatter: float = Field(
+        default=0.0,
+        ge=0,
+        le=0.5,
+        description="relative sd of stiffness between prints, of means; the paper: 0, equal noise for all",
+    )
     chains: int = Field(default=8, ge=2, le=64)
     draws: int = Field(default=8000, ge=50, le=1_000_000, description="kept per chain")
     tune: int = Field(default=8000, ge=50, le=1_000_000, description="dropped per chain")

@@ -85,11 +85,11 @@ def _tray_scene(layout: Sequence[PlacedFinger], bodies: dict[str, FingerBodies])
         finger = bodies[place.label]
         for material, body in (("compliant", finger.compliant), ("rigid", finger.rigid)):
             name = f"{place.label}{'ab'[number % FINGERS_PER_TOOL]}_{material}"
-            scene.add_geometry(body, node_name=name, geom_name=name, transform=_lying(place))
+            scene.add_geometry(body, node_name=name, geom_name=name, transform=lying(place))
     return scene
 
 
-def _lying(place: PlacedFinger) -> np.ndarray:
+def lying(place: PlacedFinger) -> np.ndarray:
     """Finger frame (x, y, z) to plate: x stays, z lies along the plate's y, the width points up."""
     half = place.design.width_mm / 2
     return np.array([[1, 0, 0, place.x_mm], [0, 0, 1, place.y_mm], [0, -1, 0, half], [0, 0, 0, 1]], dtype=float)

@@ -1,7 +1,10 @@
 """`fast gap`."""
 
+from pathlib import Path
+
 import pytest
 
+from lake.store import Lake
 from models.effects.catalogue import CATALOGUE
 from tests.flows.cli_lakes import Fast
 
@@ -21,5 +24,7 @@ def test_the_catalogue_for_people_and_machines(fast: Fast) -> None:
     assert {"law", "source", "parameters", "scales_with_modulus", "cost", "confusable_with", "alias_of"} < set(rows[0])
 
 
-def test_what_is_not_there_yet_is_refused_in_a_sentence(fast: Fast) -> None:
-    assert "`fast gap` cannot search for a gap yet; `fast gap --catalogue` prints" in fast.refused("gap")
+def test_a_lake_with_nothing_to_search_is_refused_in_a_sentence(fast: Fast, tmp_path: Path) -> None:
+    assert "is not a lake" in fast.refused("gap", "--lake", str(tmp_path / "none"))
+    Lake.open(tmp_path / "empty", create=True)
+    assert "has no measured grasps; measure tools" in fast.refused("gap", "--lake", str(tmp_path / "empty"))

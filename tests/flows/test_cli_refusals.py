@@ -243,11 +243,15 @@ def test_a_missing_viewer_is_named_before_the_recording(fast, lake, monkeypatch)
     assert everything_in(lake) == before
 
 
-def test_a_taken_port_and_another_server_are_refused(fast, tmp_path, monkeypatch):
+def test_a_taken_port_is_refused(fast, tmp_path, monkeypatch):
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     with socket.create_server(("127.0.0.1", 0)) as taken:
         said = fast.refused("serve", "--port", taken.getsockname()[1], "--lake", tmp_path / "lake")
-    assert "cannot be used (Address already in use); give another one" in said
-    monkeypatch.setenv("PREFECT_API_URL", "http://elsewhere/api")
-    assert "unset it" in fast.refused("serve", "--lake", tmp_path / "lake")
+    assert "cannot be used on 127.0.0.1 (Address already in use); give another one" in said
     assert not (tmp_path / "lake").exists()
+
+
+def test_a_named_server_that_does_not_answer_is_refused(fast, tmp_path, monkeypatch):
+    monkeypatch.setenv("PREFECT_API_URL", "http://127.0.0.1:9/api")
+    said = fast.refused("serve", "--lake", tmp_path / "lake", status=1)
+    assert "PREFECT_API_URL is http://127.0.0.1:9/api, which does not answer; start that server or unset it" in said

@@ -9,7 +9,7 @@ import pytest
 from flows.launch import register
 from flows.report.build import write_report
 from flows.status import campaign_status, status_text
-from flows.viewer.rerun import write_recording
+from flows.viewer.campaign import write_recording
 from lake.handoff import import_handoff
 from lake.handoff_export import export_handoff
 from lake.store import Lake

@@ -40,7 +40,7 @@ class ScriptedLane:
 def session(monkeypatch):
     import threading
 
-    monkeypatch.setattr(campaign_flow, "_next_event", lambda session: object())
+    monkeypatch.setattr(campaign_flow, "_next_event", lambda session, on_wait: object())
     return SimpleNamespace(campaign=SimpleNamespace(state=lambda: None), stopping=threading.Event())
 
 

@@ -23,6 +23,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 def python(url, root, *words):
     """Run Python on a server; returns what it printed."""
     environment = {**os.environ, "PREFECT_API_URL": url, "PREFECT_HOME": str(state_folder(root))}
+    environment |= {"FAST_CHECKOUT": str(ROOT), "FAST_LAKE": "lake-data"}
     done = subprocess.run(
         [sys.executable, *map(str, words)], cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300
     )

@@ -20,13 +20,17 @@ from tests.flows.synthetic_lake import Campaign, build
 SECTIONS = (
     "best",
     "progress",
+    "rivals",
     "traces",
+    "batches",
+    "shapes",
     "work",
     "agreement",
     "calibration",
     "tools",
     "surrogate",
     "cost",
+    "paper",
     "provenance",
 )
 

@@ -13,6 +13,7 @@ from flows.cli.main import run
 from flows.cli.simulate_output import write_outputs
 from flows.report.grasp import cell_forces, five_instants
 from flows.report.trace_panels import traces_figure
+from flows.viewer.simulation import LONGEST_ARROW_MM, arrow_mm_per_n
 from models.design_space import BEST_PUBLISHED
 from models.fem.grasp import simulate_grasp
 from models.fem.recording import GraspRecording
@@ -45,6 +46,13 @@ def test_cells_sum_to_the_contact_force(grasp: tuple[GraspSimulation, GraspRecor
     places, forces = cell_forces(closed, 3.0)
     assert len(places) < len(closed.contact_points)
     assert forces.sum(axis=0)[[0, 2]] == pytest.approx(2.0 * closed.contact_force.sum(axis=0)[[0, 2]])
+
+
+def test_longest_arrow_is_neither_lost_nor_larger_than_the_scene(grasp: tuple[GraspSimulation, GraspRecording]) -> None:
+    scale = arrow_mm_per_n(grasp[1])
+    forces = [s.scale * cell_forces(s, 3.0)[1] for s in grasp[1].of("right") if s.pressure.size]
+    longest = scale * max(float(np.linalg.norm(force, axis=1).max()) for force in forces)
+    assert 0.4 * LONGEST_ARROW_MM <= longest <= LONGEST_ARROW_MM
 
 
 def test_outputs_hold_every_step(grasp: tuple[GraspSimulation, GraspRecording], tmp_path: Path) -> None:

@@ -8,13 +8,17 @@ import pytest
 from rerun.chunk import RrdReader
 
 from flows.report.content import Content
-from flows.viewer.rerun import chosen_tools, write_design_recording, write_grasp_recording, write_recording
+from flows.viewer.campaign import chosen_tools, write_recording
+from flows.viewer.design import mesh_edges, write_design_recording
+from flows.viewer.grasp import Clock, write_grasp_recording
+from flows.viewer.live import follow
 from flows.viewer.scene import finger_meshes, finger_translations
 from lake.store import Lake
 from lake.tables import GraspRow
 from models.design_space import BEST_PUBLISHED
 from models.errors import UsageError
-from models.records import GraspSetup, Trace
+from models.mesh.build import build_mesh
+from models.records import GraspSetup, MeshSettings, SimulatorVersion, Trace
 from tests.flows.synthetic_lake import Campaign, build
 
 
@@ -53,14 +57,55 @@ def test_campaign_holds_the_best_tool_of_each_batch_with_every_sample(lake, tmp_
             n_samples = len(lake.trace(first.grasp_id).time_s)
             assert rows[f"/tools/{tool.label}/force/object_{object_id:02d}"] == n_samples
             assert rows[f"/tools/{tool.label}/lift/object_{object_id:02d}"] == n_samples
-    assert "/cell/objects/object_03" in rows
-    assert "/cell/fingers/left/compliant" in rows
+
+
+def test_campaign_shows_the_bench_at_work(lake, tmp_path):
+    rows = rows_by_entity(write_recording(lake, "demo", tmp_path / "demo.rrd"))
+    n_grasps = sum(1 for g in lake.records(GraspRow) if g.status == "ok")
+    assert rows["/force/peak"] == n_grasps
+    assert rows["/log"] == n_grasps + 6  # six tools were put on the head
+    assert rows["/cell/head/right"] == 6
+    assert rows["/cell/head"] == rows["/force/load_cell"] > 20 * n_grasps
+    on_third = [g for g in lake.records(GraspRow, object_id=3) if g.status == "ok"]
+    assert rows["/cell/objects/object_03"] == len(on_third) + 1  # the colours, and the one before all grasps
+    assert rows["/quality/best"] == rows["/quality/tools"] > 0
+    assert rows["/proposals/rib_angle_deg/printed"] == 6
+    assert rows["/proposals/rib_angle_deg/simulated"] == 4
+
+
+def test_force_on_the_bench_timeline_never_goes_back(lake, tmp_path):
+    path = write_recording(lake, "demo", tmp_path / "demo.rrd")
+    starts = [
+        chunk.to_record_batch().column("bench").to_pylist()[0].total_seconds()
+        for chunk in RrdReader(path).stream()
+        if chunk.entity_path == "/force/load_cell" and not chunk.is_static
+    ]
+    assert len(starts) > 1
+    assert len(set(starts)) == len(starts)
+
+
+def test_live_follows_a_growing_lake_until_the_campaign_ends(tmp_path):
+    lake = build(Lake.open(tmp_path / "lake", create=True), Campaign(n_measured_batches=0))
+    states = iter([True, False])
+
+    def is_running() -> bool:
+        build(lake, Campaign())
+        return next(states)
+
+    told: list[str] = []
+    path = tmp_path / "live.rrd"
+    n_grasps = follow(lake, "demo", path, is_running, tell=told.append, poll_s=0.0)
+    assert n_grasps == sum(1 for g in lake.records(GraspRow) if g.status == "ok")
+    assert told == [f"{n_grasps} grasps of demo"]
+    assert rows_by_entity(path)["/force/peak"] == n_grasps
 
 
 def test_everything_means_every_tool_and_repeat(lake, tmp_path):
     rows = rows_by_entity(write_recording(lake, "demo", tmp_path / "all.rrd", everything=True))
     n_grasps = sum(1 for g in lake.records(GraspRow) if g.status == "ok")
-    assert sum(1 for name, n in rows.items() if "/force/" in name and n) == n_grasps == 70
+    assert (
+        sum(1 for name, n in rows.items() if name.startswith("/tools/") and "/force/" in name and n) == n_grasps == 70
+    )
 
 
 def test_campaign_without_measurements_is_still_a_recording(tmp_path):
@@ -72,13 +117,30 @@ def test_campaign_without_measurements_is_still_a_recording(tmp_path):
 
 def test_grasp_shows_measured_and_simulated_force_and_moving_fingers(lake, tmp_path):
     grasp = next(g for g in lake.records(GraspRow) if g.status == "ok")
-    path = write_grasp_recording(lake, grasp.grasp_id, tmp_path / "grasp.rrd")
+    path = write_grasp_recording(lake, grasp.grasp_id, tmp_path / "grasp.rrd", is_simulated=False)
     assert_verified(path)
     rows = rows_by_entity(path)
     n_samples = len(lake.trace(grasp.grasp_id).time_s)
     assert rows["/force/measured"] == rows["/lift/measured"] == rows["/cell/fingers/left"] == n_samples
     assert rows["/force/simulated_0"] > 0
     assert rows["/force/simulated_1"] > 0
+
+
+def test_grasp_shows_the_fingers_that_the_simulator_deforms(lake, tmp_path, monkeypatch):
+    coarse = SimulatorVersion(mesh=MeshSettings(edge_mm=10))
+    monkeypatch.setattr("flows.viewer.grasp._newest_version", lambda *_: coarse)
+    grasp = next(g for g in lake.records(GraspRow) if g.status == "ok" and g.object_id == 1)
+    rows = rows_by_entity(write_grasp_recording(lake, grasp.grasp_id, tmp_path / "grasp.rrd"))
+    assert rows["/cell/fingers/left/surface"] == rows["/cell/fingers/right/contact_force"] > 10
+
+
+def test_simulated_times_are_stretched_until_both_lifts_agree():
+    simulated = Trace(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 0.0, 5.0, 10.0]), np.zeros(4))
+    measured = Trace(np.array([0.0, 2.0, 3.0, 5.0, 7.0]), np.array([0.0, 0.0, 2.0, 6.0, 8.0]), np.zeros(5))
+    moved = Clock.between(simulated, measured).moved(simulated)
+    # Closing 1 s on 2 s; 5 mm lies three quarters of the way from 3 to 5 s; 10 mm is 2 mm on, at 5 s for 8 mm.
+    np.testing.assert_allclose(moved.time_s, [0.0, 2.0, 4.5, 7.0 + 2.0 * 5.0 / 8.0])
+    np.testing.assert_array_equal(moved.lift_mm, simulated.lift_mm)
 
 
 def test_failed_or_unknown_grasps_are_one_sentence(lake, tmp_path):
@@ -97,6 +159,21 @@ def test_design_shows_two_fingers(lake, tmp_path):
     assert_verified(path)
     bodies = {name for name in rows_by_entity(path) if name.startswith("/cell/fingers/")}
     assert {f"/cell/fingers/{side}/{body}" for side in ("left", "right") for body in ("compliant", "rigid")} <= bodies
+
+
+def test_design_shows_parts_mesh_and_the_tray_of_its_batch(lake, tmp_path):
+    design_id = lake.records(GraspRow, batch=2)[0].design_id
+    rows = rows_by_entity(write_design_recording(lake, design_id, tmp_path / "design.rrd"))
+    assert {"/parts/compliant", "/parts/rigid", "/mesh/elements", "/mesh/clamped", "/tray/plate"} <= rows.keys()
+    on_tray = {name.split("/")[2] for name in rows if name.startswith("/tray/B")}
+    assert on_tray == {"B02T0", "B02T1", "B02T2"}
+    assert {f"/tray/B02T0/{finger}_{body}" for finger in "ab" for body in ("compliant", "rigid")} <= rows.keys()
+
+
+def test_edges_of_a_mesh_are_those_of_its_elements():
+    edges = mesh_edges(build_mesh(BEST_PUBLISHED, MeshSettings(edge_mm=10), full_width=True))
+    assert len(np.unique(edges, axis=0)) == len(edges)
+    assert (edges[:, 0] < edges[:, 1]).all()
 
 
 def test_unwritable_file_is_one_sentence(lake, tmp_path):

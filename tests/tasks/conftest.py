@@ -2,27 +2,11 @@ from pathlib import Path
 
 import pytest
 
-from lake.store import Lake
 from tasks.campaign import Campaign
-from tasks.config import CampaignConfig
+from tests.tasks.small_campaign import small_campaign
 
 
 @pytest.fixture
 def campaign(tmp_path: Path) -> Campaign:
-    """A small campaign on an empty lake: two initial tools, one guided batch of two, two objects."""
-    config = CampaignConfig.model_validate(
-        {
-            "name": "small",
-            "seed": 3,
-            "schedule": {
-                "initial_tools": 2,
-                "tools_per_batch": 2,
-                "guided_batches": 1,
-                "initial_simulations": 2,
-                "simulations_per_batch": 2,
-            },
-            "objects": {"ids": [4, 7], "repeats": 2, "order": "fixed"},
-            "bench": {"world": "world.toml"},
-        }
-    )
-    return Campaign(Lake.open(tmp_path / "lake", create=True), config)
+    """A small campaign on an empty lake."""
+    return small_campaign(tmp_path)

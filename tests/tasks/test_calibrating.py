@@ -19,7 +19,7 @@ from lake.tables import (
 from models.errors import UsageError
 from models.records import EffectValue, SimulatorVersion
 from tasks.calibrating import find_calibration, infer
-from tasks.calibrating_means import gather
+from tasks.calibrating_means import gather, regather
 from tasks.calibration_data import base_version, measured_tools, problem_of, simulated_points
 from tasks.trace_data import grid_points
 from tests.tasks.calibration_lake import (
@@ -173,6 +173,19 @@ def test_the_same_data_and_settings_are_the_same_calibration(tmp_path, calibrate
         assert data.calibration_id(SETTINGS.model_copy(update=change)) != row.calibration_id
     lake.append(measured_rows(1, first=40), PROVENANCE)
     assert gather(lake, None, None, 0).calibration_id(SETTINGS) != row.calibration_id
+
+
+def test_scatter_between_prints_makes_the_strongest_tools_the_least_certain(tmp_path, calibrate):
+    lake = calibration_lake(tmp_path / "lake")
+    settings = SETTINGS.model_copy(update={"print_scatter": 0.05})
+    equal = gather(lake, None, None, settings.seed)
+    data = gather(lake, None, None, settings.seed, print_scatter=0.05)
+    added = data.problem.variance_real - equal.problem.variance_real
+    assert np.sqrt(added) == pytest.approx(0.05 * data.problem.y_real)
+    row, _ = infer(lake, data, settings)
+    again = regather(lake, row.calibration_id)
+    assert again is not None
+    assert again.problem.variance_real == pytest.approx(data.problem.variance_real)
 
 
 @pytest.mark.parametrize(

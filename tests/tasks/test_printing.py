@@ -3,7 +3,7 @@ import pytest
 from lake.tables import ToolRow
 from models.design_space import PARAMETERS, to_unit
 from models.errors import UsageError
-from tasks.printing import MeasuredTool, PrintConfirmation, confirm_print, print_folder, write_tray
+from tasks.printing import MeasuredTool, PrintConfirmation, Printed, confirm_print, open_slots, print_folder, write_tray
 from tasks.proposing import propose_initial
 
 
@@ -25,7 +25,7 @@ def test_confirmation_records_rejects_and_measures(proposed):
     word = PrintConfirmation(
         operator="ada", rejected={1: "tip torn"}, measured={0: MeasuredTool(measured_front_thickness_mm=2.4)}
     )
-    assert confirm_print(proposed.lake, "small", 1, word) == 1
+    assert confirm_print(proposed.lake, "small", 1, word) == Printed(n_mounted=1, n_rejected=1)
     tools = {row["slot"]: row for row in proposed.lake.rows(ToolRow)}
     assert tools[0]["measured_front_thickness_mm"] == 2.4
     assert (tools[1]["status"], tools[1]["reason"]) == ("rejected", "tip torn")
@@ -71,7 +71,7 @@ def test_an_impossible_rack_is_refused(proposed, mounted, sentence):
 
 def test_a_rejected_tool_leaves_its_slot_to_another(proposed):
     word = PrintConfirmation(operator="ada", rejected={1: "torn"}, mounted={0: 1})
-    assert confirm_print(proposed.lake, "small", 1, word) == 1
+    assert confirm_print(proposed.lake, "small", 1, word) == Printed(n_mounted=1, n_rejected=1)
 
 
 def test_a_tool_counts_as_the_finger_that_was_printed(proposed):
@@ -84,3 +84,25 @@ def test_a_tool_counts_as_the_finger_that_was_printed(proposed):
     assert measured.mounted_point[rib] == pytest.approx(0.5)
     assert measured.mounted_point[back] == asked[back]
     assert (as_asked.mounted_point == to_unit([as_asked.design])[0]).all()
+
+
+def test_a_tool_printed_again_keeps_the_batch_waiting(proposed):
+    first = confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="ada", again={1: "warped"}))
+    assert (first.n_mounted, first.again, open_slots(proposed.lake, "small", 1)) == (1, (1,), [1])
+    assert {path.name for path in first.sheet.parent.iterdir()} >= {"tray.3mf", "B01T1_rigid.stl"}
+    assert not (first.sheet.parent / "B01T0_rigid.stl").exists()
+    assert not proposed.state().is_confirmed(1)
+    with pytest.raises(UsageError, match="slot 0 of batch small/B01 is already confirmed; leave it out"):
+        confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="bob", rejected={0: "torn"}))
+    with pytest.raises(UsageError, match="tools 0 and 1 cannot both hang in rack slot 0"):
+        confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="bob", mounted={1: 0}))
+    confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="bob"))
+    assert proposed.state().is_confirmed(1)
+    assert {row["slot"]: row["operator"] for row in proposed.lake.rows(ToolRow)} == {0: "ada", 1: "bob"}
+
+
+def test_a_tool_has_one_fate(proposed):
+    word = PrintConfirmation(operator="ada", rejected={1: "torn"}, again={1: "torn"})
+    with pytest.raises(UsageError, match="slot 1 is to be printed again, so nothing else can be said of it"):
+        confirm_print(proposed.lake, "small", 1, word)
+    assert open_slots(proposed.lake, "small", 1) == [0, 1]

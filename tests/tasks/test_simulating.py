@@ -37,6 +37,8 @@ NO_EQUILIBRIUM = Attempt(None, "no_convergence", "No equilibrium.", cpu_s=3.0, m
 class ScriptedPool:
     """A pool of one worker, itself, that answers with the next outcome of its script: an attempt, or an error."""
 
+    ends_hangs = False
+
     def __init__(self, *script) -> None:
         self.script = list(script)
         self.n_restarts = 0

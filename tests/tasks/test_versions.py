@@ -8,7 +8,8 @@ import pytest
 from lake.simulators import version_rows
 from lake.store import Lake
 from lake.tables import CalibrationRow, EventRow, SimulationRow
-from models.records import SimulatorVersion, Theta
+from models.calibration.outcome import WITH_EFFECTS
+from models.records import EffectValue, SimulatorVersion, Theta
 from models.surrogate.version_map import LEAST_SHARED
 from tasks.campaign import Campaign
 from tasks.observing import observe, observed_rows
@@ -24,6 +25,11 @@ OTHER = SimulatorVersion(theta=Theta(young_modulus_mpa=9.0, friction=0.4))
 THIRD = SimulatorVersion(theta=Theta(friction=0.7))
 
 
+LAGGING = OTHER.model_copy(
+    update={"effects": (EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.2}),)}
+)
+
+
 def calibrate(campaign: Campaign, old: SimulatorVersion, new: SimulatorVersion, **columns) -> None:
     """What `fast calibrate` leaves in the lake, as far as the loop looks at it."""
     row = CalibrationRow(
@@ -31,14 +37,13 @@ def calibrate(campaign: Campaign, old: SimulatorVersion, new: SimulatorVersion, 
         base_version_id=old.version_id,
         version_id=new.version_id,
         data="design_mean",
-        **{"status": "ok", "campaign_id": campaign.campaign_id} | columns,
+        **{"status": "ok", "campaign_id": campaign.campaign_id, "sampler": "made up"} | columns,
         n_designs=10,
         n_objects=2,
         n_simulations=10,
         n_chains=4,
         n_draws=100,
         n_tune=100,
-        sampler="made up",
     )
     campaign.lake.append([*version_rows(new), row], campaign.provenance())
 
@@ -98,6 +103,19 @@ def test_the_newest_descendant_counts_and_nothing_else(campaign):
     assert newest_calibrated(lake, base, "small")[0] == OTHER
     assert newest_calibrated(lake, STIFFER.version_id, "small")[0] == OTHER
     assert newest_calibrated(lake, OTHER.version_id, "small") is None
+
+
+def test_effects_stay_until_they_are_tested_again(campaign):
+    """A calibration of theta alone, of the simulator without the effect, is no reason to forget the effect."""
+    calibrate(campaign, BASE, LAGGING, sampler=WITH_EFFECTS)
+    calibrate(campaign, BASE, STIFFER)
+    found = newest_calibrated(campaign.lake, BASE.version_id, campaign.campaign_id)
+    assert found is not None
+    assert found[0] == LAGGING
+    calibrate(campaign, BASE, THIRD, sampler=WITH_EFFECTS)
+    again = newest_calibrated(campaign.lake, BASE.version_id, campaign.campaign_id)
+    assert again is not None
+    assert again[0] == THIRD
 
 
 def test_a_stage_keeps_the_version_it_began_with(campaign):

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from scipy.optimize import minimize
@@ -125,8 +125,19 @@ def spread_outliers(density: TraceDensity) -> TraceDensity:
     return density
 
 
-def laplace(density: TraceDensity) -> tuple[np.ndarray, np.ndarray]:
-    """Mode of the density (6) and the inverse of its curvature there (6 x 6), kept positive definite."""
+class Startable(Protocol):
+    """A log density with its gradient, at unbounded vectors, and where to look for its mode."""
+
+    @property
+    def start(self) -> np.ndarray:
+        """A vector near the mode."""
+
+    def __call__(self, vector: np.ndarray, /) -> tuple[float, np.ndarray]:
+        """Log density and gradient."""
+
+
+def laplace(density: Startable) -> tuple[np.ndarray, np.ndarray]:
+    """Mode of the density (k) and the inverse of its curvature there (k x k), kept positive definite."""
     best = _mode(density, density.start)
     steps = _STEP * np.eye(len(best))
     curvature = np.array([density(best - step)[1] - density(best + step)[1] for step in steps]) / (2 * _STEP)
@@ -135,7 +146,7 @@ def laplace(density: TraceDensity) -> tuple[np.ndarray, np.ndarray]:
     return best, (vectors / np.maximum(values, 0.25)) @ vectors.T
 
 
-def _mode(density: TraceDensity, start: np.ndarray) -> np.ndarray:
+def _mode(density: Startable, start: np.ndarray) -> np.ndarray:
     found = minimize(lambda z: tuple(-part for part in density(z)), start, jac=True, method="L-BFGS-B")
     return np.asarray(found.x)
 

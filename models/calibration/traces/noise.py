@@ -13,6 +13,7 @@ N_DRAWS = 200
 _CHUNK = 64  # traces at a time
 QUIET_S = 0.3  # from the start of closing: the widest object is touched after half a second
 _FEWEST_READINGS = 50
+_SD_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute value
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,30 @@ def noise_of_readings(traces: Sequence[Trace]) -> SensorNoise:
     r = product / variance if variance > 0 else 0.0
     correlation_s = -1.0 / (rate_hz * np.log(r)) if 0 < r < 1 else 0.0
     return SensorNoise(float(np.sqrt(variance)), float(correlation_s), rate_hz)
+
+
+def noise_of_repeats(steps_n: np.ndarray, cell: np.ndarray, lift_speed_mm_per_s: float) -> SensorNoise:
+    """Sensor noise from what repeats do not share, for traces without readings before contact.
+
+    steps_n: n x steps. cell: n, what a trace is a repeat of. Neighbouring steps of the differences from the mean of the
+    repeats are subtracted once more, which leaves white noise; the median keeps sliding and lost grips out.
+
+    Raises:
+        UsageError: nothing was repeated.
+    """
+    found = []
+    for number in np.unique(cell):
+        repeats = steps_n[cell == number]
+        if len(repeats) > 1:
+            left_n = np.diff(repeats - repeats.mean(axis=0), axis=1)
+            found.append(np.abs(left_n / np.sqrt(2.0 * (1.0 - 1.0 / len(repeats)))).ravel())
+    if not found:
+        raise UsageError(
+            "traces have no readings before contact and no repeats, so the noise of the load cell is not "
+            "known; measure each object at least twice."
+        )
+    sd_n = float(np.median(np.concatenate(found)) * _SD_OF_MEDIAN)
+    return SensorNoise(sd_n, 0.0, lift_speed_mm_per_s / STEP_MM)
 
 
 def feature_noise(

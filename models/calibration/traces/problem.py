@@ -78,26 +78,16 @@ class TraceProblem:
     @property
     def is_force(self) -> np.ndarray:
         """Which features are proportional to Young's modulus, f."""
-        return np.array([not _is_lift(name) for name in self.features])
+        return ~are_lifts(self.features)
 
     @property
     def unit(self) -> np.ndarray:
         """Units of features, f: of forces 1, of areas in mm, both times the amplitude of the cell; of lifts in mm."""
-        area = {name: AREA_MM if name.endswith("_n_mm") else 1.0 for name in self.features}
-        return np.array([MOVE_MM if _is_lift(name) else area[name] for name in self.features])
+        return units_of(self.features)
 
     def correlation(self) -> np.ndarray:
-        """Correlation of the errors that a simulator may make in features of one object, f x f.
-
-        Errors of forces are mostly common to the whole lift and shared by neighbouring bins (`NEAR_MM`), in equal
-        parts; `OWN_SHARE` of their variance is of their own, as are those of lifts.
-        """
-        centres = np.array([CENTRES_MM.get(name, np.inf) for name in self.features])
-        with np.errstate(invalid="ignore"):
-            near = np.exp(-np.abs(np.subtract.outer(centres, centres)) / NEAR_MM)
-        near = np.where(np.isfinite(near), near, 0.0)
-        both = np.outer(self.is_force, self.is_force)
-        return np.where(np.eye(len(centres)) > 0, 1.0, np.where(both, 0.5 * (1.0 - OWN_SHARE) * (1.0 + near), 0.0))
+        """Correlation of the errors that a simulator may make in features of one object, f x f."""
+        return error_correlation(self.features)
 
     def mean_over_repeats(self) -> np.ndarray:
         """Measured features, t x o x f; 0 in cells that were not measured."""
@@ -182,8 +172,29 @@ def degrees(grid: np.ndarray) -> list[tuple[int, int]]:
     return [(i, j) for i in range(first + 1) for j in range(second + 1) if i + j <= max(first, second)]
 
 
-def _is_lift(name: str) -> bool:
-    return name.endswith("_mm") and not name.endswith("_n_mm")
+def are_lifts(features: Sequence[str]) -> np.ndarray:
+    """Which features are lifts, not forces, f."""
+    return np.array([name.endswith("_mm") and not name.endswith("_n_mm") for name in features])
+
+
+def units_of(features: Sequence[str]) -> np.ndarray:
+    """Units of features, f: of forces 1, of areas in mm, both times the amplitude of the cell; of lifts in mm."""
+    area = np.array([AREA_MM if name.endswith("_n_mm") else 1.0 for name in features])
+    return np.where(are_lifts(features), MOVE_MM, area)
+
+
+def error_correlation(features: Sequence[str]) -> np.ndarray:
+    """Correlation of the errors that a simulator may make in features of one object, f x f.
+
+    Errors of forces are mostly common to the whole lift and shared by neighbouring bins (`NEAR_MM`), in equal
+    parts; `OWN_SHARE` of their variance is of their own, as are those of lifts.
+    """
+    centres = np.array([CENTRES_MM.get(name, np.inf) for name in features])
+    with np.errstate(invalid="ignore"):
+        near = np.exp(-np.abs(np.subtract.outer(centres, centres)) / NEAR_MM)
+    near = np.where(np.isfinite(near), near, 0.0)
+    both = np.outer(~are_lifts(features), ~are_lifts(features))
+    return np.where(np.eye(len(centres)) > 0, 1.0, np.where(both, 0.5 * (1.0 - OWN_SHARE) * (1.0 + near), 0.0))
 
 
 def _weighted(weight: np.ndarray, values: np.ndarray) -> np.ndarray:

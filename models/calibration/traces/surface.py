@@ -30,26 +30,45 @@ class ResponseSurfaces:
     @staticmethod
     def of(problem: TraceProblem) -> "ResponseSurfaces":
         """Fit the surfaces of a problem to its grid."""
-        lower, upper = problem.grid.min(axis=0), problem.grid.max(axis=0)
-        terms = tuple(degrees(problem.grid))
-        basis = _basis(_scaled(problem.grid, lower, upper), terms)[0]
-        t, o, _, f = problem.simulated.shape
+        return ResponseSurfaces.fitted(
+            problem.grid, problem.simulated, problem.is_measured, problem.modulus_mpa, problem.is_force
+        )
+
+    @staticmethod
+    def fitted(
+        grid: np.ndarray, simulated: np.ndarray, is_wanted: np.ndarray, modulus_mpa: float, is_force: np.ndarray
+    ) -> "ResponseSurfaces":
+        """Surfaces of the wanted cells (t x o) of values (t x o x g x f) simulated at a grid (g x 2).
+
+        A cell needs at least one simulation more than the surface has terms.
+        """
+        lower, upper = grid.min(axis=0), grid.max(axis=0)
+        terms = tuple(degrees(grid))
+        basis = _basis(_scaled(grid, lower, upper), terms)[0]
+        t, o, _, f = simulated.shape
         coefficients, error = np.zeros((t, o, len(terms), f)), np.zeros((t, o, f, f))
-        for cell in zip(*np.nonzero(problem.is_measured), strict=True):
-            coefficients[cell], error[cell] = _fit(basis, problem.simulated[cell])
-        return ResponseSurfaces(lower, upper, problem.modulus_mpa, problem.is_force, terms, coefficients, error)
+        for cell in zip(*np.nonzero(is_wanted), strict=True):
+            coefficients[cell], error[cell] = _fit(basis, simulated[cell])
+        return ResponseSurfaces(lower, upper, modulus_mpa, is_force, terms, coefficients, error)
 
     def basis(self, friction: float, poisson_ratio: float) -> np.ndarray:
         """Values of the terms, and their slopes by friction and by Poisson ratio, 3 x k."""
         span = 0.5 * (self.upper - self.lower)
-        u, v = (np.array([friction, poisson_ratio]) - self.lower) / span - 1.0
-        rows = np.stack(_basis(np.array([[u, v]]), self.terms))[:, 0]
+        rows = np.stack(_basis(self._scaled(friction, poisson_ratio), self.terms))[:, 0]
         return np.asarray(rows / np.array([1.0, *span])[:, None])
+
+    def rows(self, friction: np.ndarray, poisson_ratio: np.ndarray | float) -> np.ndarray:
+        """Values of the terms at n frictions and Poisson ratios, n x k."""
+        return _basis(self._scaled(friction, poisson_ratio), self.terms)[0]
 
     def features(self, theta: np.ndarray) -> np.ndarray:
         """Features at theta (Young's modulus in MPa, friction, Poisson ratio), t x o x f."""
         factor = np.where(self.is_force, theta[0] / self.modulus_mpa, 1.0)
         return np.asarray((self.basis(theta[1], theta[2])[:1] @ self.coefficients)[..., 0, :] * factor)
+
+    def _scaled(self, friction: np.ndarray | float, poisson_ratio: np.ndarray | float) -> np.ndarray:
+        points = np.stack(np.broadcast_arrays(np.atleast_1d(friction), poisson_ratio), axis=-1)
+        return _scaled(points, self.lower, self.upper)
 
 
 def _fit(basis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

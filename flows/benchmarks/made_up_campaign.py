@@ -1,0 +1,60 @@
+"""A campaign of made-up grasps and simulations: all of it is real but the physics."""
+
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from flows.benchmarks.fingerprints import fingerprint, fingerprint_world
+from hardware.world.physics import build_request
+from hardware.world.spec import World
+from tasks.attempt import Attempt, GraspJob
+from tasks.config import CampaignConfig
+
+N_TOOLS, OBJECTS, N_REPEATS = 10, (0, 7, 14, 24, 30), 2
+N_SIMULATIONS = 20
+SIMULATION_S = 0.2  # wall time of a made-up simulation
+
+
+def made_up_attempt(job: GraspJob, wall_s: float = SIMULATION_S) -> Attempt:
+    """What `tasks.attempt.attempt_grasp` does, without a solver."""
+    time.sleep(wall_s)
+    request = build_request(World(), "made-up/B01T0", job.design, job.object_id, job.setup)
+    return Attempt(fingerprint(request), "", "", cpu_s=0.0, mesh_cpu_s=0.0, wall_s=wall_s, worker=os.getpid())
+
+
+def config_of(name: str) -> CampaignConfig:
+    """One batch of ten tools, with simulations beside it; nothing is learnt."""
+    schedule = {"initial_tools": N_TOOLS, "initial_simulations": N_SIMULATIONS, "guided_batches": 0}
+    objects = {"ids": OBJECTS, "repeats": N_REPEATS}
+    execution = {"simulation_workers": 1, "print_poll_s": 0.5}
+    data = {"name": name, "schedule": schedule, "objects": objects, "bench": {"world": "world.toml"}}
+    return CampaignConfig.model_validate({**data, "execution": execution})
+
+
+def write_files(folder: Path, name: str) -> Path:
+    """Config of a campaign, and its world, in which a trace says of what grasp it is; returns the config's path."""
+    config, world = config_of(name), world_of(name)
+    rows = [f'name = "{name}"', "[schedule]", *_lines(config.schedule.model_dump())]
+    rows += ["[objects]", f"ids = {list(OBJECTS)}", f"repeats = {N_REPEATS}"]
+    rows += ['[simulator]\ntier = "screening"', '[bench]\nworld = "world.toml"']
+    rows += ["[execution]", "simulation_workers = 1", "print_poll_s = 0.5"]
+    path = folder / f"{name}.toml"
+    path.write_text("\n".join(rows) + "\n")
+    (folder / "world.toml").write_text(f"seed = {world.seed}\n[scatter]\nrepeat_sd = {world.scatter.repeat_sd}\n")
+    return path
+
+
+def labels_of(name: str) -> list[tuple[str, int, int]]:
+    """Every grasp that the campaign owes."""
+    tools = [f"{name}/B01T{slot}" for slot in range(N_TOOLS)]
+    return [(tool, o, repeat) for tool in tools for o in OBJECTS for repeat in range(N_REPEATS)]
+
+
+def world_of(name: str) -> World:
+    """The world of a campaign."""
+    return fingerprint_world(labels_of(name))
+
+
+def _lines(table: dict[str, Any]) -> list[str]:
+    return [f"{key} = {value}" for key, value in table.items()]

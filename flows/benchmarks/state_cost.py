@@ -1,0 +1,73 @@
+"""What it costs to derive where a campaign stands, at the size of the paper's: a lake of its rows, with no content."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from lake.row import Row
+from lake.store import Lake
+from lake.tables import DesignRow, GraspRow, ProposalRow, SimulationRow, TraceRow, setup_columns
+from models.design_space import numbered_design
+from models.ids import canonical_json
+from models.records import Design
+from tasks.campaign import Campaign
+from tasks.config import CampaignConfig
+
+NAME = "state"
+N_STATES = 5
+_TOOLS_OF_TRAY = 10
+
+
+def state_cpu_s(root: Path, n_simulated: int, n_tools: int) -> float:
+    """CPU seconds of `Campaign.state` with so many designs simulated, and tools measured and simulated; all objects."""
+    config = CampaignConfig.model_validate({"name": NAME, "bench": {"world": ""}})
+    campaign = Campaign(Lake.open(root, create=True), config)
+    rows: list[Row] = []
+    for number in range(n_simulated + n_tools):
+        design, is_tool = numbered_design(number), number < n_tools
+        rows += [DesignRow.of(design), _proposal(design, number, is_tool)]
+        rows += [_simulation(campaign, design, object_id) for object_id in campaign.object_ids]
+        if is_tool:
+            rows += _grasps(campaign, design, number)
+    campaign.lake.append(rows, campaign.provenance())
+    campaign.state()
+    before = time.process_time()
+    for _ in range(N_STATES):
+        campaign.state()
+    return (time.process_time() - before) / N_STATES
+
+
+def _proposal(design: Design, number: int, is_tool: bool) -> ProposalRow:
+    batch, slot = divmod(number, _TOOLS_OF_TRAY)
+    return ProposalRow(
+        proposal_id=f"{NAME}/{number}", campaign_id=NAME, batch=batch + 1, slot=slot if is_tool else None, index=number,
+        fidelity="real" if is_tool else "sim", design_id=design.design_id, acquisition="random", n_real=0, n_sim=0,
+        n_pending=0,
+    )  # fmt: skip
+
+
+def _simulation(campaign: Campaign, design: Design, object_id: int) -> SimulationRow:
+    version_id, setup = campaign.version.version_id, campaign.config.grasp
+    return SimulationRow(
+        simulation_id=SimulationRow.make_id(design.design_id, object_id, version_id, setup.setup_id),
+        design_id=design.design_id, object_id=object_id, version_id=version_id, status="ok", peak_force_n=1.0,
+        **setup_columns(setup),
+    )  # fmt: skip
+
+
+def _grasps(campaign: Campaign, design: Design, number: int) -> list[Row]:
+    batch, slot = divmod(number, _TOOLS_OF_TRAY)
+    tool_id, setup = f"{NAME}/B{batch + 1:02d}T{slot}", campaign.config.grasp
+    rows: list[Row] = []
+    for object_id, repeat in campaign.config.objects.cells(0):
+        grasp_id = GraspRow.make_id(tool_id, object_id, repeat, 0)
+        rows += [
+            TraceRow(grasp_id=grasp_id, time_s=np.zeros(1), lift_mm=np.zeros(1), force_n=np.ones(1)),
+            GraspRow(
+                grasp_id=grasp_id, campaign_id=NAME, tool_id=tool_id, batch=batch + 1, slot=slot,
+                design_id=design.design_id, object_id=object_id, repeat=repeat, status="ok", peak_force_n=1.0,
+                setup_id=setup.setup_id, setup_json=canonical_json(setup.model_dump()), bench="virtual",
+            ),
+        ]  # fmt: skip
+    return rows

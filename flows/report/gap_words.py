@@ -1,0 +1,48 @@
+"""The answer of a gap search in words."""
+
+from models.effects.catalogue import CATALOGUE
+from models.gap.findings import Findings, Named
+
+
+def words(effect: str) -> str:
+    """An effect of the catalogue, or what stands in its place, as people write it."""
+    return {"none": "nothing is missing", "unknown": "not in the catalogue"}.get(effect, effect.replace("_", " "))
+
+
+def probability_words(probability: float) -> str:
+    """A probability to two digits, never 1.00 or 0.00."""
+    return "> 0.99" if probability > 0.995 else "< 0.01" if probability < 0.005 else f"{probability:.2f}"
+
+
+def answer(findings: Findings) -> str:
+    """The finding that a lab head should read."""
+    if not findings.alarm:
+        return "Simulation and measurement agree as well as noise and meshes allow: these data show nothing missing."
+    lead = next((r.where[0].sentence for r in findings.rounds if r.where), "")
+    names = [named_words(r.named) for r in findings.rounds if r.named.kind != "none"]
+    return f"{lead} {'Missing: ' if names else ''}{', then '.join(names)}{'.' if names else ''}".strip()
+
+
+def named_words(named: Named) -> str:
+    """What is missing, in the words of the catalogue."""
+    if named.kind == "effect":
+        return " and ".join(CATALOGUE[e].title if e in CATALOGUE else words(e) for e in named.effects)
+    if named.kind == "set":
+        return f"one of {', '.join(words(e) for e in named.effects)}, which these data cannot tell apart"
+    return "nothing" if named.kind == "none" else "something that is not in the catalogue"
+
+
+def short(findings: Findings) -> str:
+    """What is missing, for a tile."""
+    named = [r.named for r in findings.rounds if r.named.kind != "none"]
+    if not named:
+        return "no gap"
+    kinds = {"set": "one of a set", "unknown": "unknown"}
+    return ", ".join(kinds.get(n.kind) or " + ".join(words(e) for e in n.effects) for n in named)
+
+
+def probability(findings: Findings) -> str:
+    """The line under the tile: what it is, and how sure."""
+    named = [r.named for r in findings.rounds if r.named.kind != "none"] or [r.named for r in findings.rounds[:1]]
+    said = "what is missing" if findings.alarm else "beyond noise and meshes"
+    return f"{said}, probability " + ", ".join(probability_words(n.probability) for n in named)

@@ -1,0 +1,137 @@
+"""Rerun recording of a design: its two fingers, the printed parts, the mesh of the simulator, and the print tray."""
+
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from flows.report.style import COMPLIANT, INK, MUTED, RIGID
+from flows.viewer.scene import finger_meshes, finger_translations, flat_mesh, rgb
+from flows.viewer.stream import eye_from, recording_to, stored_design
+from lake.store import Lake
+from lake.tables import DesignRow, ToolRow
+from models.design_space import PARAMETERS
+from models.fem.shape import HEXAHEDRON_EDGES, TETRAHEDRON_EDGES, WEDGE_EDGES
+from models.geometry.finger import FingerBodies, finger_bodies
+from models.geometry.tray import BED_MM, PrintItem, lying, tray_layout
+from models.ids import tool_label
+from models.mesh.build import build_mesh
+from models.mesh.solid import SolidMesh
+from models.records import Design, GraspSetup, MeshSettings, Trace
+from models.units import unit_of
+
+APART_MM = 25.0  # between the printed bodies in the view of the parts
+_EDGES = {"C3D4": TETRAHEDRON_EDGES, "C3D10": TETRAHEDRON_EDGES, "C3D15": WEDGE_EDGES, "C3D20R": HEXAHEDRON_EDGES}
+
+
+def write_design_recording(lake: Lake, design_id: str, path: Path) -> Path:
+    """Write a design: both fingers at the open gap, the bodies apart, the solid elements, and the print tray.
+
+    The tray is that of the batch in which the design was mounted, or holds the design alone.
+
+    Raises:
+        UsageError: there is no such design, or the file cannot be written.
+    """
+    design = stored_design(lake, design_id)
+    items, what = _tray_items(lake, design)
+    mesh = build_mesh(design, MeshSettings(), full_width=True)
+    with recording_to(
+        f"design {design_id}", path, _blueprint(design, what, mesh), scenes=("cell", "parts", "mesh", "tray")
+    ) as stream:
+        stream.log("about", rr.TextDocument(_about(design, what, mesh), media_type="text/markdown"), static=True)
+        send_fingers_at_rest(stream, design, None)
+        _send_parts(stream, finger_bodies(design))
+        _send_mesh(stream, mesh)
+        _send_tray(stream, items)
+    return path
+
+
+def send_fingers_at_rest(stream: rr.RecordingStream, design: Design, mark: str | None) -> None:
+    """Both fingers, undeformed, at the open gap of the default setup."""
+    still = Trace(*(np.zeros(1) for _ in range(3)))
+    places = finger_translations(design, GraspSetup(closed_gap_mm=GraspSetup().open_gap_mm), still)
+    for side, place in places.items():
+        stream.log(f"cell/fingers/{side}", rr.Transform3D(translation=place[0]), static=True)
+    for name, mesh in finger_meshes(design, mark).items():
+        stream.log(f"cell/fingers/{name}", mesh, static=True)
+
+
+def mesh_edges(mesh: SolidMesh) -> np.ndarray:
+    """Edges (e, 2) of all elements as pairs of corner nodes, each once."""
+    pairs = [block.connectivity[:, np.array(_EDGES[block.kind])].reshape(-1, 2) for block in mesh.blocks]
+    return np.unique(np.sort(np.vstack(pairs), axis=1), axis=0)
+
+
+def _tray_items(lake: Lake, design: Design) -> tuple[list[PrintItem], str]:
+    """What was printed together with the design, and its name."""
+    tools = lake.records(ToolRow, design_id=design.design_id)
+    if not tools:
+        return [PrintItem("alone", design)], "this design alone"
+    tool = tools[-1]
+    batch = lake.records(ToolRow, campaign_id=tool.campaign_id, batch=tool.batch)
+    designs = {row.design_id: row.design for row in lake.records(DesignRow, design_id=[t.design_id for t in batch])}
+    items = [PrintItem(tool_label(t.batch, t.slot), designs[t.design_id]) for t in batch]
+    return items, f"batch {tool.campaign_id}/B{tool.batch:02d}"
+
+
+def _send_parts(stream: rr.RecordingStream, bodies: FingerBodies) -> None:
+    """Compliant and rigid body of one finger as they stand on a table, the rigid one drawn below."""
+    stream.log("parts/compliant", flat_mesh(bodies.compliant, COMPLIANT), static=True)
+    rigid = bodies.rigid.copy()
+    rigid.apply_translation([0.0, 0.0, -APART_MM])
+    stream.log("parts/rigid", flat_mesh(rigid, RIGID), static=True)
+
+
+def _send_mesh(stream: rr.RecordingStream, mesh: SolidMesh) -> None:
+    lines = mesh.nodes[mesh_edges(mesh)]
+    stream.log("mesh/elements", rr.LineStrips3D(lines, colors=rgb(INK), radii=0.12), static=True)
+    held = mesh.nodes[mesh.base_nodes]
+    stream.log("mesh/clamped", rr.Points3D(held, colors=rgb(RIGID), radii=0.6), static=True)
+
+
+def _send_tray(stream: rr.RecordingStream, items: list[PrintItem]) -> None:
+    plate = np.array([*BED_MM, 2.0])
+    stream.log("tray/plate", rr.Boxes3D(centers=plate / 2 - [0, 0, 2], sizes=plate, colors=rgb(MUTED)), static=True)
+    bodies = {item.label: finger_bodies(item.design, item.label) for item in items}
+    for number, place in enumerate(tray_layout(items)):
+        finger = bodies[place.label]
+        name = f"tray/{place.label}/{'ab'[number % 2]}"
+        for part, body, colour in (("compliant", finger.compliant, COMPLIANT), ("rigid", finger.rigid, RIGID)):
+            placed = body.copy()
+            placed.apply_transform(lying(place))
+            stream.log(f"{name}_{part}", flat_mesh(placed, colour), static=True)
+
+
+def _about(design: Design, tray: str, mesh: SolidMesh) -> str:
+    rows = "\n".join(_parameter_row(name, getattr(design, name)) for name in PARAMETERS)
+    return (
+        f"# {design.design_id}\n\n| parameter | value |\n|---|---|\n{rows}\n\n{mesh.n_elements} solid elements of the "
+        f"production tier. Tray: {tray}."
+    )
+
+
+def _parameter_row(name: str, value: float) -> str:
+    unit = unit_of(name) or ""
+    words = name.removesuffix(f"_{unit}").replace("_", " ")
+    return f"| {words} | {value:.4g} {unit} |"
+
+
+def _blueprint(design: Design, tray: str, mesh: SolidMesh) -> rrb.Blueprint:
+    middle = design.height_mm / 2
+    x, y = BED_MM[0] / 2, BED_MM[1] / 2
+    side = eye_from((-60, -190, 90), (12, 0, middle))
+    views = (
+        ("cell", "Fingers, open (mm)", eye_from((90, -280, 110), (0, 0, 50))),
+        ("parts", "Parts: compliant and rigid body (mm)", eye_from((-120, -200, 120), (12, 0, middle - 12))),
+        ("mesh", f"Mesh: {mesh.n_elements} elements, clamped nodes as dots (mm)", side),
+        ("tray", f"Print tray: {tray} (mm)", eye_from((x, y - 330, 420), (x, y, 0))),
+    )
+    shown = [rrb.Spatial3DView(origin=origin, name=name, eye_controls=eye) for origin, name, eye in views]
+    about = rrb.TextDocumentView(origin="about", name="About")
+    return rrb.Blueprint(
+        rrb.Horizontal(rrb.Grid(*shown, grid_columns=2), about, column_shares=[4, 1]),
+        rrb.TimePanel(state="hidden"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+    )

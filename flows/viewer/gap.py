@@ -1,0 +1,80 @@
+"""Rerun recording of held-out grasps of a gap search: measured, before and after over one timeline of lift."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from flows.report.gap_figures import SIM_AFTER, SIM_BEFORE, chosen_cells
+from flows.report.style import MUTED
+from flows.viewer.scene import rgb
+from flows.viewer.stream import recording_to
+from models.calibration.traces.features import STEP_MM
+from models.gap.show.shown import AFTER, BEFORE, Shown
+from models.objects.catalogue import get_object
+
+_N_CELLS = 6
+
+
+def write_gap_recording(shown: Shown, path: Path, cells: Sequence[Sequence[int]] | None = None) -> Path:
+    """Write measured and simulated forces of held-out grasps over lift; returns `path`.
+
+    cells: rows of the held-out grasps of each cell to show; without them six cells of other tools and objects.
+
+    Raises:
+        UsageError: the file cannot be written.
+    """
+    chosen = list(cells) if cells is not None else chosen_cells(shown, _N_CELLS)
+    names = [_name(shown, rows[0]) for rows in chosen]
+    with recording_to("gap search", path, _blueprint(names)) as stream:
+        stream.log("about", rr.TextDocument(_about(shown), media_type="text/markdown"), static=True)
+        for place, rows in enumerate(chosen):
+            _send_cell(stream, shown, place, rows)
+    return path
+
+
+def _send_cell(stream: rr.RecordingStream, shown: Shown, place: int, rows: Sequence[int]) -> None:
+    """Every measured repeat, and both simulations, of one tool on one object."""
+    for repeat, row in enumerate(rows):
+        _send(
+            stream, f"grasp_{place}/measured_{repeat}", shown.held_out.measured_n[row], f"measured {repeat + 1}", MUTED
+        )
+    for label, entity, name, colour in ((BEFORE, "before", "before", SIM_BEFORE), (AFTER, "after", "after", SIM_AFTER)):
+        steps_n = next(p.steps_n for p in shown.predictions if p.label == label)
+        _send(stream, f"grasp_{place}/{entity}", steps_n[rows[0]], name, colour)
+
+
+def _send(stream: rr.RecordingStream, entity: str, force_n: np.ndarray, name: str, colour: str) -> None:
+    stream.log(entity, rr.SeriesLines(names=name, colors=rgb(colour)), static=True)
+    lift_um = np.round(1e3 * STEP_MM * (np.arange(len(force_n)) + 0.5)).astype(np.int64)
+    stream.send_columns(entity, [rr.TimeColumn("lift_um", sequence=lift_um)], rr.Scalars.columns(scalars=force_n))
+
+
+def _blueprint(names: Sequence[str]) -> rrb.Blueprint:
+    views = [
+        rrb.TimeSeriesView(origin=f"grasp_{place}", name=f"{name}: force (N)", plot_legend=rrb.PlotLegend("RightTop"))
+        for place, name in enumerate(names)
+    ]
+    return rrb.Blueprint(
+        rrb.Vertical(
+            rrb.Grid(*views, grid_columns=2), rrb.TextDocumentView(origin="about", name="About"), row_shares=[6, 1]
+        ),
+        rrb.TimePanel(timeline="lift_um", state="collapsed", play_state="paused"),
+        rrb.SelectionPanel(state="collapsed"),
+    )
+
+
+def _name(shown: Shown, row: int) -> str:
+    held_out = shown.held_out
+    return f"{held_out.tools[held_out.tool[row]]} on the {get_object(held_out.objects[held_out.obj[row]]).name}"
+
+
+def _about(shown: Shown) -> str:
+    gap = shown.gap
+    return (
+        "Force over lift of grasps that were held out; timeline `lift_um` is the lift in micrometres. "
+        f"Held-out error {gap.rmse_before_n:.2f} N before and {gap.rmse_after_n:.2f} N after, noise floor "
+        f"{gap.rmse_floor_n:.2f} N."
+    )

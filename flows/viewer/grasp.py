@@ -1,0 +1,182 @@
+"""Rerun recording of one measured grasp, beside its simulation: deforming fingers and both traces on one timeline."""
+
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from flows.report.style import BEST, SIMULATED
+from flows.viewer.scene import finger_meshes, finger_translations
+from flows.viewer.simulation import arrow_mm_per_n, send_fingers
+from flows.viewer.stream import FRONT_EYE, recording_to, send_object, send_trace, stored_design, times
+from lake.store import Lake
+from lake.tables import GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow
+from models.errors import FastError, UsageError
+from models.fem.grasp import simulate_grasp
+from models.fem.recording import GraspRecording
+from models.ids import tool_label
+from models.objects.catalogue import get_object
+from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion, Trace
+
+_LOG = logging.getLogger(__name__)
+
+
+class Simulated(NamedTuple):
+    """The grasp again, in the simulator."""
+
+    version_id: str
+    result: GraspSimulation
+    recording: GraspRecording
+
+
+def write_grasp_recording(lake: Lake, grasp_id: str, path: Path, is_simulated: bool = True) -> Path:
+    """Write one grasp: object, measured force, simulated forces, and the fingers as the simulator deforms them.
+
+    The newest simulator version that the lake has for this design and object (else the default one) simulates the
+    grasp again, about a second; its times are stretched so that at each moment both lifts agree. Without
+    `is_simulated`, or where it fails, the fingers move undeformed.
+
+    Raises:
+        UsageError: there is no such grasp, it failed and has no trace, or the file cannot be written.
+    """
+    grasp = _grasp(lake, grasp_id)
+    trace = lake.trace(grasp_id)
+    design, setup = stored_design(lake, grasp.design_id), GraspSetup.model_validate_json(grasp.setup_json)
+    label = tool_label(grasp.batch, grasp.slot) if grasp.batch is not None and grasp.slot is not None else grasp.tool_id
+    simulated = _simulate(lake, grasp, design, setup) if is_simulated else None
+    with recording_to(f"grasp {grasp_id}", path, _blueprint(label)) as stream:
+        text = _about(grasp, label, trace, simulated)
+        stream.log("about", rr.TextDocument(text, media_type="text/markdown"), static=True)
+        send_object(stream, "cell/object", grasp.object_id, (0.0, 0.0))
+        send_trace(stream, "force/measured", "lift/measured", trace, grasp.started_at, "measured", BEST)
+        for number, (version_id, stored) in enumerate(_stored_traces(lake, grasp)):
+            moved = Clock.between(stored, trace).moved(stored)
+            send_trace(stream, f"force/simulated_{number}", None, moved, None, f"simulated {version_id}", SIMULATED)
+        if simulated is None:
+            _send_moving_fingers(stream, design, setup, label, trace)
+        else:
+            clock = Clock.between(simulated.result.trace, trace)
+            send_fingers(stream, simulated.recording, lambda s: clock.at(s.phase, s.time_s, s.lift_mm))
+    return path
+
+
+class Clock(NamedTuple):
+    """Maps simulated times to measured ones: closing onto closing, and in the lift by what has been lifted."""
+
+    closing_s: float
+    measured_closing_s: float
+    lifts_mm: np.ndarray
+    lift_times_s: np.ndarray
+
+    @classmethod
+    def between(cls, simulated: Trace, measured: Trace) -> "Clock":
+        """From the time of one trace to that of the other."""
+        lifting = measured.is_lift
+        lifts, first = np.unique(np.maximum.accumulate(measured.lift_mm[lifting]), return_index=True)
+        moments = measured.time_s[lifting][first]
+        return cls(_closing_s(simulated), _closing_s(measured), lifts, moments)
+
+    def at(self, phase: str, time_s: float, lift_mm: float) -> float:
+        """The measured time of a simulated moment; beyond the last measured lift, at its mean pace."""
+        if phase == "closing" or not self.lifts_mm.size:
+            return time_s * self.measured_closing_s / self.closing_s if self.closing_s else time_s
+        over = max(lift_mm - float(self.lifts_mm[-1]), 0.0)
+        pace = np.ptp(self.lift_times_s) / max(np.ptp(self.lifts_mm), 1e-9)
+        lifts, moments = np.r_[0.0, self.lifts_mm], np.r_[self.measured_closing_s, self.lift_times_s]
+        return float(np.interp(lift_mm, lifts, moments) + over * pace)
+
+    def moved(self, trace: Trace) -> Trace:
+        """The same forces and lifts at measured times."""
+        phases = np.where(trace.is_lift, "lift", "closing")
+        moments = [self.at(*step) for step in zip(phases, trace.time_s, trace.lift_mm, strict=True)]
+        return Trace(np.array(moments), trace.lift_mm, trace.force_n)
+
+
+def _closing_s(trace: Trace) -> float:
+    closing = trace.time_s[~trace.is_lift]
+    return float(closing[-1]) if closing.size else 0.0
+
+
+def _grasp(lake: Lake, grasp_id: str) -> GraspRow:
+    grasps = lake.records(GraspRow, grasp_id=grasp_id)
+    if not grasps:
+        raise UsageError(f'There is no grasp `{grasp_id}` in {lake.address}; list them with `fast sql "FROM grasps"`.')
+    grasp = grasps[-1]
+    if grasp.status != "ok":
+        raise UsageError(f"Grasp `{grasp_id}` failed ({grasp.reason}), so there is nothing to show; take another one.")
+    return grasp
+
+
+def _simulate(lake: Lake, grasp: GraspRow, design: Design, setup: GraspSetup) -> Simulated | None:
+    """The grasp in the newest version of this program that has simulated it; None where it cannot be simulated."""
+    recording = GraspRecording()
+    try:
+        version = _newest_version(lake, grasp)
+        result = simulate_grasp(design, get_object(grasp.object_id), version, setup, recorder=recording.add)
+    except FastError as error:
+        _LOG.warning("fingers of %s are drawn undeformed: %s", grasp.grasp_id, error)
+        return None
+    return None if recording.is_empty else Simulated(version.version_id, result, recording)
+
+
+def _newest_version(lake: Lake, grasp: GraspRow) -> SimulatorVersion:
+    keys = {"design_id": grasp.design_id, "object_id": grasp.object_id, "setup_id": grasp.setup_id, "status": "ok"}
+    for simulation in reversed(lake.records(SimulationRow, **keys)):
+        rows = lake.records(SimulatorVersionRow, version_id=simulation.version_id)
+        if rows and rows[-1].tier not in ("imported", "screening"):
+            return rows[-1].version
+    return SimulatorVersion()
+
+
+def _stored_traces(lake: Lake, grasp: GraspRow) -> Iterator[tuple[str, Trace]]:
+    """Simulations of the same design and object with the same grasp setup, with their version."""
+    keys = {"design_id": grasp.design_id, "object_id": grasp.object_id, "setup_id": grasp.setup_id}
+    for simulation in lake.records(SimulationRow, status="ok", **keys):
+        if lake.has(SimTraceRow, simulation.simulation_id):
+            yield simulation.version_id, lake.trace(simulation.simulation_id, SimTraceRow)
+
+
+def _about(grasp: GraspRow, label: str, trace: Trace, simulated: Simulated | None) -> str:
+    lines = [f"### {label} on object {grasp.object_id}, repeat {grasp.repeat}", ""]
+    peak = float(trace.force_n[trace.is_lift].max()) if trace.is_lift.any() else float(trace.force_n.max())
+    if simulated is None:
+        lines.append(f"Measured peak {peak:.2f} N. Fingers are drawn undeformed.")
+    else:
+        lines.append(
+            f"Measured peak {peak:.2f} N, simulated {simulated.result.peak_force_n:.2f} N. Fingers are those of the "
+            f"simulation ({simulated.version_id}), coloured by displacement; arrows: force of the object on them, "
+            f"{arrow_mm_per_n(simulated.recording):g} mm per N. The cursor in the curves is the moment in the scene."
+        )
+    return "\n".join(lines)
+
+
+def _blueprint(label: str) -> rrb.Blueprint:
+    scene = rrb.Spatial3DView(origin="cell", name=f"{label} (mm)", eye_controls=FRONT_EYE)
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(scene, rrb.TextDocumentView(origin="about", name="About"), row_shares=[4, 1]),
+            rrb.Vertical(
+                rrb.TimeSeriesView(origin="force", name="Force (N)", plot_legend=rrb.PlotLegend("RightTop")),
+                rrb.TimeSeriesView(origin="lift", name="Lift (mm)", plot_legend=rrb.PlotLegend(visible=False)),
+                row_shares=[2, 1],
+            ),
+        ),
+        rrb.TimePanel(timeline="time", state="collapsed", play_state="playing", loop_mode="all"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+    )
+
+
+def _send_moving_fingers(
+    stream: rr.RecordingStream, design: Design, setup: GraspSetup, label: str, trace: Trace
+) -> None:
+    """Both fingers, moved as the jaws and the head move."""
+    for name, mesh in finger_meshes(design, label).items():
+        stream.log(f"cell/fingers/{name}", mesh, static=True)
+    for side, places in finger_translations(design, setup, trace).items():
+        columns = rr.Transform3D.columns(translation=places)
+        stream.send_columns(f"cell/fingers/{side}", times(trace, None), columns)

@@ -1,0 +1,115 @@
+"""Rerun recordings (`.rrd`), made on demand; the lake stays the truth. What all of them share.
+
+Force and lift are sent as whole columns (150 times cheaper than sample by sample) on up to three timelines:
+`time` from the start of closing, `lift_um` so that grasps lie over each other by lift, and `bench_time`, when it
+happened.
+"""
+
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from flows.viewer.scene import mounted_object_mesh, rgb
+from lake.store import Lake
+from lake.tables import DesignRow
+from models.errors import UsageError
+from models.records import Design, Trace
+
+_LOG = logging.getLogger(__name__)
+
+APPLICATION = "fast"
+
+
+def writable(path: Path) -> None:
+    """Make the file and its folder.
+
+    Raises:
+        UsageError: that cannot be done.
+    """
+    try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        Path(path).touch()
+    except OSError as error:
+        raise UsageError(f"The recording {path} cannot be written ({error}); give another file.") from error
+
+
+@contextmanager
+def recording_to(
+    name: str, path: Path, blueprint: rrb.Blueprint, scenes: Sequence[str] = ("cell",)
+) -> Iterator[rr.RecordingStream]:
+    """A recording that is on disk when the context ends; `scenes` are the origins of three-dimensional views."""
+    writable(path)
+    with rr.RecordingStream(APPLICATION, recording_id=name) as recording:
+        recording.save(path, default_blueprint=blueprint)
+        for scene in scenes:
+            recording.log(scene, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        try:
+            yield recording
+        finally:
+            recording.flush()
+            recording.disconnect()
+
+
+def eye_from(position: tuple[float, float, float], target: tuple[float, float, float]) -> rrb.EyeControls3D:
+    """The eye of a three-dimensional view at first, z up, mm."""
+    return rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 0.0, 1.0))
+
+
+FRONT_EYE = eye_from((50.0, -215.0, 85.0), (0.0, 0.0, 58.0))  # a grasp, with both fingers and the object
+
+
+def send_trace(
+    recording: rr.RecordingStream,
+    force_entity: str,
+    lift_entity: str | None,
+    trace: Trace,
+    started_at: datetime | None,
+    name: str,
+    colour: str,
+) -> None:
+    """Both channels of a trace as columns, with the name and colour of the line."""
+    lines = rr.SeriesLines(names=name, colors=rgb(colour))
+    recording.log(force_entity, lines, static=True)
+    recording.send_columns(force_entity, times(trace, started_at), rr.Scalars.columns(scalars=trace.force_n))
+    if lift_entity is not None:
+        recording.log(lift_entity, lines, static=True)
+        recording.send_columns(lift_entity, times(trace, started_at), rr.Scalars.columns(scalars=trace.lift_mm))
+
+
+def times(trace: Trace, started_at: datetime | None) -> list[rr.TimeColumn]:
+    """The timelines of a trace's samples; `bench_time` only with the time at which the grasp started."""
+    columns = [
+        rr.TimeColumn("time", duration=trace.time_s),
+        rr.TimeColumn("lift_um", sequence=np.round(1e3 * trace.lift_mm).astype(np.int64)),
+    ]
+    if started_at is not None:
+        columns.append(rr.TimeColumn("bench_time", timestamp=started_at.timestamp() + trace.time_s))
+    return columns
+
+
+def send_object(recording: rr.RecordingStream, entity: str, object_id: int, place: tuple[float, float]) -> None:
+    """A test object at a place, mm; left out where the catalogue does not have it."""
+    try:
+        recording.log(entity, mounted_object_mesh(object_id, place), static=True)
+    except UsageError as error:
+        _LOG.info("object %d is left out of the scene: %s", object_id, error)
+
+
+def stored_design(lake: Lake, design_id: str) -> Design:
+    """A design of the lake.
+
+    Raises:
+        UsageError: there is none.
+    """
+    found = lake.records(DesignRow, design_id=design_id)
+    if not found:
+        raise UsageError(
+            f'There is no design `{design_id}` in {lake.address}; list them with `fast sql "FROM designs"`.'
+        )
+    return found[-1].design

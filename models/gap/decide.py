@@ -1,0 +1,176 @@
+"""From scores to an answer: one effect, a set that cannot be told apart, none, or not in the catalogue."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.effects.catalogue import CATALOGUE
+from models.gap.findings import Named, NamedParameter
+from models.gap.fit import Fit, axes_of
+from models.gap.isolability import DEFLATION
+from models.gap.refit import Refit
+from models.gap.score import Score
+from models.gap.thresholds import Statistics, Thresholds
+
+_Z90 = 1.645
+_SET_PROBABILITY = 0.95
+_LARGEST_SET = 3
+# Times their lines: misfits that are not clearly above those of null worlds. Contrasts of repeats have no mesh in them.
+_LEFT = (1.2, 1.05)
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """A refitted effect (or pair), its held-out score, and its probability (0 for pairs)."""
+
+    refit: Refit
+    score: Score
+    r2: float
+    probability: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """All that is decided on.
+
+    base: the fit without new effects. singles, pairs: what was tried, singles by probability. ceiling: r2 of the best
+    flexible model on the base. corrected_gain: nats of the best single, corrected for the choice. statistics: of the
+    base. none, unknown: probabilities.
+    """
+
+    base: Fit
+    singles: Sequence[Tried]
+    pairs: Sequence[Tried]
+    ceiling: float
+    corrected_gain: float
+    statistics: Statistics
+    none: float
+    unknown: float
+
+
+def misfits(fit: Fit) -> tuple[float, float]:
+    """Mean squared residual of cells' means, and of the contrasts of their repeats (0 without repeats)."""
+    is_mean = np.zeros(len(fit.residual), dtype=bool)
+    for places in fit.working.cells:
+        is_mean[places[:, 0]] = True
+    contrasts = fit.residual[~is_mean]
+    return float((fit.residual[is_mean] ** 2).mean()), float((contrasts**2).mean()) if contrasts.size else 0.0
+
+
+def decided(evidence: Evidence, thresholds: Thresholds) -> Named:
+    """The answer of a round."""
+    best = max(evidence.singles, key=lambda tried: tried.r2, default=None)
+    if not is_alarm(evidence, thresholds):
+        return Named(
+            kind="none", probability=evidence.none, sentence="Nothing that designs and objects agree on is left."
+        )
+    if best is None or not _is_credible(best, evidence, thresholds) or _is_incomplete(best, evidence, thresholds):
+        return _unknown(evidence)
+    chosen = _told_apart_from(best, evidence, thresholds)
+    if len(chosen) == 1:
+        return _effect(chosen[0])
+    return _set(chosen)
+
+
+def is_alarm(evidence: Evidence, thresholds: Thresholds) -> bool:
+    """Whether any statistic is above its line."""
+    found = evidence.statistics
+    return any(getattr(found, name) > getattr(thresholds, name) for name in Statistics.model_fields)
+
+
+def is_needed(tried: Tried, base: Fit) -> bool:
+    """Whether the training grasps are so much better explained that an amplitude of zero is outside 90 %.
+
+    By the ratio of likelihoods: an interval of the curvature is wide where amplitude and shape make up for each other.
+    """
+    return DEFLATION * (base.loss - tried.refit.fit.loss) > 0.5 * _Z90**2
+
+
+def parameters_of(fit: Fit, effect: str) -> dict[str, NamedParameter]:
+    """Values and 90 % intervals of an effect's parameters, by the curvature of the fit."""
+    sd = np.sqrt(np.diag(fit.covariance))[len(fit.columns) - fit.n_effect_columns :]
+    found, place = {}, 0
+    for value in fit.effects:
+        for axis in axes_of(value.effect):
+            if value.effect == effect:
+                inner = axis.inner(value.parameters[axis.name])
+                ends = [axis.value(inner + side * _Z90 * float(sd[place])) for side in (-1.0, 1.0)]
+                interval = (min(ends), max(ends))
+                found[axis.name] = NamedParameter(median=value.parameters[axis.name], ci90=interval)
+            place += 1
+    return found
+
+
+def apart_nats(first: Fit, second: Fit) -> float:
+    """Nats between the predictions of two fits, deflated as in `models.gap.isolability`."""
+    difference = first.working.whitened(first.modelled - second.modelled)
+    return float(0.5 * DEFLATION * (difference**2).sum())
+
+
+def _is_credible(best: Tried, evidence: Evidence, thresholds: Thresholds) -> bool:
+    is_better = best.r2 > thresholds.effect_r2 and evidence.corrected_gain > 0.0
+    return is_better and is_needed(best, evidence.base)
+
+
+def _is_incomplete(best: Tried, evidence: Evidence, thresholds: Thresholds) -> bool:
+    """Whether neither the best effect nor a pair with it explains most of what there is."""
+    with_best = [tried for tried in evidence.pairs if best.refit.effects[0] in tried.refit.effects]
+    pair = max(with_best, key=lambda tried: tried.r2, default=best)
+    for tried in (best, pair):
+        explained = tried.r2 / max(evidence.ceiling, tried.r2, 1e-9)
+        if explained >= thresholds.share and _leaves_little(tried, evidence, thresholds):
+            return False
+    return True
+
+
+def _leaves_little(tried: Tried, evidence: Evidence, thresholds: Thresholds) -> bool:
+    """Whether no misfit is clearly above those of null worlds, or most of it is gone.
+
+    A strong effect is never met to the last bit.
+    """
+    before = (evidence.statistics.misfit, evidence.statistics.contrast_misfit)
+    lines = (thresholds.misfit, thresholds.contrast_misfit)
+    parts = zip(before, misfits(tried.refit.fit), lines, _LEFT, strict=True)
+    return all(now <= left * line or was - now >= thresholds.share * (was - line) for was, now, line, left in parts)
+
+
+def _told_apart_from(best: Tried, evidence: Evidence, thresholds: Thresholds) -> list[Tried]:
+    """The best effect and those that could stand for it: as probable as that, or the same in their predictions."""
+    credible = [tried for tried in evidence.singles if tried.r2 > 0.5 * best.r2]
+    total = sum(tried.probability for tried in credible)
+    if best.probability >= thresholds.probability * max(total, 1e-12):
+        alike = [
+            t for t in credible if t is not best and apart_nats(t.refit.fit, best.refit.fit) < thresholds.least_nats
+        ]
+        return [best, *alike][:_LARGEST_SET]
+    chosen, mass = [best], best.probability
+    for tried in sorted(credible, key=lambda t: -t.probability):
+        if tried is not best and mass < _SET_PROBABILITY * total and len(chosen) < _LARGEST_SET:
+            chosen.append(tried)
+            mass += tried.probability
+    return chosen
+
+
+def _effect(tried: Tried) -> Named:
+    name = tried.refit.effects[0]
+    spec = CATALOGUE[name]
+    parameters = parameters_of(tried.refit.fit, name)
+    first = spec.parameters[0].name
+    low, high = parameters[first].ci90
+    sentence = f"{spec.title}: {first} = {parameters[first].median:.3g} [{low:.3g}, {high:.3g}]."
+    return Named(
+        kind="effect", effects=(name,), probability=tried.probability, parameters=parameters, sentence=sentence
+    )
+
+
+def _set(chosen: Sequence[Tried]) -> Named:
+    names = tuple(tried.refit.effects[0] for tried in chosen)
+    titles = "; or: ".join(CATALOGUE[name].title for name in names)
+    total = min(sum(tried.probability for tried in chosen), 1.0)
+    return Named(kind="set", effects=names, probability=total, sentence=f"One of these, not told apart: {titles}.")
+
+
+def _unknown(evidence: Evidence) -> Named:
+    sentence = "Something is missing that no effect of the catalogue explains, or not by itself."
+    return Named(kind="unknown", probability=max(evidence.unknown, 0.0), sentence=sentence)

@@ -1,0 +1,60 @@
+"""The leading effects fitted in the simulator's stead: all their parameters, with theta, tools and numerical error."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from models.gap.fit import Fit, Fitter
+from models.gap.screen import Screen
+from models.records import EffectValue
+
+N_LEADING = 6
+N_PAIRED = 3  # of the leading effects, in pairs
+_STARTS = 2  # secants from which an effect is fitted
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """New effects (one, or a pair) fitted with all that is in the model already."""
+
+    effects: tuple[str, ...]
+    fit: Fit
+
+    @property
+    def values(self) -> tuple[EffectValue, ...]:
+        """The new effects with their parameters."""
+        return tuple(value for value in self.fit.effects if value.effect in self.effects)
+
+
+def leading(screen: Screen, n: int = N_LEADING) -> list[str]:
+    """Effects by how well their best secant predicts what was left out, and the one that gains most in any case."""
+    by_r2 = sorted(screen.names, key=lambda name: -screen.grouped_r2[screen.best(name)])
+    by_gain = max(screen.names, key=lambda name: screen.gain[_of(screen, name)].max())
+    return list(dict.fromkeys([*by_r2[: n - 1], by_gain, by_r2[n - 1] if len(by_r2) >= n else by_r2[-1]]))[:n]
+
+
+def refitted(base: Fit, screen: Screen, effects: Sequence[str]) -> list[Refit]:
+    """Each effect alone, in the order given, from its most promising secants."""
+    found = []
+    for name in effects:
+        places = _of(screen, name)
+        starts = places[np.argsort(-screen.gain[places])][:_STARTS]
+        fits = [_fitted(base, [screen.values[place]]) for place in starts]
+        found.append(Refit((name,), min(fits, key=lambda fit: fit.loss)))
+    return found
+
+
+def paired(base: Fit, refits: Sequence[Refit]) -> list[Refit]:
+    """Pairs of the first `N_PAIRED` refitted effects: one alone may hide behind another."""
+    pairs = combinations(refits[:N_PAIRED], 2)
+    return [Refit((*one.effects, *other.effects), _fitted(base, [*one.values, *other.values])) for one, other in pairs]
+
+
+def _fitted(base: Fit, values: Sequence[EffectValue]) -> Fit:
+    return Fitter(base.working, base.theta, [*base.effects, *values]).fit()
+
+
+def _of(screen: Screen, effect: str) -> np.ndarray:
+    return np.array([place for place, name in enumerate(screen.effects) if name == effect])

@@ -1,0 +1,138 @@
+"""What effects that act on finished traces do to step means, for all grasps at once.
+
+Step means are taken as the force at the middle of their steps, straight in between. Laws that are simple on such a
+lattice are written out for n grasps; any other effect of the catalogue is replayed grasp by grasp. Either way it is
+the change that counts, so that an effect of amplitude zero leaves the prediction alone to the last bit.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from models.calibration.traces.features import N_STEPS, STEP_MM, step_means
+from models.effects.base import Effect
+from models.effects.lift_misalignment import LiftMisalignment
+from models.effects.lift_start_error import LiftStartError
+from models.effects.load_cell_drift import LoadCellDrift
+from models.effects.load_cell_lag import LoadCellLag
+from models.effects.load_cell_offset import LoadCellOffset
+from models.effects.object_post_compliance import ObjectPostCompliance
+from models.effects.stress_relaxation import StressRelaxation
+from models.effects.tool_weight import ToolWeight
+from models.records import GraspSetup, Trace
+
+_CENTRES_MM = STEP_MM * (np.arange(N_STEPS) + 0.5)
+
+Law = Callable[[Sequence[Effect], np.ndarray, GraspSetup], np.ndarray]
+
+
+def sensed(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    """Step means (n x 120) with one effect, as it acts in each of n grasps (`Effect.in_grasp`)."""
+    law = _LAWS.get(type(effects[0]), _replayed)
+    return law(effects, steps_n, setup)
+
+
+def acts_on_traces(effect: Effect) -> bool:
+    """Whether the effect changes finished traces."""
+    return type(effect).modify_trace is not Effect.modify_trace
+
+
+def trace_of_steps(steps_n: np.ndarray, setup: GraspSetup) -> Trace:
+    """A trace with these step means (120), to first order: closed at once, then lifted at the setup's speed."""
+    lift_mm = np.concatenate([[0.0, 0.0], _CENTRES_MM, [_CENTRES_MM[-1] + 0.5 * STEP_MM]])
+    force_n = np.concatenate([[steps_n[0]] * 2, steps_n, steps_n[-1:]])
+    time_s = _closing_s(setup) + lift_mm / setup.lift_speed_mm_per_s
+    time_s[0] = 0.0
+    return Trace(time_s, lift_mm, force_n)
+
+
+def _replayed(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    traces = [trace_of_steps(row, setup) for row in steps_n]
+    changes = [
+        step_means(effect.modify_trace(trace)) - step_means(trace)
+        for effect, trace in zip(effects, traces, strict=True)
+    ]
+    return steps_n + np.array(changes)
+
+
+def _offset(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    return steps_n + _column(effects, "offset_n")
+
+
+def _weight(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    return steps_n + _column(effects, "share") * _column(effects, "weight_n")
+
+
+def _drift(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    time_s = _column(effects, "clock_s") + _closing_s(setup) + _CENTRES_MM / setup.lift_speed_mm_per_s
+    return steps_n + _column(effects, "drift_per_hour_n") * time_s / 3600.0
+
+
+def _relaxation(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    held_s = _CENTRES_MM / setup.lift_speed_mm_per_s
+    lost = _column(effects, "relaxed_share") * np.expm1(-held_s / _column(effects, "time_constant_s"))
+    return np.asarray(steps_n + lost * steps_n)
+
+
+def _lag(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    """The recursion of `models.effects.load_cell_lag`, step by step for all grasps."""
+    tau_s = _column(effects, "time_constant_s")[:, 0]
+    step_s = STEP_MM / setup.lift_speed_mm_per_s
+    decay = np.exp(-step_s / np.where(tau_s > 0, tau_s, 1.0)) * (tau_s > 0)
+    behind = np.zeros(len(steps_n))  # reported less true
+    reported = steps_n.copy()
+    for i in range(1, steps_n.shape[1]):
+        lag = tau_s / step_s * (steps_n[:, i] - steps_n[:, i - 1])
+        behind = (behind + lag) * decay - lag
+        reported[:, i] += behind
+    return reported
+
+
+def _shift(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    from_mm = _CENTRES_MM - _column(effects, "shift_mm")
+    return _read_at(from_mm, steps_n)
+
+
+def _late_start(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    """Forces at the true lift, which a start with constant acceleration and a backlash leave behind."""
+    speed, ramp_s = setup.lift_speed_mm_per_s, _column(effects, "ramp_s")
+    time_s = _CENTRES_MM / speed
+    ramping_mm = 0.5 * speed * time_s**2 / np.where(ramp_s > 0, ramp_s, 1.0)
+    true_mm = np.where(time_s < ramp_s, ramping_mm, speed * (time_s - 0.5 * ramp_s)) - _column(effects, "backlash_mm")
+    return _read_at(true_mm, steps_n)
+
+
+def _compliance(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    """Force over the lift of the gantry; where that goes back, the system has jumped."""
+    seen_mm = _CENTRES_MM + _column(effects, "compliance_mm_per_n") * (steps_n - steps_n[:, :1])
+    ahead = np.maximum.accumulate(seen_mm, axis=1)
+    rows = zip(ahead, seen_mm, steps_n, strict=True)
+    return np.array([np.interp(_CENTRES_MM, at[at <= own], force[at <= own]) for at, own, force in rows])
+
+
+def _read_at(from_mm: np.ndarray, steps_n: np.ndarray) -> np.ndarray:
+    """Forces at lifts (n x 120) of step means (n x 120), constant beyond their ends."""
+    place = np.clip(from_mm / STEP_MM - 0.5, 0.0, N_STEPS - 1.0)
+    low = np.minimum(place.astype(int), N_STEPS - 2)
+    before, after = (np.take_along_axis(steps_n, at, axis=1) for at in (low, low + 1))
+    return np.asarray(before + (place - low) * (after - before))
+
+
+def _column(effects: Sequence[Effect], name: str) -> np.ndarray:
+    return np.array([[getattr(effect, name)] for effect in effects])
+
+
+def _closing_s(setup: GraspSetup) -> float:
+    return 0.5 * (setup.open_gap_mm - setup.closed_gap_mm) / setup.close_speed_mm_per_s
+
+
+_LAWS: Mapping[type[Effect], Law] = {
+    LoadCellOffset: _offset,
+    ToolWeight: _weight,
+    LoadCellDrift: _drift,
+    StressRelaxation: _relaxation,
+    LoadCellLag: _lag,
+    LiftMisalignment: _shift,
+    LiftStartError: _late_start,
+    ObjectPostCompliance: _compliance,
+}

@@ -1,0 +1,1 @@
+"""Where simulation and measurement disagree, once theta has been calibrated again."""

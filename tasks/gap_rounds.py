@@ -1,0 +1,127 @@
+"""One round of gap discovery: where the calibrated simulator disagrees, what is missing, and the simulator with it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from lake.store import Lake
+from models.calibration.settings import CalibrationSettings
+from models.effects.catalogue import CATALOGUE
+from models.gap.findings import Alias, Named, NamedParameter, NextExperiment, Round
+from models.gap.name import NameResult, name_effect
+from models.gap.predict import Predictor
+from models.gap.problem import GapProblem
+from models.gap.show.aliases import aliases
+from models.gap.show.next_experiment import next_experiment
+from models.gap.where.locate import Where, locate
+from models.gap.where.residuals import Residuals
+from models.gap.working import training
+from models.records import EffectValue, SimulatorVersion
+from tasks.calibrating import Progress
+from tasks.gap_model import GapModel, calibrated_model, theta_record
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """A finished round. `before`, `after`: the calibrated simulator, the same if the round changed nothing."""
+
+    round: Round
+    where: Where
+    name: NameResult
+    residuals: Residuals
+    before: GapModel
+    after: GapModel
+
+    @property
+    def is_last(self) -> bool:
+        """Whether another round could say nothing else."""
+        return self.after is self.before
+
+    @property
+    def sentence(self) -> str:
+        """The answer of the round."""
+        named, dropped = self.round.named, self.round.dropped
+        gone = f" No longer needed: {', '.join(dropped)}." if dropped else ""
+        names = f" ({', '.join(named.effects)})" if named.effects else ""
+        return f"{named.kind}{names}, probability {named.probability:.2f}. {named.sentence}{gone}"
+
+    @property
+    def next_experiment(self) -> NextExperiment | None:
+        """What would separate a set that was not told apart."""
+        if self.round.named.kind != "set":
+            return None
+        tried = {candidate.effect: candidate for candidate in self.round.candidates}
+        parameters = {name: tried[name].parameters for name in self.round.named.effects if name in tried}
+        probabilities = {name: tried[name].probability for name in parameters}
+        return next_experiment(self.round.named.effects, parameters, probabilities)
+
+    @property
+    def aliases(self) -> tuple[Alias, ...]:
+        """What these data cannot tell from theta and tools."""
+        visible = {c.effect: c.visible_fraction for c in self.round.candidates if c.visible_fraction is not None}
+        return aliases(visible)
+
+
+def next_turn(
+    lake: Lake,
+    problem: GapProblem,
+    base: SimulatorVersion,
+    campaign_id: str | None,
+    model: GapModel,
+    settings: CalibrationSettings,
+    progress: Progress | None = None,
+) -> Turn:
+    """The next round, with `model` as the simulator; what it names is calibrated together with what is in the model.
+
+    Raises:
+        UsageError: too few tools or objects are left to look at.
+        FastError: the chains of the new simulator did not converge.
+    """
+    name = name_effect(problem, model.effects)
+    residuals = _residuals(problem, name)
+    where = locate(residuals, seed=settings.seed)
+    kept = [value for value in model.effects if value.effect not in name.dropped]
+    after = model
+    if name.values or name.dropped:
+        after = calibrated_model(lake, training(problem), base, campaign_id, [*kept, *name.values], settings, progress)
+    found = Round(
+        where=where.findings,
+        candidates=name.candidates,
+        named=_with_posterior(name.named, after) if name.values else name.named,
+        version=after.version.version_id if after is not model else None,
+        dropped=name.dropped,
+    )
+    return Turn(found, where, name, residuals, model, after)
+
+
+def starting_model(
+    lake: Lake,
+    problem: GapProblem,
+    base: SimulatorVersion,
+    campaign_id: str | None,
+    effects: Sequence[EffectValue],
+    settings: CalibrationSettings,
+    progress: Progress | None = None,
+) -> GapModel:
+    """The simulator with the effects it has already, calibrated on what may be learnt from."""
+    return calibrated_model(lake, training(problem), base, campaign_id, effects, settings, progress)
+
+
+def _residuals(problem: GapProblem, name: NameResult) -> Residuals:
+    """What the calibrated simulator leaves of the grasps that are not held out."""
+    predictor, fit = Predictor.of(problem), name.fit
+    predicted_n = predictor.steps(fit.theta, fit.effects, fit.tool_factor)
+    is_usable = predictor.is_usable & (problem.grasps.steps_n == problem.grasps.steps_n).all(axis=1)
+    return Residuals.of(problem, predicted_n, theta_record(fit.theta), fit.tool_factor, is_usable)
+
+
+def _with_posterior(named: Named, model: GapModel) -> Named:
+    """The answer with the parameters of the joint posterior instead of the fit's."""
+    (effect,) = named.effects
+    found: dict[str, NamedParameter] = {
+        name.partition(".")[2]: value for name, value in model.parameters(named.effects).items()
+    }
+    values = ", ".join(
+        f"{name} = {value.median:.3g} [{value.ci90[0]:.3g}, {value.ci90[1]:.3g}]" for name, value in found.items()
+    )
+    sentence = f"{CATALOGUE[effect].title}: {values}."
+    return named.model_copy(update={"parameters": found, "sentence": sentence})

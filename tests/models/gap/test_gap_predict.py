@@ -1,0 +1,112 @@
+"""Predictions of gap discovery: bit-exact without effects, exact where the bank is, and in agreement with replay."""
+
+import numpy as np
+import pytest
+
+from models.calibration.traces.features import step_means
+from models.effects.catalogue import CATALOGUE, build_effects
+from models.effects.replay import replayed
+from models.errors import UsageError
+from models.gap.predict import Predictor
+from models.gap.problem import GapProblem
+from models.gap.sensing import trace_of_steps
+from models.gap.synthetic import made_up_gap
+from models.records import EffectValue
+
+CENTRE = np.array([10.0, 0.6, 0.42])
+THETA = np.array([8.0, 0.7, 0.4])
+
+ON_TRACES = {
+    "stress_relaxation": {"relaxed_share": 0.2, "time_constant_s": 4.0},
+    "object_post_compliance": {"compliance_mm_per_n": 0.05},
+    "lift_start_error": {"backlash_mm": 0.4, "ramp_s": 0.3},
+    "lift_misalignment": {"shift_mm": -0.8},
+    "load_cell_offset": {"offset_n": 0.3},
+    "load_cell_drift": {"drift_per_hour_n": 0.5},
+    "load_cell_lag": {"time_constant_s": 0.4},
+    "tool_weight": {"share": 0.5},
+    "mullins_softening": {"softening": 0.1, "scale_repeats": 2.0},
+    "temperature_softening": {"softening": 0.2, "warm_up_s": 2000.0},
+}
+
+
+@pytest.fixture(scope="module")
+def problem() -> GapProblem:
+    return made_up_gap(4, 4, 0)
+
+
+@pytest.fixture(scope="module")
+def predictor(problem: GapProblem) -> Predictor:
+    return Predictor.of(problem)
+
+
+def test_effects_of_no_amplitude_change_nothing(predictor: Predictor) -> None:
+    base = predictor.steps(THETA)
+    for name in predictor.names:
+        np.testing.assert_array_equal(predictor.steps(THETA, [CATALOGUE[name].neutral]), base)
+
+
+def test_forces_scale_with_the_modulus_and_tools(predictor: Predictor) -> None:
+    base = predictor.steps(THETA)
+    np.testing.assert_allclose(predictor.steps(THETA * [2.0, 1.0, 1.0]), 2.0 * base)
+    factor = np.array([1.0, 1.1, 1.0, 1.0])
+    of_tool = predictor.steps(THETA, tool_factor=factor)
+    np.testing.assert_allclose(of_tool, base * factor[predictor.grasps.tool][:, None])
+
+
+def test_the_bank_is_met_at_its_amplitudes(problem: GapProblem, predictor: Predictor) -> None:
+    base = predictor.steps(CENTRE)
+    tool, obj = problem.grasps.tool, problem.grasps.obj
+    for name, field in problem.bank.fields.items():
+        for place, parameters in enumerate(field.parameters):
+            change = predictor.steps(CENTRE, [EffectValue(effect=name, parameters=dict(parameters))]) - base
+            wanted = (field.steps_n[:, :, place] - problem.bank.centre_steps_n)[tool, obj]
+            np.testing.assert_allclose(change, wanted, atol=1e-9, err_msg=name)
+
+
+def test_an_effect_with_its_own_force_counts_more_in_a_soft_finger(predictor: Predictor) -> None:
+    """F(E, a) = E / E_c F(E_c, a E_c / E): twice the modulus and twice the strength are twice the force."""
+    soft = predictor.steps(THETA, [EffectValue(effect="shear_adhesion", parameters={"shear_strength_mpa": 0.005})])
+    stiff = predictor.steps(
+        THETA * [2.0, 1.0, 1.0], [EffectValue(effect="shear_adhesion", parameters={"shear_strength_mpa": 0.01})]
+    )
+    np.testing.assert_allclose(stiff, 2.0 * soft)
+
+
+def test_a_pressure_scale_is_a_factor_on_friction(predictor: Predictor) -> None:
+    law = {"exponent": 0.2, "reference_mpa": 0.1}
+    shifted = predictor.steps(CENTRE, [EffectValue(effect="pressure_dependent_friction", parameters=law)])
+    known = EffectValue(effect="pressure_dependent_friction", parameters=law | {"reference_mpa": 0.05})
+    np.testing.assert_allclose(shifted, predictor.steps(CENTRE * [1.0, 2.0**0.2, 1.0], [known]), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ON_TRACES)
+def test_laws_for_all_grasps_at_once_agree_with_replay(predictor: Predictor, name: str) -> None:
+    value = EffectValue(effect=name, parameters=ON_TRACES[name])
+    grasps, base = predictor.grasps, predictor.steps(CENTRE)
+    found = predictor.steps(CENTRE, [value])
+    (effect,) = build_effects([value])
+    for row in range(0, len(base), 7):
+        design = grasps.designs[grasps.tool[row]]
+        acting = effect.in_grasp(design, grasps.setup, grasps.contexts[row])
+        trace = trace_of_steps(base[row], grasps.setup)
+        change = step_means(replayed(trace, [acting], design, predictor.centre)) - step_means(trace)
+        error = np.abs(found[row] - base[row] - change)
+        assert np.sqrt((error**2).mean()) < 0.07 * np.sqrt((change**2).mean()) + 1e-9
+
+
+def test_memory_acts_through_friction_modulus_and_closing(problem: GapProblem, predictor: Predictor) -> None:
+    contexts = problem.grasps.contexts
+    base = predictor.steps(CENTRE)
+    worn = predictor.steps(CENTRE, [EffectValue(effect="friction_wear", parameters={"loss": 0.3})])
+    first = np.array([context.tool_grasps == 0 for context in contexts])
+    np.testing.assert_array_equal(worn[first], base[first])
+    assert (np.abs(worn[~first] - base[~first]).max(axis=1) > 0).all()
+    left = predictor.steps(CENTRE, [EffectValue(effect="pressure_droop", parameters={"loss_mm": 2.0})])
+    assert (left.sum(axis=1) <= base.sum(axis=1)).mean() > 0.9
+
+
+def test_an_effect_without_simulations_is_refused(predictor: Predictor) -> None:
+    assert "rib_imperfection" not in predictor.names
+    with pytest.raises(UsageError, match="no simulations with `rib_imperfection`"):
+        predictor.steps(CENTRE, [EffectValue(effect="rib_imperfection", parameters={"bow_mm": 0.2})])

@@ -59,7 +59,12 @@ class ToolAnswer(BaseModel):
     rack_slot: _RackSlot = _number("Rack slot, if another")
 
 
-@flow(name="print", flow_run_name="{campaign}/B{batch:02d}: printed and mounted?", persist_result=True)
+@flow(
+    name="print",
+    flow_run_name="{campaign}/B{batch:02d}: printed and mounted?",
+    persist_result=True,
+    result_serializer="json",
+)
 def confirm_batch(campaign: str, batch: int, slots: list[int], lake: str = "lake-data") -> State[Any]:
     """Ask a person what became of a printed batch until the answer can be used; then the campaign goes on.
 

@@ -16,7 +16,10 @@ INTERVAL_S = 10.0  # a grasp takes 15 s; on a virtual bench in lockstep they com
 
 
 class PlaceInName:
-    """Names a tool's task run after the object it is at, as grasps are made."""
+    """Names a tool's task run after the object it is at, as grasps are made.
+
+    When the run ends, Prefect gives it its first name back.
+    """
 
     def __init__(self, label: str, run_id: str, plan: ObjectPlan, done: set[Cell]) -> None:
         self._label = label

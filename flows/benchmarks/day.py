@@ -83,7 +83,7 @@ class Day:
         self._kill_server()
         self._answer_well(browser, form)
         self._confirm("B01")
-        self._look(browser, f"/runs/flow-run/{self._campaign_run()}", "campaign-measuring")
+        self._look(browser, f"/runs/flow-run/{self._campaign_run()}", "gantry", "campaign-measuring")
         self._wait_for_batch(2)
         self._confirm("B02")
         self._wait_for("the campaign to end", self._campaign_end)
@@ -243,8 +243,8 @@ class Day:
         for words in ("Best so far", "No person is needed", f"/outputs/{CAMPAIGN}/report/index.html"):
             if words not in page["data"]:
                 raise FastError(f"the campaign's page does not say `{words}`.")
-        self._look(browser, f"/artifacts/artifact/{page['id']}", "campaign-page")
-        self._look(browser, f"/runs/flow-run/{self._campaign_run()}", "campaign-run")
+        self._look(browser, f"/artifacts/artifact/{page['id']}", "Best so far", "campaign-page")
+        self._look(browser, f"/runs/flow-run/{self._campaign_run()}", "Completed", "campaign-run")
 
     def _look_at_report(self, browser: Browser) -> None:
         browser.open(f"{self._api.removesuffix('/api')}/outputs/{CAMPAIGN}/report/index.html")
@@ -276,9 +276,9 @@ class Day:
         found: dict[str, Any] = ask_server(self._api, f"/flow_runs/{run_id}")["state"]
         return found
 
-    def _look(self, browser: Browser, path: str, name: str) -> None:
+    def _look(self, browser: Browser, path: str, words: str, name: str) -> None:
         browser.open(f"{self._api.removesuffix('/api')}{path}")
-        time.sleep(15)
+        browser.wait(f"document.body.innerText.includes({json.dumps(words)})")
         self._picture(browser, name)
 
     def _picture(self, browser: Browser, name: str) -> None:

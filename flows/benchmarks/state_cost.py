@@ -3,6 +3,8 @@
 import time
 from pathlib import Path
 
+import numpy as np
+
 from lake.row import Row
 from lake.store import Lake
 from lake.tables import DesignRow, GraspRow, ProposalRow, SimulationRow, TraceRow, setup_columns
@@ -61,7 +63,7 @@ def _grasps(campaign: Campaign, design: Design, number: int) -> list[Row]:
     for object_id, repeat in campaign.config.objects.cells(0):
         grasp_id = GraspRow.make_id(tool_id, object_id, repeat, 0)
         rows += [
-            TraceRow(grasp_id=grasp_id, time_s=[0.0], lift_mm=[0.0], force_n=[1.0]),
+            TraceRow(grasp_id=grasp_id, time_s=np.zeros(1), lift_mm=np.zeros(1), force_n=np.ones(1)),
             GraspRow(
                 grasp_id=grasp_id, campaign_id=NAME, tool_id=tool_id, batch=batch + 1, slot=slot,
                 design_id=design.design_id, object_id=object_id, repeat=repeat, status="ok", peak_force_n=1.0,

@@ -21,6 +21,7 @@ from flows.report.tool_traces import tool_traces_section
 from flows.report.work import work_section
 from lake.store import Lake
 from models.errors import UsageError
+from tasks.anomalies import update_anomalies
 from tasks.features import update_features
 
 _LOG = logging.getLogger(__name__)
@@ -87,8 +88,9 @@ def write_report(lake: Lake, campaign_id: str, out: Path, against: Sequence[Lake
 
 
 def add_features(lake: Lake, campaign_id: str) -> None:
-    """Calculate the features of traces that lack them, as `fast features` does; without any trace, nothing happens."""
+    """Features and flags of traces that lack them, as by `fast features`; without any trace, nothing happens."""
     try:
         update_features(lake, campaign_id)
+        update_anomalies(lake, campaign_id)
     except UsageError as error:  # the report says itself what has not been measured
         _LOG.info("report of %s without features: %s", campaign_id, error)

@@ -27,6 +27,8 @@ ZERO_FREEDOM = 30.0  # a mean of noise has light tails
 EJECTED_MM = 8.0  # lift within which an object that is lost was never picked up
 LEAST_WORK_J = 1e-4  # whose logarithm is taken
 PULLED_N = 0.3  # mean over 2 mm of lift: five standard deviations of noise, so that a free gripper does no work
+HELD_ON_N = 0.15  # mean from where a loss is over to where the work is usually done; a lost object has none
+LOSS_OVER = (1.15, 3.0)  # times the lift by which its work is done, and mm more: there a loss is over
 STILL_HELD_N = 1.0  # a force at the end that is no drift: the trace ends before the object is free
 
 
@@ -96,7 +98,8 @@ def find_anomalies(features: TraceFeatures, labels: Labels, limit_p: float = LIM
     is_sudden = evidence["lift"].shortfall <= SUDDEN * _shortfalls_like(
         evidence["lift"], _separation_mm(features), labels
     )
-    kinds = _kinds(features, labels, flagged, is_sudden)
+    is_held_on = labels.is_turned & (_rest_n(features, evidence["lift"].shortfall) > HELD_ON_N)
+    kinds = _kinds(features, labels, flagged, is_sudden & ~is_held_on)
     found = [
         _anomaly(place, kind, measure, evidence[measure])
         for kind, (measure, is_kind) in kinds.items()
@@ -137,6 +140,15 @@ def _done_mm(profile_n: np.ndarray) -> np.ndarray:
     rows = np.arange(len(pulled))
     before_n, in_step_n = done[rows, after - 1], np.maximum(pulled[rows, after - 1], 1e-9)
     return np.asarray(PROFILE_STEP_MM * (after - 1 + np.clip((wanted - before_n) / in_step_n, 0.0, 1.0)))
+
+
+def _rest_n(features: TraceFeatures, shortfall_mm: np.ndarray) -> np.ndarray:
+    """Mean force (n) from where a loss would be over to where the work is usually done; 0 where that is not later."""
+    middle_mm = PROFILE_STEP_MM * (np.arange(features.profile_n.shape[1]) + 0.5)
+    done_mm = _done_mm(features.profile_n)
+    begin_mm, end_mm = LOSS_OVER[0] * done_mm + LOSS_OVER[1], done_mm + shortfall_mm
+    is_within = (middle_mm >= begin_mm[:, None]) & (middle_mm <= end_mm[:, None])
+    return np.asarray((features.profile_n * is_within).sum(axis=1) / np.maximum(is_within.sum(axis=1), 1))
 
 
 def _evidence(name: str, values: np.ndarray, features: TraceFeatures, labels: Labels) -> Evidence:

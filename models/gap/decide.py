@@ -16,7 +16,8 @@ from models.gap.thresholds import Statistics, Thresholds
 _Z90 = 1.645
 _SET_PROBABILITY = 0.95
 _LARGEST_SET = 3
-_LEFT = 1.25  # times its line: a misfit that is not clearly above those of null worlds
+# Times their lines: misfits that are not clearly above those of null worlds. Contrasts of repeats have no mesh in them.
+_LEFT = (1.2, 1.05)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,8 +131,8 @@ def _leaves_little(tried: Tried, evidence: Evidence, thresholds: Thresholds) -> 
     """
     before = (evidence.statistics.misfit, evidence.statistics.contrast_misfit)
     lines = (thresholds.misfit, thresholds.contrast_misfit)
-    parts = zip(before, misfits(tried.refit.fit), lines, strict=True)
-    return all(now <= _LEFT * line or was - now >= thresholds.share * (was - line) for was, now, line in parts)
+    parts = zip(before, misfits(tried.refit.fit), lines, _LEFT, strict=True)
+    return all(now <= left * line or was - now >= thresholds.share * (was - line) for was, now, line, left in parts)
 
 
 def _told_apart_from(best: Tried, evidence: Evidence, thresholds: Thresholds) -> list[Tried]:

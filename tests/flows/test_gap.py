@@ -22,9 +22,8 @@ from models.records import EffectValue
 from tasks.gap_bank import bank_plans
 from tasks.gap_split import KIND as SPLIT
 from tasks.hypercube import SimulationPlan
-from tests.models.gap.random_walk import random_walk
 from tests.tasks.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, gap_lake, plan_rows
-from tests.tasks.trace_lake import PROVENANCE
+from tests.tasks.trace_lake import PROVENANCE, normal_draws
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.4})
 ORDER = GapOrder("demo", settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
@@ -36,13 +35,13 @@ def silent() -> Voice:
 
 @pytest.fixture(autouse=True)
 def no_physics(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Made-up answers in the place of finite elements, and a random walk in the place of NUTS."""
+    """Made-up answers in the place of finite elements, and normal draws in the place of NUTS."""
 
     def simulate(lake: Lake, plans: Sequence[SimulationPlan], *_: Any) -> None:
         lake.append(plan_rows(plans), PROVENANCE)
 
     monkeypatch.setattr(flows.gap, "simulate_missing", simulate)
-    monkeypatch.setattr(joint, "sample", random_walk)
+    monkeypatch.setattr(joint, "sample", normal_draws)
 
 
 @pytest.fixture(scope="module")

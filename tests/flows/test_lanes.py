@@ -40,7 +40,7 @@ class ScriptedLane:
 def session(monkeypatch):
     import threading
 
-    monkeypatch.setattr(campaign_flow, "_next_event", lambda session: object())
+    monkeypatch.setattr(campaign_flow, "_next_event", lambda session, on_wait: object())
     return SimpleNamespace(campaign=SimpleNamespace(state=lambda: None), stopping=threading.Event())
 
 
@@ -70,7 +70,7 @@ def test_designs_are_simulated_again_in_order_and_nothing_new_is_proposed():
     lane = RerunLane(session, 1, designs)
     state = CampaignState((), (), simulated={designs[0].design_id: {4, 7}, designs[1].design_id: {4}})
     assert lane._next(state).design == designs[1]
-    assert lane._next(state).label == "again 2 of 3"
+    assert lane._next(state).label == "simulated again 2 of 3"
     done = CampaignState((), (), simulated={design.design_id: {4, 7} for design in designs})
     assert lane._next(done) is None
 

@@ -12,7 +12,7 @@ from models.gap.joint import Surface, effects_at, joint_posterior
 from models.gap.synthetic import GapTruth, made_up_gap
 from models.gap.working import training
 from models.records import EffectValue
-from tests.models.gap.random_walk import random_walk
+from tests.tasks.trace_lake import normal_draws
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.25})
 FRICTION = EffectValue(effect="static_kinetic_friction", parameters={"kinetic_ratio": 0.7, "slip_scale_mm": 1.5})
@@ -51,7 +51,7 @@ def test_the_surface_is_the_likelihood_where_the_posterior_is(lagging: Fit) -> N
 
 
 def test_theta_and_the_effect_are_found_together(lagging: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(joint, "sample", random_walk)
+    monkeypatch.setattr(joint, "sample", normal_draws)
     result = joint_posterior(lagging, SETTINGS)
     assert result.names == ("young_modulus_mpa", "friction", "poisson_ratio", "load_cell_lag.time_constant_s")
     assert result.method == WITH_EFFECTS

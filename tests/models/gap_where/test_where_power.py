@@ -1,9 +1,10 @@
-"""The table of docs/gap.md: how often a gap on half of the designs is seen."""
+"""What docs say of WHERE: how often a gap is seen (docs/gap.md), and one that is not there (docs/gap-limits.md)."""
 
 import numpy as np
 import pytest
 
 from models.gap.where.hypotheses import EVERYWHERE, run_tests
+from models.gap.where.sentences import find_where
 from tests.models.gap_where.made_up import made_up_residuals
 
 N_WORLDS = 20
@@ -26,3 +27,14 @@ def test_power_is_what_the_docs_say(share: float, n_tools: int, n_seen: int, n_p
         rejected = {h.factor for phase in tests.phases for h in tests.rejected(phase)}
         placed += bool(rejected & {"rib_thickness_mm", EVERYWHERE})
     assert (seen, placed) == (n_seen, n_placed)
+
+
+@pytest.mark.study
+def test_false_alarms_are_what_the_docs_say() -> None:
+    rejected = found = 0
+    for seed in range(100):
+        world = made_up_residuals(seed=1000 + seed, n_tools=8 + seed % 9, tool_sd=0.04)
+        tests = run_tests(world, seed)
+        rejected += tests.p_value <= 0.05
+        found += len(find_where(world, tests, seed)) > 0
+    assert (rejected, found) == (11, 4)

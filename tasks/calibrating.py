@@ -111,9 +111,9 @@ def infer(
         version_rows = missing_version_rows(lake, version)
         if version_rows:
             lake.append(version_rows, _with_parents(provenance, [calibration_id]))
-    with_effects = result.method == WITH_EFFECTS
-    history = theta_history(lake, data.base.version_id, data.campaign_id, data.data, with_effects=with_effects)
-    drift = drift_warnings(history, theta_summary(result)) if version is not None else ()
+    history = theta_history(lake, data.base.version_id, data.campaign_id, data.data)
+    can_drift = version is not None and result.method != WITH_EFFECTS
+    drift = drift_warnings(history, theta_summary(result)) if can_drift else ()
     row = _row(calibration_id, data, settings, learned, drift)
     lake.append([row], _with_parents(provenance, data.row_ids))
     return row, result

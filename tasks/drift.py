@@ -25,16 +25,14 @@ class PastCalibration(NamedTuple):
     intervals: Mapping[str, tuple[float, float, float]]  # 5 % quantile, median, 95 % quantile
 
 
-def theta_history(
-    lake: Lake, base_version_id: str, campaign_id: str | None, data: str, *, with_effects: bool = False
-) -> list[PastCalibration]:
+def theta_history(lake: Lake, base_version_id: str, campaign_id: str | None, data: str) -> list[PastCalibration]:
     """The calibrations of a simulator with this kind of data of these measurements that gave a version, oldest first.
 
-    Means and traces of the same grasps say different things of theta, as do traces with and without effects
-    (`with_effects`), and nothing has drifted between them.
+    Means and traces of the same grasps say different things of theta, as do calibrations of a search for the gap, each
+    with other effects: nothing has drifted between them.
     """
     where = {"base_version_id": base_version_id, "campaign_id": campaign_id, "data": data, "status": "ok"}
-    rows = [row for row in lake.rows(CalibrationRow, **where) if (row["sampler"] == WITH_EFFECTS) == with_effects]
+    rows = [row for row in lake.rows(CalibrationRow, **where) if row["sampler"] != WITH_EFFECTS]
     return [
         PastCalibration(row["calibration_id"], row["created_at"], {name: _interval(row, name) for name in THETA})
         for row in rows

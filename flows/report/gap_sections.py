@@ -191,9 +191,9 @@ def assumed_section(evidence: GapEvidence, folder: Folder) -> Markup:
 def _sentences(found: Round, place: int, n_rounds: int) -> Markup:
     head = Markup(f"<h3>Round {place + 1}</h3>") if n_rounds > 1 else Markup("")
     if not found.where:
-        return Markup(
-            head + paragraph("No place where they disagree by more than noise, scatter of prints and meshes.")
-        )
+        pattern = " What is named below shows in the pattern of all traces." if found.named.kind != "none" else ""
+        sentence = "No single tool, object or phase stands out from noise, scatter of prints and meshes." + pattern
+        return Markup(head + paragraph(sentence))
     first, *others = found.where
     return Markup(head + paragraph(first.sentence, "lead" if place == 0 else "") + _list([f.sentence for f in others]))
 

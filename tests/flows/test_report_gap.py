@@ -120,7 +120,7 @@ def test_answer_alone_makes_a_page_and_silence_is_said(tmp_path: Path) -> None:
     )
     page = write_gap_report(GapEvidence(silent), tmp_path, "X2").read_text(encoding="utf-8")
     assert "these data show nothing missing" in page
-    assert "No place where they disagree" in page
+    assert "No single tool, object or phase stands out" in page
 
 
 def test_recording_holds_measured_before_and_after(evidence: GapEvidence, tmp_path: Path) -> None:

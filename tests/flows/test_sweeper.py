@@ -104,6 +104,7 @@ def test_a_zombie_is_not_alive():
         (run(age_s=2 * UNMARKED_LIMIT_S, infrastructure_pid=str(os.getpid())), None),
         (run(age_s=2 * UNMARKED_LIMIT_S, infrastructure_pid=str(GONE.pid)), "no process has said"),
     ],
+    ids=("alive", "gone", "of another host", "just begun", "unmarked", "of a living worker", "of a dead worker"),
 )
 def test_why_a_run_is_dead(found, words):
     reason = reason_of_death(found, NOW)

@@ -18,8 +18,6 @@ _SET_PROBABILITY = 0.95
 _LARGEST_SET = 3
 # Times their lines: misfits that are not clearly above those of null worlds. Contrasts of repeats have no mesh in them.
 _LEFT = (1.2, 1.05)
-_CLOSE_R2 = 0.05  # between effects that the catalogue calls confusable: no name is worth so little
-_LEAST_PROBABILITY = 0.01  # below, the best on held-out grasps is a freak of their choice
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +110,7 @@ def apart_nats(first: Fit, second: Fit) -> float:
 
 def _is_credible(best: Tried, evidence: Evidence, thresholds: Thresholds) -> bool:
     is_better = best.r2 > thresholds.effect_r2 and evidence.corrected_gain > 0.0
-    return is_better and best.probability >= _LEAST_PROBABILITY and is_needed(best, evidence.base)
+    return is_better and is_needed(best, evidence.base)
 
 
 def _is_incomplete(best: Tried, evidence: Evidence, thresholds: Thresholds) -> bool:
@@ -127,14 +125,14 @@ def _is_incomplete(best: Tried, evidence: Evidence, thresholds: Thresholds) -> b
 
 
 def _leaves_little(tried: Tried, evidence: Evidence, thresholds: Thresholds) -> bool:
-    """Whether no misfit is clearly above those of null worlds, or a good part of it is gone.
+    """Whether no misfit is clearly above those of null worlds, or most of it is gone.
 
-    The truth has another law and another mesh: even the right effect is never met to the last bit.
+    A strong effect is never met to the last bit.
     """
     before = (evidence.statistics.misfit, evidence.statistics.contrast_misfit)
     lines = (thresholds.misfit, thresholds.contrast_misfit)
     parts = zip(before, misfits(tried.refit.fit), lines, _LEFT, strict=True)
-    return all(now <= left * line or was - now >= thresholds.removed * was for was, now, line, left in parts)
+    return all(now <= left * line or was - now >= thresholds.share * (was - line) for was, now, line, left in parts)
 
 
 def _told_apart_from(best: Tried, evidence: Evidence, thresholds: Thresholds) -> list[Tried]:
@@ -142,7 +140,9 @@ def _told_apart_from(best: Tried, evidence: Evidence, thresholds: Thresholds) ->
     credible = [tried for tried in evidence.singles if tried.r2 > 0.5 * best.r2]
     total = sum(tried.probability for tried in credible)
     if best.probability >= thresholds.probability * max(total, 1e-12):
-        alike = [tried for tried in credible if tried is not best and _are_alike(tried, best, thresholds)]
+        alike = [
+            t for t in credible if t is not best and apart_nats(t.refit.fit, best.refit.fit) < thresholds.least_nats
+        ]
         return [best, *alike][:_LARGEST_SET]
     chosen, mass = [best], best.probability
     for tried in sorted(credible, key=lambda t: -t.probability):
@@ -150,18 +150,6 @@ def _told_apart_from(best: Tried, evidence: Evidence, thresholds: Thresholds) ->
             chosen.append(tried)
             mass += tried.probability
     return chosen
-
-
-def _are_alike(tried: Tried, best: Tried, thresholds: Thresholds) -> bool:
-    """Whether two effects predict the same, or nearly as well if the laws they stand for are of one kind.
-
-    The truth never has the catalogue's law: between confusable effects a small lead is one of laws, not of physics.
-    """
-    ours, theirs = best.refit.effects[0], tried.refit.effects[0]
-    is_kin = theirs in CATALOGUE[ours].confusable_with or ours in CATALOGUE[theirs].confusable_with
-    if is_kin and tried.r2 > best.r2 - _CLOSE_R2:
-        return True
-    return apart_nats(tried.refit.fit, best.refit.fit) < thresholds.least_nats
 
 
 def _effect(tried: Tried) -> Named:

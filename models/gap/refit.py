@@ -36,18 +36,12 @@ def leading(screen: Screen, n: int = N_LEADING) -> list[str]:
 
 
 def refitted(base: Fit, screen: Screen, effects: Sequence[str]) -> list[Refit]:
-    """Each effect alone, in the order given, from its most promising secants.
-
-    Also from the bank's theta: without the effect, theta may have gone far to make up for it, and not find back.
-    """
-    centre = base.working.predictor.centre
-    middle = np.array([centre.young_modulus_mpa, centre.friction, centre.poisson_ratio])
+    """Each effect alone, in the order given, from its most promising secants."""
     found = []
     for name in effects:
         places = _of(screen, name)
         starts = places[np.argsort(-screen.gain[places])][:_STARTS]
         fits = [_fitted(base, [screen.values[place]]) for place in starts]
-        fits.append(_fitted(base, [screen.values[starts[0]]], middle))
         found.append(Refit((name,), min(fits, key=lambda fit: fit.loss)))
     return found
 
@@ -58,8 +52,8 @@ def paired(base: Fit, refits: Sequence[Refit]) -> list[Refit]:
     return [Refit((*one.effects, *other.effects), _fitted(base, [*one.values, *other.values])) for one, other in pairs]
 
 
-def _fitted(base: Fit, values: Sequence[EffectValue], theta: np.ndarray | None = None) -> Fit:
-    return Fitter(base.working, base.theta if theta is None else theta, [*base.effects, *values]).fit()
+def _fitted(base: Fit, values: Sequence[EffectValue]) -> Fit:
+    return Fitter(base.working, base.theta, [*base.effects, *values]).fit()
 
 
 def _of(screen: Screen, effect: str) -> np.ndarray:

@@ -5,7 +5,7 @@ from typing import ClassVar, Self
 from pydantic import Field
 
 from lake.row import Row
-from models.features.anomalies import Anomaly, Compared, Kind
+from models.features.flags import Anomaly, Compared, Kind
 from models.features.names import FEATURE_VERSION
 from models.ids import content_id
 

@@ -7,7 +7,6 @@ import shapely
 from pydantic import Field
 
 from models.design_space import from_unit
-from models.geometry.finger import DENSITY_G_PER_MM3
 from models.geometry.profile import BASE_HEIGHT_MM, cavities, outline_area_mm2
 from models.records import Design, Record
 
@@ -53,6 +52,8 @@ def printable(points: np.ndarray, rules: PrintingRules) -> np.ndarray:
 
 
 def _mass_g(design: Design, voids: Sequence[shapely.Polygon]) -> float:
+    from models.geometry.finger import DENSITY_G_PER_MM3  # trimesh takes half a second to import
+
     area_mm2 = outline_area_mm2(design) - float(np.sum(shapely.area(voids)))
     base_mm3 = design.length_mm * design.width_mm * BASE_HEIGHT_MM
     return DENSITY_G_PER_MM3 * (area_mm2 * design.width_mm + base_mm3)

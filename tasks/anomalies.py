@@ -8,8 +8,9 @@ import pyarrow as pa
 from lake.provenance import current_provenance
 from lake.store import Lake
 from lake.tables import AnomalyFlagRow
-from models.features.anomalies import TURNED, Anomaly, Labels, find_anomalies
+from models.features.anomalies import TURNED, Labels, find_anomalies
 from models.features.batch import TraceFeatures
+from models.features.flags import Anomaly
 from models.features.names import FEATURES
 
 _FEATURES = f"""

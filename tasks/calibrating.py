@@ -10,10 +10,10 @@ from lake.row import Row
 from lake.simulators import missing_version_rows
 from lake.store import Lake
 from lake.tables import CalibrationRow, PosteriorDrawsRow
-from models.calibration.outcome import WITH_EFFECTS, refusal, theta_of, worst
+from models.calibration.outcome import refusal, theta_of, worst
 from models.calibration.problem import THETA
 from models.calibration.result import CalibrationResult
-from models.calibration.settings import CalibrationSettings
+from models.calibration.settings import WITH_EFFECTS, CalibrationSettings
 from models.calibration.summary import theta_summary
 from models.ids import canonical_json, content_id
 from models.records import SimulatorVersion

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from lake.store import Lake
 from lake.tables import CalibrationRow
-from models.calibration.outcome import WITH_EFFECTS
 from models.calibration.problem import THETA
+from models.calibration.settings import WITH_EFFECTS
 from models.calibration.summary import ParameterSummary
 
 _WORDS = {

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from lake.simulators import missing_version_rows
 from lake.store import Lake
 from lake.tables import CalibrationRow, EventRow, SimulatorVersionRow
-from models.calibration.outcome import WITH_EFFECTS
+from models.calibration.settings import WITH_EFFECTS
 from models.effects.scaling import force_ratio
 from models.ids import canonical_json, content_id
 from models.records import Design, SimulatorVersion

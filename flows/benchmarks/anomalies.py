@@ -12,7 +12,8 @@ from models.objects.catalogue import OBJECTS
 
 if TYPE_CHECKING:
     from hardware.world.spec import World
-    from models.features.anomalies import Anomaly, Kind, Labels
+    from models.features.anomalies import Labels
+    from models.features.flags import Anomaly, Kind
 
 N_WORLDS = 10  # of their own noise and scatter of repeats
 PLANTED_SHARE = 0.01  # of the grasps, of each kind: half of them a single repeat, half all repeats of a tool and object

@@ -6,7 +6,8 @@ import numpy as np
 
 from hardware.world.state import DRIFT_N_PER_S
 from models.features import peak_force_n
-from models.features.anomalies import EJECTED_MM, Kind
+from models.features.anomalies import EJECTED_MM
+from models.features.flags import Kind
 from models.records import Trace
 
 SLIP_MM = 3.0  # lift over which a torsional slip falls by a factor of e

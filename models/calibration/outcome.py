@@ -7,7 +7,6 @@ from models.records import Theta
 
 R_HAT_REFUSED, ESS_REFUSED = 1.05, 100.0  # beyond these the draws say nothing that a simulator may be built on
 WEIGHTED = "factorised"
-WITH_EFFECTS = "trace with effects"  # theta and the effects that gap discovery named, inferred together
 
 
 def theta_of(summary: dict[str, ParameterSummary]) -> Theta | None:

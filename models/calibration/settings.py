@@ -9,6 +9,8 @@ from pydantic import Field
 from models.records import Record
 
 _LN_PA_PER_MPA = math.log(1e6)
+# Method of a result: theta and the effects that gap discovery named, inferred together.
+WITH_EFFECTS = "trace with effects"
 
 
 class ThetaPriors(Record):

@@ -5,17 +5,14 @@ explains and by more than matters. The kinds, their measures and limits are in d
 """
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 
 from models.features.batch import TraceFeatures
 from models.features.departures import p_values, shortfall_to_peers, shortfall_to_repeats
+from models.features.flags import KINDS, Anomaly, Compared, Kind
 from models.features.names import NOISE_N, PROFILE_STEP_MM
-
-Kind = Literal["stuck_valve", "ejection", "early_loss", "torsional_slip", "negative_preload", "drifting_cell"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
-Compared = Literal["repeats", "peers", "zero"]
 
 TURNED = "turned 45 deg"  # orientation of an object that shows an edge to each finger
 
@@ -51,17 +48,6 @@ MEASURES: dict[str, Measure] = {
     "preload": Measure("N", 0.7, None, 0.1),
     "zero": Measure("N", 0.15, None, 0.02),
 }
-
-
-class Anomaly(NamedTuple):
-    """A flag on grasp number `place`: its p-value, the shortfall behind it (of the measure's unit), and why."""
-
-    place: int
-    kind: Kind
-    p_value: float
-    compared: Compared
-    shortfall: float
-    reason: str
 
 
 @dataclass(frozen=True, eq=False)

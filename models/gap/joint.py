@@ -17,11 +17,10 @@ import numpy as np
 from scipy.special import expit
 
 from models.calibration.diagnostics import convergence
-from models.calibration.outcome import WITH_EFFECTS
 from models.calibration.problem import THETA
 from models.calibration.result import CalibrationResult
 from models.calibration.sampling import sample
-from models.calibration.settings import CalibrationSettings, ThetaPriors
+from models.calibration.settings import WITH_EFFECTS, CalibrationSettings, ThetaPriors
 from models.calibration.traces.calibrate import laplace
 from models.effects.catalogue import CATALOGUE
 from models.gap.fit import CLIP_SD, Axis, Fit, axes_of

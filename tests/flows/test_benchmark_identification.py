@@ -8,7 +8,7 @@ from flows.benchmarks.base import Options
 from flows.benchmarks.identification import measure_identification
 from flows.benchmarks.world_grasps import WorldGrasp, bench_world, measure_world
 from hardware.world.physics_files import physics_id
-from models.features.anomalies import KINDS
+from models.features.flags import KINDS
 
 N_TOOLS, OBJECTS = 5, (1, 18, 24, 30, 32, 33)
 

@@ -88,7 +88,7 @@ def test_the_hypercube_is_simulated_once_on_the_measured_objects(tmp_path, fast,
     words = ("calibrate", "--lake", lake.root, "--simulate", 30, *SMALL)
     answer = fast(*words)
     assert answer.status == 0, answer
-    assert "simulated 3/90 grasps" in answer.err
+    assert "simulated 3/90 missing grasps" in answer.err
     assert "simulated 90 grasps" in answer.err
     assert len(answers.simulator.jobs) == len(lake.ids(SimulationRow)) == 90
     assert len(lake.ids(SimulatorVersionRow)) == 31  # and the one that was found

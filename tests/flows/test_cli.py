@@ -43,7 +43,8 @@ def test_print_sheet_and_confirm(fast, tmp_path):
     assert "quick/B01" in (tmp_path / "tray" / "sheet.html").read_text()
     words = ["--operator", "ada", "--material-lot", "L7", "--reject", "1=tip torn", "--measured", "0:front=2.5,rib=2"]
     answer = fast("print", "confirm", "quick/B01", *words, "--lake", lake, "--json")
-    assert answer.json == {"batch": "quick/B01", "n_mounted": N_TOOLS - 1, "n_rejected": 1, "operator": "ada"}
+    said = {"batch": "quick/B01", "n_mounted": N_TOOLS - 1, "n_rejected": 1, "operator": "ada"}
+    assert answer.json == said | {"again": [], "sheet": None}
     tools = {row["slot"]: row for row in Lake.open(lake).rows(ToolRow)}
     assert (tools[0]["measured_front_thickness_mm"], tools[0]["measured_rib_thickness_mm"]) == (2.5, 2.0)
     assert (tools[1]["status"], tools[1]["reason"], tools[1]["material_lot"]) == ("rejected", "tip torn", "L7")

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from flows.benchmarks.planted import PLANTS
-from models.features.anomalies import KINDS, Labels, find_anomalies
+from models.features.anomalies import Labels, find_anomalies
 from models.features.batch import TraceFeatures, features_of
 from models.features.departures import p_values, shortfall_to_peers, shortfall_to_repeats
+from models.features.flags import KINDS
 from models.records import Trace
 
 N_TOOLS, N_OBJECTS, N_REPEATS = 6, 8, 3

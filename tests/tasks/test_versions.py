@@ -8,7 +8,7 @@ import pytest
 from lake.simulators import version_rows
 from lake.store import Lake
 from lake.tables import CalibrationRow, EventRow, SimulationRow
-from models.calibration.outcome import WITH_EFFECTS
+from models.calibration.settings import WITH_EFFECTS
 from models.records import EffectValue, SimulatorVersion, Theta
 from models.surrogate.version_map import LEAST_SHARED
 from tasks.campaign import Campaign

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from models.calibration.outcome import WITH_EFFECTS, refusal
-from models.calibration.settings import CalibrationSettings
+from models.calibration.outcome import refusal
+from models.calibration.settings import WITH_EFFECTS, CalibrationSettings
 from models.gap import joint
 from models.gap.fit import Fit
 from models.gap.frame import recalibrated

@@ -8,6 +8,7 @@ import base64
 import hashlib
 import re
 import sys
+import sysconfig
 from collections.abc import Iterator
 from importlib.metadata import Distribution, PackagePath, distributions
 from pathlib import Path
@@ -47,8 +48,14 @@ def mismatches(text: str) -> Iterator[str]:
             yield f"{name} is {found.version}, the lock says {version}; run `make clean setup`."
 
 
+def _distributions() -> list[Distribution]:
+    """What is in the environment; setuptools, once imported, adds copies of its own to the path, which do not count."""
+    paths = sysconfig.get_paths()
+    return list(distributions(path=list(dict.fromkeys([paths["purelib"], paths["platlib"]]))))
+
+
 def _installed() -> dict[str, Distribution]:
-    return {_plain(found.metadata["Name"]): found for found in distributions()}
+    return {_plain(found.metadata["Name"]): found for found in _distributions()}
 
 
 def changed_files(found: Distribution) -> Iterator[str]:
@@ -76,7 +83,7 @@ def _plain(name: str) -> str:
 def main() -> int:
     """Print what is wrong; 1 if anything is."""
     wrong = list(findings(LOCK.read_text(encoding="utf-8")))
-    wrong += [sentence for found in distributions() for sentence in changed_files(found)]
+    wrong += [sentence for found in _distributions() for sentence in changed_files(found)]
     for sentence in wrong:
         sys.stderr.write(f"audit: {sentence}\n")
     if not wrong:

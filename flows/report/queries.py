@@ -69,31 +69,28 @@ FROM counted c LEFT JOIN objects o USING (object_id)
 GROUP BY c.batch, c.slot, c.object_id
 ORDER BY c.batch, c.slot, c.object_id"""
 
-# {best}, {other}: quoted tool ids; {step}: lift step in mm.
-TRACES = f"""
-WITH counted AS ({_COUNTED} AND tool_id IN ({{best}}, {{other}})),
+
+def _mean_traces(which: str, keys: str) -> str:
+    """SQL of the mean force against lift of the counted grasps `which`, for each of the columns `keys` and object."""
+    of_grasp = ", ".join(f"c.{key}" for key in keys.split(", "))
+    return f"""
+WITH counted AS ({_COUNTED} AND {which}),
 points AS (
-  SELECT c.tool_id, c.object_id, c.repeat, unnest(t.lift_mm) AS lift_mm, unnest(t.force_n) AS force_n
+  SELECT {of_grasp}, c.object_id, c.repeat, unnest(t.lift_mm) AS lift_mm, unnest(t.force_n) AS force_n
   FROM counted c JOIN trace_times w USING (grasp_id)
   JOIN traces t ON t.grasp_id = w.grasp_id AND t.created_at = w.created_at)
-SELECT tool_id, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm,
+SELECT {keys}, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm,
        avg(force_n ORDER BY repeat, lift_mm, force_n) AS force_n
 FROM points WHERE lift_mm > 0
 GROUP BY ALL
-ORDER BY tool_id, object_id, lift_mm"""
+ORDER BY {keys}, object_id, lift_mm"""
+
+
+# {best}, {other}: quoted tool ids; {step}: lift step in mm.
+TRACES = _mean_traces("tool_id IN ({best}, {other})", "tool_id")
 
 # {first}, {last}: batches; {step}: lift step in mm.
-BATCH_TRACES = f"""
-WITH counted AS ({_COUNTED} AND batch IN ({{first}}, {{last}})),
-points AS (
-  SELECT c.batch, c.slot, c.object_id, c.repeat, unnest(t.lift_mm) AS lift_mm, unnest(t.force_n) AS force_n
-  FROM counted c JOIN trace_times w USING (grasp_id)
-  JOIN traces t ON t.grasp_id = w.grasp_id AND t.created_at = w.created_at)
-SELECT batch, slot, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm,
-       avg(force_n ORDER BY repeat, lift_mm, force_n) AS force_n
-FROM points WHERE lift_mm > 0
-GROUP BY ALL
-ORDER BY batch, slot, object_id, lift_mm"""
+BATCH_TRACES = _mean_traces("batch IN ({first}, {last})", "batch, slot")
 
 # Softness by what the simulator says that a closed finger presses with; {batch}: the first batch.
 CONTACT_FORCES = """
@@ -105,17 +102,7 @@ GROUP BY ALL
 ORDER BY n_objects DESC, s.version_id, contact_force_n, t.slot"""
 
 # {soft}, {stiff}, {best}: quoted tool ids; {step}: lift step in mm.
-THREE_TOOLS = f"""
-WITH counted AS ({_COUNTED} AND tool_id IN ({{soft}}, {{stiff}}, {{best}})),
-points AS (
-  SELECT c.tool_id, c.object_id, c.repeat, unnest(t.lift_mm) AS lift_mm, unnest(t.force_n) AS force_n
-  FROM counted c JOIN trace_times w USING (grasp_id)
-  JOIN traces t ON t.grasp_id = w.grasp_id AND t.created_at = w.created_at)
-SELECT tool_id, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm,
-       avg(force_n ORDER BY repeat, lift_mm, force_n) AS force_n
-FROM points WHERE lift_mm > 0
-GROUP BY ALL
-ORDER BY tool_id, object_id, lift_mm"""
+THREE_TOOLS = _mean_traces("tool_id IN ({soft}, {stiff}, {best})", "tool_id")
 
 SHAPE_FEATURES = """
 SELECT object_class, count(*) AS n_grasps, median(hold_mm) AS hold_mm, median(hold_slope_n_per_mm / peak_force_n)

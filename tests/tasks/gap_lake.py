@@ -7,7 +7,7 @@ import numpy as np
 
 from lake.row import Row
 from lake.store import Lake
-from lake.tables import DesignRow, GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow, TraceRow, setup_columns
+from lake.tables import DesignRow, SimTraceRow, SimulationRow, SimulatorVersionRow, TraceRow, setup_columns
 from models.design_space import numbered_design, to_unit
 from models.effects.catalogue import CATALOGUE, build_effects
 from models.gap.plan import NUMERICAL_MESHES
@@ -15,7 +15,7 @@ from models.gap.synthetic import made_up_trace
 from models.records import Design, EffectValue, GraspContext, GraspSetup, SimulatorVersion, Theta, Trace
 from tasks.gap_bank import bank_plans
 from tasks.hypercube import SimulationPlan
-from tests.tasks.trace_lake import PROVENANCE
+from tests.tasks.trace_lake import PROVENANCE, grasp_rows
 
 BASE, SETUP = SimulatorVersion(), GraspSetup()
 DESIGNS = [numbered_design(number) for number in range(8)]
@@ -64,20 +64,7 @@ def measured_rows(
         trace = effect.in_grasp(design, SETUP, GraspContext()).modify_trace(trace)
     rng = np.random.default_rng([int(1000 * design.length_mm), object_id, repeat])
     trace = Trace(time_s, lift_mm, trace.force_n + 0.05 * rng.standard_normal(len(time_s)))
-    grasp_id = GraspRow.make_id(tool_id, object_id, repeat, attempt)
-    grasp = GraspRow(
-        grasp_id=grasp_id,
-        campaign_id="demo",
-        tool_id=tool_id,
-        design_id=design.design_id,
-        object_id=object_id,
-        repeat=repeat,
-        attempt=attempt,
-        status="ok",
-        bench="virtual",
-        **setup_columns(SETUP),
-    )
-    return [TraceRow.of(grasp_id, trace), grasp]
+    return grasp_rows(design, tool_id, object_id, repeat, attempt, trace)
 
 
 def bank_rows(designs: Sequence[Design], objects: Sequence[int], fail: Collection[tuple[int, str]] = ()) -> list[Row]:

@@ -38,6 +38,12 @@ def measured_trace(design: Design, object_id: int, rng: np.random.Generator) -> 
 
 
 def measured_rows(design: Design, tool_id: str, object_id: int, repeat: int, attempt: int = 0) -> list[Row]:
+    trace = measured_trace(design, object_id, np.random.default_rng([object_id, repeat]))
+    return grasp_rows(design, tool_id, object_id, repeat, attempt, trace)
+
+
+def grasp_rows(design: Design, tool_id: str, object_id: int, repeat: int, attempt: int, trace: Trace) -> list[Row]:
+    """A grasp of the virtual bench that went well, and its trace."""
     grasp_id = GraspRow.make_id(tool_id, object_id, repeat, attempt)
     grasp = GraspRow(
         grasp_id=grasp_id,
@@ -51,8 +57,7 @@ def measured_rows(design: Design, tool_id: str, object_id: int, repeat: int, att
         bench="virtual",
         **setup_columns(SETUP),
     )
-    rng = np.random.default_rng([object_id, repeat])
-    return [TraceRow.of(grasp_id, measured_trace(design, object_id, rng)), grasp]
+    return [TraceRow.of(grasp_id, trace), grasp]
 
 
 def simulated_trace(design: Design, version: SimulatorVersion, object_id: int) -> Trace:

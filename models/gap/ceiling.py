@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.calibration.traces.features import FEATURES
+from models.gap.features import FEATURES
 from models.gap.fit import CLIP_SD, Fit
 from models.gap.flexible import inputs_of
 from models.gap.groups import design_folds, object_folds

@@ -9,23 +9,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.calibration.traces.features import features_of_steps
 from models.calibration.traces.problem import n_terms
 from models.calibration.traces.surface import ResponseSurfaces
 from models.effects.base import Effect
 from models.effects.catalogue import CATALOGUE, build_effects
 from models.errors import UsageError
+from models.gap.features import features_of_steps
 from models.gap.fields import FieldSurface, friction_factor_of_reference
 from models.gap.problem import Bank, Field, GapProblem, Grasps
 from models.gap.sensing import acts_on_traces, sensed
 from models.records import EffectValue, Theta
 
+_LARGEST_LEAD = 5.0  # times the force with which the lift starts
+_LEAST_START = 0.05  # of the largest force
 LEAST_MADE = 0.9  # of the cells: an amplitude of which less was simulated is left alone
 
 
 @dataclass(frozen=True, eq=False)
 class Predictor:
-    """Step means of n grasps; grasps of cells whose base could not be simulated are not usable (n)."""
+    """Step means of n grasps; grasps of cells whose base could not be simulated are not usable (n).
+
+    lead_n: n x 12, the end of closing at the centre over the force with which the lift starts there, see `sensing`.
+    """
 
     grasps: Grasps
     centre: Theta
@@ -34,6 +39,7 @@ class Predictor:
     fields: dict[str, FieldSurface]
     wider_mm: np.ndarray
     wider_n: np.ndarray
+    lead_n: np.ndarray
     is_usable: np.ndarray
 
     @staticmethod
@@ -54,6 +60,7 @@ class Predictor:
             fields=_surfaces_of_fields(bank),
             wider_mm=np.concatenate([[0.0], bank.wider_mm]),
             wider_n=np.concatenate([nothing, wider_n], axis=2),
+            lead_n=_leads(bank)[grasps.tool, grasps.obj],
             is_usable=is_known[grasps.tool, grasps.obj],
         )
 
@@ -74,7 +81,7 @@ class Predictor:
     def features(
         self, theta: np.ndarray, effects: Sequence[EffectValue] = (), tool_factor: np.ndarray | None = None
     ) -> np.ndarray:
-        """Features of every grasp (n x 14), see `steps`."""
+        """Features of every grasp (n x 16), see `steps`."""
         return features_of_steps(self.steps(theta, effects, tool_factor))
 
     def steps(
@@ -105,10 +112,13 @@ class Predictor:
         if memory.wider_mm.any():
             steps = steps + self._wider(memory.wider_mm)
         steps = steps * stiffer[:, None]
-        for of_grasps in acting:
-            if acts_on_traces(of_grasps[0]):
-                steps = sensed(of_grasps, steps, self.grasps.setup)
-        return steps
+        on_traces = [of_grasps for of_grasps in acting if acts_on_traces(of_grasps[0])]
+        if not on_traces:
+            return steps
+        with_lead = np.concatenate([self.lead_n * steps[:, :1], steps], axis=1)
+        for of_grasps in on_traces:
+            with_lead = sensed(of_grasps, with_lead, self.grasps.setup)
+        return with_lead[:, self.lead_n.shape[1] :]
 
     def _acting(self, effects: Sequence[EffectValue]) -> list[list[Effect]]:
         """Effects that no field stands for, layer by layer, each as it acts in every grasp."""
@@ -126,6 +136,14 @@ class Predictor:
         part = ((wider_mm - self.wider_mm[low]) / (self.wider_mm[low + 1] - self.wider_mm[low]))[:, None]
         tool, obj = self.grasps.tool, self.grasps.obj
         return np.asarray((1.0 - part) * self.wider_n[tool, obj, low] + part * self.wider_n[tool, obj, low + 1])
+
+
+def _leads(bank: Bank) -> np.ndarray:
+    """Forces before the lift over that of its first step, t x o x 12; a grasp that starts at next to nothing holds."""
+    first_n = bank.centre_steps_n[:, :, :1]
+    is_held = np.abs(first_n) > _LEAST_START * np.abs(bank.centre_steps_n).max(axis=-1, keepdims=True)
+    shares = bank.lead_n / np.where(is_held, first_n, 1.0)
+    return np.where(is_held & np.isfinite(shares), np.clip(shares, -_LARGEST_LEAD, _LARGEST_LEAD), 1.0)
 
 
 def _surfaces_of_fields(bank: Bank) -> dict[str, FieldSurface]:

@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from models.gap.fit import Fit, Fitter
+from models.gap.frame import first_estimate
 from models.gap.screen import Screen
 from models.records import EffectValue
 
@@ -53,7 +54,13 @@ def paired(base: Fit, refits: Sequence[Refit]) -> list[Refit]:
 
 
 def _fitted(base: Fit, values: Sequence[EffectValue]) -> Fit:
-    return Fitter(base.working, base.theta, [*base.effects, *values]).fit()
+    """The best of two fits: from the theta without the effects, and from the one that fits best with them as given.
+
+    A strong effect has led theta far away, from where no small step is an improvement.
+    """
+    effects = [*base.effects, *values]
+    starts = (base.theta, first_estimate(base.working.predictor, effects))
+    return min((Fitter(base.working, start, effects).fit() for start in starts), key=lambda fit: fit.loss)
 
 
 def _of(screen: Screen, effect: str) -> np.ndarray:

@@ -11,15 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.calibration.traces.features import FORCE_BINS
 from models.gap.ceiling import Ceiling
+from models.gap.features import N_BINS
 from models.gap.fit import CLIP_SD, Fit
 from models.gap.groups import design_folds, object_folds
 from models.gap.screen import left_out_errors
 
 N_DRAWS = 400
 PRIOR_NONE, PRIOR_UNKNOWN = 0.4, 0.1
-_N_BINS = len(FORCE_BINS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,4 +123,4 @@ def _clipped(errors: np.ndarray) -> np.ndarray:
 
 
 def _rmse_n(fit: Fit, errors: np.ndarray) -> float:
-    return float(np.sqrt((fit.working.unwhitened(errors)[:, :_N_BINS] ** 2).mean()))
+    return float(np.sqrt((fit.working.unwhitened(errors)[:, :N_BINS] ** 2).mean()))

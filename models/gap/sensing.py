@@ -1,8 +1,10 @@
 """What effects that act on finished traces do to step means, for all grasps at once.
 
-Step means are taken as the force at the middle of their steps, straight in between. Laws that are simple on such a
-lattice are written out for n grasps; any other effect of the catalogue is replayed grasp by grasp. Either way it is
-the change that counts, so that an effect of amplitude zero leaves the prediction alone to the last bit.
+Step means are taken as the force at the middle of their steps, straight in between. In front of the lift lie `N_LEAD`
+steps of the same time, the end of closing: a late clock or a slow transmitter brings them into the lift. Laws that are
+simple on such a lattice are written out for n grasps; any other effect of the catalogue is replayed grasp by grasp.
+Either way it is the change that counts, so that an effect of amplitude zero leaves the prediction alone to the last
+bit.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,13 +23,15 @@ from models.effects.stress_relaxation import StressRelaxation
 from models.effects.tool_weight import ToolWeight
 from models.records import GraspSetup, Trace
 
-_CENTRES_MM = STEP_MM * (np.arange(N_STEPS) + 0.5)
+N_LEAD = 12
+_CENTRES_MM = STEP_MM * (np.arange(-N_LEAD, N_STEPS) + 0.5)  # of lift; before it, of time at the speed of the lift
+_IS_LIFT = _CENTRES_MM > 0
 
 Law = Callable[[Sequence[Effect], np.ndarray, GraspSetup], np.ndarray]
 
 
 def sensed(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    """Step means (n x 120) with one effect, as it acts in each of n grasps (`Effect.in_grasp`)."""
+    """Step means with their lead (n x 132) with one effect, as it acts in each of n grasps (`Effect.in_grasp`)."""
     law = _LAWS.get(type(effects[0]), _replayed)
     return law(effects, steps_n, setup)
 
@@ -37,13 +41,20 @@ def acts_on_traces(effect: Effect) -> bool:
     return type(effect).modify_trace is not Effect.modify_trace
 
 
+def lead_means(trace: Trace, setup: GraspSetup) -> np.ndarray:
+    """Forces in the middle of the `N_LEAD` steps before the lift, 12, in N; before the trace, its first force."""
+    start_s = float(trace.time_s[trace.is_lift][0])
+    at_s = start_s + _CENTRES_MM[~_IS_LIFT] / setup.lift_speed_mm_per_s
+    return np.interp(at_s, trace.time_s, trace.force_n)
+
+
 def trace_of_steps(steps_n: np.ndarray, setup: GraspSetup) -> Trace:
-    """A trace with these step means (120), to first order: closed at once, then lifted at the setup's speed."""
-    lift_mm = np.concatenate([[0.0, 0.0], _CENTRES_MM, [_CENTRES_MM[-1] + 0.5 * STEP_MM]])
-    force_n = np.concatenate([[steps_n[0]] * 2, steps_n, steps_n[-1:]])
-    time_s = _closing_s(setup) + lift_mm / setup.lift_speed_mm_per_s
-    time_s[0] = 0.0
-    return Trace(time_s, lift_mm, force_n)
+    """A trace with these step means and their lead (132), to first order: closed, then lifted at the setup's speed."""
+    at_mm = np.concatenate([_CENTRES_MM[:N_LEAD], [0.0], _CENTRES_MM[N_LEAD:], [_CENTRES_MM[-1] + 0.5 * STEP_MM]])
+    start_n = steps_n[N_LEAD - 1 : N_LEAD + 1].mean()
+    force_n = np.concatenate([steps_n[:N_LEAD], [start_n], steps_n[N_LEAD:], steps_n[-1:]])
+    time_s = _closing_s(setup) + at_mm / setup.lift_speed_mm_per_s
+    return Trace(time_s, np.maximum(at_mm, 0.0), force_n)
 
 
 def _replayed(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
@@ -52,7 +63,7 @@ def _replayed(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup)
         step_means(effect.modify_trace(trace)) - step_means(trace)
         for effect, trace in zip(effects, traces, strict=True)
     ]
-    return steps_n + np.array(changes)
+    return steps_n + np.pad(np.array(changes), ((0, 0), (N_LEAD, 0)))
 
 
 def _offset(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
@@ -69,7 +80,7 @@ def _drift(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) ->
 
 
 def _relaxation(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    held_s = _CENTRES_MM / setup.lift_speed_mm_per_s
+    held_s = np.maximum(_CENTRES_MM, 0.0) / setup.lift_speed_mm_per_s
     lost = _column(effects, "relaxed_share") * np.expm1(-held_s / _column(effects, "time_constant_s"))
     return np.asarray(steps_n + lost * steps_n)
 
@@ -99,21 +110,24 @@ def _late_start(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetu
     time_s = _CENTRES_MM / speed
     ramping_mm = 0.5 * speed * time_s**2 / np.where(ramp_s > 0, ramp_s, 1.0)
     true_mm = np.where(time_s < ramp_s, ramping_mm, speed * (time_s - 0.5 * ramp_s)) - _column(effects, "backlash_mm")
-    return _read_at(true_mm, steps_n)
+    return np.where(_IS_LIFT, _read_at(np.maximum(true_mm, 0.0), steps_n), steps_n)
 
 
 def _compliance(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
     """Force over the lift of the gantry; where that goes back, the system has jumped."""
-    seen_mm = _CENTRES_MM + _column(effects, "compliance_mm_per_n") * (steps_n - steps_n[:, :1])
+    lift_n, centres_mm = steps_n[:, N_LEAD:], _CENTRES_MM[N_LEAD:]
+    seen_mm = centres_mm + _column(effects, "compliance_mm_per_n") * (lift_n - lift_n[:, :1])
     ahead = np.maximum.accumulate(seen_mm, axis=1)
-    rows = zip(ahead, seen_mm, steps_n, strict=True)
-    return np.array([np.interp(_CENTRES_MM, at[at <= own], force[at <= own]) for at, own, force in rows])
+    rows = zip(ahead, seen_mm, lift_n, strict=True)
+    found = np.array([np.interp(centres_mm, at[at <= own], force[at <= own]) for at, own, force in rows])
+    return np.concatenate([steps_n[:, :N_LEAD], found], axis=1)
 
 
 def _read_at(from_mm: np.ndarray, steps_n: np.ndarray) -> np.ndarray:
-    """Forces at lifts (n x 120) of step means (n x 120), constant beyond their ends."""
-    place = np.clip(from_mm / STEP_MM - 0.5, 0.0, N_STEPS - 1.0)
-    low = np.minimum(place.astype(int), N_STEPS - 2)
+    """Forces at lifts (n x 132) of step means with their lead (n x 132), constant beyond their ends."""
+    n = steps_n.shape[1]
+    place = np.clip(from_mm / STEP_MM - 0.5 + N_LEAD, 0.0, n - 1.0)
+    low = np.minimum(place.astype(int), n - 2)
     before, after = (np.take_along_axis(steps_n, at, axis=1) for at in (low, low + 1))
     return np.asarray(before + (place - low) * (after - before))
 

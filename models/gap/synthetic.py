@@ -18,6 +18,7 @@ from models.effects.catalogue import CATALOGUE, build_effects
 from models.effects.replay import replayed
 from models.gap.plan import AMPLITUDES, CENTRE, NUMERICAL_MESHES, WIDER_MM
 from models.gap.problem import Bank, Field, GapProblem, Grasps
+from models.gap.sensing import lead_means
 from models.records import Design, EffectValue, GraspContext, GraspSetup, Theta, Trace
 
 OBJECTS = (1, 3, 6, 10, 14, 21, 22, 25, 28, 30, 32, 34)
@@ -91,6 +92,7 @@ def made_up_bank(shapes: np.ndarray) -> Bank:
         grid=np.array(points),
         grid_steps_n=np.stack([_steps(shapes, theta) for theta in grid], axis=2),
         centre_steps_n=_steps(shapes, CENTRE),
+        lead_n=_leads(shapes),
         numerical_steps_n=np.stack([_steps(shapes, CENTRE, mesh=row) for row in np.eye(len(NUMERICAL_MESHES))], axis=2),
         wider_mm=np.array(WIDER_MM),
         wider_steps_n=np.stack([_steps(shapes, CENTRE, wider_mm=wider) for wider in WIDER_MM], axis=2),
@@ -198,6 +200,12 @@ def _steps(
     rows = shapes.reshape(-1, shapes.shape[-1])
     steps = [step_means(made_up_trace(shape, theta, hidden, wider_mm=wider_mm, mesh=mesh)) for shape in rows]
     return np.array(steps).reshape(*shapes.shape[:-1], N_STEPS)
+
+
+def _leads(shapes: np.ndarray) -> np.ndarray:
+    """What is before the lift, t x o x 12: made-up grasps hold."""
+    leads = [lead_means(made_up_trace(shape, CENTRE), GraspSetup()) for shape in shapes.reshape(-1, shapes.shape[-1])]
+    return np.array(leads).reshape(*shapes.shape[:-1], -1)
 
 
 def _order(

@@ -9,21 +9,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.calibration.traces.features import BIN_EDGES_MM, FEATURES, LIFT_MM, features_of_steps
+from models.calibration.traces.features import BIN_EDGES_MM, LIFT_MM, STEP_MM
 from models.calibration.traces.noise import feature_noise
 from models.calibration.traces.problem import (
     LEAST_AMPLITUDE,
     are_lifts,
     error_correlation,
-    numerical_shares,
     units_of,
 )
 from models.calibration.traces.surface import ResponseSurfaces
+from models.gap.features import FEATURES, features_of_steps
 from models.gap.predict import Predictor
 from models.gap.problem import Bank, GapProblem
 
-FLOOR_SHARE = 0.01  # of the cell's peak: no simulator is better (notes/gap.md section 3)
-PLACEMENT_SHARE = 0.015  # scatter of a tool on an object, relative
+# Errors of a cell, each with the weight that makes the misfits of 12 null worlds likeliest (docs/gap-worlds.md).
+FLOOR_SHARE = 0.0098  # of the cell's largest force, common to neighbouring bins
+OWN_SHARE = 0.0086  # the same, of each feature by itself
+PLACEMENT_SHARE = 0.02  # scatter of the force of a tool on an object, relative
+SHIFT_MM = 0.037  # of the whole trace along the lift: height of the object, start of the lift
+NUMERICAL_WEIGHT = 0.46  # of the variance that other meshes show
+SURFACE_WEIGHT = 0.1  # of the squared errors of surfaces at left-out grid points, which lie at the ends of the grid
 CONTRAST_SHARE = 0.003  # what repeats of a cell differ by for no reason, relative
 TARE_SD_N = 0.05  # zero of the load cell from grasp to grasp: notes/gap.md section 4.1
 REPEAT_SD = 0.01  # scatter of the force from grasp to grasp, relative; notes/gap.md section 4.1
@@ -102,17 +107,18 @@ def working(problem: GapProblem, predictor: Predictor, predicted_n: np.ndarray, 
     cells, inverse = np.unique(np.stack([grasps.tool, grasps.obj], axis=1), axis=0, return_inverse=True)
     first = np.array([np.flatnonzero(inverse == number)[0] for number in range(len(cells))])
     speed = grasps.setup.lift_speed_mm_per_s
-    bias, noise = feature_noise(predicted_n[first], grasps.noise, speed)
+    bias, noise = feature_noise(predicted_n[first], grasps.noise, speed, of_steps=features_of_steps)
     clean = features_of_steps(predicted_n[first])
     amplitude = _amplitude(clean)
     force = np.where(IS_LIFT, 0.0, clean)
     repeats = REPEAT_SD**2 * _outer(force) + TARE_SD_N**2 * _outer(OF_OFFSET) + noise
     at = (cells[:, 0], cells[:, 1])
-    scatter = (FLOOR_SHARE**2 + PLACEMENT_SHARE**2) * _outer(amplitude) * error_correlation(FEATURES)
-    scatter = scatter + _outer(amplitude * numerical_shares(FEATURES)) * error_correlation(FEATURES)
-    scatter = scatter + _numerical_scatter(bank.numerical_steps_n[at], bank.centre_steps_n[at], amplitude)
+    scatter = _outer(amplitude) * (FLOOR_SHARE**2 * error_correlation(FEATURES) + OWN_SHARE**2 * np.eye(len(FEATURES)))
+    scatter = scatter + PLACEMENT_SHARE**2 * _outer(force) + SHIFT_MM**2 * _outer(_slopes(predicted_n[first]))
+    numerical = _numerical_scatter(bank.numerical_steps_n[at], bank.centre_steps_n[at], amplitude)
     in_unit = np.where(IS_LIFT, 1.0, stiffer)
-    scatter = scatter + _surface_error(bank, at) * np.outer(in_unit, in_unit)
+    surface = _surface_error(bank, at) * np.outer(in_unit, in_unit)
+    scatter = scatter + NUMERICAL_WEIGHT * numerical + SURFACE_WEIGHT * surface
     contrast = repeats + CONTRAST_SHARE**2 * _outer(amplitude) * np.eye(len(FEATURES))
     whiteners, places = _whiteners(inverse, contrast, scatter)
     changed = _features(bank.numerical_steps_n) - _features(bank.centre_steps_n)[:, :, None]
@@ -157,6 +163,13 @@ def _amplitude(features: np.ndarray) -> np.ndarray:
     largest = np.abs(np.where(_IS_AMPLITUDE, features, 0.0)).max(axis=-1, keepdims=True)
     largest = np.maximum(largest, LEAST_AMPLITUDE * np.median(largest))
     return np.where(IS_LIFT, 1.0, largest) * _UNIT
+
+
+def _slopes(steps_n: np.ndarray) -> np.ndarray:
+    """Change of features by a millimetre that the lift starts later, c x f, of step means (c x 120)."""
+    later = np.concatenate([np.zeros_like(steps_n[:, :1]), steps_n[:, :-1]], axis=1)
+    earlier = np.concatenate([steps_n[:, 1:], steps_n[:, -1:]], axis=1)
+    return np.asarray((features_of_steps(later) - features_of_steps(earlier)) / (2.0 * STEP_MM))
 
 
 def _numerical_scatter(other_n: np.ndarray, centre_n: np.ndarray, amplitude: np.ndarray) -> np.ndarray:

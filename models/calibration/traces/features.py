@@ -19,6 +19,8 @@ BIN_EDGES_MM = np.array([1.0, 2.0, 4.0, 7.0, 10.0, 14.0, 18.0, 23.0, 28.0, 34.0,
 DIP_MM = 3.0  # the object is still pushed down, if ever, at the start of the lift
 NEAR_PEAK = 0.9
 
+# The rise of the force, in which errors of time show: gap discovery looks at it, calibration leaves it out.
+START_BINS = ("force_0_0.5_mm_n", "force_0.5_1_mm_n")
 FORCE_BINS = tuple(f"force_{low:g}_{high:g}_mm_n" for low, high in zip(BIN_EDGES_MM, BIN_EDGES_MM[1:], strict=False))
 FEATURES = (*FORCE_BINS, "peak_n", "lift_at_peak_mm", "dip_n", "tail_n_mm")
 PEAK = "peak_n"
@@ -26,6 +28,8 @@ PEAK = "peak_n"
 _TAIL_MM = 0.5 * (BIN_EDGES_MM[-1] + LIFT_MM)
 CENTRES_MM: Mapping[str, float] = {
     **dict(zip(FORCE_BINS, (0.5 * (BIN_EDGES_MM[1:] + BIN_EDGES_MM[:-1])).tolist(), strict=True)),
+    START_BINS[0]: 0.5 * STEP_MM,
+    START_BINS[1]: 1.5 * STEP_MM,
     "dip_n": 0.5 * DIP_MM,
     "tail_n_mm": float(_TAIL_MM),
 }

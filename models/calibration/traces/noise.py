@@ -1,6 +1,6 @@
 """What sensor noise does to features: their covariance and bias, by Monte Carlo on the averaged traces."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,12 +101,17 @@ def noise_of_repeats(steps_n: np.ndarray, cell: np.ndarray, lift_speed_mm_per_s:
 
 
 def feature_noise(
-    steps_n: np.ndarray, noise: SensorNoise, lift_speed_mm_per_s: float, seed: int = 0
+    steps_n: np.ndarray,
+    noise: SensorNoise,
+    lift_speed_mm_per_s: float,
+    seed: int = 0,
+    of_steps: Callable[[np.ndarray], np.ndarray] = features_of_steps,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bias (n x f) and covariance (n x f x f) of the features of traces (n x steps, N) under sensor noise.
 
     The peak of a noisy trace is too high, by its noise over a plateau; the bias is what to take off. The same draws
     serve all traces. Traces should be free of noise already, or means of repeats, as the noise is added once more.
+    of_steps: features (... x f) of step means (... x steps).
     """
     n_steps = steps_n.shape[1]
     covariance = noise.step_covariance(n_steps, lift_speed_mm_per_s)
@@ -114,11 +119,11 @@ def feature_noise(
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     draws = np.random.default_rng(seed).standard_normal((N_DRAWS, n_steps)) @ root.T
     draws = np.concatenate([draws, -draws])  # the mean of linear features is then exact
-    clean = features_of_steps(steps_n)
+    clean = of_steps(steps_n)
     bias, covariances = np.zeros_like(clean), np.zeros((*clean.shape, clean.shape[1]))
     for start in range(0, len(steps_n), _CHUNK):
         rows = slice(start, start + _CHUNK)
-        noisy = features_of_steps(steps_n[rows, None, :] + draws)
+        noisy = of_steps(steps_n[rows, None, :] + draws)
         bias[rows] = noisy.mean(axis=1) - clean[rows]
         spread = noisy - noisy.mean(axis=1, keepdims=True)
         covariances[rows] = np.swapaxes(spread, 1, 2) @ spread / len(draws)

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.gap.features import FEATURES
-from models.gap.fit import CLIP_SD, Fit
+from models.gap.fit import Fit
 from models.gap.flexible import inputs_of
 from models.gap.groups import design_folds, object_folds
+from models.gap.robust import CLIP_SD
 
 N_FOLDS = 4
 _TREES = {"max_iter": 40, "learning_rate": 0.1, "max_leaf_nodes": 8, "min_samples_leaf": 40, "l2_regularization": 5.0}
@@ -36,7 +37,7 @@ def ceiling(fit: Fit) -> Ceiling:
     by_design = _left_out(fit, inputs, design_folds(grasps, N_FOLDS))
     by_class = _left_out(fit, inputs, object_folds(grasps, N_FOLDS))
     total = float((fit.residual**2).sum())
-    r2 = min(1.0 - float(((fit.residual - part) ** 2).sum()) / total for part in (by_design, by_class))
+    r2 = min(1.0 - float(((fit.residual - part * fit.weight) ** 2).sum()) / total for part in (by_design, by_class))
     return Ceiling(r2, by_design, by_class)
 
 

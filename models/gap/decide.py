@@ -10,6 +10,7 @@ from models.gap.findings import Named, NamedParameter
 from models.gap.fit import Fit, axes_of
 from models.gap.isolability import DEFLATION
 from models.gap.refit import Refit
+from models.gap.robust import damped
 from models.gap.score import Score
 from models.gap.thresholds import Statistics, Thresholds
 
@@ -50,12 +51,10 @@ class Evidence:
 
 
 def misfits(fit: Fit) -> tuple[float, float]:
-    """Mean squared residual of cells' means, and of the contrasts of their repeats (0 without repeats)."""
-    is_mean = np.zeros(len(fit.residual), dtype=bool)
-    for places in fit.working.cells:
-        is_mean[places[:, 0]] = True
-    contrasts = fit.residual[~is_mean]
-    return float((fit.residual[is_mean] ** 2).mean()), float((contrasts**2).mean()) if contrasts.size else 0.0
+    """Mean damped square of the residual of cells' means, and of contrasts of their repeats (0 without repeats)."""
+    is_mean = fit.working.is_mean
+    cost = damped(fit.raw, is_mean) ** 2
+    return float(cost[is_mean].mean()), float(cost[~is_mean].mean()) if not is_mean.all() else 0.0
 
 
 def decided(evidence: Evidence, thresholds: Thresholds) -> Named:
@@ -104,7 +103,7 @@ def parameters_of(fit: Fit, effect: str) -> dict[str, NamedParameter]:
 
 def apart_nats(first: Fit, second: Fit) -> float:
     """Nats between the predictions of two fits, deflated as in `models.gap.isolability`."""
-    difference = first.working.whitened(first.modelled - second.modelled)
+    difference = first.working.whitened(first.modelled - second.modelled) * first.weight
     return float(0.5 * DEFLATION * (difference**2).sum())
 
 

@@ -1,7 +1,6 @@
 """Theta, tools, numerical error and effects fitted together: penalised least squares on whitened features.
 
-Gauss-Newton with finite differences of the predictor. Residuals beyond `CLIP_SD` count as that much (Huber), since a
-finger that snaps in the bench and not in the simulator is off by many standard deviations and means little.
+Gauss-Newton with finite differences of the predictor, weighted again at each step (`models.gap.robust`).
 """
 
 from collections.abc import Sequence
@@ -10,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.effects.catalogue import CATALOGUE
+from models.gap.robust import damped, root_weights
 from models.gap.working import IS_LIFT, Working
 from models.records import EffectValue
 
-CLIP_SD = 6.0
 TOOL_SD = 0.04  # of the modulus from print to print: notes/gap.md section 3
 _SHIFT_SD = np.array([1.0, 0.5, 0.15])  # weak priors about the bank's centre: ln E, friction, Poisson ratio
 _STEP = np.array([0.02, 0.01, 0.005])  # of finite differences of theta
@@ -78,9 +77,9 @@ class Fit:
     """A fit to m grasps with t tools and v numerical errors.
 
     theta: 3. tool_log: t, logarithm of the tools' moduli over Young's modulus. numerical: v, of unit variance.
-    residual: m x f, whitened, clipped. columns: c x m x f, whitened slopes by theta, tools, numerical errors and
-    effects' parameters in this order; precision: c, of their priors; pull: c, slopes of their penalties. loss: half of
-    squares and penalties.
+    raw: m x f, the whitened residual; weight: m x f, roots of its weights; residual: their product. columns: c x m x f,
+    weighted slopes by theta, tools, numerical errors and effects' parameters in this order; precision: c, of their
+    priors; pull: c, slopes of their penalties. loss: negative log density, but for a constant.
     """
 
     working: Working
@@ -89,11 +88,17 @@ class Fit:
     numerical: np.ndarray
     effects: tuple[EffectValue, ...]
     modelled: np.ndarray
-    residual: np.ndarray
+    raw: np.ndarray
+    weight: np.ndarray
     columns: np.ndarray
     precision: np.ndarray
     pull: np.ndarray
     loss: float
+
+    @property
+    def residual(self) -> np.ndarray:
+        """The whitened and weighted residual, m x f."""
+        return self.raw * self.weight
 
     @property
     def covariance(self) -> np.ndarray:
@@ -147,7 +152,7 @@ class Fitter:
     """Fits effects to working data, starting from a theta."""
 
     def __init__(self, working: Working, theta: np.ndarray, effects: Sequence[EffectValue] = ()) -> None:
-        self.working = working
+        self.working, self.is_mean = working, working.is_mean
         self.n_tools = len(working.predictor.grasps.tools)
         self.names = tuple(value.effect for value in effects)
         self.axes = [axis for name in self.names for axis in axes_of(name)]
@@ -176,13 +181,15 @@ class Fitter:
         loss = self._loss(point, residual)
         columns = self._columns(point)
         for _ in range(n_steps):
-            step, sd = self._step(point, columns, np.clip(residual, -CLIP_SD, CLIP_SD))
+            weight = root_weights(residual, self.is_mean)
+            step, sd = self._step(point, columns * weight, residual * weight)
             point, residual, loss, moved = self._searched(point, residual, loss, step)
             if not moved:
                 break
             columns = self._columns(point)
             if (np.abs(step) < _SETTLED + 0.05 * sd).all():
                 break
+        weight = root_weights(residual, self.is_mean)
         return Fit(
             working=self.working,
             theta=point.theta,
@@ -190,8 +197,9 @@ class Fitter:
             numerical=point.numerical,
             effects=self._effects(point),
             modelled=self._predicted(point),
-            residual=np.clip(residual, -CLIP_SD, CLIP_SD),
-            columns=columns,
+            raw=residual,
+            weight=weight,
+            columns=columns * weight,
             precision=self.precision,
             pull=self.precision * (point.vector - self.middle),
             loss=loss,
@@ -262,6 +270,5 @@ class Fitter:
         return tuple(EffectValue(effect=name, parameters=row) for name, row in values.items())
 
     def _loss(self, point: _Point, residual: np.ndarray) -> float:
-        size = np.abs(residual)
-        squares = np.where(size > CLIP_SD, CLIP_SD * (2.0 * size - CLIP_SD), size**2).sum()
+        squares = (damped(residual, self.is_mean) ** 2).sum()
         return float(0.5 * squares + 0.5 * (self.precision * (point.vector - self.middle) ** 2).sum())

@@ -21,7 +21,7 @@ COEFFICIENT_SDS = (0.006, 0.0015)  # of the amplitude, for one standard deviatio
 
 def flexible(fit: Fit) -> Sequence[Fit]:
     """The fit with columns of the flexible discrepancy added, at its two stiffnesses."""
-    columns = fit.working.whitened(_columns(fit))
+    columns = fit.working.whitened(_columns(fit)) * fit.weight
     nothing = np.zeros(len(columns))
     return [
         replace(

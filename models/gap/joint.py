@@ -23,7 +23,8 @@ from models.calibration.sampling import sample
 from models.calibration.settings import WITH_EFFECTS, CalibrationSettings, ThetaPriors
 from models.calibration.traces.calibrate import laplace
 from models.effects.catalogue import CATALOGUE
-from models.gap.fit import CLIP_SD, Axis, Fit, axes_of
+from models.gap.fit import Axis, Fit, axes_of
+from models.gap.robust import root_weights
 from models.gap.working import IS_LIFT
 from models.records import EffectValue
 
@@ -169,8 +170,8 @@ def effects_at(names: Sequence[str], medians: Sequence[float]) -> tuple[EffectVa
 class Surface:
     """The residual around a fit as polynomials of v.
 
-    point: k, their middle. phi: how much wider errors are than stated. weight: m x f, roots of Huber's. nuisance: what
-    tools and other meshes change, weighted, c x (m f); inverse: c x c, of its precision with the priors.
+    point: k, their middle. phi: how much wider errors are than stated. weight: m x f, roots of the weights. nuisance:
+    what tools and other meshes change, weighted, c x (m f); inverse: c x c, of its precision with the priors.
     """
 
     fit: Fit
@@ -183,14 +184,14 @@ class Surface:
 
     @staticmethod
     def around(fit: Fit, priors: ThetaPriors) -> "Surface":
-        """The surface of a fit; residuals that the fit clips weigh as little as they do there."""
+        """The surface of a fit; residuals that weigh little in the fit do as they do there."""
         axes = tuple(axis for value in fit.effects for axis in axes_of(value.effect))
         point, (lower, upper) = _vector(fit, axes), _limits(fit, axes, priors)
         point = np.clip(point, lower + 1e-6 * (upper - lower), upper - 1e-6 * (upper - lower))
         n_effects = fit.n_effect_columns
         n_nuisance = len(fit.columns) - _N_THETA - n_effects
-        weight = _weights(_residual(fit, axes, point))
-        nuisance = (fit.columns[_N_THETA : _N_THETA + n_nuisance] * weight).reshape(n_nuisance, -1)
+        weight = root_weights(_residual(fit, axes, point), fit.working.is_mean)
+        nuisance = (fit.columns[_N_THETA : _N_THETA + n_nuisance] * (weight / fit.weight)).reshape(n_nuisance, -1)
         inverse = np.linalg.inv(nuisance @ nuisance.T + np.diag(fit.precision[_N_THETA : _N_THETA + n_nuisance]))
         kept = [*range(_N_THETA), *range(len(fit.columns) - n_effects, len(fit.columns))]
         bare = Surface(
@@ -269,11 +270,6 @@ def _residual(fit: Fit, axes: Sequence[Axis], v: np.ndarray) -> np.ndarray:
     numerical = working.numerical * np.where(IS_LIFT, 1.0, stiffer)
     predicted = working.predictor.features(theta, effects, fit.tool_factor) + np.tensordot(fit.numerical, numerical, 1)
     return working.whitened(working.measured - predicted)
-
-
-def _weights(residual: np.ndarray) -> np.ndarray:
-    """Square roots of Huber's weights, m x f."""
-    return np.sqrt(np.minimum(1.0, CLIP_SD / np.maximum(np.abs(residual), 1e-12)))
 
 
 def _terms(w: np.ndarray) -> np.ndarray:

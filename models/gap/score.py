@@ -13,8 +13,9 @@ import numpy as np
 
 from models.gap.ceiling import Ceiling
 from models.gap.features import N_BINS
-from models.gap.fit import CLIP_SD, Fit
+from models.gap.fit import Fit
 from models.gap.groups import design_folds, object_folds
+from models.gap.robust import damped
 from models.gap.screen import left_out_errors
 
 N_DRAWS = 400
@@ -23,7 +24,7 @@ PRIOR_NONE, PRIOR_UNKNOWN = 0.4, 0.1
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """Held-out errors of a fit: by_design and by_class (m x f, whitened, clipped). rmse_n: of force bins, by design."""
+    """Held-out errors of a fit: by_design and by_class (m x f, whitened, damped). rmse_n: of force bins, by design."""
 
     by_design: np.ndarray
     by_class: np.ndarray
@@ -37,17 +38,13 @@ class Score:
 
 def scored(fit: Fit) -> Score:
     """The score of a fit."""
-    grasps = fit.working.predictor.grasps
-    by_design = _left_out(fit, design_folds(grasps), is_new_tool=True)
-    by_class = _left_out(fit, object_folds(grasps), is_new_tool=False)
-    return Score(by_design, by_class, _rmse_n(fit, by_design))
+    return _score(fit, *_left_out_ways(fit))
 
 
 def scored_ceiling(fit: Fit, found: Ceiling) -> Score:
     """The score of what anything could explain on top of a fit."""
-    base = scored(fit)
-    by_design, by_class = base.by_design - found.predicted, base.by_class - found.predicted_classes
-    return Score(_clipped(by_design), _clipped(by_class), _rmse_n(fit, by_design))
+    by_design, by_class = _left_out_ways(fit)
+    return _score(fit, by_design - found.predicted, by_class - found.predicted_classes)
 
 
 def r2(base: Score, other: Score) -> float:
@@ -109,18 +106,24 @@ def corrected_for_choice(gains: Sequence[float]) -> float:
     return float(ordered[-1] - spread * np.sqrt(2.0 * np.log(n)))
 
 
+def _score(fit: Fit, by_design: np.ndarray, by_class: np.ndarray) -> Score:
+    is_mean = fit.working.is_mean
+    by_design, by_class = damped(by_design, is_mean), damped(by_class, is_mean)
+    rmse_n = float(np.sqrt((fit.working.unwhitened(by_design)[:, :N_BINS] ** 2).mean()))
+    return Score(by_design, by_class, rmse_n)
+
+
+def _left_out_ways(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """Whitened errors (m x f each) of designs and of object classes that were left out."""
+    grasps = fit.working.predictor.grasps
+    by_design = _left_out(fit, design_folds(grasps), is_new_tool=True)
+    return by_design, _left_out(fit, object_folds(grasps), is_new_tool=False)
+
+
 def _left_out(fit: Fit, folds: np.ndarray, *, is_new_tool: bool) -> np.ndarray:
     errors = np.zeros_like(fit.residual)
     nothing = fit.residual[None][:0]
     for fold in np.unique(folds):
         is_out = folds == fold
         errors[is_out] = left_out_errors(fit, nothing, is_out, is_new_tool=is_new_tool)[-1]
-    return _clipped(errors)
-
-
-def _clipped(errors: np.ndarray) -> np.ndarray:
-    return np.clip(errors, -CLIP_SD, CLIP_SD)
-
-
-def _rmse_n(fit: Fit, errors: np.ndarray) -> float:
-    return float(np.sqrt((fit.working.unwhitened(errors)[:, :N_BINS] ** 2).mean()))
+    return errors / fit.weight

@@ -25,8 +25,8 @@ _SMALL, _LARGE = 0.5, 1.5  # prior standard deviations from the prior median or 
 class Screen:
     """s secants of effects at a fit.
 
-    effects: name of each (s); values: with their parameters (s). fields: s x m x f, whitened changes. own: s x m x f,
-    what theta, tools and numerical error cannot make up for. visible: s, its share of the size. gain: s, of the score
+    effects: name of each (s); values: with their parameters (s). fields: s x m x f, whitened changes, weighted. own: s x
+    m x f, what theta, tools and numerical error cannot make up for. visible: s, its share of the size. gain: s, of the score
     when the secant may be scaled by a positive factor. grouped_r2: s, the smaller of left-out designs and classes.
     """
 
@@ -73,7 +73,8 @@ def screened(fit: Fit, effects: Sequence[str]) -> Screen:
     """The screen of effects that are not in the fit."""
     base = fit.predicted()
     values = [value for effect in effects for value in secants(effect)]
-    fields = fit.working.whitened(np.array([fit.predicted([*fit.effects, value]) - base for value in values]))
+    changes = np.array([fit.predicted([*fit.effects, value]) - base for value in values])
+    fields = fit.working.whitened(changes) * fit.weight
     own = _without(fit, fields)
     size = np.sqrt((fields**2).sum(axis=(1, 2)))
     visible = np.sqrt((own**2).sum(axis=(1, 2))) / np.maximum(size, 1e-12)
@@ -98,7 +99,7 @@ def _without(fit: Fit, fields: np.ndarray) -> np.ndarray:
 
 
 def grouped_r2(fit: Fit, fields: np.ndarray) -> np.ndarray:
-    """Of the clipped residual's squares, the share predicted by scaled secants (s) for what was left out.
+    """Of the weighted residual's squares, the share predicted by scaled secants (s) for what was left out.
 
     Designs in folds and object classes in folds; the smaller counts.
     """

@@ -22,13 +22,13 @@ from models.gap.features import FEATURES, features_of_steps
 from models.gap.predict import Predictor
 from models.gap.problem import Bank, GapProblem
 
-# Errors of a cell, each with the weight that makes the misfits of 12 null worlds likeliest (docs/gap-worlds.md).
-FLOOR_SHARE = 0.0098  # of the cell's largest force, common to neighbouring bins
-OWN_SHARE = 0.0086  # the same, of each feature by itself
-PLACEMENT_SHARE = 0.02  # scatter of the force of a tool on an object, relative
-SHIFT_MM = 0.037  # of the whole trace along the lift: height of the object, start of the lift
-NUMERICAL_WEIGHT = 0.46  # of the variance that other meshes show
-SURFACE_WEIGHT = 0.1  # of the squared errors of surfaces at left-out grid points, which lie at the ends of the grid
+# Errors of a cell, with the weights (and the tails of `robust`) that make 24 null worlds likeliest: docs/gap-worlds.md.
+FLOOR_SHARE = 0.0067  # of the cell's largest force, common to neighbouring bins
+OWN_SHARE = 0.0061  # the same, of each feature by itself
+PLACEMENT_SHARE = 0.0176  # scatter of the force of a tool on an object, relative
+SHIFT_MM = 0.019  # of the whole trace along the lift: height of the object, start of the lift
+NUMERICAL_WEIGHT = 0.41  # of the variance that other meshes show
+SURFACE_WEIGHT = 0.06  # of the squared errors of surfaces at left-out grid points, which lie at the ends of the grid
 CONTRAST_SHARE = 0.003  # what repeats of a cell differ by for no reason, relative
 TARE_SD_N = 0.05  # zero of the load cell from grasp to grasp: notes/gap.md section 4.1
 REPEAT_SD = 0.01  # scatter of the force from grasp to grasp, relative; notes/gap.md section 4.1
@@ -66,6 +66,14 @@ class Working:
     def obj(self) -> np.ndarray:
         """Object of each row, m."""
         return self.predictor.grasps.obj
+
+    @property
+    def is_mean(self) -> np.ndarray:
+        """Which rotated rows are means of cells, m; the others are contrasts of repeats."""
+        rows = np.zeros(len(self.measured), dtype=bool)
+        for places in self.cells:
+            rows[places[:, 0]] = True
+        return rows
 
     def whitened(self, values: np.ndarray) -> np.ndarray:
         """Features (... x m x f) in units of their standard deviations, repeats of a cell rotated."""

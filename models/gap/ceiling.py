@@ -12,9 +12,9 @@ from models.gap.features import FEATURES
 from models.gap.fit import Fit
 from models.gap.flexible import inputs_of
 from models.gap.groups import design_folds, object_folds
-from models.gap.robust import CLIP_SD
 
 N_FOLDS = 4
+_CLIP_SD = 6.0  # of the residuals that trees learn from
 _TREES = {"max_iter": 40, "learning_rate": 0.1, "max_leaf_nodes": 8, "min_samples_leaf": 40, "l2_regularization": 5.0}
 
 
@@ -49,7 +49,7 @@ def _left_out(fit: Fit, inputs: np.ndarray, folds: np.ndarray) -> np.ndarray:
     data = fit.working
     sd = _standard_deviations(fit)
     found = data.measured - fit.modelled
-    target = np.clip(found / sd, -CLIP_SD, CLIP_SD)
+    target = np.clip(found / sd, -_CLIP_SD, _CLIP_SD)
     predicted = np.zeros_like(target)
     for fold in np.unique(folds):
         is_out = folds == fold

@@ -17,8 +17,6 @@ from models.gap.thresholds import Statistics, Thresholds
 _Z90 = 1.645
 _SET_PROBABILITY = 0.95
 _LARGEST_SET = 3
-# Times their lines: misfits that are not clearly above those of null worlds. Contrasts of repeats have no mesh in them.
-_LEFT = (1.2, 1.05)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +51,7 @@ class Evidence:
 def misfits(fit: Fit) -> tuple[float, float]:
     """Mean damped square of the residual of cells' means, and of contrasts of their repeats (0 without repeats)."""
     is_mean = fit.working.is_mean
-    cost = damped(fit.raw, is_mean) ** 2
+    cost = damped(fit.raw) ** 2
     return float(cost[is_mean].mean()), float(cost[~is_mean].mean()) if not is_mean.all() else 0.0
 
 
@@ -113,25 +111,25 @@ def _is_credible(best: Tried, evidence: Evidence, thresholds: Thresholds) -> boo
 
 
 def _is_incomplete(best: Tried, evidence: Evidence, thresholds: Thresholds) -> bool:
-    """Whether neither the best effect nor a pair with it explains most of what there is."""
+    """Whether neither the best effect nor a pair with it explains enough of what there is."""
     with_best = [tried for tried in evidence.pairs if best.refit.effects[0] in tried.refit.effects]
     pair = max(with_best, key=lambda tried: tried.r2, default=best)
-    for tried in (best, pair):
-        explained = tried.r2 / max(evidence.ceiling, tried.r2, 1e-9)
-        if explained >= thresholds.share and _leaves_little(tried, evidence, thresholds):
-            return False
-    return True
+    return not any(_leaves_little(tried, evidence, thresholds) for tried in (best, pair))
 
 
 def _leaves_little(tried: Tried, evidence: Evidence, thresholds: Thresholds) -> bool:
-    """Whether no misfit is clearly above those of null worlds, or most of it is gone.
+    """Whether misfits are below their lines, or enough of what is unusual in them is gone.
 
-    A strong effect is never met to the last bit.
+    A strong effect is never met to the last bit: the law of the simulator is not that of the bench.
     """
-    before = (evidence.statistics.misfit, evidence.statistics.contrast_misfit)
-    lines = (thresholds.misfit, thresholds.contrast_misfit)
-    parts = zip(before, misfits(tried.refit.fit), lines, _LEFT, strict=True)
-    return all(now <= left * line or was - now >= thresholds.share * (was - line) for was, now, line, left in parts)
+    now = np.array(misfits(tried.refit.fit))
+    if (now <= (thresholds.misfit, thresholds.contrast_misfit)).all():
+        return True
+    before = np.array([evidence.statistics.misfit, evidence.statistics.contrast_misfit])
+    usual = np.array([thresholds.usual_misfit, thresholds.usual_contrast_misfit])
+    n_means = np.count_nonzero(evidence.base.working.is_mean)
+    weight = np.array([n_means, len(evidence.base.raw) - n_means])
+    return bool(weight @ (before - now) >= thresholds.share * weight @ (before - usual))
 
 
 def _told_apart_from(best: Tried, evidence: Evidence, thresholds: Thresholds) -> list[Tried]:

@@ -77,7 +77,7 @@ class Fit:
     """A fit to m grasps with t tools and v numerical errors.
 
     theta: 3. tool_log: t, logarithm of the tools' moduli over Young's modulus. numerical: v, of unit variance.
-    raw: m x f, the whitened residual; weight: m x f, roots of its weights; residual: their product. columns: c x m x f,
+    raw: m x f, the whitened residual; weight: m x 1, roots of its weights; residual: their product. columns: c x m x f,
     weighted slopes by theta, tools, numerical errors and effects' parameters in this order; precision: c, of their
     priors; pull: c, slopes of their penalties. loss: negative log density, but for a constant.
     """
@@ -152,7 +152,7 @@ class Fitter:
     """Fits effects to working data, starting from a theta."""
 
     def __init__(self, working: Working, theta: np.ndarray, effects: Sequence[EffectValue] = ()) -> None:
-        self.working, self.is_mean = working, working.is_mean
+        self.working = working
         self.n_tools = len(working.predictor.grasps.tools)
         self.names = tuple(value.effect for value in effects)
         self.axes = [axis for name in self.names for axis in axes_of(name)]
@@ -181,7 +181,7 @@ class Fitter:
         loss = self._loss(point, residual)
         columns = self._columns(point)
         for _ in range(n_steps):
-            weight = root_weights(residual, self.is_mean)
+            weight = root_weights(residual)
             step, sd = self._step(point, columns * weight, residual * weight)
             point, residual, loss, moved = self._searched(point, residual, loss, step)
             if not moved:
@@ -189,7 +189,7 @@ class Fitter:
             columns = self._columns(point)
             if (np.abs(step) < _SETTLED + 0.05 * sd).all():
                 break
-        weight = root_weights(residual, self.is_mean)
+        weight = root_weights(residual)
         return Fit(
             working=self.working,
             theta=point.theta,
@@ -270,5 +270,5 @@ class Fitter:
         return tuple(EffectValue(effect=name, parameters=row) for name, row in values.items())
 
     def _loss(self, point: _Point, residual: np.ndarray) -> float:
-        squares = (damped(residual, self.is_mean) ** 2).sum()
+        squares = (damped(residual) ** 2).sum()
         return float(0.5 * squares + 0.5 * (self.precision * (point.vector - self.middle) ** 2).sum())

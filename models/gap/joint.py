@@ -170,7 +170,7 @@ def effects_at(names: Sequence[str], medians: Sequence[float]) -> tuple[EffectVa
 class Surface:
     """The residual around a fit as polynomials of v.
 
-    point: k, their middle. phi: how much wider errors are than stated. weight: m x f, roots of the weights. nuisance:
+    point: k, their middle. phi: how much wider errors are than stated. weight: m x 1, roots of the weights. nuisance:
     what tools and other meshes change, weighted, c x (m f); inverse: c x c, of its precision with the priors.
     """
 
@@ -190,7 +190,7 @@ class Surface:
         point = np.clip(point, lower + 1e-6 * (upper - lower), upper - 1e-6 * (upper - lower))
         n_effects = fit.n_effect_columns
         n_nuisance = len(fit.columns) - _N_THETA - n_effects
-        weight = root_weights(_residual(fit, axes, point), fit.working.is_mean)
+        weight = root_weights(_residual(fit, axes, point))
         nuisance = (fit.columns[_N_THETA : _N_THETA + n_nuisance] * (weight / fit.weight)).reshape(n_nuisance, -1)
         inverse = np.linalg.inv(nuisance @ nuisance.T + np.diag(fit.precision[_N_THETA : _N_THETA + n_nuisance]))
         kept = [*range(_N_THETA), *range(len(fit.columns) - n_effects, len(fit.columns))]

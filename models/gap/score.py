@@ -107,8 +107,7 @@ def corrected_for_choice(gains: Sequence[float]) -> float:
 
 
 def _score(fit: Fit, by_design: np.ndarray, by_class: np.ndarray) -> Score:
-    is_mean = fit.working.is_mean
-    by_design, by_class = damped(by_design, is_mean), damped(by_class, is_mean)
+    by_design, by_class = damped(by_design), damped(by_class)
     rmse_n = float(np.sqrt((fit.working.unwhitened(by_design)[:, :N_BINS] ** 2).mean()))
     return Score(by_design, by_class, rmse_n)
 

@@ -25,9 +25,10 @@ _SMALL, _LARGE = 0.5, 1.5  # prior standard deviations from the prior median or 
 class Screen:
     """s secants of effects at a fit.
 
-    effects: name of each (s); values: with their parameters (s). fields: s x m x f, whitened changes, weighted. own: s x
-    m x f, what theta, tools and numerical error cannot make up for. visible: s, its share of the size. gain: s, of the score
-    when the secant may be scaled by a positive factor. grouped_r2: s, the smaller of left-out designs and classes.
+    effects: name of each (s); values: with their parameters (s). fields: s x m x f, whitened changes, weighted.
+    own: s x m x f, what theta, tools and numerical error cannot make up for. visible: s, its share of the size.
+    gain: s, of the score when the secant may be scaled by a positive factor. grouped_r2: s, the smaller of left-out
+    designs and classes.
     """
 
     effects: tuple[str, ...]

@@ -31,9 +31,10 @@ class Statistics(Record):
 class Thresholds(Record):
     """When gap discovery speaks.
 
-    effect_r2, ceiling_r2, misfit, contrast_misfit: lines of `Statistics`. share: of what anything explains, at least so
-    much must be the named effect's. temperature: of evidence in nats. probability: from here on one effect is named.
-    least_nats: between predictions of two effects that are told apart.
+    effect_r2, ceiling_r2, misfit, contrast_misfit: lines of `Statistics`; usual_misfit, usual_contrast_misfit: their
+    means in null worlds. share: of the misfit beyond that, at least so much must be the named effect's. temperature: of
+    evidence in nats. probability: from here on one effect is named. least_nats: between predictions of two effects that
+    are told apart.
 
     Default lines are those of 40 null worlds of `fast bench run gap` (14 designs, 8 objects, 3 repeats; a finer mesh
     with another contact law), at least three standard deviations above their mean; the temperature is that of 20 worlds
@@ -44,7 +45,9 @@ class Thresholds(Record):
     ceiling_r2: float = 0.005
     misfit: float = 0.749
     contrast_misfit: float = 0.998
-    share: float = 0.8
+    usual_misfit: float = 2.15
+    usual_contrast_misfit: float = 0.84
+    share: float = 0.5
     temperature: float = 3.28
     probability: float = 0.9
     least_nats: float = 3.0
@@ -62,7 +65,8 @@ def fit_thresholds(nulls: Sequence[Statistics], base: Thresholds = Thresholds())
         lines = np.quantile(table, quantile, axis=0)
         if (table > lines).any(axis=1).mean() <= FALSE_ALARMS:
             break
-    return base.model_copy(update=dict(zip(names, lines.tolist(), strict=True)))
+    usual = {f"usual_{name}": float(table[:, names.index(name)].mean()) for name in ("misfit", "contrast_misfit")}
+    return base.model_copy(update={**dict(zip(names, lines.tolist(), strict=True)), **usual})
 
 
 def fit_temperature(

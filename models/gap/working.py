@@ -23,11 +23,12 @@ from models.gap.predict import Predictor
 from models.gap.problem import Bank, GapProblem
 
 # Errors of a cell, with the weights (and the tails of `robust`) that make 24 null worlds likeliest: docs/gap-worlds.md.
-FLOOR_SHARE = 0.0067  # of the cell's largest force, common to neighbouring bins
-OWN_SHARE = 0.0061  # the same, of each feature by itself
-PLACEMENT_SHARE = 0.0176  # scatter of the force of a tool on an object, relative
-SHIFT_MM = 0.019  # of the whole trace along the lift: height of the object, start of the lift
-NUMERICAL_WEIGHT = 0.41  # of the variance that other meshes show
+FLOOR_SHARE = 0.007  # of the cell's largest force, common to neighbouring bins
+OWN_SHARE = 0.0047  # the same, of each feature by itself
+PLACEMENT_SHARE = 0.0169  # scatter of the force of a tool on an object, relative
+SHIFT_MM = 0.035  # of the whole trace along the lift: height of the object, start of the lift
+COMMON_SHIFT_MM = 0.05  # of all traces together: how far a contact gives way before it slides is the simulator's choice
+NUMERICAL_WEIGHT = 0.39  # of the variance that other meshes show
 SURFACE_WEIGHT = 0.06  # of the squared errors of surfaces at left-out grid points, which lie at the ends of the grid
 CONTRAST_SHARE = 0.003  # what repeats of a cell differ by for no reason, relative
 TARE_SD_N = 0.05  # zero of the load cell from grasp to grasp: notes/gap.md section 4.1
@@ -47,7 +48,8 @@ class Working:
     predictor: of these grasps. measured: m x f, free of the bias of sensor noise. amplitude: m x f, what a relative
     error of 1 is. cells: rows of the repeats of the c cells
     with r of them, c x r for each r.
-    whiteners: m x f x f. numerical: v x m x f, what other meshes change at the centre's modulus, not whitened.
+    whiteners: m x f x f. numerical: v x m x f, what other meshes and a later start change at the centre's modulus, not
+    whitened.
     """
 
     predictor: Predictor
@@ -123,20 +125,22 @@ def working(problem: GapProblem, predictor: Predictor, predicted_n: np.ndarray, 
     at = (cells[:, 0], cells[:, 1])
     scatter = _outer(amplitude) * (FLOOR_SHARE**2 * error_correlation(FEATURES) + OWN_SHARE**2 * np.eye(len(FEATURES)))
     scatter = scatter + PLACEMENT_SHARE**2 * _outer(force) + SHIFT_MM**2 * _outer(_slopes(predicted_n[first]))
-    numerical = _numerical_scatter(bank.numerical_steps_n[at], bank.centre_steps_n[at], amplitude)
+    of_meshes = _numerical_scatter(bank.numerical_steps_n[at], bank.centre_steps_n[at], amplitude)
     in_unit = np.where(IS_LIFT, 1.0, stiffer)
     surface = _surface_error(bank, at) * np.outer(in_unit, in_unit)
-    scatter = scatter + NUMERICAL_WEIGHT * numerical + SURFACE_WEIGHT * surface
+    scatter = scatter + NUMERICAL_WEIGHT * of_meshes + SURFACE_WEIGHT * surface
     contrast = repeats + CONTRAST_SHARE**2 * _outer(amplitude) * np.eye(len(FEATURES))
     whiteners, places = _whiteners(inverse, contrast, scatter)
     changed = _features(bank.numerical_steps_n) - _features(bank.centre_steps_n)[:, :, None]
+    shifted = COMMON_SHIFT_MM * _slopes(bank.centre_steps_n)[:, :, None]
+    numerical = np.nan_to_num(np.concatenate([changed, shifted], axis=2))
     return Working(
         predictor=predictor,
         measured=features_of_steps(grasps.steps_n) - bias[inverse],
         amplitude=amplitude[inverse],
         cells=places,
         whiteners=whiteners,
-        numerical=np.moveaxis(np.nan_to_num(changed)[grasps.tool, grasps.obj], 1, 0),
+        numerical=np.moveaxis(numerical[grasps.tool, grasps.obj], 1, 0),
     )
 
 
@@ -174,10 +178,10 @@ def _amplitude(features: np.ndarray) -> np.ndarray:
 
 
 def _slopes(steps_n: np.ndarray) -> np.ndarray:
-    """Change of features by a millimetre that the lift starts later, c x f, of step means (c x 120)."""
-    later = np.concatenate([np.zeros_like(steps_n[:, :1]), steps_n[:, :-1]], axis=1)
-    earlier = np.concatenate([steps_n[:, 1:], steps_n[:, -1:]], axis=1)
-    return np.asarray((features_of_steps(later) - features_of_steps(earlier)) / (2.0 * STEP_MM))
+    """Change of features by a millimetre that the lift starts later, from a hold, ... x f, of step means (... x 120)."""
+    later = np.concatenate([steps_n[..., :1], steps_n[..., :-1]], axis=-1)
+    earlier = np.concatenate([steps_n[..., 1:], steps_n[..., -1:]], axis=-1)
+    return np.asarray((_features(later) - _features(earlier)) / (2.0 * STEP_MM))
 
 
 def _numerical_scatter(other_n: np.ndarray, centre_n: np.ndarray, amplitude: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 """What a calibration of the paper's size costs, whether its draws can be trusted, and whether it finds the truth.
 
-The sampler is asked for what the paper drew, 8 chains of 8,000 + 8,000; the factorised algorithm makes fewer draws of it
+The sampler is asked for what the paper drew, 8 chains of 8,000 + 8,000; the factorised algorithm makes fewer of them
 (`MOST_DRAWS`), since more than it weights exactly would be thrown away.
 """
 

@@ -8,16 +8,14 @@ import rerun.blueprint as rrb
 
 from flows.report.style import FAINT, MUTED
 from flows.viewer.scene import rgb
-from flows.viewer.stream import eye_from
+from flows.viewer.stream import eye_around
 from hardware.layout import BenchLayout
 
 HEAD_ROOM_MM = 210.0  # a gripper at the end of its lift
 ROUND_MM = 75.0  # about an object: half of the pitch
 _MOUNT_MM = 22.0
 _SHEET_MM = 6.0
-_FROM = np.array([-0.1, -0.8, 0.62])  # direction from the objects to the eye
-_HALF_HEIGHT = np.tan(np.radians(55.0) / 2)  # of Rerun's field of view
-_ASPECT = 1.5  # of the view in the blueprint, in a wide window
+_FROM = (-0.1, -0.8, 0.62)  # direction from the objects to the eye
 
 
 def send_bench(stream: rr.RecordingStream, layout: BenchLayout, objects: Sequence[int]) -> None:
@@ -25,8 +23,9 @@ def send_bench(stream: rr.RecordingStream, layout: BenchLayout, objects: Sequenc
     if not objects:
         return
     low, high = _extent(layout, objects)
-    sheet = {"centers": [[*(low + high) / 2, -_SHEET_MM / 2]], "sizes": [[*(high - low), _SHEET_MM]]}
-    stream.log("cell/sheet", rr.Boxes3D(**sheet, colors=rgb(FAINT), fill_mode="solid"), static=True)
+    middle, size = [*(low + high) / 2, -_SHEET_MM / 2], [*(high - low), _SHEET_MM]
+    sheet = rr.Boxes3D(centers=[middle], sizes=[size], colors=rgb(FAINT), fill_mode="solid")
+    stream.log("cell/sheet", sheet, static=True)
     height = layout.mount_height_mm
     centers = [[*layout.object_xy_mm(number), height / 2] for number in objects]
     sizes = [[_MOUNT_MM, _MOUNT_MM, height]] * len(centers)
@@ -37,17 +36,7 @@ def send_bench(stream: rr.RecordingStream, layout: BenchLayout, objects: Sequenc
 def bench_eye(layout: BenchLayout, objects: Sequence[int]) -> rrb.EyeControls3D:
     """An eye in front of the bench from which all these objects, and a gripper over them, are seen."""
     low, high = _extent(layout, objects or range(layout.n_columns**2))
-    corners = np.array([(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (0.0, HEAD_ROOM_MM)])
-    target = corners.mean(axis=0)
-    back = _FROM / np.linalg.norm(_FROM)
-    right = np.cross((0.0, 0.0, 1.0), back)
-    right /= np.linalg.norm(right)
-    up = np.cross(back, right)
-    about = corners - target
-    aside = np.maximum(np.abs(about @ right) / _ASPECT, np.abs(about @ up)) / _HALF_HEIGHT
-    distance = float((about @ back + aside).max())
-    x, y, z = target + distance * back
-    return eye_from((x, y, z), tuple(target))
+    return eye_around([*low, 0.0], [*high, HEAD_ROOM_MM], _FROM)
 
 
 def _extent(layout: BenchLayout, objects: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:

@@ -15,6 +15,7 @@ LIFT_STEP_MM = 10.0
 _FORCE_SIDE = 44.0  # length of the force axis in the units of the lift axis
 _BELOW_SHARE = 0.12  # of it below zero
 _N_TICKS = 4
+_RAISED = 2.0  # a label hangs below its point
 
 
 class Curves:
@@ -54,7 +55,7 @@ class Curves:
             across + upright, colors=[rgb(MUTED), *[rgb(FAINT)] * _N_TICKS, rgb(MUTED)], radii=rr.Radius.ui_points(0.6)
         )
         self._stream.log("curves/axes", grid, static=True)
-        ticks = [[lift, bottom + 1.5] for lift in lifts] + [[-3.0, self._scale * force] for force in forces]
+        ticks = [[lift, bottom + 1.5] for lift in lifts] + [[-3.5, self._scale * force - _RAISED] for force in forces]
         names = [f"{lift:g}" for lift in lifts] + [f"{force:g}" for force in forces]
         names[len(lifts) - 1] += " mm"
         names[-1] += " N"

@@ -207,4 +207,4 @@ def test_all_objects_are_in_view(objects):
         upwards = away @ np.cross(right / np.linalg.norm(right), ahead)
         assert depth > 0
         assert np.degrees(np.arctan2(abs(upwards), depth)) < 55 / 2
-        assert abs(aside) / depth < 1.5 * np.tan(np.radians(55 / 2))
+        assert abs(aside) / depth < 1.3 * np.tan(np.radians(55 / 2))

@@ -9,28 +9,18 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from flows.report.again import Simulated, simulate_again
 from flows.report.style import BEST, SIMULATED
 from flows.viewer.scene import finger_meshes, finger_translations, object_words
 from flows.viewer.simulation import arrow_mm_per_n, curves_over_time, furthest_mm, send_fingers
 from flows.viewer.stream import FRONT_EYE, recording_to, send_object, send_trace, stored_design, times
 from lake.store import Lake
-from lake.tables import GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow
-from models.errors import FastError, UsageError
-from models.fem.grasp import simulate_grasp
-from models.fem.recording import GraspRecording
+from lake.tables import GraspRow, SimTraceRow, SimulationRow
+from models.errors import UsageError
 from models.ids import tool_label
-from models.objects.catalogue import get_object
-from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion, Trace
+from models.records import Design, GraspSetup, Trace
 
 _LOG = logging.getLogger(__name__)
-
-
-class Simulated(NamedTuple):
-    """The grasp again, in the simulator."""
-
-    version_id: str
-    result: GraspSimulation
-    recording: GraspRecording
 
 
 def write_grasp_recording(lake: Lake, grasp_id: str, path: Path, is_simulated: bool = True) -> Path:
@@ -47,7 +37,7 @@ def write_grasp_recording(lake: Lake, grasp_id: str, path: Path, is_simulated: b
     trace = lake.trace(grasp_id)
     design, setup = stored_design(lake, grasp.design_id), GraspSetup.model_validate_json(grasp.setup_json)
     label = tool_label(grasp.batch, grasp.slot) if grasp.batch is not None and grasp.slot is not None else grasp.tool_id
-    simulated = _simulate(lake, grasp, design, setup) if is_simulated else None
+    simulated = simulate_again(lake, design, grasp.design_id, grasp.object_id, setup) if is_simulated else None
     name = object_words(grasp.object_id)
     with recording_to(f"grasp {grasp_id}", path, _blueprint(f"{label} on {name}")) as stream:
         text = _about(f"{label} on {name}, repeat {grasp.repeat}", trace, simulated)
@@ -112,27 +102,6 @@ def _grasp(lake: Lake, grasp_id: str) -> GraspRow:
     if grasp.status != "ok":
         raise UsageError(f"Grasp `{grasp_id}` failed ({grasp.reason}), so there is nothing to show; take another one.")
     return grasp
-
-
-def _simulate(lake: Lake, grasp: GraspRow, design: Design, setup: GraspSetup) -> Simulated | None:
-    """The grasp in the newest version of this program that has simulated it; None where it cannot be simulated."""
-    recording = GraspRecording()
-    try:
-        version = _newest_version(lake, grasp)
-        result = simulate_grasp(design, get_object(grasp.object_id), version, setup, recorder=recording.add)
-    except FastError as error:
-        _LOG.warning("fingers of %s are drawn undeformed: %s", grasp.grasp_id, error)
-        return None
-    return None if recording.is_empty else Simulated(version.version_id, result, recording)
-
-
-def _newest_version(lake: Lake, grasp: GraspRow) -> SimulatorVersion:
-    keys = {"design_id": grasp.design_id, "object_id": grasp.object_id, "setup_id": grasp.setup_id, "status": "ok"}
-    for simulation in reversed(lake.records(SimulationRow, **keys)):
-        rows = lake.records(SimulatorVersionRow, version_id=simulation.version_id)
-        if rows and rows[-1].tier not in ("imported", "screening"):
-            return rows[-1].version
-    return SimulatorVersion()
 
 
 def _stored_traces(lake: Lake, grasp: GraspRow) -> Iterator[tuple[str, Trace]]:

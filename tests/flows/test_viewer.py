@@ -109,7 +109,7 @@ def test_grasp_shows_measured_and_simulated_force_and_moving_fingers(lake, tmp_p
 
 def test_grasp_shows_the_fingers_that_the_simulator_deforms(lake, tmp_path, monkeypatch):
     coarse = SimulatorVersion(mesh=MeshSettings(edge_mm=10))
-    monkeypatch.setattr("flows.viewer.grasp._newest_version", lambda *_: coarse)
+    monkeypatch.setattr("flows.report.again.newest_version", lambda *_: coarse)
     grasp = next(g for g in lake.records(GraspRow) if g.status == "ok" and g.object_id == 1)
     rows = rows_by_entity(write_grasp_recording(lake, grasp.grasp_id, tmp_path / "grasp.rrd"))
     assert rows["/cell/fingers/left/surface"] == rows["/cell/fingers/right/contact_force"] > 10

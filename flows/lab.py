@@ -30,7 +30,10 @@ from models.errors import FastError
 CHECKOUT = Path(__file__).resolve().parents[1]
 POOL_LIMIT_S = 300.0
 DEPLOY_LIMIT_S = 600.0
-SWEEP_S = 15.0  # between looks for flow runs whose process is gone
+SWEEP_S = 5.0  # between looks for flow runs whose process is gone
+WORKER_POLL_S = (
+    "5"  # between the worker's looks for runs to start; Prefect's own 10 s are most of the wait after a crash
+)
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,7 @@ class Lab:
             "FAST_CHECKOUT": str(CHECKOUT),
             "FAST_LAKE": address_for_others(lake),
         }
+        self._environment.setdefault("PREFECT_WORKER_QUERY_SECONDS", WORKER_POLL_S)
         log = state_folder(lake.root) / "worker.log"
         arguments = [str(plan.n_runs), str(os.getpid())]
         self._worker = StandingProcess("flows.prefect_worker", arguments, self._environment, log)

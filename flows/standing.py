@@ -1,5 +1,6 @@
 """Processes that stand beside the one that started them: server and worker, restarted when they die."""
 
+import socket
 import subprocess
 import sys
 import time
@@ -13,8 +14,17 @@ LEAST_LIFE_S = 5.0  # one that dies sooner is not started again at once
 class StandingProcess:
     """A Python module run as a process of its own, which ends with this one (`tasks.pool.follow_parent`)."""
 
-    def __init__(self, module: str, arguments: list[str], environment: Mapping[str, str], log_path: Path) -> None:
+    def __init__(
+        self,
+        module: str,
+        arguments: list[str],
+        environment: Mapping[str, str],
+        log_path: Path,
+        listener: socket.socket | None = None,
+    ) -> None:
+        """`listener`: handed on to every start of the process and kept open in between, closed by `stop`."""
         self.log_path = log_path
+        self._listener = listener
         self._command = [sys.executable, "-m", module, *arguments]
         self.environment = dict(environment)
         self._child: subprocess.Popen[bytes] | None = None
@@ -35,6 +45,7 @@ class StandingProcess:
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
+                pass_fds=() if self._listener is None else (self._listener.fileno(),),
                 start_new_session=True,  # Ctrl-C in the terminal is for us; we stop the process when we are done
             )
         self._started_s = time.monotonic()
@@ -52,6 +63,8 @@ class StandingProcess:
 
     def stop(self) -> None:
         """End the process, by force when it does not listen."""
+        if self._listener is not None:
+            self._listener.close()
         if self._child is None:
             return
         self._child.terminate()

@@ -31,9 +31,7 @@ CHECKOUT = Path(__file__).resolve().parents[1]
 POOL_LIMIT_S = 300.0
 DEPLOY_LIMIT_S = 600.0
 SWEEP_S = 5.0  # between looks for flow runs whose process is gone
-WORKER_POLL_S = (
-    "5"  # between the worker's looks for runs to start; Prefect's own 10 s are most of the wait after a crash
-)
+WORKER_POLL_S = "5"  # between the worker's looks for runs to start, where Prefect waits 10 s
 
 
 @dataclass(frozen=True)
@@ -97,9 +95,11 @@ class Lab:
             tell(f"the Prefect server had died and was started again; its log is {self._server.log_path}")
         if self._worker.restart_if_dead():
             tell(f"the worker had died and was started again; its log is {self._worker.log_path}")
-        if time.monotonic() - self._swept_s > SWEEP_S:
+        # A server that is still starting would hold this up, and with it the start of the worker.
+        if time.monotonic() - self._swept_s > SWEEP_S and is_healthy(self.api_url):
             self._swept_s = time.monotonic()
-            for sentence in sweep(self.api_url, and_continue=True).sentences:
+            only_worker_since = None if self._server is None else self._worker.since
+            for sentence in sweep(self.api_url, and_continue=True, worker_since=only_worker_since).sentences:
                 tell(sentence)
 
     def close(self) -> None:

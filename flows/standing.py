@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 
 STOP_LIMIT_S = 15.0
@@ -29,6 +30,7 @@ class StandingProcess:
         self.environment = dict(environment)
         self._child: subprocess.Popen[bytes] | None = None
         self._started_s = 0.0
+        self.since = datetime.now(UTC)
 
     @property
     def pid(self) -> int:
@@ -48,7 +50,7 @@ class StandingProcess:
                 pass_fds=() if self._listener is None else (self._listener.fileno(),),
                 start_new_session=True,  # Ctrl-C in the terminal is for us; we stop the process when we are done
             )
-        self._started_s = time.monotonic()
+        self._started_s, self.since = time.monotonic(), datetime.now(UTC)
 
     def is_alive(self) -> bool:
         """True while the process runs."""

@@ -16,8 +16,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
+from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import duckdb
 import pyarrow as pa
@@ -36,6 +37,21 @@ _TIMES_VIEW = {"traces": "trace_times"}  # views.sql says what it is for
 Signature = tuple[int, int, int]  # time, size, inode
 
 
+_ENGINES = count()  # numbers of engines: their file numbers are their own
+
+
+class Mark(NamedTuple):
+    """How far an engine has read a table: files by number, and how often some that it had read went away."""
+
+    engine: int
+    next_number: int
+    n_losses: int
+
+    def follows(self, earlier: "Mark") -> bool:
+        """True when files only came since."""
+        return (self.engine, self.n_losses) == (earlier.engine, earlier.n_losses)
+
+
 @dataclass
 class _TableFiles:
     """What the engine has read of one table."""
@@ -45,6 +61,7 @@ class _TableFiles:
     next_number: int = 0
     copies: dict[str, Path] = field(default_factory=dict)  # what is read in place of older files
     partial: set[str] = field(default_factory=set)  # of traces: files that lack a column
+    n_losses: int = 0
 
     def paths(self, folder: Path, names: Iterable[str]) -> list[Path]:
         """Where to read these files."""
@@ -55,7 +72,7 @@ class Engine:
     """One DuckDB connection over one lake folder. Not thread-safe; `lake.store` holds the lock."""
 
     def __init__(self, root: Path) -> None:
-        self._root = root
+        self._root, self._number = root, next(_ENGINES)
         self._upgrades = Upgrades(root)
         self._files = {row_type.table: _TableFiles() for row_type in TABLES}
         self._n_loose = 0  # rows held that are not compressed yet
@@ -96,6 +113,11 @@ class Engine:
         """Files of a table as of the last `sync`."""
         known = self._files[table]
         return known.paths(self._root / table, sorted(known.signatures))
+
+    def mark(self, table: str) -> Mark:
+        """How far a table was read by the last `sync`."""
+        known = self._files[table]
+        return Mark(self._number, known.next_number, known.n_losses)
 
     def place_of(self, row_type: type[Row], row_id: str) -> tuple[Path, int] | None:
         """File of the valid row with this id in a table of traces, and the row's number in it; of the last `sync`."""
@@ -209,7 +231,8 @@ class Engine:
             folder = self._root.resolve() / row_type.table
             copies |= self._upgrades.copies(self.connection, row_type, [folder / name for name in changed])
         partial = known.partial & set(found) - set(numbers)
-        taken = _TableFiles(found, kept | numbers, known.next_number + len(changed), copies, partial)
+        n_losses = known.n_losses + bool(stale)
+        taken = _TableFiles(found, kept | numbers, known.next_number + len(changed), copies, partial, n_losses)
         if changed:
             self._read_rows(row_type, taken, numbers)
         return taken

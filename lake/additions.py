@@ -27,7 +27,7 @@ def additions(lake: Lake, table: type[Row], columns: Sequence[str], since: Mark 
         LakeError: the lake cannot be read.
     """
     raw = f"raw_{table.table}"
-    with lake.reading(raw) as engine:
+    with lake.reading_raw(table) as engine:
         mark = engine.mark(table.table)
         if mark == since:
             return Additions(mark, (), False)

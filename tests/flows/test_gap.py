@@ -19,6 +19,7 @@ from models.errors import FastError
 from models.gap import joint
 from models.gap.findings import Findings
 from models.records import EffectValue
+from tasks.calibration_data import TooLittleDataError, measured_tools, simulated_points
 from tasks.gap_bank import bank_plans
 from tasks.gap_split import KIND as SPLIT
 from tasks.hypercube import SimulationPlan
@@ -67,6 +68,8 @@ def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path)
     assert "load_cell_lag.time_constant_s" in names
     rows = lagging.records(GapFindingRow, gap_id=outcome.run.gap_id, kind="named", round=1)
     assert [(row.effect, row.calibration_id) for row in rows] == [("load_cell_lag", calibration.calibration_id)]
+    with pytest.raises(TooLittleDataError, match="no design that is simulated with a theta of its own"):
+        simulated_points(lagging, BASE, measured_tools(lagging, "demo"))  # neither bank nor held-out grasps are drawn
     page = write_folder(lagging, outcome, tmp_path / "out")
     assert Findings.model_validate(json.loads((tmp_path / "out" / "findings.json").read_text())) == findings
     assert "load-cell transmitter" in page.read_text()

@@ -49,13 +49,11 @@ def find_where(residuals: Residuals, tests: TestTree, seed: int = 0) -> tuple[Wh
 
 def _of_phase(residuals: Residuals, phase: str, rejected: tuple[Hypothesis, ...], seed: int) -> list[WhereFinding]:
     by_factor = {h.factor: h for h in rejected}
-    found = []
     leaves = honest_tree(residuals, phase, _FACTORS & set(by_factor), seed)
-    if len(leaves) > 1:
+    found: list[WhereFinding | None] = []
+    if len(leaves) > 1 or EVERYWHERE in by_factor:
         found += [_of_leaf(residuals, phase, leaf, by_factor) for leaf in leaves]
-    elif EVERYWHERE in by_factor:
-        found.append(_of_leaf(residuals, phase, leaves[0], by_factor))
-    elif BY_OBJECT in by_factor:
+    if BY_OBJECT in by_factor and not any(found):  # too small to matter over all of them, perhaps not on some
         found += _of_objects(residuals, phase, by_factor[BY_OBJECT])
     for factor in (REPEAT, ORDER):
         if factor in by_factor:

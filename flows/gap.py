@@ -13,11 +13,13 @@ from flows.launch import Voice
 from flows.progress import in_words
 from flows.simulations import n_missing, simulate_missing
 from lake.provenance import current_provenance
+from lake.simulators import missing_version_rows
 from lake.store import Lake
 from models.calibration.settings import CalibrationSettings
 from models.errors import FastError
 from models.gap.findings import Findings
 from models.gap.problem import GapProblem
+from models.gap.show.needs import power_sentence
 from models.ids import content_id
 from models.records import EffectValue, SimulatorVersion
 from tasks.calibration_data import base_version
@@ -85,6 +87,9 @@ def run_gap(lake: Lake, order: GapOrder, voice: Voice, should_stop: Callable[[],
         if known is not None:
             return GapOutcome(known, False)
         voice.progress(f"{search.summary}; held out: {search.split.words}, {search.split.split_id}")
+        version_rows = missing_version_rows(lake, search.version)  # an imported lake has never simulated with it
+        if version_rows:
+            lake.append(version_rows, current_provenance(seed=order.seed))
         _fill_bank(lake, search, voice, should_stop)
         return _searched(lake, search, voice)
 
@@ -180,6 +185,7 @@ def _searched(lake: Lake, search: _Search, voice: Voice) -> GapOutcome:
         seed=order.seed,
         budget=_spent(search, plans, time.monotonic() - began),
         warnings=tuple(dict.fromkeys(warnings)),
+        power=_power(problem),
     )
     run = GapRun(
         gap_id=search.gap_id,
@@ -217,6 +223,10 @@ def _effects_so_far(lake: Lake, search: _Search) -> tuple[EffectValue, ...]:
     """Effects of the simulator now, which are tested again: what earlier searches added, else what it began with."""
     found = newest_calibrated(lake, search.base.version_id, search.order.campaign_id or "")
     return found[0].effects if found is not None else search.version.effects
+
+
+def _power(problem: GapProblem) -> str:
+    return power_sentence(int((~problem.held_out_tools).sum()), int((~problem.held_out_objects).sum()))
 
 
 def _failed(problem: GapProblem) -> list[str]:

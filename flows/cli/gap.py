@@ -93,6 +93,7 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
     )
     if findings.next_experiment is not None:
         lines.append(f"next experiment: {findings.next_experiment.sentence}")
+    lines += [f"power: {findings.power}"] if findings.power else []
     lines += [f"not to be told from {alias.of}: {alias.effect}" for alias in findings.aliases]
     lines += [f"warning: {sentence}" for sentence in findings.warnings]
     lines += [f"simulator version: {outcome.run.after_version_id}", f"page: {page}"]

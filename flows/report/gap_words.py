@@ -17,7 +17,8 @@ def probability_words(probability: float) -> str:
 def answer(findings: Findings) -> str:
     """The finding that a lab head should read."""
     if not findings.alarm:
-        return "Simulation and measurement agree as well as noise and meshes allow: these data show nothing missing."
+        nothing = "Simulation and measurement agree as well as noise and meshes allow: these data show nothing missing."
+        return f"{nothing} {findings.power}".strip()
     lead = next((r.where[0].sentence for r in findings.rounds if r.where), "")
     names = [named_words(r.named) for r in findings.rounds if r.named.kind != "none"]
     return f"{lead} {'Missing: ' if names else ''}{', then '.join(names)}{'.' if names else ''}".strip()

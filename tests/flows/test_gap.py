@@ -12,6 +12,7 @@ from flows.gap import GapOrder, run_gap
 from flows.gap_folder import write_folder
 from flows.gap_watch import markdown
 from flows.launch import Voice
+from lake.lineage import Node, find_lineage
 from lake.store import Lake
 from lake.tables import CalibrationRow, EventRow, GapFindingRow, SimulatorVersionRow, TraceRow
 from models.calibration.settings import CalibrationSettings
@@ -70,6 +71,10 @@ def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path)
     assert [(row.effect, row.calibration_id) for row in rows] == [("load_cell_lag", calibration.calibration_id)]
     with pytest.raises(TooLittleDataError, match="no design that is simulated with a theta of its own"):
         simulated_points(lagging, BASE, measured_tools(lagging, "demo"))  # neither bank nor held-out grasps are drawn
+    nodes = find_lineage(lagging, version.version_id).rows
+    tables = {node.table for node in nodes}
+    assert {"gap_findings", "calibrations", "simulator_versions", "grasps"} <= tables
+    assert nodes[Node("simulator_versions", outcome.run.base_version_id)] is not None  # not only named: in the lake
     page = write_folder(lagging, outcome, tmp_path / "out")
     assert Findings.model_validate(json.loads((tmp_path / "out" / "findings.json").read_text())) == findings
     assert "load-cell transmitter" in page.read_text()

@@ -14,8 +14,10 @@ from models.gap.where.tree import Leaf, honest_tree
 from models.gap.where.words import size_words
 from models.objects.catalogue import get_object
 
-LEAST_SHARE = 0.01  # of the peak: a smaller gap matters to nobody
-LEAST_DRIFT = 0.005  # meshes do not drift, so that less can be believed
+# Of the peak, beyond what other meshes of the bank change: meshes and contact laws that the bank does not know make gaps
+# of 2 % here and there (null worlds of `fast bench run gap`, docs/gap-limits.md).
+LEAST_SHARE = 0.025
+LEAST_DRIFT = 0.01  # meshes do not drift, so that less can be believed
 MOST = 8
 _MOST_OBJECTS = 3
 _FACTORS = frozenset({*TOOL_FEATURES, *OBJECT_FEATURES[:2], FAMILY})

@@ -46,7 +46,9 @@ class Turn:
         named, dropped = self.round.named, self.round.dropped
         gone = f" No longer needed: {', '.join(dropped)}." if dropped else ""
         names = f" ({', '.join(named.effects)})" if named.effects else ""
-        return f"{named.kind}{names}, probability {named.probability:.2f}. {named.sentence}{gone}"
+        # That nothing is missing is decided by lines of alarm; its share among the candidates says little.
+        sure = "" if named.kind == "none" else f", probability {named.probability:.2f}"
+        return f"{named.kind}{names}{sure}. {named.sentence}{gone}"
 
     @property
     def next_experiment(self) -> NextExperiment | None:

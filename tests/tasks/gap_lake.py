@@ -86,12 +86,16 @@ def plan_rows(plans: Sequence[SimulationPlan], fail: Collection[tuple[int, str]]
 
 
 def gap_lake(
-    root: Path, force_factor: float = 1.0, hidden: Sequence[EffectValue] = (), bench: str = "virtual"
+    root: Path,
+    force_factor: float = 1.0,
+    hidden: Sequence[EffectValue] = (),
+    bench: str = "virtual",
+    has_bank: bool = True,
 ) -> Lake:
     """A lake with eight tools measured twice on six objects, and their whole bank."""
     lake = Lake.open(root, create=True)
     rows: list[Row] = [DesignRow.of(design) for design in DESIGNS]
-    rows += bank_rows(DESIGNS, OBJECTS)
+    rows += bank_rows(DESIGNS, OBJECTS) if has_bank else []
     for number, design in enumerate(DESIGNS):
         for object_id in OBJECTS:
             for repeat in range(N_REPEATS):

@@ -26,7 +26,7 @@ from tasks.calibration_data import base_version
 from tasks.control import exclusive
 from tasks.gap_bank import bank_of, bank_plans
 from tasks.gap_data import MeasuredGrasps, problem_of, read_grasps, split_of, unit_sentences
-from tasks.gap_findings import GapRun, find_run, gap_id_of, write_run
+from tasks.gap_findings import GapRun, find_run, gap_id_of, starting_effects, write_run, write_start
 from tasks.gap_split import Split
 from tasks.hypercube import SimulationPlan
 from tasks.versions import newest_calibrated
@@ -220,9 +220,17 @@ def _turns(lake: Lake, search: _Search, problem: GapProblem, model: "GapModel", 
 
 
 def _effects_so_far(lake: Lake, search: _Search) -> tuple[EffectValue, ...]:
-    """Effects of the simulator now, which are tested again: what earlier searches added, else what it began with."""
+    """Effects of the simulator now, which are tested again: what earlier searches added, else what it began with.
+
+    Written down when the search begins: one that is killed after it added an effect begins again without.
+    """
+    known = starting_effects(lake, search.gap_id)
+    if known is not None:
+        return known
     found = newest_calibrated(lake, search.base.version_id, search.order.campaign_id or "")
-    return found[0].effects if found is not None else search.version.effects
+    effects = found[0].effects if found is not None else search.version.effects
+    write_start(lake, search.gap_id, search.order.campaign_id, effects, search.order.seed)
+    return effects
 
 
 def _power(problem: GapProblem) -> str:

@@ -69,6 +69,8 @@ def _data(outcome: "GapOutcome") -> dict[str, Any]:
 
 
 def _text(outcome: "GapOutcome", page: Path) -> str:
+    from flows.report.gap_words import probability_words
+
     findings = outcome.run.findings
     lines = [f"{outcome.sentence}.", ""]
     for number, turn in enumerate(findings.rounds, start=1):
@@ -77,10 +79,10 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
         rows = [
             {
                 "candidate": row.effect,
-                "P": row.probability,
+                "P": probability_words(row.probability),
                 "gain_nats": round(row.held_out_gain_nats, 1),
                 "rmse": f"{100 * row.held_out_rmse_change:+.0f} %",
-                "visible": row.visible_fraction,
+                "visible": None if row.visible_fraction is None else f"{100 * row.visible_fraction:.0f} %",
             }
             for row in sorted(turn.candidates, key=lambda row: -row.probability)[:_MOST_CANDIDATES]
         ]

@@ -185,7 +185,10 @@ def assumed_section(evidence: GapEvidence, folder: Folder) -> Markup:
         f"Seed {findings.seed}.",
     )
     return section(
-        "assumed", "What was assumed", _list((*general, *power, *evidence.assumed)), table(("cost", "value"), budget, (1,))
+        "assumed",
+        "What was assumed",
+        _list((*general, *power, *evidence.assumed)),
+        table(("cost", "value"), budget, (1,)),
     )
 
 

@@ -2,7 +2,8 @@
 
 Arguments: a lake, then words. `pool` makes the work pool of prefect.yaml, `run` the flow, `announce` sends the event of
 a new calibration; `search` searches without a server. Prints the messages of the flow's states. DIE_AT=bank kills the
-process in the middle of the bank, DIE_AT=chains while it samples the simulator with what was named.
+process in the middle of the bank, DIE_AT=chains while it samples the simulator with what was named, DIE_AT=show when
+that is calibrated.
 """
 
 import os
@@ -59,9 +60,13 @@ def make_up() -> None:
     from tests.tasks.gap_lake import plan_rows
     from tests.tasks.trace_lake import PROVENANCE, normal_draws
 
-    dies_at, n_sampled = os.environ.get("DIE_AT"), 0
+    dies_at, n_sampled, n_simulated = os.environ.get("DIE_AT"), 0, 0
 
     def simulate(lake: Lake, plans: Sequence[SimulationPlan], *_: Any) -> None:
+        nonlocal n_simulated
+        n_simulated += 1
+        if dies_at == "show" and n_simulated == 2:  # the first is of the bank
+            os.kill(os.getpid(), signal.SIGKILL)
         for plan in plans:
             known = set(lake.query("SELECT simulation_id AS id FROM simulations").column("id").to_pylist())
             rows = [row for row in plan_rows([plan]) if getattr(row, "simulation_id", "") not in known]

@@ -46,6 +46,8 @@ def test_a_killed_search_goes_on_and_says_the_same(tmp_path: Path) -> None:
     assert search(killed.root, "chains") == -signal.SIGKILL
     assert wanted <= killed.ids(SimulationRow)
     assert len(killed.ids(CalibrationRow)) == 1  # of theta alone, which is not made again
+    assert search(killed.root, "show") == -signal.SIGKILL
+    assert len(killed.ids(CalibrationRow)) == 2  # the effect is in a simulator version, and yet not told
     assert search(killed.root) == 0
     assert search(tmp_path / "whole") == 0
     said = answer(killed)

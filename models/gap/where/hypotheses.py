@@ -3,8 +3,8 @@
 The unit is the tool (or the object), never the sample: signs of whole tools are flipped, designs are dealt out to
 other tools, shapes to other objects. The same draws serve every test, so that the largest statistic of a branch, in
 standard deviations of its draws, is compared with the largest of that branch in each draw (max-T; Westfall and Young
-1993). Children are tested only under parents that were rejected: phases by Benjamini and Hochberg (Yekutieli 2008),
-factors of a phase by max-T going down from the largest, so that a phase that was rejected has a factor that was.
+1993). Children are tested only under parents that were rejected, by Benjamini and Hochberg within the family (Yekutieli
+2008); a factor also counts by max-T, going down from the largest, so that a phase that was rejected has one that was.
 """
 
 from dataclasses import dataclass
@@ -70,7 +70,7 @@ def run_tests(residuals: Residuals, seed: int = 0) -> TestTree:
     for phase, of_phase in q_phase.items():
         rows = np.flatnonzero(phases == phase)
         is_open = p_global <= Q and of_phase <= Q
-        q = np.maximum(step_down(z[rows]), of_phase) if is_open else np.ones(len(rows))
+        q = np.maximum(np.minimum(step_down(z[rows]), bh(p[rows])), of_phase) if is_open else np.ones(len(rows))
         factors += [Hypothesis(*names[r], float(p[r]), float(x)) for r, x in zip(rows, q, strict=True)]
     return TestTree(p_global, {k: float(v) if p_global <= Q else 1.0 for k, v in q_phase.items()}, tuple(factors))
 

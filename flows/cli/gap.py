@@ -69,6 +69,8 @@ def _data(outcome: "GapOutcome") -> dict[str, Any]:
 
 
 def _text(outcome: "GapOutcome", page: Path) -> str:
+    from flows.report.gap_words import probability_words
+
     findings = outcome.run.findings
     lines = [f"{outcome.sentence}.", ""]
     for number, turn in enumerate(findings.rounds, start=1):
@@ -77,10 +79,10 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
         rows = [
             {
                 "candidate": row.effect,
-                "P": row.probability,
+                "P": probability_words(row.probability),
                 "gain_nats": round(row.held_out_gain_nats, 1),
                 "rmse": f"{100 * row.held_out_rmse_change:+.0f} %",
-                "visible": row.visible_fraction,
+                "visible": None if row.visible_fraction is None else f"{100 * row.visible_fraction:.0f} %",
             }
             for row in sorted(turn.candidates, key=lambda row: -row.probability)[:_MOST_CANDIDATES]
         ]
@@ -93,6 +95,7 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
     )
     if findings.next_experiment is not None:
         lines.append(f"next experiment: {findings.next_experiment.sentence}")
+    lines += [f"power: {findings.power}"] if findings.power else []
     lines += [f"not to be told from {alias.of}: {alias.effect}" for alias in findings.aliases]
     lines += [f"warning: {sentence}" for sentence in findings.warnings]
     lines += [f"simulator version: {outcome.run.after_version_id}", f"page: {page}"]

@@ -176,6 +176,7 @@ def assumed_section(evidence: GapEvidence, folder: Folder) -> Markup:
         (name.replace("_", " "), number(value, 0 if value == round(value) else 1))
         for name, value in findings.budget.items()
     ]
+    power = (findings.power,) if findings.power else ()
     general = (
         "Theta was calibrated again before anything was called a gap; rho is 1.",
         f"Findings of WHERE hold a false discovery rate of {100 * Q:.0f} % over phases and factors; the unit is the "
@@ -184,7 +185,10 @@ def assumed_section(evidence: GapEvidence, folder: Folder) -> Markup:
         f"Seed {findings.seed}.",
     )
     return section(
-        "assumed", "What was assumed", _list((*general, *evidence.assumed)), table(("cost", "value"), budget, (1,))
+        "assumed",
+        "What was assumed",
+        _list((*general, *power, *evidence.assumed)),
+        table(("cost", "value"), budget, (1,)),
     )
 
 

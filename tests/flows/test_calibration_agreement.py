@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from flows.benchmarks import BENCHMARKS, Options, calibration_agreement
+from flows.benchmarks import calibration_agreement
+from flows.benchmarks.base import Options
 from flows.benchmarks.calibration_agreement import NAMES, difference, posterior_rows
+from flows.benchmarks.registry import BENCHMARKS
 from models.calibration.settings import CalibrationSettings
 
 

@@ -34,7 +34,10 @@ class Said(Record):
 
 
 class Closing(Record):
-    """Root mean square difference of held-out traces (N): theta alone, with what was named, with the truth, repeats."""
+    """Root mean square difference of held-out traces (N): theta alone, with what was named, with the truth.
+
+    floor_n: scatter of repeats, or what other meshes of the bank change, whichever is larger.
+    """
 
     before_n: float
     after_n: float
@@ -72,8 +75,10 @@ class Answer(Record):
 
 @cache
 def naming_code() -> str:
-    """Id of the code that names effects."""
-    return source_id(Path(__file__).parents[2] / "models", ("gap", "effects", "calibration/traces"))
+    """Id of the code that names effects; lines have one of their own (`thresholds_id`)."""
+    models = Path(__file__).parents[2] / "models"
+    naming = (f"gap/{file.name}" for file in (models / "gap").glob("*.py") if file.stem != "thresholds")
+    return source_id(models, (*naming, "effects", "calibration/traces"))
 
 
 def answer(
@@ -168,7 +173,7 @@ def _closing(problem: GapProblem, results: Sequence["NameResult"], truth: Sequen
         before_n=rmse_n(first.fit),
         after_n=rmse_n(named[-1].best) if named else rmse_n(last.fit),
         oracle_n=oracle_n,
-        floor_n=_repeat_rms(problem, is_out),
+        floor_n=max(_repeat_rms(problem, is_out), _numerical_rms(problem, is_out, first.theta[0])),
     )
 
 
@@ -184,6 +189,14 @@ def _repeat_rms(problem: GapProblem, is_chosen: np.ndarray) -> float:
         parts += float(((steps - steps.mean(axis=0)) ** 2).sum())
         free += (len(rows) - 1) * LIFT_STEPS
     return float(np.sqrt(parts / max(free, 1)))
+
+
+def _numerical_rms(problem: GapProblem, is_chosen: np.ndarray, young_modulus_mpa: float) -> float:
+    """Root mean square change of the chosen grasps by other meshes of the bank, in N."""
+    bank, grasps = problem.bank, problem.grasps
+    change_n = (bank.numerical_steps_n - bank.centre_steps_n[:, :, None])[grasps.tool, grasps.obj][is_chosen]
+    stiffer = young_modulus_mpa / bank.centre.young_modulus_mpa
+    return stiffer * float(np.sqrt(np.nanmean(change_n[..., :LIFT_STEPS] ** 2)))
 
 
 def _rms(values: np.ndarray) -> float:

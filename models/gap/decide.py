@@ -55,18 +55,22 @@ def misfits(fit: Fit) -> tuple[float, float]:
     return float(cost[is_mean].mean()), float(cost[~is_mean].mean()) if not is_mean.all() else 0.0
 
 
-def decided(evidence: Evidence, thresholds: Thresholds) -> Named:
-    """The answer of a round."""
+def decided(evidence: Evidence, thresholds: Thresholds, again: Fit | None) -> Named:
+    """The answer of a round. again: the best single effect, calibrated anew with all else."""
     best = max(evidence.singles, key=lambda tried: tried.r2, default=None)
     if not is_alarm(evidence, thresholds):
         return Named(
             kind="none", probability=evidence.none, sentence="Nothing that designs and objects agree on is left."
         )
-    if best is None or not _is_credible(best, evidence, thresholds) or _is_incomplete(best, evidence, thresholds):
+    if (
+        best is None
+        or not _is_credible(best, evidence, thresholds)
+        or _is_incomplete(best, evidence, thresholds, again)
+    ):
         return _unknown(evidence)
     chosen = _told_apart_from(best, evidence, thresholds)
     if len(chosen) == 1:
-        return _effect(chosen[0])
+        return _effect(chosen[0], again or best.refit.fit)
     return _set(chosen)
 
 
@@ -110,19 +114,20 @@ def _is_credible(best: Tried, evidence: Evidence, thresholds: Thresholds) -> boo
     return is_better and is_needed(best, evidence.base)
 
 
-def _is_incomplete(best: Tried, evidence: Evidence, thresholds: Thresholds) -> bool:
+def _is_incomplete(best: Tried, evidence: Evidence, thresholds: Thresholds, again: Fit | None) -> bool:
     """Whether neither the best effect nor a pair with it explains enough of what there is."""
     with_best = [tried for tried in evidence.pairs if best.refit.effects[0] in tried.refit.effects]
     pair = max(with_best, key=lambda tried: tried.r2, default=best)
-    return not any(_leaves_little(tried, evidence, thresholds) for tried in (best, pair))
+    fits = [again or best.refit.fit, pair.refit.fit]
+    return not any(_leaves_little(fit, evidence, thresholds) for fit in fits)
 
 
-def _leaves_little(tried: Tried, evidence: Evidence, thresholds: Thresholds) -> bool:
+def _leaves_little(fit: Fit, evidence: Evidence, thresholds: Thresholds) -> bool:
     """Whether misfits are below their lines, or enough of what is unusual in them is gone.
 
     A strong effect is never met to the last bit: the law of the simulator is not that of the bench.
     """
-    now = np.array(misfits(tried.refit.fit))
+    now = np.array(misfits(fit))
     if (now <= (thresholds.misfit, thresholds.contrast_misfit)).all():
         return True
     before = np.array([evidence.statistics.misfit, evidence.statistics.contrast_misfit])
@@ -149,10 +154,10 @@ def _told_apart_from(best: Tried, evidence: Evidence, thresholds: Thresholds) ->
     return chosen
 
 
-def _effect(tried: Tried) -> Named:
+def _effect(tried: Tried, fit: Fit) -> Named:
     name = tried.refit.effects[0]
     spec = CATALOGUE[name]
-    parameters = parameters_of(tried.refit.fit, name)
+    parameters = parameters_of(fit, name)
     first = spec.parameters[0].name
     low, high = parameters[first].ci90
     sentence = f"{spec.title}: {first} = {parameters[first].median:.3g} [{low:.3g}, {high:.3g}]."

@@ -7,7 +7,7 @@ import numpy as np
 
 from models.effects.catalogue import CATALOGUE
 from models.gap.ceiling import ceiling
-from models.gap.decide import Evidence, Tried, decided, misfits
+from models.gap.decide import Evidence, Tried, decided, is_alarm, misfits
 from models.gap.findings import Alias, Candidate, Named
 from models.gap.fit import Fit, Fitter
 from models.gap.flexible import flexible
@@ -80,15 +80,17 @@ def name_effect(
     Raises:
         UsageError: an effect in the model cannot be predicted by the bank.
     """
-    fit = recalibrated(training(problem), in_model)
+    learnt_from = training(problem)
+    fit = recalibrated(learnt_from, in_model)
     known = fit.working.predictor.names
     taken = {value.effect for value in in_model}
     names = [name for name in (known if catalogue is None else catalogue) if name in known and name not in taken]
     screen = screened(fit, names)
     tables = isolability(screen)
     evidence, nats, priors, names_tried = _evidence(fit, screen, thresholds)
-    named = decided(evidence, thresholds)
-    best = next((t.refit.fit for t in evidence.singles if t.refit.effects == named.effects), fit)
+    again = _again(learnt_from, evidence) if is_alarm(evidence, thresholds) else None
+    named = decided(evidence, thresholds, again)
+    best = again if named.kind == "effect" and again is not None else fit
     base = scored(fit)
     return NameResult(
         named=named,
@@ -104,6 +106,14 @@ def name_effect(
         evidence_nats=tuple(nats),
         priors=tuple(priors),
     )
+
+
+def _again(problem: GapProblem, evidence: Evidence) -> Fit | None:
+    """The best single effect calibrated anew with all else: errors are judged at forces that are nearer to the truth."""
+    if not evidence.singles:
+        return None
+    best = max(evidence.singles, key=lambda tried: tried.r2)
+    return recalibrated(problem, best.refit.fit.effects)
 
 
 def _evidence(

@@ -47,7 +47,7 @@ class Thresholds(Record):
     contrast_misfit: float = 0.998
     usual_misfit: float = 2.15
     usual_contrast_misfit: float = 0.84
-    share: float = 0.5
+    share: float = 0.35
     temperature: float = 3.28
     probability: float = 0.9
     least_nats: float = 3.0

@@ -178,7 +178,7 @@ def _amplitude(features: np.ndarray) -> np.ndarray:
 
 
 def _slopes(steps_n: np.ndarray) -> np.ndarray:
-    """Change of features by a millimetre that the lift starts later, from a hold, ... x f, of step means (... x 120)."""
+    """Change of features by a millimetre of lift that starts later, from a hold; ... x f, of step means (... x 120)."""
     later = np.concatenate([steps_n[..., :1], steps_n[..., :-1]], axis=-1)
     earlier = np.concatenate([steps_n[..., 1:], steps_n[..., -1:]], axis=-1)
     return np.asarray((_features(later) - _features(earlier)) / (2.0 * STEP_MM))

@@ -109,7 +109,7 @@ def name_effect(
 
 
 def _again(problem: GapProblem, evidence: Evidence) -> Fit | None:
-    """The best single effect calibrated anew with all else: errors are judged at forces that are nearer to the truth."""
+    """The best single effect calibrated anew with all else: errors are judged at forces nearer to the truth."""
     if not evidence.singles:
         return None
     best = max(evidence.singles, key=lambda tried: tried.r2)

@@ -1,5 +1,7 @@
 """Predictions of gap discovery: bit-exact without effects, exact where the bank is, and in agreement with replay."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,9 +11,9 @@ from models.effects.replay import replayed
 from models.errors import UsageError
 from models.gap.predict import Predictor
 from models.gap.problem import GapProblem
-from models.gap.sensing import trace_of_steps
+from models.gap.sensing import N_LEAD, lead_means, trace_of_steps
 from models.gap.synthetic import made_up_gap
-from models.records import EffectValue
+from models.records import EffectValue, GraspSetup, Trace
 
 CENTRE = np.array([10.0, 0.6, 0.42])
 THETA = np.array([8.0, 0.7, 0.4])
@@ -89,10 +91,41 @@ def test_laws_for_all_grasps_at_once_agree_with_replay(predictor: Predictor, nam
     for row in range(0, len(base), 7):
         design = grasps.designs[grasps.tool[row]]
         acting = effect.in_grasp(design, grasps.setup, grasps.contexts[row])
-        trace = trace_of_steps(base[row], grasps.setup)
+        lead_n = predictor.lead_n[row] * base[row, 0]
+        trace = trace_of_steps(np.concatenate([lead_n, base[row]]), grasps.setup)
         change = step_means(replayed(trace, [acting], design, predictor.centre)) - step_means(trace)
         error = np.abs(found[row] - base[row] - change)
         assert np.sqrt((error**2).mean()) < 0.07 * np.sqrt((change**2).mean()) + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [("load_cell_lag", {"time_constant_s": 0.1}), ("lift_misalignment", {"shift_mm": 0.8})],
+)
+def test_the_end_of_closing_is_read_into_the_lift(
+    predictor: Predictor, name: str, parameters: dict[str, float]
+) -> None:
+    """A force that is still rising when the lift starts makes a late record start low; a hold does not."""
+    n = len(predictor.grasps.tool)
+    rising = replace(predictor, lead_n=np.broadcast_to(np.linspace(0.0, 1.0, N_LEAD), (n, N_LEAD)))
+    value = EffectValue(effect=name, parameters=parameters)
+    base, held, late = predictor.steps(CENTRE), predictor.steps(CENTRE, [value]), rising.steps(CENTRE, [value])
+    (effect,) = build_effects([value])
+    for row in range(0, n, 7):
+        trace = trace_of_steps(np.concatenate([rising.lead_n[row] * base[row, 0], base[row]]), rising.grasps.setup)
+        change = step_means(effect.modify_trace(trace)) - step_means(trace)
+        error = late[row] - base[row] - change
+        assert np.sqrt((error[:4] ** 2).mean()) < 0.1 * np.sqrt((change[:4] ** 2).mean())
+        assert abs(late[row, 0] - base[row, 0]) > 3.0 * abs(held[row, 0] - base[row, 0])
+
+
+def test_the_lead_of_a_grasp_is_the_end_of_its_closing() -> None:
+    setup = GraspSetup()
+    time_s = np.array([0.0, 1.0, 1.35, 1.45, 5.35])
+    lead_n = lead_means(Trace(time_s, np.array([0, 0, 0, 0.5, 20.0]), np.array([0, 0, 3.5, 4.0, 4.0])), setup)
+    # Steps of 0.1 s: the last is 0.05 s before the lift, the first 1.15 s.
+    np.testing.assert_allclose(lead_n[-4:], [0.0, 1.0, 2.0, 3.0], atol=1e-12)
+    assert (lead_n[:-4] == 0.0).all()
 
 
 def test_memory_acts_through_friction_modulus_and_closing(problem: GapProblem, predictor: Predictor) -> None:

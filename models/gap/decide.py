@@ -17,6 +17,7 @@ from models.gap.thresholds import Statistics, Thresholds
 _Z90 = 1.645
 _SET_PROBABILITY = 0.95
 _LARGEST_SET = 3
+_NEARLY = 0.85  # of what the best effect predicts
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,16 +143,26 @@ def _told_apart_from(best: Tried, evidence: Evidence, thresholds: Thresholds) ->
     credible = [tried for tried in evidence.singles if tried.r2 > 0.5 * best.r2]
     total = sum(tried.probability for tried in credible)
     if best.probability >= thresholds.probability * max(total, 1e-12):
-        alike = [
-            t for t in credible if t is not best and apart_nats(t.refit.fit, best.refit.fit) < thresholds.least_nats
-        ]
-        return [best, *alike][:_LARGEST_SET]
+        return [best, *(tried for tried in credible if _is_alike(tried, best, thresholds))][:_LARGEST_SET]
     chosen, mass = [best], best.probability
     for tried in sorted(credible, key=lambda t: -t.probability):
         if tried is not best and mass < _SET_PROBABILITY * total and len(chosen) < _LARGEST_SET:
             chosen.append(tried)
             mass += tried.probability
     return chosen
+
+
+def _is_alike(tried: Tried, best: Tried, thresholds: Thresholds) -> bool:
+    """Whether an effect predicts the same as the best, or nearly as well and the catalogue calls the two confusable.
+
+    The law of the bench is not that of the catalogue: a little more evidence does not tell kin apart.
+    """
+    one, other = tried.refit.effects[0], best.refit.effects[0]
+    if one == other:
+        return False
+    is_kin = one in CATALOGUE[other].confusable_with or other in CATALOGUE[one].confusable_with
+    is_near = is_kin and tried.r2 > _NEARLY * best.r2
+    return is_near or apart_nats(tried.refit.fit, best.refit.fit) < thresholds.least_nats
 
 
 def _effect(tried: Tried, fit: Fit) -> Named:

@@ -41,14 +41,14 @@ class Thresholds(Record):
     with an effect. With these lines none of 60 sealed null worlds raised an alarm (docs/gap-worlds.md).
     """
 
-    effect_r2: float = 0.0266
+    effect_r2: float = 0.0127
     ceiling_r2: float = 0.005
-    misfit: float = 0.749
-    contrast_misfit: float = 0.998
-    usual_misfit: float = 2.15
-    usual_contrast_misfit: float = 0.84
+    misfit: float = 2.64
+    contrast_misfit: float = 1.865
+    usual_misfit: float = 2.256
+    usual_contrast_misfit: float = 1.623
     share: float = 0.35
-    temperature: float = 3.28
+    temperature: float = 4.16
     probability: float = 0.9
     least_nats: float = 3.0
 

@@ -23,12 +23,12 @@ from models.gap.predict import Predictor
 from models.gap.problem import Bank, GapProblem
 
 # Errors of a cell, with the weights (and the tails of `robust`) that make 24 null worlds likeliest: docs/gap-worlds.md.
-FLOOR_SHARE = 0.007  # of the cell's largest force, common to neighbouring bins
-OWN_SHARE = 0.0047  # the same, of each feature by itself
-PLACEMENT_SHARE = 0.0169  # scatter of the force of a tool on an object, relative
-SHIFT_MM = 0.035  # of the whole trace along the lift: height of the object, start of the lift
+FLOOR_SHARE = 0.0066  # of the cell's largest force, common to neighbouring bins
+OWN_SHARE = 0.0045  # the same, of each feature by itself
+PLACEMENT_SHARE = 0.0166  # scatter of the force of a tool on an object, relative
+SHIFT_MM = 0.039  # of the whole trace along the lift: height of the object, start of the lift
 COMMON_SHIFT_MM = 0.05  # of all traces together: how far a contact gives way before it slides is the simulator's choice
-NUMERICAL_WEIGHT = 0.39  # of the variance that other meshes show
+NUMERICAL_WEIGHT = 0.47  # of the variance that other meshes show
 SURFACE_WEIGHT = 0.06  # of the squared errors of surfaces at left-out grid points, which lie at the ends of the grid
 CONTRAST_SHARE = 0.003  # what repeats of a cell differ by for no reason, relative
 TARE_SD_N = 0.05  # zero of the load cell from grasp to grasp: notes/gap.md section 4.1

@@ -17,7 +17,9 @@ from models.gap.thresholds import Statistics, Thresholds
 _Z90 = 1.645
 _SET_PROBABILITY = 0.95
 _LARGEST_SET = 3
-_NEARLY = 0.85  # of what the best effect predicts
+# Of what the best effect predicts: kin that do as well are said with it. Less is enough where the best leaves a lot.
+_NEARLY, _NEARLY_IF_ROUGH = 0.85, 0.5
+_ROUGH = 0.75  # of the unusual misfit explained
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +71,10 @@ def decided(evidence: Evidence, thresholds: Thresholds, again: Fit | None) -> Na
         or _is_incomplete(best, evidence, thresholds, again)
     ):
         return _unknown(evidence)
-    chosen = _told_apart_from(best, evidence, thresholds)
+    fit = again or best.refit.fit
+    chosen = _told_apart_from(best, fit, evidence, thresholds)
     if len(chosen) == 1:
-        return _effect(chosen[0], again or best.refit.fit)
+        return _effect(best, fit)
     return _set(chosen)
 
 
@@ -120,30 +123,31 @@ def _is_incomplete(best: Tried, evidence: Evidence, thresholds: Thresholds, agai
     with_best = [tried for tried in evidence.pairs if best.refit.effects[0] in tried.refit.effects]
     pair = max(with_best, key=lambda tried: tried.r2, default=best)
     fits = [again or best.refit.fit, pair.refit.fit]
-    return not any(_leaves_little(fit, evidence, thresholds) for fit in fits)
+    return max(_explained(fit, evidence, thresholds) for fit in fits) < thresholds.share
 
 
-def _leaves_little(fit: Fit, evidence: Evidence, thresholds: Thresholds) -> bool:
-    """Whether misfits are below their lines, or enough of what is unusual in them is gone.
+def _explained(fit: Fit, evidence: Evidence, thresholds: Thresholds) -> float:
+    """The share of what is unusual in the misfits that a fit takes away; 1 if it leaves them below their lines.
 
     A strong effect is never met to the last bit: the law of the simulator is not that of the bench.
     """
     now = np.array(misfits(fit))
     if (now <= (thresholds.misfit, thresholds.contrast_misfit)).all():
-        return True
+        return 1.0
     before = np.array([evidence.statistics.misfit, evidence.statistics.contrast_misfit])
     usual = np.array([thresholds.usual_misfit, thresholds.usual_contrast_misfit])
     n_means = np.count_nonzero(evidence.base.working.is_mean)
     weight = np.array([n_means, len(evidence.base.raw) - n_means])
-    return bool(weight @ (before - now) >= thresholds.share * weight @ (before - usual))
+    return float(weight @ (before - now) / max(weight @ (before - usual), 1e-9))
 
 
-def _told_apart_from(best: Tried, evidence: Evidence, thresholds: Thresholds) -> list[Tried]:
+def _told_apart_from(best: Tried, fit: Fit, evidence: Evidence, thresholds: Thresholds) -> list[Tried]:
     """The best effect and those that could stand for it: as probable as that, or the same in their predictions."""
     credible = [tried for tried in evidence.singles if tried.r2 > 0.5 * best.r2]
     total = sum(tried.probability for tried in credible)
     if best.probability >= thresholds.probability * max(total, 1e-12):
-        return [best, *(tried for tried in credible if _is_alike(tried, best, thresholds))][:_LARGEST_SET]
+        nearly = _NEARLY if _explained(fit, evidence, thresholds) >= _ROUGH else _NEARLY_IF_ROUGH
+        return [best, *(tried for tried in credible if _is_alike(tried, best, thresholds, nearly))][:_LARGEST_SET]
     chosen, mass = [best], best.probability
     for tried in sorted(credible, key=lambda t: -t.probability):
         if tried is not best and mass < _SET_PROBABILITY * total and len(chosen) < _LARGEST_SET:
@@ -152,7 +156,7 @@ def _told_apart_from(best: Tried, evidence: Evidence, thresholds: Thresholds) ->
     return chosen
 
 
-def _is_alike(tried: Tried, best: Tried, thresholds: Thresholds) -> bool:
+def _is_alike(tried: Tried, best: Tried, thresholds: Thresholds, nearly: float) -> bool:
     """Whether an effect predicts the same as the best, or nearly as well and the catalogue calls the two confusable.
 
     The law of the bench is not that of the catalogue: a little more evidence does not tell kin apart.
@@ -161,7 +165,7 @@ def _is_alike(tried: Tried, best: Tried, thresholds: Thresholds) -> bool:
     if one == other:
         return False
     is_kin = one in CATALOGUE[other].confusable_with or other in CATALOGUE[one].confusable_with
-    is_near = is_kin and tried.r2 > _NEARLY * best.r2
+    is_near = is_kin and tried.r2 > nearly * best.r2
     return is_near or apart_nats(tried.refit.fit, best.refit.fit) < thresholds.least_nats
 
 

@@ -29,7 +29,7 @@ LEAST_MADE = 0.9  # of the cells: an amplitude of which less was simulated is le
 class Predictor:
     """Step means of n grasps; grasps of cells whose base could not be simulated are not usable (n).
 
-    lead_n: n x 12, the end of closing at the centre over the force with which the lift starts there, see `sensing`.
+    lead_n: n x 12, the end of closing at the centre over the mean force of the lift's first step, see `sensing`.
     """
 
     grasps: Grasps

@@ -19,6 +19,7 @@ from models.gap.robust import damped
 from models.gap.screen import left_out_errors
 
 N_DRAWS = 400
+_CLIP_SD = 6.0  # of the errors whose root mean square is told
 PRIOR_NONE, PRIOR_UNKNOWN = 0.4, 0.1
 
 
@@ -107,9 +108,8 @@ def corrected_for_choice(gains: Sequence[float]) -> float:
 
 
 def _score(fit: Fit, by_design: np.ndarray, by_class: np.ndarray) -> Score:
-    by_design, by_class = damped(by_design), damped(by_class)
-    rmse_n = float(np.sqrt((fit.working.unwhitened(by_design)[:, :N_BINS] ** 2).mean()))
-    return Score(by_design, by_class, rmse_n)
+    errors_n = fit.working.unwhitened(np.clip(by_design, -_CLIP_SD, _CLIP_SD))[:, :N_BINS]
+    return Score(damped(by_design), damped(by_class), float(np.sqrt((errors_n**2).mean())))
 
 
 def _left_out_ways(fit: Fit) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,8 @@
 """What effects that act on finished traces do to step means, for all grasps at once.
 
-Step means are taken as the force at the middle of their steps, straight in between. In front of the lift lie `N_LEAD`
-steps of the same time, the end of closing: a late clock or a slow transmitter brings them into the lift. Laws that are
+Step means are taken as the force at the middle of their steps, straight in between. In front of them lie `N_LEAD`
+forces, the end of closing up to the start of the lift, a step apart in time: a late clock or a slow transmitter brings
+them into the lift. Laws that are
 simple on such a lattice are written out for n grasps; any other effect of the catalogue is replayed grasp by grasp.
 Either way it is the change that counts, so that an effect of amplitude zero leaves the prediction alone to the last
 bit.
@@ -24,8 +25,9 @@ from models.effects.tool_weight import ToolWeight
 from models.records import GraspSetup, Trace
 
 N_LEAD = 12
-_CENTRES_MM = STEP_MM * (np.arange(-N_LEAD, N_STEPS) + 0.5)  # of lift; before it, of time at the speed of the lift
-_IS_LIFT = _CENTRES_MM > 0
+# Lift of every force; before the lift, time at its speed.
+_AT_MM = STEP_MM * np.concatenate([np.arange(1 - N_LEAD, 1), np.arange(N_STEPS) + 0.5])
+_IS_LIFT = _AT_MM > 0
 
 Law = Callable[[Sequence[Effect], np.ndarray, GraspSetup], np.ndarray]
 
@@ -42,17 +44,15 @@ def acts_on_traces(effect: Effect) -> bool:
 
 
 def lead_means(trace: Trace, setup: GraspSetup) -> np.ndarray:
-    """Forces in the middle of the `N_LEAD` steps before the lift, 12, in N; before the trace, its first force."""
+    """Forces (12) in N before the lift, the last where it starts; before the trace, its first force."""
     start_s = float(trace.time_s[trace.is_lift][0])
-    at_s = start_s + _CENTRES_MM[~_IS_LIFT] / setup.lift_speed_mm_per_s
+    at_s = start_s + _AT_MM[:N_LEAD] / setup.lift_speed_mm_per_s
     return np.interp(at_s, trace.time_s, trace.force_n)
 
 
 def trace_of_steps(steps_n: np.ndarray, setup: GraspSetup) -> Trace:
     """A trace with these step means and their lead (132), to first order: closed, then lifted at the setup's speed."""
-    at_mm = np.concatenate([_CENTRES_MM[:N_LEAD], [0.0], _CENTRES_MM[N_LEAD:], [_CENTRES_MM[-1] + 0.5 * STEP_MM]])
-    start_n = steps_n[N_LEAD - 1 : N_LEAD + 1].mean()
-    force_n = np.concatenate([steps_n[:N_LEAD], [start_n], steps_n[N_LEAD:], steps_n[-1:]])
+    at_mm, force_n = np.append(_AT_MM, _AT_MM[-1] + 0.5 * STEP_MM), np.append(steps_n, steps_n[-1])
     time_s = _closing_s(setup) + at_mm / setup.lift_speed_mm_per_s
     return Trace(time_s, np.maximum(at_mm, 0.0), force_n)
 
@@ -75,12 +75,12 @@ def _weight(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -
 
 
 def _drift(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    time_s = _column(effects, "clock_s") + _closing_s(setup) + _CENTRES_MM / setup.lift_speed_mm_per_s
+    time_s = _column(effects, "clock_s") + _closing_s(setup) + _AT_MM / setup.lift_speed_mm_per_s
     return steps_n + _column(effects, "drift_per_hour_n") * time_s / 3600.0
 
 
 def _relaxation(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    held_s = np.maximum(_CENTRES_MM, 0.0) / setup.lift_speed_mm_per_s
+    held_s = np.maximum(_AT_MM, 0.0) / setup.lift_speed_mm_per_s
     lost = _column(effects, "relaxed_share") * np.expm1(-held_s / _column(effects, "time_constant_s"))
     return np.asarray(steps_n + lost * steps_n)
 
@@ -88,26 +88,26 @@ def _relaxation(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetu
 def _lag(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
     """The recursion of `models.effects.load_cell_lag`, step by step for all grasps."""
     tau_s = _column(effects, "time_constant_s")[:, 0]
-    step_s = STEP_MM / setup.lift_speed_mm_per_s
-    decay = np.exp(-step_s / np.where(tau_s > 0, tau_s, 1.0)) * (tau_s > 0)
+    steps_s = np.diff(_AT_MM) / setup.lift_speed_mm_per_s
+    decays = np.exp(-steps_s / np.where(tau_s > 0, tau_s, 1.0)[:, None]) * (tau_s > 0)[:, None]
     behind = np.zeros(len(steps_n))  # reported less true
     reported = steps_n.copy()
     for i in range(1, steps_n.shape[1]):
-        lag = tau_s / step_s * (steps_n[:, i] - steps_n[:, i - 1])
-        behind = (behind + lag) * decay - lag
+        lag = tau_s / steps_s[i - 1] * (steps_n[:, i] - steps_n[:, i - 1])
+        behind = (behind + lag) * decays[:, i - 1] - lag
         reported[:, i] += behind
     return reported
 
 
 def _shift(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    from_mm = _CENTRES_MM - _column(effects, "shift_mm")
+    from_mm = _AT_MM - _column(effects, "shift_mm")
     return _read_at(from_mm, steps_n)
 
 
 def _late_start(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
     """Forces at the true lift, which a start with constant acceleration and a backlash leave behind."""
     speed, ramp_s = setup.lift_speed_mm_per_s, _column(effects, "ramp_s")
-    time_s = _CENTRES_MM / speed
+    time_s = _AT_MM / speed
     ramping_mm = 0.5 * speed * time_s**2 / np.where(ramp_s > 0, ramp_s, 1.0)
     true_mm = np.where(time_s < ramp_s, ramping_mm, speed * (time_s - 0.5 * ramp_s)) - _column(effects, "backlash_mm")
     return np.where(_IS_LIFT, _read_at(np.maximum(true_mm, 0.0), steps_n), steps_n)
@@ -115,7 +115,7 @@ def _late_start(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetu
 
 def _compliance(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
     """Force over the lift of the gantry; where that goes back, the system has jumped."""
-    lift_n, centres_mm = steps_n[:, N_LEAD:], _CENTRES_MM[N_LEAD:]
+    lift_n, centres_mm = steps_n[:, N_LEAD:], _AT_MM[N_LEAD:]
     seen_mm = centres_mm + _column(effects, "compliance_mm_per_n") * (lift_n - lift_n[:, :1])
     ahead = np.maximum.accumulate(seen_mm, axis=1)
     rows = zip(ahead, seen_mm, lift_n, strict=True)
@@ -125,9 +125,9 @@ def _compliance(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetu
 
 def _read_at(from_mm: np.ndarray, steps_n: np.ndarray) -> np.ndarray:
     """Forces at lifts (n x 132) of step means with their lead (n x 132), constant beyond their ends."""
-    n = steps_n.shape[1]
-    place = np.clip(from_mm / STEP_MM - 0.5 + N_LEAD, 0.0, n - 1.0)
-    low = np.minimum(place.astype(int), n - 2)
+    places = np.arange(len(_AT_MM))
+    place = np.interp(from_mm, _AT_MM, places)
+    low = np.minimum(place.astype(int), places[-2])
     before, after = (np.take_along_axis(steps_n, at, axis=1) for at in (low, low + 1))
     return np.asarray(before + (place - low) * (after - before))
 

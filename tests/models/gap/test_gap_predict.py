@@ -123,8 +123,8 @@ def test_the_lead_of_a_grasp_is_the_end_of_its_closing() -> None:
     setup = GraspSetup()
     time_s = np.array([0.0, 1.0, 1.35, 1.45, 5.35])
     lead_n = lead_means(Trace(time_s, np.array([0, 0, 0, 0.5, 20.0]), np.array([0, 0, 3.5, 4.0, 4.0])), setup)
-    # Steps of 0.1 s: the last is 0.05 s before the lift, the first 1.15 s.
-    np.testing.assert_allclose(lead_n[-4:], [0.0, 1.0, 2.0, 3.0], atol=1e-12)
+    # Every 0.1 s, the last where the lift starts.
+    np.testing.assert_allclose(lead_n[-4:], [0.5, 1.5, 2.5, 3.5], atol=1e-12)
     assert (lead_n[:-4] == 0.0).all()
 
 

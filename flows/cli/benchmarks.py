@@ -34,8 +34,8 @@ def run(
     json: AsJson = False,
 ) -> None:
     """Run one benchmark; figures are CPU seconds unless their name says otherwise."""
-    from flows.benchmarks import BENCHMARKS, Options
-    from flows.benchmarks.base import circumstances
+    from flows.benchmarks.base import Options, circumstances
+    from flows.benchmarks.registry import BENCHMARKS
     from models.errors import UsageError
     from models.validation import closest
 
@@ -65,7 +65,7 @@ def run(
 @app.command(name="list")
 def list_benchmarks(*, json: AsJson = False) -> None:
     """The benchmarks there are, with what they measure."""
-    from flows.benchmarks import BENCHMARKS
+    from flows.benchmarks.registry import BENCHMARKS
 
     rows = [{"name": name, "measures": benchmark.about} for name, benchmark in BENCHMARKS.items()]
     show(rows, "\n".join(f"{row['name']:<10} {row['measures']}" for row in rows), json)

@@ -79,6 +79,12 @@ def flat_mesh(mesh: trimesh.Trimesh, colour: str) -> rr.Mesh3D:
     )
 
 
+def object_words(object_id: int) -> str:
+    """Name and number of an object; the number alone where the catalogue does not have it."""
+    known = 0 <= object_id < N_OBJECTS
+    return f"{get_object(object_id).name} ({object_id})" if known else f"object {object_id}"
+
+
 def line_colour(object_id: int) -> str:
     """Colour of an object's lines, the same in every view; neighbours in the catalogue look alike."""
     return to_hex(colormaps["viridis"](0.25 + 0.75 * (object_id % N_OBJECTS) / (N_OBJECTS - 1)))

@@ -73,16 +73,22 @@ def _blueprint(title: str) -> rrb.Blueprint:
                 rrb.TextDocumentView(origin="about", name="About"),
                 row_shares=[4, 1],
             ),
-            rrb.Vertical(
-                rrb.TimeSeriesView(origin="force", name="Force (N)", plot_legend=rrb.PlotLegend("RightTop")),
-                rrb.TimeSeriesView(origin="lift", name="Lift (mm)"),
-                row_shares=[2, 1],
-            ),
+            curves_over_time(),
             column_shares=[3, 2],
         ),
         rrb.TimePanel(timeline="time", state="collapsed", play_state="playing", loop_mode="all"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
+    )
+
+
+def curves_over_time() -> rrb.Vertical:
+    """Force and lift of a grasp, over the same stretch of time."""
+    linked = rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
+    return rrb.Vertical(
+        rrb.TimeSeriesView(origin="force", name="Force (N)", plot_legend=rrb.PlotLegend("RightTop"), axis_x=linked),
+        rrb.TimeSeriesView(origin="lift", name="Lift (mm)", plot_legend=rrb.PlotLegend(visible=False), axis_x=linked),
+        row_shares=[2, 1],
     )
 
 

@@ -1,0 +1,72 @@
+"""Force over lift of the tool on the head, drawn as lines in a plane: Rerun's own plots know only time."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from flows.report.style import FAINT, INK, MUTED
+from flows.viewer.scene import line_colour, rgb
+
+SHOWN_LIFT_MM = 60.0  # most objects have left the grip by then
+LIFT_STEP_MM = 10.0
+_FORCE_SIDE = 44.0  # length of the force axis in the units of the lift axis
+_BELOW_SHARE = 0.12  # of it below zero
+_N_TICKS = 4
+_RAISED = 2.0  # a label hangs below its point
+
+
+class Curves:
+    """Sends the axes once, then line by line; `full_n` is the force at the top of the axis."""
+
+    def __init__(self, stream: rr.RecordingStream, full_n: float) -> None:
+        self._stream, self._scale = stream, -_FORCE_SIDE / full_n  # y points down
+        self._send_axes(full_n)
+
+    def start(self, label: str) -> None:
+        """Another tool is on the head: its name, and none of the lines before."""
+        self._stream.log("curves/lines", rr.Clear(recursive=True))
+        title = rr.Points2D([[SHOWN_LIFT_MM / 2, -_FORCE_SIDE - 2.0]], labels=[label], colors=rgb(INK), **_LABEL)
+        self._stream.log("curves/tool", title)
+
+    def add(self, row: Mapping[str, Any]) -> None:
+        """The lift of one grasp; of repeats the last is drawn."""
+        lift, force = (np.asarray(row[name], dtype=float) for name in ("lift_mm", "force_n"))
+        is_shown = (lift > 0.0) & (lift <= SHOWN_LIFT_MM)
+        if is_shown.sum() < 2:
+            return
+        line = np.column_stack([lift[is_shown], self._scale * force[is_shown]])
+        colour, radius = rgb(line_colour(row["object_id"])), rr.Radius.ui_points(1.2)
+        top = line[line[:, 1].argmin()]
+        entity = f"curves/lines/object_{row['object_id']:02d}"
+        self._stream.log(entity, rr.LineStrips2D([line], colors=colour, radii=radius))
+        name = str(row["object_name"] or row["object_id"])
+        self._stream.log(f"{entity}/name", rr.Points2D([top], labels=[name], colors=colour, **_LABEL))
+
+    def _send_axes(self, full_n: float) -> None:
+        lifts = np.arange(0.0, SHOWN_LIFT_MM + 1.0, LIFT_STEP_MM)
+        forces = np.linspace(0.0, full_n, _N_TICKS + 1)
+        bottom = _BELOW_SHARE * _FORCE_SIDE
+        across = [[[0.0, self._scale * force], [SHOWN_LIFT_MM, self._scale * force]] for force in forces]
+        upright = [[[0.0, bottom], [0.0, -_FORCE_SIDE]]]
+        grid = rr.LineStrips2D(
+            across + upright, colors=[rgb(MUTED), *[rgb(FAINT)] * _N_TICKS, rgb(MUTED)], radii=rr.Radius.ui_points(0.6)
+        )
+        self._stream.log("curves/axes", grid, static=True)
+        ticks = [[lift, bottom + 1.5] for lift in lifts] + [[-3.5, self._scale * force - _RAISED] for force in forces]
+        names = [f"{lift:g}" for lift in lifts] + [f"{force:g}" for force in forces]
+        names[len(lifts) - 1] += " mm"
+        names[-1] += " N"
+        self._stream.log("curves/ticks", rr.Points2D(ticks, labels=names, colors=rgb(MUTED), **_LABEL), static=True)
+
+
+_LABEL: dict[str, Any] = {"radii": 0.05, "show_labels": True}  # the point itself is not meant to be seen
+
+
+def curves_view() -> rrb.Spatial2DView:
+    """The plane of the curves, with room for the labels."""
+    bounds = rrb.VisualBounds2D(x_range=(-8.0, SHOWN_LIFT_MM + 6.0), y_range=(-_FORCE_SIDE - 6.0, 12.0))
+    name = "Force (N) over lift (mm), the tool on the head"
+    return rrb.Spatial2DView(origin="curves", name=name, visual_bounds=bounds, background=[255, 255, 255])

@@ -153,10 +153,10 @@ def theta_section(evidence: GapEvidence, folder: Folder) -> Markup:
         )
         for r in evidence.theta
     ]
-    headings = ("constant", "before", "with what was named", "measured on its own", "")
+    headings = ("constant", "before", "with what was named", "tensile bars of the paper", "")
     words_ = paragraph(
-        "Median and 90 % interval. A missing effect bends theta; with the right effect it moves back to what tensile "
-        "bars and other instruments say.", "note",
+        "Median and 90 % interval. A missing effect bends theta; with the right effect it moves back to what other "
+        "instruments say.", "note",
     )  # fmt: skip
     return section("theta", "Theta before and after", table(headings, rows, empty=_OLD), words_ if rows else "")
 

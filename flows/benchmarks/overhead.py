@@ -60,7 +60,7 @@ def measure_overhead(options: Options) -> Tables:
     with tempfile.TemporaryDirectory(prefix="fast-overhead-") as folder:
         root = Path(folder) / "lake"
         lake = Lake.open(root, create=True)
-        with _server_of_study(lake):
+        with server_of_study(lake):
             total, marginal, n_states = _run_campaign(Path(folder), options)
             standing, standing_s = _run_waiting(Path(folder), lake, options)
         bench_s = _bench_cpu_s(Path(folder))
@@ -118,7 +118,7 @@ def _physics_cpu_s() -> float:
 
 
 @contextmanager
-def _server_of_study(lake: Lake) -> Iterator[None]:
+def server_of_study(lake: Lake) -> Iterator[None]:
     """A server that is not the campaign's own, so that its CPU time can be told apart."""
     before = os.environ.get("PREFECT_API_URL")
     with server(lake.root) as url:
@@ -144,15 +144,15 @@ def _run_campaign(folder: Path, options: Options) -> tuple[Spent, Spent, int]:
     def hear(line: str) -> None:
         options.tell(line)
         if " | " in line:
-            marks.setdefault("first", _spent(root))
+            marks.setdefault("first", spent_so_far(root))
         elif line.startswith("writing report"):
-            marks["last"] = _spent(root)
+            marks["last"] = spent_so_far(root)
 
-    before, derived = _spent(root), Campaign.state
+    before, derived = spent_so_far(root), Campaign.state
     with mock.patch.object(Campaign, "state", autospec=True, side_effect=derived) as counted:
         run_campaign(config, root, auto_print=True, voice=Voice(hear, options.tell))
     time.sleep(SETTLE_S)  # the server stores events after they came
-    return _spent(root).since(before), marks["last"].since(marks["first"]), counted.call_count
+    return spent_so_far(root).since(before), marks["last"].since(marks["first"]), counted.call_count
 
 
 def _run_waiting(folder: Path, lake: Lake, options: Options) -> tuple[Spent, float]:
@@ -175,16 +175,17 @@ def _run_waiting(folder: Path, lake: Lake, options: Options) -> tuple[Spent, flo
     if not waits.wait(LIMIT_S):
         raise FastError(f"the campaign of the study did not come to its print within {LIMIT_S:.0f} s; run it again.")
     time.sleep(SETTLE_S)
-    before, started = _spent(lake.root), time.monotonic()
+    before, started = spent_so_far(lake.root), time.monotonic()
     time.sleep(STANDING_S)
-    spent, seconds = _spent(lake.root).since(before), time.monotonic() - started
+    spent, seconds = spent_so_far(lake.root).since(before), time.monotonic() - started
     append_event(lake, "waiting", Verb.PAUSE, "the study has seen enough")
     if not heard.wait(LIMIT_S):
         raise FastError(f"the campaign of the study did not end within {LIMIT_S:.0f} s; run it again.")
     return spent, seconds
 
 
-def _spent(root: Path) -> Spent:
+def spent_so_far(root: Path) -> Spent:
+    """CPU of this process and of the server of the lake at `root`, since they started."""
     note = json.loads((root / ".state" / "server.json").read_text())
     times = psutil.Process(int(note["pid"])).cpu_times()
     return Spent(time.process_time(), times.user + times.system)

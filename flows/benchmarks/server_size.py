@@ -3,6 +3,7 @@
 import sqlite3
 import tempfile
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,13 @@ from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.overhead import N_OBJECTS_OF_PAPER, Spent, server_of_study, spent_so_far
 from flows.prefect_server import state_folder
 from lake.store import Lake
+from models.errors import FastError
 
 N_LARGE = 50_000  # simulations after which the size is stated
 N_TASK_RUNS = N_LARGE // N_OBJECTS_OF_PAPER  # a design is one
 N_AT_ONCE = 4
-SETTLE_S = 15.0  # the server stores events after they came
+STORE_LIMIT_S = 1800.0  # the server hears of task runs by events, and stores them after they came
+SETTLE_S = 15.0
 
 
 def measure_server_size(options: Options) -> Tables:
@@ -26,7 +29,7 @@ def measure_server_size(options: Options) -> Tables:
             before, size = spent_so_far(lake.root), _size(lake.root)
             started = time.monotonic()
             _run_tasks(n_tasks)
-            time.sleep(SETTLE_S)
+            _wait_until_stored(lake.root, n_tasks)
             used, wall_s = spent_so_far(lake.root).since(before), time.monotonic() - started
             grown = _size(lake.root) - size
             tables = _tables(lake.root)
@@ -68,6 +71,27 @@ def _run_tasks(n_tasks: int) -> None:
     campaign()
 
 
+def _wait_until_stored(root: Path, n_tasks: int) -> None:
+    """Wait until the database holds all task runs with their end.
+
+    Raises:
+        FastError: it does not in time.
+    """
+    deadline = time.monotonic() + STORE_LIMIT_S
+    while (n := _count(root, "SELECT count(*) FROM task_run WHERE state_type = 'COMPLETED'")) < n_tasks:
+        if time.monotonic() > deadline:
+            raise FastError(f"the server stored {n} of {n_tasks} task runs within {STORE_LIMIT_S:.0f} s; run it again.")
+        time.sleep(1.0)
+    time.sleep(SETTLE_S)
+
+
+def _count(root: Path, sql: str) -> int:
+    with closing(
+        sqlite3.connect(f"file:{state_folder(root) / 'prefect.db'}?mode=ro", uri=True, timeout=60)
+    ) as database:
+        return int(database.execute(sql).fetchone()[0])
+
+
 def _size(root: Path) -> int:
     """Bytes of the database with its log file."""
     return sum(path.stat().st_size for path in state_folder(root).glob("prefect.db*"))
@@ -75,7 +99,7 @@ def _size(root: Path) -> int:
 
 def _tables(root: Path) -> Rows:
     """The tables with most rows."""
-    with sqlite3.connect(f"file:{state_folder(root) / 'prefect.db'}?mode=ro", uri=True) as database:
+    with closing(sqlite3.connect(f"file:{state_folder(root) / 'prefect.db'}?mode=ro", uri=True)) as database:
         names = [name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
-        counts = {name: database.execute(f'SELECT count(*) FROM "{name}"').fetchone()[0] for name in names}
+    counts = {name: _count(root, f'SELECT count(*) FROM "{name}"') for name in names}
     return [{"table": name, "rows": n} for name, n in sorted(counts.items(), key=lambda item: -item[1])[:5]]

@@ -46,8 +46,8 @@ class Turn:
         named, dropped = self.round.named, self.round.dropped
         gone = f" No longer needed: {', '.join(dropped)}." if dropped else ""
         names = f" ({', '.join(named.effects)})" if named.effects else ""
-        # That nothing is missing is decided by lines of alarm; its share among the candidates says little.
-        sure = "" if named.kind == "none" else f", probability {named.probability:.2f}"
+        # Nothing, or nothing that is known, is decided by lines of alarm; its share among candidates says little.
+        sure = f", probability {named.probability:.2f}" if named.effects else ""
         return f"{named.kind}{names}{sure}. {named.sentence}{gone}"
 
     @property

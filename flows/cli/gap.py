@@ -10,6 +10,7 @@ from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, t
 
 if TYPE_CHECKING:
     from flows.gap import GapOutcome
+    from models.gap.findings import Findings
 
 _AT_LEAST_ONE = Number(gte=1)
 _MOST_CANDIDATES = 6
@@ -87,12 +88,7 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
             for row in sorted(turn.candidates, key=lambda row: -row.probability)[:_MOST_CANDIDATES]
         ]
         lines += ["", table_text(rows), ""]
-    shown = findings.gap
-    low, high = shown.ci95
-    lines.append(
-        f"held out: {shown.rmse_before_n:.2f} -> {shown.rmse_after_n:.2f} N, floor {shown.rmse_floor_n:.2f} N, closed "
-        f"{100 * shown.closed_fraction:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
-    )
+    lines.append(f"held out: {_held_out(findings)}")
     if findings.next_experiment is not None:
         lines.append(f"next experiment: {findings.next_experiment.sentence}")
     lines += [f"power: {findings.power}"] if findings.power else []
@@ -100,3 +96,16 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
     lines += [f"warning: {sentence}" for sentence in findings.warnings]
     lines += [f"simulator version: {outcome.run.after_version_id}", f"page: {page}"]
     return "\n".join(lines)
+
+
+def _held_out(findings: "Findings") -> str:
+    shown = findings.gap
+    low, high = shown.ci95
+    if not any(turn.version for turn in findings.rounds):
+        return (
+            f"error {shown.rmse_before_n:.2f} N, floor {shown.rmse_floor_n:.2f} N; nothing was added to the simulator"
+        )
+    return (
+        f"{shown.rmse_before_n:.2f} -> {shown.rmse_after_n:.2f} N, floor {shown.rmse_floor_n:.2f} N, closed "
+        f"{100 * shown.closed_fraction:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
+    )

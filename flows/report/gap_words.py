@@ -48,5 +48,5 @@ def probability(findings: Findings) -> str:
     """The line under the tile: what it is, and how sure."""
     if not findings.alarm:
         return "no statistic is beyond what it is in worlds without a gap"
-    named = [r.named for r in findings.rounds if r.named.kind != "none"]
-    return "what is missing, probability " + ", ".join(probability_words(n.probability) for n in named)
+    sure = [r.named.probability for r in findings.rounds if r.named.kind in ("effect", "set")]
+    return "what is missing" + (f", probability {', '.join(map(probability_words, sure))}" if sure else "")

@@ -32,6 +32,7 @@ N_CALIBRATION_NULLS, N_CALIBRATION_SINGLES = 40, 20
 N_WORLDS: dict[Group, int] = {"null": 60, "nasty null": 20, "single": 60, "alias": 12, "unlisted": 12, "pair": 20}
 PUBLIC_SEED = 8
 MARGIN_SD, LEAST_CEILING_R2 = 3.0, 0.005
+LEAST_TEMPERATURE = 3.0  # twenty worlds do not tell small ones apart, and laws differ from the catalogue's
 Stage = Literal["calibration", "development", "sealed"]
 
 
@@ -156,7 +157,7 @@ def calibrated(
         [one.answer.priors for one in tried],
         [list(one.answer.rounds[0].candidates).index(one.key.names[0]) for one in tried],
     )
-    return lines.model_copy(update={"temperature": temperature})
+    return lines.model_copy(update={"temperature": max(temperature, LEAST_TEMPERATURE)})
 
 
 def with_margin(lines: "Thresholds", nulls: "Sequence[Statistics]") -> "Thresholds":

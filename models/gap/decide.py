@@ -18,7 +18,7 @@ _Z90 = 1.645
 _SET_PROBABILITY = 0.95
 _LARGEST_SET = 3
 # Of what the best effect predicts: kin that do as well are said with it. Less is enough where the best leaves a lot.
-_NEARLY, _NEARLY_IF_ROUGH = 0.85, 0.5
+_NEARLY, _NEARLY_IF_ROUGH = 0.7, 0.5
 _ROUGH = 0.75  # of the unusual misfit explained
 
 

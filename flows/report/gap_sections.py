@@ -143,6 +143,8 @@ def show_section(evidence: GapEvidence, folder: Folder) -> Markup:
 
 def theta_section(evidence: GapEvidence, folder: Folder) -> Markup:
     """Whether the constants moved towards what other instruments say."""
+    is_known = any(row.independent is not None for row in evidence.theta)
+    headings = ("constant", "before", "with what was named", "tensile bars of the paper", "")[: 5 if is_known else 3]
     rows = [
         (
             _THETA.get(r.parameter, r.parameter),
@@ -150,10 +152,9 @@ def theta_section(evidence: GapEvidence, folder: Folder) -> Markup:
             _median(r.after),
             None if r.independent is None else f"{r.independent[0]:.3g} \u00b1 {r.independent[1]:.2g}",
             _moved(r.before[0], r.after[0], r.independent),
-        )
+        )[: len(headings)]
         for r in evidence.theta
     ]
-    headings = ("constant", "before", "with what was named", "tensile bars of the paper", "")
     words_ = paragraph(
         "Median and 90 % interval. A missing effect bends theta; with the right effect it moves back to what other "
         "instruments say.", "note",

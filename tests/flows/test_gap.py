@@ -28,6 +28,7 @@ from tests.tasks.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, gap_lake, plan_r
 from tests.tasks.trace_lake import PROVENANCE, normal_draws
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.4})
+pytestmark = pytest.mark.timeout(600)
 ORDER = GapOrder("demo", settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
 
 

@@ -20,6 +20,16 @@ class Additions(NamedTuple):
     is_all: bool
 
 
+def mark_of(lake: Lake, table: type[Row]) -> Mark:
+    """How far the lake goes now: the same mark again says that nothing came to the table, and nothing went.
+
+    Raises:
+        LakeError: the lake cannot be read.
+    """
+    with lake.reading_raw(table) as engine:
+        return engine.mark(table.table)
+
+
 def additions(lake: Lake, table: type[Row], columns: Sequence[str], since: Mark | None) -> Additions:
     """The columns of all rows that came since `since`; of a table of traces only the id can be had.
 

@@ -17,10 +17,10 @@ from models.calibration.settings import CalibrationSettings
 from models.calibration.synthetic import made_up_problem
 from models.records import Record
 
-N_SIM, N_REAL, SEED = 400, 60, 0
+N_SIM, N_REAL, SEED = 300, 40, 0
 N_CHAINS = 4
-EXACT = CalibrationSettings(tune=200, draws=400, target_accept=0.8, workers=1)  # of each chain
-FAST = CalibrationSettings(chains=4, tune=1000, draws=1000)
+EXACT = CalibrationSettings(tune=150, draws=300, target_accept=0.8, workers=1)  # of each chain
+FAST = CalibrationSettings(chains=4, tune=500, draws=1000)
 NAMES = (*THETA, "sd_e_n", "noise_sd_n", "sd_h", "nugget")  # the logarithms of these are compared
 QUANTILES = (0.05, 0.5, 0.95)
 

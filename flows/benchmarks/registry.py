@@ -29,6 +29,7 @@ from flows.benchmarks.robustness import measure_robustness
 from flows.benchmarks.scale import measure_scale
 from flows.benchmarks.scientist import measure_scientist
 from flows.benchmarks.server_kills import measure_server_kills
+from flows.benchmarks.server_size import measure_server_size
 from flows.benchmarks.traces import measure_traces
 
 _SAMPLE = frozenset({"designs", "objects"})
@@ -80,5 +81,6 @@ BENCHMARKS: dict[str, Benchmark] = {
     "day": _sampled(measure_day, frozenset({"figure"})),
     "scale": _sampled(measure_scale, frozenset({"workers"})),
     "overhead": _sampled(measure_overhead, frozenset()),
+    "server-size": _sampled(measure_server_size, frozenset({"n"})),
     "server-kills": _sampled(measure_server_kills, frozenset({"n", "results", "limit_minutes"})),
 }

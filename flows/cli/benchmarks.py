@@ -27,7 +27,7 @@ def run(
     workers: Annotated[int | None, Parameter(help="Worker processes.")] = None,
     figure: Annotated[Path | None, Parameter(help="Picture to draw, e.g. traces.png.")] = None,
     grasps: Annotated[str | None, Parameter(help="Sizes of lakes, in grasps, e.g. 8640,1000000.")] = None,
-    n: Annotated[int | None, Parameter(help="How many kills.")] = None,
+    n: Annotated[int | None, Parameter(help="How many kills, or task runs.")] = None,
     worlds: Annotated[int | None, Parameter(help="How many made-up problems of known truth.")] = None,
     n_sim: Annotated[int | None, Parameter(help="Simulations of a made-up problem.")] = None,
     n_real: Annotated[int | None, Parameter(help="Measured designs of a made-up problem.")] = None,

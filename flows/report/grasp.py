@@ -192,6 +192,7 @@ def instant_figure(stage: Stage, number: int, instant: Instant) -> Figure:
     figure = new_figure(PANEL_IN, PANEL_IN * stage.height_over_width + 0.6)
     axes = figure.subplots()
     stage.draw(axes, number, instant)
+    axes.set(xlabel="x (mm)", ylabel="z (mm)")
     return figure
 
 

@@ -40,12 +40,15 @@ def moments_section(content: Content, folder: Folder) -> Markup:
     )
     words = paragraph(
         f"{best.label} on the object that it holds best, {obj.name} ({obj.object_id}), in the simulator: middle "
-        f"sections of both fingers in mm. Dots: contact pressure, from yellow to dark at {stage.top_kpa:.0f} kPa. "
+        f"sections of both fingers. Dots: contact pressure, from yellow to dark at {stage.top_kpa / 1e3:.1f} MPa. "
         f"Arrows: force of the object on the fingers, the longest {stage.longest_n:.1f} N. The peak is "
         f"{number(simulated.result.peak_force_n, 1, 'N')} here and {number(row['peak_force_n'], 1, 'N')} on the bench."
     )
     note = paragraph(
-        f"Simulator version {simulated.version_id}. fast view shows any grasp in motion, with the measured trace.",
+        Markup(
+            f"Simulator version {simulated.version_id}. <code>fast view</code> shows any grasp in motion, beside the "
+            "measured trace."
+        ),
         "note",
     )
     return section(

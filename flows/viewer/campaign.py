@@ -96,7 +96,6 @@ def campaign_blueprint(content: Content, is_live: bool = False) -> rrb.Blueprint
 
 
 def _results_tab() -> rrb.Vertical:
-    legend = rrb.PlotLegend("LeftTop")
     return rrb.Vertical(
         curves_view(),
         rrb.TimeSeriesView(
@@ -110,16 +109,22 @@ def _results_tab() -> rrb.Vertical:
                 end=rrb.TimeRangeBoundary.cursor_relative(),
             ),
         ),
-        rrb.TimeSeriesView(origin="quality", name="Tool quality (N)", plot_legend=legend),
         rrb.TimeSeriesView(
-            origin="force",
-            contents=["force/peak"],
-            name="Peak of every grasp (N)",
-            plot_legend=rrb.PlotLegend(visible=False),
+            origin="/",
+            contents=["force/peak", "quality/**"],
+            name="Peak of every grasp, and tool quality (N)",
+            plot_legend=rrb.PlotLegend("LeftTop"),
+            axis_x=_whole_time(),
         ),
-        row_shares=[5, 3, 3, 3],
+        row_shares=[5, 3, 4],
         name="Results",
     )
+
+
+def _whole_time() -> rrb.TimeAxis:
+    """All of the time in which the bench worked, however far the cursor has come."""
+    start, end = rrb.TimeRangeBoundary.absolute(seconds=0.0), rrb.TimeRangeBoundary.infinite()
+    return rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))
 
 
 def _proposals_tab() -> rrb.Grid:
@@ -128,6 +133,7 @@ def _proposals_tab() -> rrb.Grid:
             origin=f"proposals/{name}",
             name=f"{name.removesuffix('_' + (unit_of(name) or '')).replace('_', ' ')} ({unit_of(name) or 'count'})",
             plot_legend=rrb.PlotLegend("LeftTop", visible=place == 0),
+            axis_x=_whole_time(),
         )
         for place, name in enumerate(PARAMETERS)
     ]

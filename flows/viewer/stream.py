@@ -76,13 +76,14 @@ def eye_around(
     right /= np.linalg.norm(right)
     about = corners - target
     aside = np.maximum(np.abs(about @ right) / aspect, np.abs(about @ np.cross(right, ahead)))
-    distance = float((aside / _HALF_VIEW - about @ ahead).max())
+    distance = _MARGIN * float((aside / _HALF_VIEW - about @ ahead).max())
     x, y, z = target - distance * ahead
     return eye_from((x, y, z), (target[0], target[1], target[2]))
 
 
 _HALF_VIEW = float(np.tan(np.radians(55.0) / 2))  # Rerun's field of view, upwards
-FRONT_EYE = eye_from((50.0, -215.0, 85.0), (0.0, 0.0, 58.0))  # a grasp, with both fingers and the object
+_MARGIN = 1.08
+FRONT_EYE = eye_from((48.0, -195.0, 95.0), (0.0, 0.0, 72.0))  # a grasp, with both fingers and the object
 
 
 def send_trace(

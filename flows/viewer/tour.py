@@ -55,7 +55,7 @@ class Tour:
     ) -> None:
         self._stream, self._lake, self._campaign = stream, lake, literal(campaign_id)
         self._layout, self._objects, self._full_n = BenchLayout(), objects, full_n
-        self._curves = Curves(stream, full_n)
+        self._curves = Curves(stream, objects, full_n)
         self._tips_mm = self._layout.mount_height_mm - GraspSetup().tip_below_mm
         self._sent: set[str] = set()
         self._drawn: set[int] = set()

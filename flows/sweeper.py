@@ -17,7 +17,7 @@ from flows.run_marks import RunningProcess, is_process_alive
 
 logger = logging.getLogger(__name__)
 
-OURS = ("campaign", "run-campaign", "print", "run-batch", "simulate", "report", "recalibrate")  # flows
+OURS = ("campaign", "run-campaign", "print", "run-batch", "simulate", "report", "recalibrate", "close-gap")  # flows
 CONTINUED = "run-campaign"  # the flow that goes on by itself: the lake says where it stands
 CONTINUES = "continues-a-crashed-run"
 ACTIVE = ("RUNNING", "PENDING", "CANCELLING")

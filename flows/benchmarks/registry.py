@@ -7,6 +7,7 @@ from flows.benchmarks.anomalies import measure_anomalies
 from flows.benchmarks.base import Benchmark, Options, Tables
 from flows.benchmarks.bench import measure_bench
 from flows.benchmarks.calibration import measure_calibration
+from flows.benchmarks.calibration_agreement import measure_calibration_agreement
 from flows.benchmarks.calibration_peers import measure_calibration_peers
 from flows.benchmarks.calibration_ranks import measure_calibration_ranks
 from flows.benchmarks.calibration_traces import measure_calibration_traces
@@ -62,6 +63,9 @@ BENCHMARKS: dict[str, Benchmark] = {
     "calibration-traces": _sampled(measure_calibration_traces, _STUDY | {"figure", "worlds"}),
     "scientist": _sampled(measure_scientist, frozenset({"figure", "limit_minutes"})),
     "calibration": _sampled(measure_calibration, frozenset({"n_sim", "n_real", "workers"})),
+    "calibration-agreement": _sampled(
+        measure_calibration_agreement, frozenset({"n_sim", "n_real", "results", "workers"})
+    ),
     "calibration-ranks": _sampled(
         measure_calibration_ranks, frozenset({"worlds", "results", "limit_minutes", "workers", "figure"})
     ),

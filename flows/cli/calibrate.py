@@ -1,6 +1,7 @@
 """`fast calibrate`: theta of the simulator from the measurements of a lake."""
 
 import sys
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,60 +13,88 @@ from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, t
 if TYPE_CHECKING:
     from flows.calibrate import CalibrationOutcome
     from lake.tables import CalibrationRow
+    from models.calibration.hypercube import HypercubePlan
 
 AT_LEAST_ONE = Number(gte=1)
 _COLUMNS = ("mean", "sd", "q05", "median", "q95", "mode")
 _UNITS = {"young_modulus": "_mpa", "friction": "", "poisson_ratio": ""}
 
 
-def calibrate(
-    *,
-    lake: LakePath = DEFAULT_LAKE,
-    campaign: Annotated[
-        str | None, Parameter(help="Campaign whose measurements count; default: all of the lake.")
-    ] = None,
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Compared:
+    """What is compared with what."""
+
+    campaign: Annotated[str | None, Parameter(help="Campaign whose measurements count; default: all of the lake.")] = (
+        None
+    )
     version: Annotated[
         str | None, Parameter(help="Simulator version (V...) to calibrate; default: the campaigns' own.")
-    ] = None,
+    ] = None
     data: Annotated[
         Literal["mean", "trace"],
         Parameter(
             help="What is compared: mean forces of tools, as in the paper, or force traces by tool and object, for "
             "which the missing grid of theta around the measured designs is simulated first."
         ),
-    ] = "mean",
+    ] = "mean"
     simulate: Annotated[
         int | None,
         Parameter(
             help="First simulate this many designs of a Latin hypercube with theta; of means alone.",
             validator=AT_LEAST_ONE,
         ),
-    ] = None,
+    ] = None
+    simulate_measured: Annotated[
+        int,
+        Parameter(
+            help="First simulate each measured design at this many thetas, 4 for a start: the surest way to a better "
+            "emulator; of means alone.",
+            validator=Number(gte=0),
+        ),
+    ] = 0
     modulus: Annotated[
         Literal["log-uniform", "uniform"],
         Parameter(help="With --simulate: how Young's modulus is spread over 2 to 200 MPa; the paper: uniform."),
-    ] = "log-uniform",
+    ] = "log-uniform"
     verify: Annotated[
         bool, Parameter(negative="", help="Simulate the held-out designs with theta before and after; of means alone.")
-    ] = False,
-    chains: Annotated[int, Parameter(help="Chains; the paper: 8.")] = 4,
-    draws: Annotated[int, Parameter(help="Draws kept per chain; the paper: 8000.")] = 1000,
-    tune: Annotated[int, Parameter(help="Draws dropped per chain; the paper: 8000.")] = 1000,
-    seed: Annotated[int, Parameter(help="Seed of hypercube, held-out designs and chains.")] = 0,
+    ] = False
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Sampling:
+    """How theta is inferred; fields as in `CalibrationSettings`."""
+
+    chains: Annotated[int, Parameter(help="Chains; the paper: 8.")] = 4
+    draws: Annotated[int, Parameter(help="Draws kept per chain; the paper: 8000.")] = 1000
+    tune: Annotated[int, Parameter(help="Draws dropped per chain; the paper: 8000.")] = 1000
+    seed: Annotated[int, Parameter(help="Seed of hypercube, held-out designs and chains.")] = 0
     method: Annotated[
         Literal["auto", "factorised", "joint", "blocked"], Parameter(help="Algorithm; auto checks and falls back.")
-    ] = "auto",
+    ] = "auto"
     rho: Annotated[
         Literal["fixed", "free"], Parameter(help="Scale between simulation and measurement: 1, or inferred.")
-    ] = "fixed",
+    ] = "fixed"
     print_scatter: Annotated[
         float,
         Parameter(
             help="Relative scatter of stiffness between prints, e.g. 0.04; the calibration on traces infers it; "
             "of means alone."
         ),
-    ] = 0.0,
-    workers: Annotated[int, Parameter(help="Worker processes; changes no result.", validator=AT_LEAST_ONE)] = 2,
+    ] = 0.0
+    workers: Annotated[int, Parameter(help="Worker processes; changes no result.", validator=AT_LEAST_ONE)] = 2
+
+
+_COMPARED, _SAMPLING = Compared(), Sampling()
+
+
+def calibrate(
+    *,
+    lake: LakePath = DEFAULT_LAKE,
+    compared: Compared = _COMPARED,
+    sampling: Sampling = _SAMPLING,
     out: Annotated[
         Path | None,
         Parameter(help="Folder for the page: Table 2, figures, ArviZ file; `fast report C...` writes it later."),
@@ -80,25 +109,32 @@ def calibrate(
     from flows.calibrate import CalibrationOrder, run_calibration, write_page
     from flows.cli.campaign import open_lake, resolve_campaign
     from flows.launch import Voice
-    from models.calibration.hypercube import HypercubePlan
     from models.calibration.settings import CalibrationSettings
     from models.validation import load_record
 
-    sampler = {"chains": chains, "draws": draws, "tune": tune, "seed": seed, "method": method, "workers": workers}
-    settings = load_record(
-        CalibrationSettings, {**sampler, "rho": rho, "print_scatter": print_scatter}, "fast calibrate"
-    )
-    plan = None
-    if simulate is not None:
-        plan = load_record(HypercubePlan, {"n": simulate, "modulus": modulus, "seed": seed}, "fast calibrate")
+    settings = load_record(CalibrationSettings, asdict(sampling), "fast calibrate")
+    plan = _hypercube_plan(compared, sampling.seed)
     found = open_lake(lake)
-    name = resolve_campaign(found, campaign) if campaign is not None else None
-    order = CalibrationOrder(settings, name, version, plan, verify, data)
+    name = resolve_campaign(found, compared.campaign) if compared.campaign is not None else None
+    order = CalibrationOrder(
+        settings, name, compared.version, plan, compared.simulate_measured, compared.verify, compared.data
+    )
     outcome = run_calibration(found, order, Voice(tell, tell))
     page = str(write_page(found, outcome, out)) if out is not None else None
     show(_data(outcome) | {"report": page}, _text(outcome, page), json)
     if outcome.row.version_id is None:
         sys.exit(1)
+
+
+def _hypercube_plan(compared: Compared, seed: int) -> "HypercubePlan | None":
+    from models.calibration.hypercube import HypercubePlan
+    from models.validation import load_record
+
+    if compared.simulate is None:
+        return None
+    return load_record(
+        HypercubePlan, {"n": compared.simulate, "modulus": compared.modulus, "seed": seed}, "fast calibrate"
+    )
 
 
 def _data(outcome: "CalibrationOutcome") -> dict[str, Any]:

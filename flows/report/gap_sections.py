@@ -31,6 +31,10 @@ _KEY = Markup(
     '<span><i style="border-color:#d55e00;border-top-style:dashed"></i>simulated before</span>'
     "<span><i></i>simulated after, band: 90 %</span></div>"
 )
+_NONE = (
+    "Probabilities are shares among the candidates. None of them predicts what was left out better than the best one "
+    "does in worlds without a gap."
+)
 _OLD = "Only the answer of this search is kept; run it again with another seed to see what it rests on."
 
 
@@ -39,13 +43,19 @@ def headline(evidence: GapEvidence) -> Markup:
     findings = evidence.findings
     gap = findings.gap
     low, high = gap.ci95
-    closed = f"{100 * gap.closed_fraction:.0f}\u00a0%"
-    shown = [
-        (short(findings), probability(findings)),
-        (number(gap.rmse_before_n, 2, "N"), "held-out error before, theta alone recalibrated"),
-        (number(gap.rmse_after_n, 2, "N"), f"held-out error after; noise floor {gap.rmse_floor_n:.2f} N"),
-        (closed, f"of the gap above the floor closed, 95 %: {100 * low:.0f} to {100 * high:.0f} %"),
-    ]
+    shown = [(short(findings), probability(findings))]
+    if any(turn.version for turn in findings.rounds):
+        closed = f"{100 * gap.closed_fraction:.0f}\u00a0%"
+        shown += [
+            (number(gap.rmse_before_n, 2, "N"), "held-out error before, theta alone recalibrated"),
+            (number(gap.rmse_after_n, 2, "N"), f"held-out error after; noise floor {gap.rmse_floor_n:.2f} N"),
+            (closed, f"of the gap above the floor closed, 95 %: {100 * low:.0f} to {100 * high:.0f} %"),
+        ]
+    else:
+        shown += [
+            (number(gap.rmse_before_n, 2, "N"), "held-out error; nothing was added to the simulator"),
+            (number(gap.rmse_floor_n, 2, "N"), "noise floor: repeats and meshes, without scatter of prints"),
+        ]
     warnings = "".join(paragraph(f"Warning: {sentence}", "note") for sentence in findings.warnings)
     return Markup(paragraph(answer(findings), "lead") + tiles(shown) + warnings)
 
@@ -89,6 +99,8 @@ def name_section(evidence: GapEvidence, folder: Folder) -> Markup:
             f"gap_names_{place + 1}", names_figure(found.candidates, found.named), "Probabilities of names"
         )
         told = Markup(f"<h3>{text(title)}</h3>") + paragraph(found.named.sentence) + _parameters(found.named)
+        if found.named.kind == "none":
+            told += paragraph(_NONE, "note")
         dropped = f"No longer needed: {', '.join(words(e) for e in found.dropped)}." if found.dropped else ""
         parts.append(columns(Markup(told + (paragraph(dropped) if dropped else "")), figure))
     if evidence.isolated is not None and len(evidence.isolated.effects) > 1:
@@ -141,10 +153,10 @@ def theta_section(evidence: GapEvidence, folder: Folder) -> Markup:
         )
         for r in evidence.theta
     ]
-    headings = ("constant", "before", "with what was named", "measured on its own", "")
+    headings = ("constant", "before", "with what was named", "tensile bars of the paper", "")
     words_ = paragraph(
-        "Median and 90 % interval. A missing effect bends theta; with the right effect it moves back to what tensile "
-        "bars and other instruments say.", "note",
+        "Median and 90 % interval. A missing effect bends theta; with the right effect it moves back to what other "
+        "instruments say.", "note",
     )  # fmt: skip
     return section("theta", "Theta before and after", table(headings, rows, empty=_OLD), words_ if rows else "")
 
@@ -176,6 +188,7 @@ def assumed_section(evidence: GapEvidence, folder: Folder) -> Markup:
         (name.replace("_", " "), number(value, 0 if value == round(value) else 1))
         for name, value in findings.budget.items()
     ]
+    power = (findings.power,) if findings.power else ()
     general = (
         "Theta was calibrated again before anything was called a gap; rho is 1.",
         f"Findings of WHERE hold a false discovery rate of {100 * Q:.0f} % over phases and factors; the unit is the "
@@ -184,7 +197,10 @@ def assumed_section(evidence: GapEvidence, folder: Folder) -> Markup:
         f"Seed {findings.seed}.",
     )
     return section(
-        "assumed", "What was assumed", _list((*general, *evidence.assumed)), table(("cost", "value"), budget, (1,))
+        "assumed",
+        "What was assumed",
+        _list((*general, *power, *evidence.assumed)),
+        table(("cost", "value"), budget, (1,)),
     )
 
 

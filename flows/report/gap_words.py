@@ -16,11 +16,14 @@ def probability_words(probability: float) -> str:
 
 def answer(findings: Findings) -> str:
     """The finding that a lab head should read."""
-    if not findings.alarm:
-        return "Simulation and measurement agree as well as noise and meshes allow: these data show nothing missing."
     lead = next((r.where[0].sentence for r in findings.rounds if r.where), "")
-    names = [named_words(r.named) for r in findings.rounds if r.named.kind != "none"]
-    return f"{lead} {'Missing: ' if names else ''}{', then '.join(names)}{'.' if names else ''}".strip()
+    if findings.alarm:
+        names = [named_words(r.named) for r in findings.rounds if r.named.kind != "none"]
+        return f"{lead} Missing: {', then '.join(names)}.".strip()
+    if lead:
+        return f"Nothing can be named: no effect predicts what was left out better than in worlds without a gap. {lead}"
+    nothing = "Simulation and measurement agree as well as noise and meshes allow: these data show nothing missing."
+    return f"{nothing} {findings.power}".strip()
 
 
 def named_words(named: Named) -> str:
@@ -43,6 +46,7 @@ def short(findings: Findings) -> str:
 
 def probability(findings: Findings) -> str:
     """The line under the tile: what it is, and how sure."""
-    named = [r.named for r in findings.rounds if r.named.kind != "none"] or [r.named for r in findings.rounds[:1]]
-    said = "what is missing" if findings.alarm else "beyond noise and meshes"
-    return f"{said}, probability " + ", ".join(probability_words(n.probability) for n in named)
+    if not findings.alarm:
+        return "no statistic is beyond what it is in worlds without a gap"
+    sure = [r.named.probability for r in findings.rounds if r.named.kind in ("effect", "set")]
+    return "what is missing" + (f", probability {', '.join(map(probability_words, sure))}" if sure else "")

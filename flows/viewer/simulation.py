@@ -17,6 +17,7 @@ from models.fem.skin import Skin, skin_of
 from models.records import GraspSimulation, Trace
 
 LONGEST_ARROW_MM = 60.0
+ARROW_RADIUS_MM = 0.6
 DISPLACEMENT_COLOURS = "viridis"
 
 
@@ -73,16 +74,22 @@ def _blueprint(title: str) -> rrb.Blueprint:
                 rrb.TextDocumentView(origin="about", name="About"),
                 row_shares=[4, 1],
             ),
-            rrb.Vertical(
-                rrb.TimeSeriesView(origin="force", name="Force (N)", plot_legend=rrb.PlotLegend("RightTop")),
-                rrb.TimeSeriesView(origin="lift", name="Lift (mm)"),
-                row_shares=[2, 1],
-            ),
+            curves_over_time(),
             column_shares=[3, 2],
         ),
         rrb.TimePanel(timeline="time", state="collapsed", play_state="playing", loop_mode="all"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
+    )
+
+
+def curves_over_time() -> rrb.Vertical:
+    """Force and lift of a grasp, over the same stretch of time."""
+    linked = rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
+    return rrb.Vertical(
+        rrb.TimeSeriesView(origin="force", name="Force (N)", plot_legend=rrb.PlotLegend("RightTop"), axis_x=linked),
+        rrb.TimeSeriesView(origin="lift", name="Lift (mm)", plot_legend=rrb.PlotLegend(visible=False), axis_x=linked),
+        row_shares=[2, 1],
     )
 
 
@@ -106,6 +113,7 @@ def _send_finger(
     flip = np.array([sign, 1.0, 1.0])
     triangles = skin.triangles if sign > 0 else skin.triangles[:, ::-1]
     entity = f"cell/fingers/{side}"
+    flank_mm = float(np.abs(snapshots[0].nodes[:, 1]).max()) + ARROW_RADIUS_MM
     for snapshot in snapshots:
         stream.set_time("time", duration=clock(snapshot))
         stream.set_time("lift_um", sequence=round(1e3 * snapshot.lift_mm))
@@ -119,12 +127,12 @@ def _send_finger(
         stream.log(f"{entity}/surface", mesh)
         places, forces = cell_forces(snapshot, CELL_MM)
         vectors = mm_per_n * snapshot.scale * forces * flip
-        # A half model has its points on one half; their sum acts in the middle plane.
-        middle = flip * (np.array([1.0, 0.0, 1.0]) if snapshot.mesh.is_half else 1.0)
-        # Drawn towards the finger's surface, so that the arrows are not hidden inside it.
-        origins = places * middle - vectors
+        # Summed across the width, and drawn on the flank towards the eye: inside the finger none would be seen.
+        origins = places * flip
+        origins[:, 1] = -flank_mm
         stream.log(
-            f"{entity}/contact_force", rr.Arrows3D(origins=origins, vectors=vectors, colors=rgb(FIRST), radii=0.5)
+            f"{entity}/contact_force",
+            rr.Arrows3D(origins=origins, vectors=vectors, colors=rgb(FIRST), radii=ARROW_RADIUS_MM),
         )
     stream.reset_time()
 

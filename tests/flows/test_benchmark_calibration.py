@@ -68,6 +68,26 @@ def test_uniform_ranks_pass_and_narrow_posteriors_are_found_out(tmp_path):
     assert tables["coverage"] == [{"kind": "model", "parameter": "friction", "worlds": 200, "inside_90": 100}]
 
 
+def test_a_posterior_that_is_the_prior_covers_what_the_prior_does(tmp_path):
+    path, priors = tmp_path / "ranks.jsonl", calibration_ranks.SETTINGS.priors
+    worlds = range(300)
+    shares = [
+        calibration_ranks._prior_shares(priors, calibration_ranks._true_theta(priors, world)[0][None])[0]
+        for world in worlds
+    ]
+    outcomes = [
+        made_up_outcome(world, 50).model_copy(
+            update={"kind": "forces", "inside": dict(zip(THETA, map(bool, abs(share - 0.5) < 0.45), strict=True))}
+        )
+        for world, share in zip(worlds, shares, strict=True)
+    ]
+    write(path, outcomes)
+    tables = measure_calibration_ranks(Options(worlds=300, results=path, limit_minutes=0.0))
+    for row in tables["coverage"]:
+        assert row["inside_90"] == row["prior_inside_90"]
+        assert row["even_inside_percent"] == pytest.approx(90.0, abs=3.0)
+
+
 def test_worlds_run_in_processes_too(monkeypatch, tmp_path):
     made = []
 

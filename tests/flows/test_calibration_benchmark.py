@@ -48,7 +48,7 @@ def test_both_ways_to_treat_e_are_measured_at_the_asked_size(sizes: list[tuple[i
     tables = BENCHMARKS["calibration"].measure(Options(n_sim=40, n_real=9))
     assert sizes == [(40, 9, False), (40, 9, True)]
     assert [row["mode"] for row in tables["calibration"]] == ["E an input", "E a factor"]
-    assert tables["calibration"][0]["gradients_per_draw"] == pytest.approx(80_000 / (8 * 1500))
+    assert tables["calibration"][0]["gradients_per_draw"] == pytest.approx(80_000 / (8 * 2000))
     assert tables["steps"][1]["weights_cpu_s"] == 7.0
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.stats import beta
 
 from flows.benchmarks.base import Rows, Tables
-from flows.benchmarks.gap_answers import Answer
+from flows.benchmarks.gap_answers import Answer, Closing
 from flows.benchmarks.gap_worlds import WorldKey
 
 VISIBLE = 0.02  # from this visible strength on, an effect is expected to be found
@@ -135,8 +135,12 @@ def _by_effect(worlds: Sequence[Judged]) -> Rows:
 
 
 def _closed(worlds: Sequence[Judged]) -> Rows:
-    """Medians over worlds with a right name, on designs and objects that were held out."""
+    """Medians over worlds with a right name, on designs and objects that were held out.
+
+    closed_to_null: of what is above the error that null worlds leave (`null_n`), which has the scatter of prints in it.
+    """
     rows: Rows = []
+    null_n = _median([said.closing.after_n for key, said, _ in worlds if key.group == "null" and said.closing])
     for label, is_right in (("right name", True), ("other answers", False)):
         found = [
             said.closing
@@ -160,10 +164,20 @@ def _closed(worlds: Sequence[Judged]) -> Rows:
                 "after_n": _median([c.after_n for c in found]),
                 "floor_n": _median([c.floor_n for c in found]),
                 "closed_to_floor": _median(shares),
+                "null_n": null_n,
+                "closed_to_null": _share_closed(found, null_n),
                 "of_oracle": _median(ratios),
             }
         )
     return rows
+
+
+def _share_closed(found: Sequence[Closing], floor_n: float | None) -> float | None:
+    """The share of the median error above a floor that the median world closed; None if it was below."""
+    before_n, after_n = (float(np.median([getattr(c, name) for c in found])) for name in ("before_n", "after_n"))
+    if floor_n is None or before_n <= floor_n:
+        return None
+    return round((before_n - after_n) / (before_n - floor_n), 3)
 
 
 def _mean(values: Sequence[float]) -> float | None:

@@ -8,7 +8,7 @@ import pytest
 
 from flows.benchmarks.base import Options
 from flows.benchmarks.gap import measure_gap, with_known_fields, with_margin
-from flows.benchmarks.gap_answers import Answer, Said, answer
+from flows.benchmarks.gap_answers import Answer, Closing, Said, answer
 from flows.benchmarks.gap_handoff import write_handoff
 from flows.benchmarks.gap_panels import Panels, raw_strength, visible_share
 from flows.benchmarks.gap_sealed import SealedKey, judged, measure_gap_sealed, read_problem, seal, write_problem
@@ -163,6 +163,23 @@ def test_figures_count_what_they_say() -> None:
     assert figures["mean size of name or set"]["value"] == 1.5
     assert clopper_pearson(0, 59)[1] == pytest.approx(0.0606, abs=1e-3)
     assert clopper_pearson(3, 3)[1] == 1.0
+
+
+def test_closed_gaps_are_held_against_repeats_and_null_worlds() -> None:
+    """From 0.8 to 0.5 N, where repeats scatter by 0.1 N and null worlds leave 0.4 N."""
+    null = WorldKey(group="null", number=0, seed=1, base="b", young_modulus_mpa=9.0)
+    hidden = Hidden(effect="load_cell_lag", raw_strength=0.05, visible_strength=0.04)
+    single = null.model_copy(update={"group": "single", "effects": (hidden,)})
+
+    def said(closing: Closing, *effects: str) -> Answer:
+        one = Said(kind="effect" if effects else "none", effects=effects)
+        return Answer(code="c", thresholds="H", rounds=(one,), statistics={}, closing=closing)
+
+    closed = Closing(before_n=0.8, after_n=0.5, oracle_n=0.48, floor_n=0.1)
+    nothing = Closing(before_n=0.4, after_n=0.4, floor_n=0.1)
+    (row,) = gap_tables([(null, said(nothing), False), (single, said(closed, "load_cell_lag"), False)])["gap closed"]
+    assert (row["closed_to_floor"], row["null_n"], row["closed_to_null"]) == (0.429, 0.4, 0.75)
+    assert row["of_oracle"] == 0.938
 
 
 def test_a_benchmark_without_its_files_says_what_it_needs(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from lake.tables import TABLES
 from models.errors import FastError
 from tasks import steps
 from tasks.campaign import Campaign
-from tasks.control import append_event, requested_verb
+from tasks.control import append_event
 from tasks.flow_runs import recorded
 from tasks.observing import closed_batches
 from tasks.steps import opaque
@@ -141,7 +141,7 @@ def _next_event(session: Session, on_wait: Callable[[], None]) -> PrefectFuture[
     """The next future that is finished; requests of people are heard meanwhile."""
     while True:
         on_wait()
-        verb = requested_verb(session.campaign.lake, session.campaign.campaign_id)
+        verb = session.requested_verb()
         if verb is not None:
             session.ask(verb)
         with contextlib.suppress(Empty):

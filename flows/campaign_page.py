@@ -16,9 +16,6 @@ from prefect.client.schemas.actions import ArtifactUpdate
 from flows.forecast import Forecast, forecast
 from flows.prefect_app import OUTPUTS
 from flows.progress import RateEstimate, Workload, workload
-from flows.report.content import Content
-from flows.report.figures import quality_figure
-from flows.report.style import figure_style
 from tasks.campaign import Campaign
 from tasks.summary import markdown_table, ranked_tools
 from tasks.versions import at_present
@@ -42,7 +39,7 @@ class CampaignPage:
         self._progress = cast(
             UUID, create_progress_artifact(0.0, f"{name}-progress", "grasps done, measured and simulated")
         )
-        page = create_markdown_artifact(self.text(), f"{name}-page", f"Campaign {name}")
+        page = create_markdown_artifact(self.text(with_picture=False), f"{name}-page", f"Campaign {name}")
         self._page = cast(UUID, page)
 
     def update(self, *, now: bool = False) -> None:
@@ -58,7 +55,7 @@ class CampaignPage:
         except Exception as error:  # whatever a server that restarts makes of it: the campaign goes on without its page
             logger.warning("the campaign's page was not written: %s", error)
 
-    def text(self) -> str:
+    def text(self, *, with_picture: bool = True) -> str:
         """The page as Markdown, from the lake as it is now."""
         campaign = at_present(self._campaign)
         state = campaign.state()
@@ -68,7 +65,7 @@ class CampaignPage:
         self._simulations.update(self._load.simulated_done, now_s)
         seen = forecast(campaign, state, self._grasps.seconds_left(1), self._simulations.seconds_left(1))
         tools = ranked_tools(campaign.lake, campaign.campaign_id)
-        return page_text(campaign, self._load, seen, tools, self._picture_of(tools))
+        return page_text(campaign, self._load, seen, tools, self._picture_of(tools) if with_picture else "")
 
     def _picture_of(self, tools: list[dict[str, Any]]) -> str:
         """Tool quality by batch with the best so far, as an address with the picture in it; drawn when it changed."""
@@ -100,6 +97,11 @@ def page_text(campaign: Campaign, load: Workload, seen: Forecast, tools: list[di
 
 def best_so_far(campaign: Campaign) -> str:
     """The report's figure of tool quality by batch as a `data:` address; empty before the first complete tool."""
+    # Seconds of imports, which a campaign that goes on after a crash does not wait for.
+    from flows.report.content import Content
+    from flows.report.figures import quality_figure
+    from flows.report.style import figure_style
+
     content = Content.load(campaign.lake, campaign.campaign_id)
     if content.best is None:
         return ""

@@ -34,7 +34,7 @@ def announce_gap(lake: Lake, gap_id: str, sentence: str, is_alarm: bool) -> None
     emit_event(
         FOUND,
         resource={"prefect.resource.id": f"fast.gap.{gap_id}", "prefect.resource.name": gap_id},
-        payload={"lake": lake.address, "gap": gap_id, "alarm": is_alarm, "sentence": sentence},
+        payload={"lake": address_for_others(lake), "gap": gap_id, "alarm": is_alarm, "sentence": sentence},
     )
 
 
@@ -43,5 +43,5 @@ def announce_calibrated(lake: Lake, calibration_id: str, sentence: str) -> None:
     emit_event(
         CALIBRATED,
         resource={"prefect.resource.id": f"fast.calibration.{calibration_id}", "prefect.resource.name": calibration_id},
-        payload={"lake": lake.address, "calibration": calibration_id, "sentence": sentence},
+        payload={"lake": address_for_others(lake), "calibration": calibration_id, "sentence": sentence},
     )

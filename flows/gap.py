@@ -13,18 +13,20 @@ from flows.launch import Voice
 from flows.progress import in_words
 from flows.simulations import n_missing, simulate_missing
 from lake.provenance import current_provenance
+from lake.simulators import missing_version_rows
 from lake.store import Lake
 from models.calibration.settings import CalibrationSettings
 from models.errors import FastError
 from models.gap.findings import Findings
 from models.gap.problem import GapProblem
+from models.gap.show.needs import power_sentence
 from models.ids import content_id
 from models.records import EffectValue, SimulatorVersion
 from tasks.calibration_data import base_version
 from tasks.control import exclusive
 from tasks.gap_bank import bank_of, bank_plans
 from tasks.gap_data import MeasuredGrasps, problem_of, read_grasps, split_of, unit_sentences
-from tasks.gap_findings import GapRun, find_run, gap_id_of, write_run
+from tasks.gap_findings import GapRun, find_run, gap_id_of, starting_effects, write_run, write_start
 from tasks.gap_split import Split
 from tasks.hypercube import SimulationPlan
 from tasks.versions import newest_calibrated
@@ -85,6 +87,9 @@ def run_gap(lake: Lake, order: GapOrder, voice: Voice, should_stop: Callable[[],
         if known is not None:
             return GapOutcome(known, False)
         voice.progress(f"{search.summary}; held out: {search.split.words}, {search.split.split_id}")
+        version_rows = missing_version_rows(lake, search.version)  # an imported lake has never simulated with it
+        if version_rows:
+            lake.append(version_rows, current_provenance(seed=order.seed))
         _fill_bank(lake, search, voice, should_stop)
         return _searched(lake, search, voice)
 
@@ -180,6 +185,7 @@ def _searched(lake: Lake, search: _Search, voice: Voice) -> GapOutcome:
         seed=order.seed,
         budget=_spent(search, plans, time.monotonic() - began),
         warnings=tuple(dict.fromkeys(warnings)),
+        power=_power(problem),
     )
     run = GapRun(
         gap_id=search.gap_id,
@@ -214,9 +220,21 @@ def _turns(lake: Lake, search: _Search, problem: GapProblem, model: "GapModel", 
 
 
 def _effects_so_far(lake: Lake, search: _Search) -> tuple[EffectValue, ...]:
-    """Effects of the simulator now, which are tested again: what earlier searches added, else what it began with."""
+    """Effects of the simulator now, which are tested again: what earlier searches added, else what it began with.
+
+    Written down when the search begins: one that is killed after it added an effect begins again without.
+    """
+    known = starting_effects(lake, search.gap_id)
+    if known is not None:
+        return known
     found = newest_calibrated(lake, search.base.version_id, search.order.campaign_id or "")
-    return found[0].effects if found is not None else search.version.effects
+    effects = found[0].effects if found is not None else search.version.effects
+    write_start(lake, search.gap_id, search.order.campaign_id, effects, search.order.seed)
+    return effects
+
+
+def _power(problem: GapProblem) -> str:
+    return power_sentence(int((~problem.held_out_tools).sum()), int((~problem.held_out_objects).sum()))
 
 
 def _failed(problem: GapProblem) -> list[str]:

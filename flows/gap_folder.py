@@ -7,6 +7,7 @@ import numpy as np
 
 from flows.gap import GapOutcome
 from lake.store import Lake
+from lake.tables import GraspRow
 
 if TYPE_CHECKING:
     from flows.report.gap_evidence import GapEvidence, ThetaRow
@@ -30,7 +31,7 @@ def write_folder(lake: Lake, outcome: GapOutcome, out: Path | None = None) -> Pa
     if not outcome.is_new and (folder / PAGE).is_file():
         return folder / PAGE
     of = f"{run.campaign_id or lake.address}, {run.n_grasps} grasps"
-    page = write_gap_report(_evidence(outcome), folder, run.gap_id, of)
+    page = write_gap_report(_evidence(lake, outcome), folder, run.gap_id, of)
     if outcome.comparison is not None:
         from flows.viewer.gap import write_gap_recording
 
@@ -38,7 +39,7 @@ def write_folder(lake: Lake, outcome: GapOutcome, out: Path | None = None) -> Pa
     return page
 
 
-def _evidence(outcome: GapOutcome) -> "GapEvidence":
+def _evidence(lake: Lake, outcome: GapOutcome) -> "GapEvidence":
     from flows.report.gap_evidence import GapEvidence
 
     turns, comparison = outcome.turns, outcome.comparison
@@ -49,19 +50,25 @@ def _evidence(outcome: GapOutcome) -> "GapEvidence":
         where=tuple(turn.where for turn in turns),
         residuals=comparison.residuals,
         shown=comparison.shown,
-        theta=_theta_rows(turns[0].before, turns[-1].after),
+        theta=_theta_rows(turns[0].before, turns[-1].after, _is_real(lake, outcome.run.campaign_id)),
         isolated=turns[0].name.isolability,
         assumed=_assumed(outcome),
     )
 
 
-def _theta_rows(before: "GapModel", after: "GapModel") -> "tuple[ThetaRow, ...]":
+def _theta_rows(before: "GapModel", after: "GapModel", is_real: bool) -> "tuple[ThetaRow, ...]":
+    """Constants before and after; no instrument has measured the material of a virtual bench."""
     from flows.report.gap_evidence import INDEPENDENT, ThetaRow
     from models.calibration.problem import THETA
 
-    return tuple(
-        ThetaRow(name, _interval(before, name), _interval(after, name), INDEPENDENT.get(name)) for name in THETA
-    )
+    known = INDEPENDENT if is_real else {}
+    return tuple(ThetaRow(name, _interval(before, name), _interval(after, name), known.get(name)) for name in THETA)
+
+
+def _is_real(lake: Lake, campaign_id: str | None) -> bool:
+    """Whether any grasp that was searched is of a real bench."""
+    wanted = {} if campaign_id is None else {"campaign_id": campaign_id}
+    return any(row["bench"] == "real" for row in lake.rows(GraspRow, **wanted))
 
 
 def _interval(model: "GapModel", name: str) -> tuple[float, float, float]:

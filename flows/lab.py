@@ -30,7 +30,8 @@ from models.errors import FastError
 CHECKOUT = Path(__file__).resolve().parents[1]
 POOL_LIMIT_S = 300.0
 DEPLOY_LIMIT_S = 600.0
-SWEEP_S = 15.0  # between looks for flow runs whose process is gone
+SWEEP_S = 5.0  # between looks for flow runs whose process is gone
+WORKER_POLL_S = "5"  # between the worker's looks for runs to start, where Prefect waits 10 s
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,7 @@ class Lab:
             "FAST_CHECKOUT": str(CHECKOUT),
             "FAST_LAKE": address_for_others(lake),
         }
+        self._environment.setdefault("PREFECT_WORKER_QUERY_SECONDS", WORKER_POLL_S)
         log = state_folder(lake.root) / "worker.log"
         arguments = [str(plan.n_runs), str(os.getpid())]
         self._worker = StandingProcess("flows.prefect_worker", arguments, self._environment, log)
@@ -93,9 +95,11 @@ class Lab:
             tell(f"the Prefect server had died and was started again; its log is {self._server.log_path}")
         if self._worker.restart_if_dead():
             tell(f"the worker had died and was started again; its log is {self._worker.log_path}")
-        if time.monotonic() - self._swept_s > SWEEP_S:
+        # A server that is still starting would hold this up, and with it the start of the worker.
+        if time.monotonic() - self._swept_s > SWEEP_S and is_healthy(self.api_url):
             self._swept_s = time.monotonic()
-            for sentence in sweep(self.api_url, and_continue=True).sentences:
+            only_worker_since = None if self._server is None else self._worker.since
+            for sentence in sweep(self.api_url, and_continue=True, worker_since=only_worker_since).sentences:
                 tell(sentence)
 
     def close(self) -> None:

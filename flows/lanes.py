@@ -14,6 +14,7 @@ from hardware.safety import Verb
 from models.records import Design
 from tasks import proposing, steps
 from tasks.campaign import Campaign
+from tasks.control import Requests
 from tasks.engine import Engine
 from tasks.measuring import OpenBench
 from tasks.observing import unfinished_tools
@@ -38,6 +39,13 @@ class Session:
     stopping: threading.Event = field(default_factory=threading.Event)
     asked: Verb | None = None
     _bench: Bench | None = None
+    _requests: Requests | None = None
+
+    def requested_verb(self) -> Verb | None:
+        """What a person asked for in the lake, if anything."""
+        if self._requests is None:
+            self._requests = Requests(self.campaign.lake, self.campaign.campaign_id)
+        return self._requests.verb()
 
     def ask(self, verb: Verb) -> None:
         """What a person wants, from any thread: start nothing more; stop and abort also reach the grasp in progress."""

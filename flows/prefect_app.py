@@ -1,12 +1,13 @@
 """Body of the server's own process: Prefect's pages, and the lake's output folder read-only beside them.
 
-Arguments: host, port, process id of the parent, output folder.
+Arguments: number of the listening socket that the parent hands on, process id of the parent, output folder.
 """
 
 import base64
 import binascii
 import hmac
 import os
+import socket
 import sys
 from collections.abc import Awaitable, Callable, MutableMapping
 from pathlib import Path
@@ -54,8 +55,8 @@ def _knows(scope: Scope, login: str) -> bool:
         return False
 
 
-def serve(host: str, port: int, parent_pid: int, folder: Path) -> None:
-    """Serve until the parent is gone."""
+def serve(listener: socket.socket, parent_pid: int, folder: Path) -> None:
+    """Serve what comes to a listening socket until the parent is gone."""
     import uvicorn
     from prefect.server.api.server import create_app
 
@@ -63,8 +64,9 @@ def serve(host: str, port: int, parent_pid: int, folder: Path) -> None:
 
     follow_parent(parent_pid)
     login = os.environ.get("PREFECT_SERVER_API_AUTH_STRING")
-    uvicorn.run(with_outputs(create_app(), folder, login), host=host, port=port, log_level="warning")
+    config = uvicorn.Config(with_outputs(create_app(), folder, login), log_level="warning")
+    uvicorn.Server(config).run(sockets=[listener])
 
 
 if __name__ == "__main__":
-    serve(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))
+    serve(socket.socket(fileno=int(sys.argv[1])), int(sys.argv[2]), Path(sys.argv[3]))

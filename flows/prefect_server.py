@@ -21,8 +21,10 @@ from models.errors import FastError
 
 START_LIMIT_S = 600.0  # the first start migrates a new database: 10 s on an idle machine, minutes on a busy one
 KEEP_S = 1.0  # between looks at a server of ours
+LISTEN_BACKLOG = 1024  # requests that wait while the server starts again
 LOOPBACK = "127.0.0.1"
 DEFAULT_PORT = 4200
+ANY_PORT = 0  # the system chooses one that is free
 PASSWORD_VARIABLE = "FAST_PASSWORD"
 USER = "fast"
 
@@ -38,7 +40,7 @@ TIDY = {
     "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "events,flow_runs",
     "PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD": str(90 * 86400),
 }
-PATIENT = {"PREFECT_CLIENT_MAX_RETRIES": "7"}  # about four minutes: a killed server is back by then
+PATIENT = {"PREFECT_CLIENT_MAX_RETRIES": "7"}  # about four minutes, where a server of others is gone
 
 
 def state_folder(lake_root: Path) -> Path:
@@ -110,7 +112,7 @@ def server(lake_root: Path, port: int | None = None) -> Iterator[str]:
     if known:
         yield known
         return
-    process = start_server(lake_root, port or _free_port())
+    process = start_server(lake_root, port or ANY_PORT)
     is_over = threading.Event()
     keeper = threading.Thread(target=_keep_alive, args=(lake_root, process, is_over), daemon=True, name="server-keeper")
     keeper.start()
@@ -152,11 +154,16 @@ def is_healthy(api_url: str) -> bool:
 def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> StandingProcess:
     """Start a server of this lake and wait until it answers; others find it by the lake's address file.
 
+    This process holds the listening socket, and only hands it on: while a server that was killed is started again,
+    clients wait in the queue of the socket. A refused one would ask again after 1, 2, 4, ... 64 s, and come late.
+
     Raises:
-        FastError: the server did not become healthy.
+        FastError: the port is taken, or the server did not become healthy.
     """
     home = state_folder(lake_root)
     home.mkdir(parents=True, exist_ok=True)
+    listener = _listen(host, port)
+    port = int(listener.getsockname()[1])
     url = f"http://{LOOPBACK}:{port}/api"
     environment = {**os.environ, **client_environment(url), "PREFECT_HOME": str(home)}
     if login := _login():
@@ -165,8 +172,8 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> StandingPr
         environment.setdefault(name, value)
     # Pages that were opened under another name ask the server they came from.
     environment.setdefault("PREFECT_UI_API_URL", "/api")
-    arguments = [host, str(port), str(os.getpid()), str(lake_root / "outputs")]
-    process = StandingProcess("flows.prefect_app", arguments, environment, home / "server.log")
+    arguments = [str(listener.fileno()), str(os.getpid()), str(lake_root / "outputs")]
+    process = StandingProcess("flows.prefect_app", arguments, environment, home / "server.log", listener)
     process.start()
     try:
         _wait_until_healthy(url, process)
@@ -210,7 +217,8 @@ def _address_file(lake_root: Path) -> Path:
     return lake_root / ".state" / "server.json"
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind((LOOPBACK, 0))
-        return int(probe.getsockname()[1])
+def _listen(host: str, port: int) -> socket.socket:
+    try:
+        return socket.create_server((host, port), backlog=LISTEN_BACKLOG)
+    except OSError as error:
+        raise FastError(f"port {port} of {host} cannot be used ({error.strerror}); give another one.") from error

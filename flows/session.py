@@ -17,8 +17,6 @@ from flows.lanes import Session
 from flows.launch import Outcome, Voice
 from flows.notify import notifier
 from flows.progress import ProgressReporter
-from flows.report.build import add_features, write_report
-from flows.viewer.campaign import write_recording
 from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_bench
 from hardware.cell import MeasuredGrasp
 from hardware.safety import Verb
@@ -172,6 +170,10 @@ def _best_in_words(outcome: Outcome) -> str:
 
 
 def _write_results(campaign: Campaign, voice: Voice) -> Outcome:
+    # Seconds of imports, which a campaign that goes on after a crash does not wait for.
+    from flows.report.build import add_features, write_report
+    from flows.viewer.campaign import write_recording
+
     voice.progress("writing report and recording")
     add_features(campaign.lake, campaign.campaign_id)
     report = write_report(campaign.lake, campaign.campaign_id, campaign.output / "report")

@@ -1,9 +1,11 @@
 """Processes that stand beside the one that started them: server and worker, restarted when they die."""
 
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 
 STOP_LIMIT_S = 15.0
@@ -13,12 +15,22 @@ LEAST_LIFE_S = 5.0  # one that dies sooner is not started again at once
 class StandingProcess:
     """A Python module run as a process of its own, which ends with this one (`tasks.pool.follow_parent`)."""
 
-    def __init__(self, module: str, arguments: list[str], environment: Mapping[str, str], log_path: Path) -> None:
+    def __init__(
+        self,
+        module: str,
+        arguments: list[str],
+        environment: Mapping[str, str],
+        log_path: Path,
+        listener: socket.socket | None = None,
+    ) -> None:
+        """`listener`: handed on to every start of the process and kept open in between, closed by `stop`."""
         self.log_path = log_path
+        self._listener = listener
         self._command = [sys.executable, "-m", module, *arguments]
         self.environment = dict(environment)
         self._child: subprocess.Popen[bytes] | None = None
         self._started_s = 0.0
+        self.since = datetime.now(UTC)
 
     @property
     def pid(self) -> int:
@@ -35,9 +47,10 @@ class StandingProcess:
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
+                pass_fds=() if self._listener is None else (self._listener.fileno(),),
                 start_new_session=True,  # Ctrl-C in the terminal is for us; we stop the process when we are done
             )
-        self._started_s = time.monotonic()
+        self._started_s, self.since = time.monotonic(), datetime.now(UTC)
 
     def is_alive(self) -> bool:
         """True while the process runs."""
@@ -52,6 +65,8 @@ class StandingProcess:
 
     def stop(self) -> None:
         """End the process, by force when it does not listen."""
+        if self._listener is not None:
+            self._listener.close()
         if self._child is None:
             return
         self._child.terminate()

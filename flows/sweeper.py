@@ -17,11 +17,12 @@ from flows.run_marks import RunningProcess, is_process_alive
 
 logger = logging.getLogger(__name__)
 
-OURS = ("campaign", "run-campaign", "print", "run-batch", "simulate", "report", "recalibrate")  # flows
+OURS = ("campaign", "run-campaign", "print", "run-batch", "simulate", "report", "recalibrate", "close-gap")  # flows
 CONTINUED = "run-campaign"  # the flow that goes on by itself: the lake says where it stands
 CONTINUES = "continues-a-crashed-run"
 ACTIVE = ("RUNNING", "PENDING", "CANCELLING")
 UNMARKED_LIMIT_S = 300.0  # a run marks itself when its process has started, on a busy machine after a minute
+ORPHAN_LIMIT_S = 15.0  # after the start of a worker: what the one before it had started is marked, or has ended with it
 MOST_PER_HOUR = 20  # continuations of one campaign: it may be the campaign that kills its process
 FORGOTTEN_AFTER = timedelta(days=1)  # a crash that nobody minded for so long is left to people
 _AT_ONCE = 200  # runs per question; the server gives no more
@@ -42,14 +43,21 @@ class Swept:
         return [*self.crashed, *self.continued]
 
 
-def sweep(api_url: str, *, and_continue: bool = False, hour_limit: int = MOST_PER_HOUR) -> Swept:
+def sweep(
+    api_url: str,
+    *,
+    and_continue: bool = False,
+    hour_limit: int = MOST_PER_HOUR,
+    worker_since: datetime | None = None,
+) -> Swept:
     """Declare crashed every run of ours whose process is gone; with `and_continue`, start campaigns of them again.
 
-    A server that does not answer is asked again next time.
+    `worker_since`: start of the worker, where it is the only one. A server that does not answer is asked again next
+    time.
     """
     try:
         names = _flow_names(api_url)
-        crashed = [sentence for run in _active(api_url, names) if (sentence := _declare(api_url, run))]
+        crashed = [sentence for run in _active(api_url, names) if (sentence := _declare(api_url, run, worker_since))]
         continued = _continue_campaigns(api_url, names, hour_limit) if and_continue else []
     except (OSError, ValueError) as error:
         logger.warning("flow runs were not swept: %s", error)
@@ -57,8 +65,11 @@ def sweep(api_url: str, *, and_continue: bool = False, hour_limit: int = MOST_PE
     return Swept(crashed, continued)
 
 
-def reason_of_death(run: Run, now: datetime) -> str | None:
-    """Why a run that the server holds for active is not, in one sentence; None when it may be."""
+def reason_of_death(run: Run, now: datetime, worker_since: datetime | None = None) -> str | None:
+    """Why a run that the server holds for active is not, in one sentence; None when it may be.
+
+    `worker_since`: start of the only worker; what the one before it was about to start, nobody will.
+    """
     process = RunningProcess.of_tags(run["tags"])
     if process is not None:
         if not process.is_here or process.is_alive():
@@ -66,10 +77,18 @@ def reason_of_death(run: Run, now: datetime) -> str | None:
         return f"its process {process.pid} on {process.host} is gone: killed, or the machine went down"
     if str(run.get("infrastructure_pid") or "").isdecimal() and is_process_alive(int(run["infrastructure_pid"])):
         return None
-    age_s = (now - _time(run["state"]["timestamp"])).total_seconds()
+    since = _time(run["state"]["timestamp"])
+    if run["state"]["type"] == "PENDING" and worker_since is not None and _is_orphaned(since, worker_since, now):
+        return "the worker that was to start it is gone: killed, or the machine went down"
+    age_s = (now - since).total_seconds()
     if age_s < UNMARKED_LIMIT_S:
         return None
     return f"no process has said for {age_s:.0f} s that it does this run"
+
+
+def _is_orphaned(since: datetime, worker_since: datetime, now: datetime) -> bool:
+    """Whether the worker that took a run at `since` is gone, and all that it had started with it."""
+    return since < worker_since and (now - worker_since).total_seconds() > ORPHAN_LIMIT_S
 
 
 def _flow_names(api_url: str) -> dict[str, str]:
@@ -89,9 +108,9 @@ def _active(api_url: str, names: Iterable[str]) -> list[Run]:
     return list(ask_server(api_url, "/flow_runs/filter", question))
 
 
-def _declare(api_url: str, run: Run) -> str | None:
+def _declare(api_url: str, run: Run, worker_since: datetime | None) -> str | None:
     """Set a run whose process is gone, and its tasks, to Crashed; returns the sentence about it."""
-    reason = reason_of_death(run, datetime.now(UTC))
+    reason = reason_of_death(run, datetime.now(UTC), worker_since)
     if reason is None:
         return None
     _set_crashed(api_url, "flow_runs", run["id"], reason)

@@ -16,8 +16,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
+from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import duckdb
 import pyarrow as pa
@@ -36,6 +37,21 @@ _TIMES_VIEW = {"traces": "trace_times"}  # views.sql says what it is for
 Signature = tuple[int, int, int]  # time, size, inode
 
 
+_ENGINES = count()  # numbers of engines: their file numbers are their own
+
+
+class Mark(NamedTuple):
+    """How far an engine has read a table: files by number, and how often some that it had read went away."""
+
+    engine: int
+    next_number: int
+    n_losses: int
+
+    def follows(self, earlier: "Mark") -> bool:
+        """True when files only came since."""
+        return (self.engine, self.n_losses) == (earlier.engine, earlier.n_losses)
+
+
 @dataclass
 class _TableFiles:
     """What the engine has read of one table."""
@@ -45,6 +61,7 @@ class _TableFiles:
     next_number: int = 0
     copies: dict[str, Path] = field(default_factory=dict)  # what is read in place of older files
     partial: set[str] = field(default_factory=set)  # of traces: files that lack a column
+    n_losses: int = 0
 
     def paths(self, folder: Path, names: Iterable[str]) -> list[Path]:
         """Where to read these files."""
@@ -55,9 +72,10 @@ class Engine:
     """One DuckDB connection over one lake folder. Not thread-safe; `lake.store` holds the lock."""
 
     def __init__(self, root: Path) -> None:
-        self._root = root
+        self._root, self._number = root, next(_ENGINES)
         self._upgrades = Upgrades(root)
         self._files = {row_type.table: _TableFiles() for row_type in TABLES}
+        self._old_views: set[str] = set()  # tables whose view does not show all that was read
         self._n_loose = 0  # rows held that are not compressed yet
         self.connection = duckdb.connect(":memory:")
         self.connection.execute("ATTACH ':memory:' AS held (COMPRESS)")
@@ -75,14 +93,16 @@ class Engine:
         self.connection.execute("SET enable_external_access = false")
         self.connection.execute("SET lock_configuration = true")
 
-    def sync(self, tables: Iterable[str]) -> None:
+    def sync(self, tables: Iterable[str], *, with_views: bool = True) -> None:
         """Read what is new or changed in these tables, forget what is gone.
+
+        Without views, only `raw_` tables are up to date: a view of traces names all its files, a millisecond for 50.
 
         Raises:
             LakeError: a file cannot be read; the message names it.
         """
         for table in tables:
-            self._sync_table(TABLE_BY_NAME[table])
+            self._sync_table(TABLE_BY_NAME[table], with_views)
 
     def read(self, sql: str, params: Sequence[Any] | dict[str, Any] | None = None) -> pa.Table:
         """Result of a query over what was last synced, in a read-only transaction."""
@@ -96,6 +116,11 @@ class Engine:
         """Files of a table as of the last `sync`."""
         known = self._files[table]
         return known.paths(self._root / table, sorted(known.signatures))
+
+    def mark(self, table: str) -> Mark:
+        """How far a table was read by the last `sync`."""
+        known = self._files[table]
+        return Mark(self._number, known.next_number, known.n_losses)
 
     def place_of(self, row_type: type[Row], row_id: str) -> tuple[Path, int] | None:
         """File of the valid row with this id in a table of traces, and the row's number in it; of the last `sync`."""
@@ -166,21 +191,27 @@ class Engine:
             )
         return " UNION ALL BY NAME ".join(parts)
 
-    def _sync_table(self, row_type: type[Row]) -> None:
+    def _sync_table(self, row_type: type[Row], with_views: bool) -> None:
         """Bring one table up to date; the same listing failing twice is a fault, another one is tried."""
         table = row_type.table
         failed: dict[str, Signature] | None = None
         for attempt in range(_READ_ATTEMPTS):
             known = self._files[table]
             found = _settled_listing(self._root / table, known.signatures)
-            if found == known.signatures:
+            is_new, is_view_old = found != known.signatures, with_views and table in self._old_views
+            if not is_new and not is_view_old:
                 return
             self.connection.execute("BEGIN TRANSACTION")
             try:
-                self._files[table] = self._take_in(row_type, known, found)
-                self._find_superseded(row_type, known)
-                self._point_views(row_type)
+                if is_new:
+                    self._files[table] = self._take_in(row_type, known, found)
+                    self._find_superseded(row_type, known)
+                    self._old_views.add(table)
+                if with_views:
+                    self._point_views(row_type)
                 self.connection.execute("COMMIT")
+                if with_views:
+                    self._old_views.discard(table)
                 self._compress()
                 return
             except (duckdb.Error, FileNotFoundError, LakeError) as error:
@@ -209,7 +240,8 @@ class Engine:
             folder = self._root.resolve() / row_type.table
             copies |= self._upgrades.copies(self.connection, row_type, [folder / name for name in changed])
         partial = known.partial & set(found) - set(numbers)
-        taken = _TableFiles(found, kept | numbers, known.next_number + len(changed), copies, partial)
+        n_losses = known.n_losses + bool(stale)
+        taken = _TableFiles(found, kept | numbers, known.next_number + len(changed), copies, partial, n_losses)
         if changed:
             self._read_rows(row_type, taken, numbers)
         return taken
@@ -252,6 +284,8 @@ class Engine:
         """Bring the list of superseded rows up to date: it can have changed for ids of rows that came or went."""
         table, key = row_type.table, row_type.id_column()
         came = f"SELECT {key} FROM raw_{table} WHERE _file >= ?"
+        if self._files[table].n_losses == known.n_losses and self._are_new(row_type, known):
+            return
         self.connection.execute(f"INSERT INTO touched {came}", [known.next_number])
         self.connection.execute(f"DELETE FROM superseded_{table} WHERE _id IN (SELECT _id FROM touched)")
         self.connection.register("new_files", _number_table(self._files[table].numbers))
@@ -265,6 +299,15 @@ class Engine:
             ") JOIN new_files USING (_file)"
         )
         self.connection.unregister("new_files")
+
+    def _are_new(self, row_type: type[Row], known: _TableFiles) -> bool:
+        """True when no id of the rows that came was there before, nor twice among them: nothing is superseded."""
+        table, key = row_type.table, row_type.id_column()
+        rows = f"FROM raw_{table} WHERE _file"
+        sql = f"""SELECT count(*) = count(DISTINCT {key})
+            AND NOT bool_or({key} IN (SELECT {key} {rows} < $1)) {rows} >= $1"""
+        found = self.connection.execute(sql, [known.next_number]).fetchall()
+        return bool(found[0][0])
 
 
 def list_files(folder: Path) -> dict[str, Signature]:

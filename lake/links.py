@@ -110,6 +110,7 @@ _SUMMARY: Mapping[str, tuple[str, ...]] = {
     "anomaly_flags": ("kind", "is_flagged", "p_value", "compared", "reason"),
     "diagnostics": ("tool_id", "kind", "parameters_json", "object_id", "repeat", "bench", "status", "reason"),
     "fits": ("batch", "n_real", "n_sim", "rho", "noise_sd_n", "loo_rmse_n"),
+    "gap_findings": ("gap_id", "round", "kind", "effect", "answer", "probability", "sentence"),
     "events": ("kind", "message"),
     "traces": (),
     "sim_traces": (),

@@ -14,6 +14,7 @@ from models.calibration.traces.grid import ThetaGrid
 from models.design_space import to_unit
 from models.effects.scaling import scales_with_modulus
 from models.errors import UsageError
+from models.gap.plan import CENTRE
 from models.ids import canonical_json
 from models.records import Design, GraspSetup, SimulatorVersion
 from models.surrogate.imputation import mean_over_objects
@@ -145,8 +146,8 @@ def simulated_points(
     By simulations with these ids, if some are given.
 
     Versions that somebody believes in (campaigns consult them, calibrations found them) are left out: what is simulated
-    with them grows with every calibration. So are those of the grid of a calibration on traces, which are measured
-    designs at a dozen thetas, and designs that miss an object, and those that failed on all.
+    with them grows with every calibration. So are those of the grid of a calibration on traces and of the bank of a gap
+    search, which are measured designs at a dozen thetas, and designs that miss an object, and those that failed on all.
 
     Raises:
         TooLittleDataError: there are none.
@@ -289,16 +290,17 @@ def _consulted(lake: Lake, campaign_ids: set[str]) -> dict[str, SimulatorVersion
 
 
 def _drawn_versions(lake: Lake, base: SimulatorVersion) -> dict[str, SimulatorVersion]:
-    campaigns = {row.campaign_id for row in lake.records(CampaignRow)}
-    believed = {base.version_id} | {version.version_id for version in _consulted(lake, campaigns).values()}
-    believed |= {row.version_id for row in lake.records(CalibrationRow) if row.version_id is not None}
-    wanted, of_traces = family(base), ThetaGrid().thetas
-    versions = {}
-    for row in lake.records(SimulatorVersionRow, tier=base.tier):
-        is_drawn = row.version_id not in believed and row.version.theta not in of_traces
-        if is_drawn and family(row.version) == wanted:
-            versions[row.version_id] = row.version
-    return versions
+    """Simulator versions whose theta was drawn for a calibration: of no belief, no grid of traces, no bank of a gap."""
+    believed = [base, *_consulted(lake, {row.campaign_id for row in lake.records(CampaignRow)}).values()]
+    calibrated = {row.version_id for row in lake.records(CalibrationRow)}
+    rows = lake.records(SimulatorVersionRow, tier=base.tier)
+    # By theta, not id: held-out grasps are also simulated with a calibrated theta less some of its effects.
+    known = {*ThetaGrid().thetas, CENTRE} | {version.theta for version in believed}
+    known |= {row.version.theta for row in rows if row.version_id in calibrated}
+    wanted = family(base)
+    return {
+        row.version_id: row.version for row in rows if row.version.theta not in known and family(row.version) == wanted
+    }
 
 
 def _nothing_simulated(lake: Lake, base: SimulatorVersion, measured: MeasuredTools) -> str:

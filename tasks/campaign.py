@@ -11,7 +11,9 @@ from models.effects.scaling import force_ratio
 from models.ids import seed_from
 from models.records import SimulatorVersion
 from tasks.config import CampaignConfig
-from tasks.state import CampaignState, derive_state
+from tasks.state import CampaignState
+from tasks.state_keeper import kept_state
+from tasks.state_parts import Question
 
 
 @dataclass(frozen=True)
@@ -65,9 +67,9 @@ class Campaign:
 
     def state(self) -> CampaignState:
         """Where the campaign stands now, from the lake."""
-        present = set(self.force_ratios(self.version))
-        older = {v.version_id for v in self.versions} - present
-        return derive_state(self.lake, self.campaign_id, self.config.grasp.setup_id, present, older)
+        present = frozenset(self.force_ratios(self.version))
+        older = frozenset(v.version_id for v in self.versions) - present
+        return kept_state(self.lake, Question(self.campaign_id, self.config.grasp.setup_id, present, older))
 
     def seed(self, *parts: str | int) -> int:
         """A random seed for one decision, the same whenever it is taken again."""

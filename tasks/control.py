@@ -11,6 +11,8 @@ from typing import TextIO
 
 from hardware.safety import EmergencyStopError, StopAskedError, Verb
 from hardware.wire_files import FOLDER_NAME
+from lake.additions import mark_of
+from lake.engine import Mark
 from lake.files import writing_failed
 from lake.store import Lake
 from lake.tables import EventRow
@@ -41,6 +43,23 @@ def requested_verb(lake: Lake, campaign_id: str) -> Verb | None:
         return None
     latest = max(events, key=lambda row: row["created_at"])["kind"]
     return None if latest == "started" else Verb(latest)
+
+
+class Requests:
+    """`requested_verb`, asked again and again: the events are read only when there are new ones."""
+
+    def __init__(self, lake: Lake, campaign_id: str) -> None:
+        self._lake, self._campaign_id = lake, campaign_id
+        self._mark: Mark | None = None
+        self._verb: Verb | None = None
+
+    def verb(self) -> Verb | None:
+        """The latest verb since the campaign was last started, if any."""
+        mark = mark_of(self._lake, EventRow)
+        if mark != self._mark:
+            self._verb = requested_verb(self._lake, self._campaign_id)
+            self._mark = mark
+        return self._verb
 
 
 def require_acknowledgement(lake: Lake, campaign_id: str, is_acknowledged: bool) -> None:

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from lake.store import Lake
 from lake.tables import GraspRow, ToolRow, TraceRow
 from models.calibration.settings import ThetaPriors
-from models.calibration.traces.features import is_usable, step_means
+from models.calibration.traces.features import N_STEPS, STEP_MM, is_usable, step_means
 from models.calibration.traces.noise import QUIET_S, SensorNoise, noise_of_readings, noise_of_repeats
 from models.errors import UsageError
 from models.gap.problem import Bank, GapProblem, Grasps
@@ -21,6 +21,7 @@ from tasks.gap_split import Split, frozen_split
 from tasks.state import THICKNESSES
 from tasks.trace_rows import designs_of, measured_grasps, read_traces
 
+_CUT_SHARE = 0.3  # of the peak: traces of whole lifts end with less than 0.2
 _NOISE_TRACES = 20  # of each tool, whose readings before contact are kept
 
 
@@ -139,11 +140,14 @@ def _steps(
     found: dict[str, np.ndarray] = {}
     quiet: list[Trace] = []
     seen: dict[bytes, str] = {}
-    n_copies = 0
+    n_copies = n_cut = 0
     for rows in by_tool.values():
         before: list[Trace] = []
         for grasp_id, trace in read_traces(lake, TraceRow, [row.grasp_id for row in rows]):
             if not is_usable(trace):
+                continue
+            if _is_cut(trace):
+                n_cut += 1
                 continue
             steps_n = step_means(trace)
             if steps_n.any() and seen.setdefault(steps_n.tobytes(), grasp_id) != grasp_id:
@@ -154,13 +158,22 @@ def _steps(
                 before.append(_before_contact(trace))
         quiet += _less_their_mean([trace for trace in before if len(trace.time_s) > 2])
     n_all = sum(len(rows) for rows in by_tool.values())
-    n_lost = n_all - len(found) - n_copies
+    n_lost = n_all - len(found) - n_copies - n_cut
     sentences = []
     if n_lost:
         sentences.append(f"{n_lost} of {n_all} grasps have no trace, or one without a lift of 3 mm; left out.")
+    if n_cut:
+        sentences.append(f"{n_cut} of {n_all} grasps end while the fingers still hold the object; left out.")
     if n_copies:
         sentences.append(f"{n_copies} of {n_all} grasps have the samples of another grasp; the copies are left out.")
     return found, quiet, sentences
+
+
+def _is_cut(trace: Trace) -> bool:
+    """Whether the recording ended with force on the fingers: what came after it is not known, and not zero."""
+    lift_mm, force_n = trace.lift_mm[trace.is_lift], trace.force_n[trace.is_lift]
+    at_end_n = force_n[lift_mm >= lift_mm[-1] - STEP_MM].mean()
+    return bool(lift_mm[-1] < N_STEPS * STEP_MM - STEP_MM and at_end_n > _CUT_SHARE * force_n.max())
 
 
 def _before_contact(trace: Trace) -> Trace:

@@ -4,18 +4,18 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from lake.provenance import Provenance
+from lake.provenance import Provenance, current_provenance
 from lake.row import Row
 from lake.store import Lake
 from lake.tables import EventRow, GapFindingRow
 from models.effects.catalogue import CATALOGUE
 from models.gap.findings import Candidate, Findings, Named, Round, WhereFinding
 from models.ids import canonical_json, content_id
-from models.records import Record, SimulatorVersion
+from models.records import EffectValue, Record, SimulatorVersion
 from tasks.gap_data import MeasuredGrasps
 from tasks.gap_split import Split
 
-KIND = "gap"
+KIND, STARTED = "gap", "gap_started"
 
 
 class GapRun(Record):
@@ -55,6 +55,25 @@ def newest_run(lake: Lake, gap_id: str | None = None) -> GapRun | None:
         return find_run(lake, gap_id)
     found = lake.records(EventRow, kind=KIND)
     return GapRun.model_validate(json.loads(found[-1].payload_json)) if found else None
+
+
+def starting_effects(lake: Lake, gap_id: str) -> tuple[EffectValue, ...] | None:
+    """Effects of the simulator with which a search has begun, if it has."""
+    found = lake.records(EventRow, event_id=_event_id(gap_id, STARTED))
+    return tuple(map(EffectValue.model_validate, json.loads(found[-1].payload_json)["effects"])) if found else None
+
+
+def write_start(lake: Lake, gap_id: str, campaign_id: str | None, effects: Sequence[EffectValue], seed: int) -> None:
+    """Write down that a search begins, and with which effects in its simulator."""
+    names = ", ".join(value.effect for value in effects) or "no effect"
+    row = EventRow(
+        event_id=_event_id(gap_id, STARTED),
+        campaign_id=campaign_id or "",
+        kind=STARTED,
+        message=f"gap search {gap_id} begins with {names} in the simulator",
+        payload_json=canonical_json({"effects": [value.model_dump(mode="json") for value in effects]}),
+    )
+    lake.append([row], current_provenance(seed=seed))
 
 
 def write_run(lake: Lake, run: GapRun, message: str, provenance: Provenance) -> None:
@@ -161,5 +180,5 @@ def _columns(run: GapRun, number: int, kind: str, place: int) -> dict[str, Any]:
     }
 
 
-def _event_id(gap_id: str) -> str:
-    return content_id("E", [KIND, gap_id])
+def _event_id(gap_id: str, kind: str = KIND) -> str:
+    return content_id("E", [kind, gap_id])

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from lake.store import Lake
 from models.calibration.settings import CalibrationSettings
 from models.effects.catalogue import CATALOGUE
@@ -18,6 +20,8 @@ from models.gap.working import training
 from models.records import EffectValue, SimulatorVersion
 from tasks.calibrating import Progress
 from tasks.gap_model import GapModel, calibrated_model, theta_record
+
+_FRICTION_STEP = 0.02  # relative, of a finite difference
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +46,9 @@ class Turn:
         named, dropped = self.round.named, self.round.dropped
         gone = f" No longer needed: {', '.join(dropped)}." if dropped else ""
         names = f" ({', '.join(named.effects)})" if named.effects else ""
-        return f"{named.kind}{names}, probability {named.probability:.2f}. {named.sentence}{gone}"
+        # Nothing, or nothing that is known, is decided by lines of alarm; its share among candidates says little.
+        sure = f", probability {named.probability:.2f}" if named.effects else ""
+        return f"{named.kind}{names}{sure}. {named.sentence}{gone}"
 
     @property
     def next_experiment(self) -> NextExperiment | None:
@@ -77,8 +83,8 @@ def next_turn(
         FastError: the chains of the new simulator did not converge.
     """
     name = name_effect(problem, model.effects)
-    residuals = _residuals(problem, name)
-    where = locate(residuals, seed=settings.seed)
+    residuals, friction_slope_n = _residuals(problem, name)
+    where = locate(residuals, friction_slope_n, seed=settings.seed)
     kept = [value for value in model.effects if value.effect not in name.dropped]
     after = model
     if name.values or name.dropped:
@@ -106,12 +112,17 @@ def starting_model(
     return calibrated_model(lake, training(problem), base, campaign_id, effects, settings, progress)
 
 
-def _residuals(problem: GapProblem, name: NameResult) -> Residuals:
-    """What the calibrated simulator leaves of the grasps that are not held out."""
+def _residuals(problem: GapProblem, name: NameResult) -> tuple[Residuals, np.ndarray]:
+    """What the calibrated simulator leaves of the grasps to learn from, and its slope by ln friction, n x steps."""
     predictor, fit = Predictor.of(problem), name.fit
-    predicted_n = predictor.steps(fit.theta, fit.effects, fit.tool_factor)
     is_usable = predictor.is_usable & (problem.grasps.steps_n == problem.grasps.steps_n).all(axis=1)
-    return Residuals.of(problem, predicted_n, theta_record(fit.theta), fit.tool_factor, is_usable)
+
+    def predicted_n(friction_factor: float) -> np.ndarray:
+        return predictor.steps(fit.theta * np.array([1.0, friction_factor, 1.0]), fit.effects, fit.tool_factor)
+
+    slope_n = (predicted_n(1.0 + _FRICTION_STEP) - predicted_n(1.0 - _FRICTION_STEP)) / (2.0 * _FRICTION_STEP)
+    residuals = Residuals.of(problem, predicted_n(1.0), theta_record(fit.theta), fit.tool_factor, is_usable)
+    return residuals, slope_n[~problem.is_held_out & is_usable]
 
 
 def _with_posterior(named: Named, model: GapModel) -> Named:

@@ -12,8 +12,6 @@ from hardware.layout import N_SLOTS
 from lake.store import Lake
 from lake.tables import BatchRow, ProposalRow, ToolRow
 from models.errors import UsageError
-from models.geometry.sheet import batch_sheet_html
-from models.geometry.tray import PrintItem, tray_files
 from models.ids import tool_label
 from models.records import Record
 from tasks.campaign import stored_provenance
@@ -80,6 +78,10 @@ def write_tray(lake: Lake, campaign_id: str, batch: int, folder: Path, slots: Co
     Raises:
         UsageError: unknown batch, or a folder that cannot be written.
     """
+    # A second of imports, which a campaign whose batches are printed does without.
+    from models.geometry.sheet import batch_sheet_html
+    from models.geometry.tray import PrintItem, tray_files
+
     rows = [row for row in _proposals(lake, campaign_id, batch) if slots is None or row["slot"] in slots]
     designs = load_designs(lake)
     items = [PrintItem(label=tool_label(batch, r["slot"]), design=designs[r["design_id"]]) for r in rows]

@@ -1,17 +1,16 @@
-"""Where a campaign stands, derived from the lake alone: any process can be killed and ask again."""
+"""Where a campaign stands. It is derived from the lake alone (`tasks.state_keeper`): any process can be killed."""
 
-from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from lake.store import Lake
-from lake.tables import DesignRow, ProposalRow, ToolRow
+from lake.tables import DesignRow
 from models.design_space import LOWER, PARAMETERS, UPPER, to_unit
 from models.ids import tool_label
-from models.records import BENCH_FAULT, Design
+from models.records import Design
 
 Cell = tuple[int, int]  # (object id, repeat)
 THICKNESSES = ("front_thickness_mm", "back_thickness_mm", "rib_thickness_mm")
@@ -120,95 +119,9 @@ class CampaignState:
         return self.simulated.get(design_id, set()) | self.simulated_before.get(design_id, set())
 
 
-def derive_state(
-    lake: Lake,
-    campaign_id: str,
-    setup_id: str,
-    version_ids: Collection[str],
-    older_ids: Collection[str] = (),
-) -> CampaignState:
-    """Read the state of a campaign; `version_ids` and `setup_id` say which simulations count, `older_ids` which did."""
-    proposals = lake.rows(ProposalRow, campaign_id=campaign_id)
-    designs = load_designs(lake)
-    printed = {row["tool_id"]: row for row in lake.rows(ToolRow, campaign_id=campaign_id)}
-    return CampaignState(
-        tools=tuple(_tool(campaign_id, row, designs, printed) for row in proposals if row["fidelity"] == "real"),
-        simulations=tuple(
-            ProposedSimulation(row["proposal_id"], row["batch"], row["index"], designs[row["design_id"]])
-            for row in proposals
-            if row["fidelity"] == "sim"
-        ),
-        confirmed={tool_id: row["status"] for tool_id, row in printed.items()},
-        **_grasp_progress(lake, campaign_id),
-        batch_on_rack=_batch_on_rack(lake, campaign_id),
-        **_simulation_progress(lake, setup_id, version_ids, older_ids),
-    )
-
-
 def load_designs(lake: Lake) -> dict[str, Design]:
     """All designs of the lake by id."""
     return {row.design_id: row.design for row in lake.records(DesignRow)}
-
-
-def _tool(campaign_id: str, row: dict, designs: dict[str, Design], printed: dict[str, dict]) -> ProposedTool:
-    tool_id = ToolRow.make_id(campaign_id, row["batch"], row["slot"])
-    said = printed.get(tool_id, {})
-    thicknesses = {name: said.get(f"measured_{name}") for name in THICKNESSES}
-    measured_mm = {name: value for name, value in thicknesses.items() if value is not None}
-    design = designs[row["design_id"]]
-    return ProposedTool(tool_id, row["batch"], row["slot"], design, said.get("rack_slot"), measured_mm)
-
-
-_PROGRESS = f"""
-    SELECT tool_id, object_id, repeat, attempt, status = 'ok' AS is_good,
-        grasp_id IN (SELECT grasp_id FROM raw_traces) AS has_trace,
-        coalesce(CASE WHEN status <> 'ok' THEN details_json ->> '$.end' END = '{BENCH_FAULT}', false) AS is_cut_short
-    FROM grasps WHERE campaign_id = ? ORDER BY attempt
-"""  # of traces the index has the ids, and they need not be read
-
-
-def _grasp_progress(lake: Lake, campaign_id: str) -> dict:
-    measured: dict[str, set[Cell]] = defaultdict(set)
-    failures: dict[tuple[str, Cell], int] = defaultdict(int)
-    next_attempts: dict[tuple[str, Cell], int] = {}
-    lost: dict[tuple[str, Cell], int] = {}
-    for tool_id, object_id, repeat, attempt, is_good, has_trace, is_cut_short in tuples(lake, _PROGRESS, campaign_id):
-        cell = (object_id, repeat)
-        if is_good and has_trace:
-            measured[tool_id].add(cell)
-        elif is_good:
-            lost[tool_id, cell] = attempt
-        else:
-            failures[tool_id, cell] += not is_cut_short
-            next_attempts[tool_id, cell] = attempt + 1
-    return {"measured": dict(measured), "failures": dict(failures), "next_attempts": next_attempts | lost}
-
-
-def _batch_on_rack(lake: Lake, campaign_id: str) -> int:
-    sql = "SELECT coalesce(max(batch), 0) AS batch FROM grasps WHERE campaign_id = ? AND bench = 'real'"
-    ((batch,),) = tuples(lake, sql, campaign_id)
-    return int(batch)
-
-
-def _simulation_progress(
-    lake: Lake, setup_id: str, version_ids: Collection[str], older_ids: Collection[str]
-) -> dict[str, Any]:
-    present: dict[str, set[int]] = {}
-    before: dict[str, set[int]] = {}
-    fruitful = set()
-    counting, all_ids = _marks(version_ids), [*sorted(version_ids), *sorted(older_ids)]
-    sql = f"""SELECT design_id, version_id IN ({counting}) AS counts, list(DISTINCT object_id), bool_or(status = 'ok')
-        FROM simulations WHERE setup_id = ? AND version_id IN ({_marks(all_ids)}) GROUP BY ALL"""
-    found = tuples(lake, sql, *sorted(version_ids), setup_id, *all_ids)
-    for design_id, counts, object_ids, is_fruitful in found:
-        (present if counts else before)[design_id] = set(object_ids)
-        if is_fruitful:
-            fruitful.add(design_id)
-    return {"simulated": present, "simulated_before": before, "fruitful": frozenset(fruitful)}
-
-
-def _marks(values: Collection[str]) -> str:
-    return ", ".join("?" * len(values))
 
 
 def tuples(lake: Lake, sql: str, *params: str) -> Iterable[tuple[Any, ...]]:

@@ -65,6 +65,10 @@ class Browser:
             time.sleep(0.3)
         raise FastError(f"the page did not get as far as `{code[:80]}` within {WAIT_S:.0f} s.")
 
+    def wait_for_words(self, words: str) -> None:
+        """Wait until the page shows these words; a page that is just being opened has no body yet."""
+        self.wait(f"document.body?.innerText.includes({json.dumps(words)})")
+
     def click(self, text: str, within: str = "button") -> None:
         """Click the last element that shows exactly this text: a dialog lies over the page it came from."""
         named = f"e => e.innerText.trim() === {json.dumps(text)}"

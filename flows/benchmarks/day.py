@@ -189,7 +189,7 @@ class Day:
 
     def _answer_well(self, browser: Browser, form: str) -> None:
         self._open_form(browser, form)
-        browser.wait("document.body.innerText.includes('could not be used')")
+        browser.wait_for_words("could not be used")
         browser.type_into("Your name", "Ada")
         browser.type_into("Material lot", "TPU 26-117")
         browser.type_into("Front wall", "2.55", 0)
@@ -278,7 +278,7 @@ class Day:
 
     def _look(self, browser: Browser, path: str, words: str, name: str) -> None:
         browser.open(f"{self._api.removesuffix('/api')}{path}")
-        browser.wait(f"document.body.innerText.includes({json.dumps(words)})")
+        browser.wait_for_words(words)
         self._picture(browser, name)
 
     def _picture(self, browser: Browser, name: str) -> None:

@@ -2,6 +2,7 @@
 
 import os
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,16 @@ N_SIMULATIONS = 20
 SIMULATION_S = 0.2  # wall time of a made-up simulation
 
 
+@dataclass(frozen=True)
+class Size:
+    """How much a made-up campaign does."""
+
+    n_tools: int = N_TOOLS
+    object_ids: tuple[int, ...] = OBJECTS
+    n_repeats: int = N_REPEATS
+    n_simulations: int = N_SIMULATIONS
+
+
 def made_up_attempt(job: GraspJob, wall_s: float = SIMULATION_S) -> Attempt:
     """What `tasks.attempt.attempt_grasp` does, without a solver."""
     time.sleep(wall_s)
@@ -23,20 +34,20 @@ def made_up_attempt(job: GraspJob, wall_s: float = SIMULATION_S) -> Attempt:
     return Attempt(fingerprint(request), "", "", cpu_s=0.0, mesh_cpu_s=0.0, wall_s=wall_s, worker=os.getpid())
 
 
-def config_of(name: str) -> CampaignConfig:
-    """One batch of ten tools, with simulations beside it; nothing is learnt."""
-    schedule = {"initial_tools": N_TOOLS, "initial_simulations": N_SIMULATIONS, "guided_batches": 0}
-    objects = {"ids": OBJECTS, "repeats": N_REPEATS}
+def config_of(name: str, size: Size = Size()) -> CampaignConfig:
+    """One batch of tools, with simulations beside it; nothing is learnt."""
+    schedule = {"initial_tools": size.n_tools, "initial_simulations": size.n_simulations, "guided_batches": 0}
+    objects = {"ids": size.object_ids, "repeats": size.n_repeats}
     execution = {"simulation_workers": 1, "print_poll_s": 0.5}
     data = {"name": name, "schedule": schedule, "objects": objects, "bench": {"world": "world.toml"}}
     return CampaignConfig.model_validate({**data, "execution": execution})
 
 
-def write_files(folder: Path, name: str) -> Path:
+def write_files(folder: Path, name: str, size: Size = Size()) -> Path:
     """Config of a campaign, and its world, in which a trace says of what grasp it is; returns the config's path."""
-    config, world = config_of(name), world_of(name)
+    config, world = config_of(name, size), world_of(name)
     rows = [f'name = "{name}"', "[schedule]", *_lines(config.schedule.model_dump())]
-    rows += ["[objects]", f"ids = {list(OBJECTS)}", f"repeats = {N_REPEATS}"]
+    rows += ["[objects]", f"ids = {list(size.object_ids)}", f"repeats = {size.n_repeats}"]
     rows += ['[simulator]\ntier = "screening"', '[bench]\nworld = "world.toml"']
     rows += ["[execution]", "simulation_workers = 1", "print_poll_s = 0.5"]
     path = folder / f"{name}.toml"

@@ -111,7 +111,7 @@ class _Study:
     def _start_campaign(self) -> None:
         config = write_files(self._folder, self._name)
         parameters = {"config": str(config), "lake": str(self._folder / "lake"), "auto_print": True}
-        body = {"parameters": parameters, "idempotency_key": self._name}
+        body = {"parameters": parameters, "idempotency_key": f"{self._name} from kill {len(self.kills)}"}
         ask_again(self._lab, f"/deployments/{self._deployment_id}/create_flow_run", body)
         self._wait_until(lambda: self._progress().n_rows > 0)
 
@@ -192,12 +192,11 @@ def _deploy(lab: Lab) -> str:
     flow_id = ask_again(lab, "/flows/", {"name": CONTINUED})["id"]
     step = {"prefect.deployments.steps.set_working_directory": {"directory": str(CHECKOUT)}}
     deployment = {
-        "name": "made-up",
+        "name": "made-up-campaign",
         "flow_id": flow_id,
         "work_pool_name": "lab",
         "entrypoint": "flows.benchmarks.made_up_deployable.campaign",
-        "pull_steps": [step],
-        "concurrency_limit": 1,
+        "pull_steps": [step],  # and no limit of runs at once: see prefect.yaml
     }
     return str(ask_again(lab, "/deployments/", deployment)["id"])
 

@@ -27,15 +27,15 @@ def run(
     workers: Annotated[int | None, Parameter(help="Worker processes.")] = None,
     figure: Annotated[Path | None, Parameter(help="Picture to draw, e.g. traces.png.")] = None,
     grasps: Annotated[str | None, Parameter(help="Sizes of lakes, in grasps, e.g. 8640,1000000.")] = None,
-    n: Annotated[int | None, Parameter(help="How many kills.")] = None,
+    n: Annotated[int | None, Parameter(help="How many kills, or task runs.")] = None,
     worlds: Annotated[int | None, Parameter(help="How many made-up problems of known truth.")] = None,
     n_sim: Annotated[int | None, Parameter(help="Simulations of a made-up problem.")] = None,
     n_real: Annotated[int | None, Parameter(help="Measured designs of a made-up problem.")] = None,
     json: AsJson = False,
 ) -> None:
     """Run one benchmark; figures are CPU seconds unless their name says otherwise."""
-    from flows.benchmarks import BENCHMARKS, Options
-    from flows.benchmarks.base import circumstances
+    from flows.benchmarks.base import Options, circumstances
+    from flows.benchmarks.registry import BENCHMARKS
     from models.errors import UsageError
     from models.validation import closest
 
@@ -65,7 +65,7 @@ def run(
 @app.command(name="list")
 def list_benchmarks(*, json: AsJson = False) -> None:
     """The benchmarks there are, with what they measure."""
-    from flows.benchmarks import BENCHMARKS
+    from flows.benchmarks.registry import BENCHMARKS
 
     rows = [{"name": name, "measures": benchmark.about} for name, benchmark in BENCHMARKS.items()]
     show(rows, "\n".join(f"{row['name']:<10} {row['measures']}" for row in rows), json)

@@ -10,6 +10,7 @@ from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, t
 
 if TYPE_CHECKING:
     from flows.gap import GapOutcome
+    from models.gap.findings import Findings
 
 _AT_LEAST_ONE = Number(gte=1)
 _MOST_CANDIDATES = 6
@@ -69,6 +70,8 @@ def _data(outcome: "GapOutcome") -> dict[str, Any]:
 
 
 def _text(outcome: "GapOutcome", page: Path) -> str:
+    from flows.report.gap_words import probability_words
+
     findings = outcome.run.findings
     lines = [f"{outcome.sentence}.", ""]
     for number, turn in enumerate(findings.rounds, start=1):
@@ -77,23 +80,32 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
         rows = [
             {
                 "candidate": row.effect,
-                "P": row.probability,
+                "P": probability_words(row.probability),
                 "gain_nats": round(row.held_out_gain_nats, 1),
                 "rmse": f"{100 * row.held_out_rmse_change:+.0f} %",
-                "visible": row.visible_fraction,
+                "visible": None if row.visible_fraction is None else f"{100 * row.visible_fraction:.0f} %",
             }
             for row in sorted(turn.candidates, key=lambda row: -row.probability)[:_MOST_CANDIDATES]
         ]
         lines += ["", table_text(rows), ""]
-    shown = findings.gap
-    low, high = shown.ci95
-    lines.append(
-        f"held out: {shown.rmse_before_n:.2f} -> {shown.rmse_after_n:.2f} N, floor {shown.rmse_floor_n:.2f} N, closed "
-        f"{100 * shown.closed_fraction:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
-    )
+    lines.append(f"held out: {_held_out(findings)}")
     if findings.next_experiment is not None:
         lines.append(f"next experiment: {findings.next_experiment.sentence}")
+    lines += [f"power: {findings.power}"] if findings.power else []
     lines += [f"not to be told from {alias.of}: {alias.effect}" for alias in findings.aliases]
     lines += [f"warning: {sentence}" for sentence in findings.warnings]
     lines += [f"simulator version: {outcome.run.after_version_id}", f"page: {page}"]
     return "\n".join(lines)
+
+
+def _held_out(findings: "Findings") -> str:
+    shown = findings.gap
+    low, high = shown.ci95
+    if not any(turn.version for turn in findings.rounds):
+        return (
+            f"error {shown.rmse_before_n:.2f} N, floor {shown.rmse_floor_n:.2f} N; nothing was added to the simulator"
+        )
+    return (
+        f"{shown.rmse_before_n:.2f} -> {shown.rmse_after_n:.2f} N, floor {shown.rmse_floor_n:.2f} N, closed "
+        f"{100 * shown.closed_fraction:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
+    )

@@ -30,10 +30,14 @@ for _name, _target, _help in (
         "flows.cli.features:features",
         "Features of the measured traces; quality, work and stability by object class and batch.",
     ),
-    ("gap", "flows.cli.gap:gap", "The effects by which simulation and measurement may differ."),
+    ("gap", "flows.cli.gap:gap", "Find where simulation and measurement disagree, name what is missing, add it."),
     ("report", "flows.cli.results:report", "Write a campaign's report: figures, tables, data."),
     ("view", "flows.cli.results:view", "Look at a grasp, design or campaign in Rerun."),
-    ("serve", "flows.cli.serve:serve", "Prefect server with its pages; prints the address."),
+    (
+        "serve",
+        "flows.cli.serve:serve",
+        "Prefect server with its pages, a worker and the deployments; prints the address.",
+    ),
     ("bench", "flows.cli.benchmarks:app", "Performance and study benchmarks."),
     (
         "doctor",

@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from lake.store import Lake
 
 LIVE_PORT = 9876  # Rerun's own default
+_WEB = ("--web-viewer", "--bind", "127.0.0.1")  # Rerun prints the address, and opens a browser where there is one
 
 
 def report(
@@ -54,6 +56,9 @@ def view(
     lake: LakePath = DEFAULT_LAKE,
     save: Annotated[Path | None, Parameter(help="Write the recording (.rrd) to this file and open no viewer.")] = None,
     live: Annotated[bool, Parameter(negative="", help="Follow a running campaign until it ends.")] = False,
+    web: Annotated[
+        bool, Parameter(negative="", help="In the browser: serve the viewer to this machine until Ctrl-C.")
+    ] = False,
     json: AsJson = False,
 ) -> None:
     """Show a grasp, the fingers of a design, or a whole campaign in the Rerun viewer."""
@@ -62,7 +67,7 @@ def view(
     found = open_lake(lake)
     folder, write = _recorder(found, what)
     path = save or found.root / "outputs" / folder / f"{what.replace('/', '-')}.rrd"
-    viewer = None if save else _viewer()
+    viewer = None if save else [_viewer(), *(_WEB if web else ())]
     if live:
         shown = _follow(found, what, path, viewer)
         show({"shown": what, "recording": str(path), "grasps": shown}, f"{shown} grasps written to {path}", json)
@@ -70,11 +75,12 @@ def view(
     write(path)
     show({"shown": what, "recording": str(path)}, str(path), json)
     if viewer:
-        subprocess.run([viewer, str(path)], check=False)
+        with suppress(KeyboardInterrupt):
+            subprocess.run([*viewer, str(path)], check=False)
 
 
-def _follow(lake: "Lake", campaign_id: str, path: Path, viewer: str | None) -> int:
-    """Send a campaign to a file, and to a viewer, as it grows; returns the number of grasps.
+def _follow(lake: "Lake", campaign_id: str, path: Path, viewer: list[str] | None) -> int:
+    """Send a campaign to a file, and to a viewer, as it grows, until both end; returns the number of grasps.
 
     Raises:
         UsageError: it is no campaign.
@@ -84,10 +90,14 @@ def _follow(lake: "Lake", campaign_id: str, path: Path, viewer: str | None) -> i
     from tasks.control import is_held
 
     name = resolve_campaign(lake, campaign_id)
-    if viewer:
-        subprocess.Popen([viewer, "--port", str(LIVE_PORT)])
+    child = subprocess.Popen([*viewer, "--port", str(LIVE_PORT)]) if viewer else None
     address = f"rerun+http://127.0.0.1:{LIVE_PORT}/proxy" if viewer else None
-    return follow(lake, name, path, lambda: is_held(lake, f"campaign-{name}"), address=address, tell=tell)
+    shown = follow(lake, name, path, lambda: is_held(lake, f"campaign-{name}"), address=address, tell=tell)
+    if child is not None:
+        tell("all of it is shown; close the viewer, or Ctrl-C, to end")
+        with suppress(KeyboardInterrupt):
+            child.wait()
+    return shown
 
 
 def _recorder(lake: "Lake", what: str) -> tuple[str, Callable[[Path], Path]]:

@@ -10,6 +10,7 @@ from flows.report.calibration import calibration_section
 from flows.report.comparison import agreement_section, traces_section
 from flows.report.content import Content
 from flows.report.folder import Folder
+from flows.report.moments import moments_section
 from flows.report.page import moment, page, text
 from flows.report.paper import paper_section
 from flows.report.results import best_section, headline, progress_section
@@ -28,6 +29,7 @@ _LOG = logging.getLogger(__name__)
 
 NAV = {
     "best": "Best finger",
+    "moments": "A grasp",
     "progress": "Tool quality",
     "rivals": "Approaches",
     "traces": "Traces",
@@ -61,6 +63,7 @@ def write_report(lake: Lake, campaign_id: str, out: Path, against: Sequence[Lake
             build(content, folder)
             for build in (
                 best_section,
+                moments_section,
                 progress_section,
                 rivals_section,
                 traces_section,

@@ -2,10 +2,8 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from flows.report.folder import Folder
-from flows.report.gap_evidence import GapEvidence
+from flows.report.gap_evidence import OLD, GapEvidence
 from flows.report.gap_figures import (
     chosen_cells,
     class_figure,
@@ -25,13 +23,15 @@ from models.gap.where.phases import PHASES
 from models.objects.catalogue import get_object
 from models.units import unit_of
 
-_THETA = {"young_modulus_mpa": "Young's modulus (MPa)", "friction": "friction", "poisson_ratio": "Poisson ratio"}
 _KEY = Markup(
     '<div class="key"><span><i style="border-color:#1a1a1a;border-width:2px"></i>measured, each repeat</span>'
     '<span><i style="border-color:#d55e00;border-top-style:dashed"></i>simulated before</span>'
     "<span><i></i>simulated after, band: 90 %</span></div>"
 )
-_OLD = "Only the answer of this search is kept; run it again with another seed to see what it rests on."
+_NONE = (
+    "Probabilities are shares among the candidates. None of them predicts what was left out better than the best one "
+    "does in worlds without a gap."
+)
 
 
 def headline(evidence: GapEvidence) -> Markup:
@@ -39,13 +39,19 @@ def headline(evidence: GapEvidence) -> Markup:
     findings = evidence.findings
     gap = findings.gap
     low, high = gap.ci95
-    closed = f"{100 * gap.closed_fraction:.0f}\u00a0%"
-    shown = [
-        (short(findings), probability(findings)),
-        (number(gap.rmse_before_n, 2, "N"), "held-out error before, theta alone recalibrated"),
-        (number(gap.rmse_after_n, 2, "N"), f"held-out error after; noise floor {gap.rmse_floor_n:.2f} N"),
-        (closed, f"of the gap above the floor closed, 95 %: {100 * low:.0f} to {100 * high:.0f} %"),
-    ]
+    shown = [(short(findings), probability(findings))]
+    if any(turn.version for turn in findings.rounds):
+        closed = f"{100 * gap.closed_fraction:.0f}\u00a0%"
+        shown += [
+            (number(gap.rmse_before_n, 2, "N"), "held-out error before, theta alone recalibrated"),
+            (number(gap.rmse_after_n, 2, "N"), f"held-out error after; noise floor {gap.rmse_floor_n:.2f} N"),
+            (closed, f"of the gap above the floor closed, 95 %: {100 * low:.0f} to {100 * high:.0f} %"),
+        ]
+    else:
+        shown += [
+            (number(gap.rmse_before_n, 2, "N"), "held-out error; nothing was added to the simulator"),
+            (number(gap.rmse_floor_n, 2, "N"), "noise floor: repeats and meshes, without scatter of prints"),
+        ]
     warnings = "".join(paragraph(f"Warning: {sentence}", "note") for sentence in findings.warnings)
     return Markup(paragraph(answer(findings), "lead") + tiles(shown) + warnings)
 
@@ -89,6 +95,8 @@ def name_section(evidence: GapEvidence, folder: Folder) -> Markup:
             f"gap_names_{place + 1}", names_figure(found.candidates, found.named), "Probabilities of names"
         )
         told = Markup(f"<h3>{text(title)}</h3>") + paragraph(found.named.sentence) + _parameters(found.named)
+        if found.named.kind == "none":
+            told += paragraph(_NONE, "note")
         dropped = f"No longer needed: {', '.join(words(e) for e in found.dropped)}." if found.dropped else ""
         parts.append(columns(Markup(told + (paragraph(dropped) if dropped else "")), figure))
     if evidence.isolated is not None and len(evidence.isolated.effects) > 1:
@@ -109,7 +117,7 @@ def show_section(evidence: GapEvidence, folder: Folder) -> Markup:
     """Errors beside peers and floor, held-out traces, classes of objects, and all metrics."""
     shown = evidence.shown
     if shown is None:
-        return section("show", "Before and after", paragraph(_OLD))
+        return section("show", "Before and after", paragraph(OLD))
     errors = folder.figure("gap_errors", error_figure(shown), "Held-out errors")
     note = paragraph(
         "Designs and objects that were put aside before the search. Gaussian process and black box learn the same "
@@ -127,26 +135,6 @@ def show_section(evidence: GapEvidence, folder: Folder) -> Markup:
         *pairs,
         _metrics(shown, folder),
     )
-
-
-def theta_section(evidence: GapEvidence, folder: Folder) -> Markup:
-    """Whether the constants moved towards what other instruments say."""
-    rows = [
-        (
-            _THETA.get(r.parameter, r.parameter),
-            _median(r.before),
-            _median(r.after),
-            None if r.independent is None else f"{r.independent[0]:.3g} \u00b1 {r.independent[1]:.2g}",
-            _moved(r.before[0], r.after[0], r.independent),
-        )
-        for r in evidence.theta
-    ]
-    headings = ("constant", "before", "with what was named", "measured on its own", "")
-    words_ = paragraph(
-        "Median and 90 % interval. A missing effect bends theta; with the right effect it moves back to what tensile "
-        "bars and other instruments say.", "note",
-    )  # fmt: skip
-    return section("theta", "Theta before and after", table(headings, rows, empty=_OLD), words_ if rows else "")
 
 
 def next_section(evidence: GapEvidence, folder: Folder) -> Markup:
@@ -176,6 +164,7 @@ def assumed_section(evidence: GapEvidence, folder: Folder) -> Markup:
         (name.replace("_", " "), number(value, 0 if value == round(value) else 1))
         for name, value in findings.budget.items()
     ]
+    power = (findings.power,) if findings.power else ()
     general = (
         "Theta was calibrated again before anything was called a gap; rho is 1.",
         f"Findings of WHERE hold a false discovery rate of {100 * Q:.0f} % over phases and factors; the unit is the "
@@ -184,7 +173,10 @@ def assumed_section(evidence: GapEvidence, folder: Folder) -> Markup:
         f"Seed {findings.seed}.",
     )
     return section(
-        "assumed", "What was assumed", _list((*general, *evidence.assumed)), table(("cost", "value"), budget, (1,))
+        "assumed",
+        "What was assumed",
+        _list((*general, *power, *evidence.assumed)),
+        table(("cost", "value"), budget, (1,)),
     )
 
 
@@ -274,15 +266,3 @@ def _metrics(shown: Shown, folder: Folder) -> Markup:
         f"<details><summary>All figures of merit</summary>{table(headings, rows, range(2, 10))}{note}</details>"
     )
     return Markup(folded + folder.numbers("gap_metrics", [m.model_dump() for m in shown.metrics]))
-
-
-def _median(of: tuple[float, float, float]) -> str:
-    median, low, high = of
-    return f"{median:.3g} [{low:.3g}, {high:.3g}]" if high > low else f"{median:.3g}"
-
-
-def _moved(before: float, after: float, independent: tuple[float, float] | None) -> str:
-    """Whether a constant came nearer to its independent measurement."""
-    if independent is None or np.isclose(before, after, rtol=0.01):
-        return ""
-    return "nearer" if abs(after - independent[0]) < abs(before - independent[0]) else "further away"

@@ -16,11 +16,14 @@ def probability_words(probability: float) -> str:
 
 def answer(findings: Findings) -> str:
     """The finding that a lab head should read."""
-    if not findings.alarm:
-        return "Simulation and measurement agree as well as noise and meshes allow: these data show nothing missing."
     lead = next((r.where[0].sentence for r in findings.rounds if r.where), "")
-    names = [named_words(r.named) for r in findings.rounds if r.named.kind != "none"]
-    return f"{lead} {'Missing: ' if names else ''}{', then '.join(names)}{'.' if names else ''}".strip()
+    if findings.alarm:
+        names = [named_words(r.named) for r in findings.rounds if r.named.kind != "none"]
+        return f"{lead} Missing: {', then '.join(names)}.".strip()
+    if lead:
+        return f"Nothing can be named: no effect predicts what was left out better than in worlds without a gap. {lead}"
+    nothing = "Simulation and measurement agree as well as noise and meshes allow: these data show nothing missing."
+    return f"{nothing} {findings.power}".strip()
 
 
 def named_words(named: Named) -> str:
@@ -33,16 +36,20 @@ def named_words(named: Named) -> str:
 
 
 def short(findings: Findings) -> str:
-    """What is missing, for a tile."""
+    """What is missing, for a tile; a rest that has no name stands in the line under it."""
     named = [r.named for r in findings.rounds if r.named.kind != "none"]
     if not named:
         return "no gap"
-    kinds = {"set": "one of a set", "unknown": "unknown"}
-    return ", ".join(kinds.get(n.kind) or " + ".join(words(e) for e in n.effects) for n in named)
+    known = ["one of a set" if n.kind == "set" else " + ".join(map(words, n.effects)) for n in named if n.effects]
+    return ", ".join(known) or "unknown"
 
 
 def probability(findings: Findings) -> str:
     """The line under the tile: what it is, and how sure."""
-    named = [r.named for r in findings.rounds if r.named.kind != "none"] or [r.named for r in findings.rounds[:1]]
-    said = "what is missing" if findings.alarm else "beyond noise and meshes"
-    return f"{said}, probability " + ", ".join(probability_words(n.probability) for n in named)
+    if not findings.alarm:
+        return "no statistic is beyond what it is in worlds without a gap"
+    sure = [r.named.probability for r in findings.rounds if r.named.kind in ("effect", "set")]
+    if not sure:
+        return "not in the catalogue"
+    rest = "; the rest is not in the catalogue" if findings.rounds[-1].named.kind == "unknown" else ""
+    return f"what is missing, probability {', '.join(map(probability_words, sure))}{rest}"

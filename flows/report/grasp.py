@@ -23,6 +23,7 @@ FORCE_COLOURS = "plasma_r"
 CELL_MM = 3.0  # contact forces are summed over cells of this size
 ARROW_MM = 22.0  # length of the largest arrow
 BASE_MM = 4.0  # drawn height of the rigid base
+PANEL_IN = 2.3
 MARGIN_MM = 4.0
 GRID_MM = 0.5
 N_SLICES = 41  # of the object along y
@@ -114,37 +115,84 @@ def _numbered(axes: Axes, x: float, y: float, number: int) -> None:
     axes.text(x, y, str(number), ha="center", va="center_baseline", fontsize=7.5, zorder=6)
 
 
-def instants_figure(obj: RigidObject, instants: Sequence[Instant], title: str) -> Figure:
-    """The deformed fingers from the side at every instant, at one scale, with the contact pressure on them.
+@dataclass(frozen=True)
+class Stage:
+    """What all instants of a grasp are drawn with: one view, one scale of pressure and of forces.
 
-    Drawn are the middle section y = 0 of each finger, the silhouette of the object (dark: its middle section), dots
-    where the finger is pressed, coloured by pressure, and arrows for the object's force on the finger.
+    Attributes:
+        low, high: corners (x, z) of the view, mm.
+        silhouette: of the object, as `_silhouette` gives it.
+        top_kpa: pressure of the darkest dots; a few points on edges carry ten times that of all others.
+        longest_n: force of the arrow of `ARROW_MM`.
+        mm_per_n: length of the arrows over forces at the reference modulus.
     """
-    low, high = _limits(instants, obj)
-    width, height = high - low
-    figure = new_figure(12.0, 12.0 / len(instants) * height / width * 0.93 + 0.95)
-    panels = np.atleast_1d(figure.subplots(1, len(instants), sharex=True, sharey=True))
-    pressed = [s.pressure * s.scale * 1e3 for i in instants for s in i.snapshots.values() if s.pressure.size]
-    # A few points on edges carry ten times the pressure of all others.
-    top = float(np.percentile(np.concatenate(pressed), 98.0)) if pressed else 1.0
-    colours = ScalarMappable(Normalize(0.0, top), colormaps[FORCE_COLOURS])
-    largest = max((float(np.linalg.norm(f, axis=1).max()) for i in instants for _, f in _all_forces(i)), default=1.0)
-    silhouette = _silhouette(obj)
-    for number, (axes, instant) in enumerate(zip(panels, instants, strict=True), start=1):
-        _draw_object(axes, *silhouette)
+
+    low: np.ndarray
+    high: np.ndarray
+    silhouette: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    top_kpa: float
+    longest_n: float
+    mm_per_n: float
+
+    @classmethod
+    def of(cls, obj: RigidObject, instants: Sequence[Instant]) -> "Stage":
+        """The stage that holds all of these instants."""
+        pressed = [s.pressure * s.scale * 1e3 for i in instants for s in i.snapshots.values() if s.pressure.size]
+        top_kpa = float(np.percentile(np.concatenate(pressed), 98.0)) if pressed else 1.0
+        largest = max(
+            (float(np.linalg.norm(f, axis=1).max()) for i in instants for _, f in _all_forces(i)), default=1.0
+        )
+        return cls(*_limits(instants, obj), _silhouette(obj), top_kpa, largest * _scale(instants), ARROW_MM / largest)
+
+    @property
+    def height_over_width(self) -> float:
+        """Of the view."""
+        width, height = self.high - self.low
+        return float(height / width)
+
+    @property
+    def colours(self) -> ScalarMappable:
+        """From contact pressure (kPa) to colour."""
+        return ScalarMappable(Normalize(0.0, self.top_kpa), colormaps[FORCE_COLOURS])
+
+    def draw(self, axes: Axes, number: int, instant: Instant) -> None:
+        """Fingers and object at one instant.
+
+        Drawn are the middle section y = 0 of each finger, the silhouette of the object (dark: its middle section),
+        dots where the finger is pressed, coloured by pressure, and arrows for the object's force on the finger.
+        """
+        _draw_object(axes, *self.silhouette)
         for side, snapshot in instant.snapshots.items():
             _draw_finger(axes, snapshot, SIGNS[side])
-            _draw_pressure(axes, snapshot, SIGNS[side], colours, ARROW_MM / largest)
-        axes.set_xlim(low[0], high[0])
-        axes.set_ylim(low[1], high[1])
+            _draw_pressure(axes, snapshot, SIGNS[side], self.colours, self.mm_per_n)
+        axes.set_xlim(self.low[0], self.high[0])
+        axes.set_ylim(self.low[1], self.high[1])
         axes.set_aspect("equal")
         axes.set_title(_caption(number, instant), loc="left", fontsize=9, linespacing=1.35)
         axes.tick_params(length=2)
+
+
+def instants_figure(obj: RigidObject, instants: Sequence[Instant], title: str) -> Figure:
+    """The deformed fingers from the side at every instant, in one row, with the contact pressure on them."""
+    stage = Stage.of(obj, instants)
+    figure = new_figure(12.0, 12.0 / len(instants) * stage.height_over_width * 0.93 + 0.95)
+    panels = np.atleast_1d(figure.subplots(1, len(instants), sharex=True, sharey=True))
+    for number, (axes, instant) in enumerate(zip(panels, instants, strict=True), start=1):
+        stage.draw(axes, number, instant)
         axes.set_xlabel("x (mm)")
     panels[0].set_ylabel("z (mm)")
-    bar = figure.colorbar(colours, ax=list(panels), fraction=0.02, pad=0.01, shrink=0.75, extend="max")
+    bar = figure.colorbar(stage.colours, ax=list(panels), fraction=0.02, pad=0.01, shrink=0.75, extend="max")
     bar.set_label("contact pressure (kPa)")
-    figure.suptitle(f"{title}; longest arrow {largest * _scale(instants):.2f} N", x=0.005, ha="left", fontsize=10)
+    figure.suptitle(f"{title}; longest arrow {stage.longest_n:.2f} N", x=0.005, ha="left", fontsize=10)
+    return figure
+
+
+def instant_figure(stage: Stage, number: int, instant: Instant) -> Figure:
+    """One instant on its own, for a page that sets several side by side."""
+    figure = new_figure(PANEL_IN, PANEL_IN * stage.height_over_width + 0.6)
+    axes = figure.subplots()
+    stage.draw(axes, number, instant)
+    axes.set(xlabel="x (mm)", ylabel="z (mm)")
     return figure
 
 

@@ -12,6 +12,7 @@ _NO_FIT = "needs a fit of the surrogate or a calibration"
 _ROWS = (
     ("Fig. 2a", "Tools found, against other approaches", "rivals", ("figures/approaches.svg",), _NO_RIVAL),
     ("Fig. 2a", "Tool quality by batch", "progress", ("figures/quality_by_batch.svg",), _NO_MEASUREMENT),
+    ("Fig. 2b", "Closure and pull-up of a grasp", "moments", ("figures/moments/",), _NO_MEASUREMENT),
     ("Fig. 2c", "Work to break the grasp, by object", "work", ("figures/work_by_object.svg",), _NO_MEASUREMENT),
     ("Table 1", "Parameters of the best finger", "best", ("figures/profile.svg",), _NO_MEASUREMENT),
     ("Fig. 3a", "Simulated against measured", "agreement", ("figures/agreement_designs.svg",), _NO_PAIRS),
@@ -36,6 +37,8 @@ def paper_section(body: str) -> Markup:
         is_there = any(mark in body for mark in marks)
         where = Markup(f'<a href="#{anchor}">here</a>') if is_there else missing or _NO_CALIBRATION
         rows.append((figure, what, where))
-    note = paragraph("Figs. 1 and 2b are photographs and drawings of the authors' platform.", "note")
+    note = paragraph(
+        "Fig. 1 shows the authors' platform. Fig. 2b: photographs there, drawn from the simulator here.", "note"
+    )
     shown = table(("paper", "what it shows", "in this report"), rows)
     return section("paper", "The paper's figures and tables", f'<div class="words">{shown}</div>', note)

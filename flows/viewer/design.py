@@ -5,14 +5,16 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+import trimesh
 
-from flows.report.style import COMPLIANT, INK, MUTED, RIGID
+from flows.report.style import BEST, COMPLIANT, FAINT, FIRST, INK, RIGID
 from flows.viewer.scene import finger_meshes, finger_translations, flat_mesh, rgb
-from flows.viewer.stream import eye_from, recording_to, stored_design
+from flows.viewer.stream import eye_around, recording_to, stored_design
 from lake.store import Lake
 from lake.tables import DesignRow, ToolRow
 from models.design_space import PARAMETERS
 from models.fem.shape import HEXAHEDRON_EDGES, TETRAHEDRON_EDGES, WEDGE_EDGES
+from models.fem.skin import skin_of
 from models.geometry.finger import FingerBodies, finger_bodies
 from models.geometry.tray import BED_MM, PrintItem, lying, tray_layout
 from models.ids import tool_label
@@ -21,6 +23,7 @@ from models.mesh.solid import SolidMesh
 from models.records import Design, GraspSetup, MeshSettings, Trace
 from models.units import unit_of
 
+_SIDE = (-0.3, -1.0, 0.2)  # from which the ribs are seen
 APART_MM = 25.0  # between the printed bodies in the view of the parts
 _EDGES = {"C3D4": TETRAHEDRON_EDGES, "C3D10": TETRAHEDRON_EDGES, "C3D15": WEDGE_EDGES, "C3D20R": HEXAHEDRON_EDGES}
 
@@ -43,7 +46,7 @@ def write_design_recording(lake: Lake, design_id: str, path: Path) -> Path:
         send_fingers_at_rest(stream, design, None)
         _send_parts(stream, finger_bodies(design))
         _send_mesh(stream, mesh)
-        _send_tray(stream, items)
+        _send_tray(stream, items, design)
     return path
 
 
@@ -84,30 +87,37 @@ def _send_parts(stream: rr.RecordingStream, bodies: FingerBodies) -> None:
 
 
 def _send_mesh(stream: rr.RecordingStream, mesh: SolidMesh) -> None:
-    lines = mesh.nodes[mesh_edges(mesh)]
-    stream.log("mesh/elements", rr.LineStrips3D(lines, colors=rgb(INK), radii=0.12), static=True)
+    """Elements as lines over their surface, so that one sees which are in front."""
+    skin = skin_of(mesh)
+    surface = trimesh.Trimesh(skin.vertices(mesh.nodes), skin.triangles, process=False)
+    stream.log("mesh/surface", flat_mesh(surface, COMPLIANT), static=True)
+    lines, width = mesh.nodes[mesh_edges(mesh)], rr.Radius.ui_points(0.5)
+    stream.log("mesh/elements", rr.LineStrips3D(lines, colors=rgb(INK), radii=width), static=True)
     held = mesh.nodes[mesh.base_nodes]
-    stream.log("mesh/clamped", rr.Points3D(held, colors=rgb(RIGID), radii=0.6), static=True)
+    stream.log("mesh/clamped", rr.Points3D(held, colors=rgb(FIRST), radii=0.7), static=True)
 
 
-def _send_tray(stream: rr.RecordingStream, items: list[PrintItem]) -> None:
+def _send_tray(stream: rr.RecordingStream, items: list[PrintItem], design: Design) -> None:
+    """Everything that was printed together; the fingers of the design itself stand out."""
     plate = np.array([*BED_MM, 2.0])
-    stream.log("tray/plate", rr.Boxes3D(centers=plate / 2 - [0, 0, 2], sizes=plate, colors=rgb(MUTED)), static=True)
+    sheet = rr.Boxes3D(centers=plate / 2 - [0, 0, 2], sizes=plate, colors=rgb(FAINT), fill_mode="solid")
+    stream.log("tray/plate", sheet, static=True)
     bodies = {item.label: finger_bodies(item.design, item.label) for item in items}
     for number, place in enumerate(tray_layout(items)):
         finger = bodies[place.label]
         name = f"tray/{place.label}/{'ab'[number % 2]}"
-        for part, body, colour in (("compliant", finger.compliant, COMPLIANT), ("rigid", finger.rigid, RIGID)):
+        colour = BEST if place.design == design else COMPLIANT
+        for part, body, shade in (("compliant", finger.compliant, colour), ("rigid", finger.rigid, RIGID)):
             placed = body.copy()
             placed.apply_transform(lying(place))
-            stream.log(f"{name}_{part}", flat_mesh(placed, colour), static=True)
+            stream.log(f"{name}_{part}", flat_mesh(placed, shade), static=True)
 
 
 def _about(design: Design, tray: str, mesh: SolidMesh) -> str:
     rows = "\n".join(_parameter_row(name, getattr(design, name)) for name in PARAMETERS)
     return (
         f"# {design.design_id}\n\n| parameter | value |\n|---|---|\n{rows}\n\n{mesh.n_elements} solid elements of the "
-        f"production tier. Tray: {tray}."
+        f"production tier, clamped at the orange dots. Tray: {tray}; fingers of this design are dark blue."
     )
 
 
@@ -118,16 +128,22 @@ def _parameter_row(name: str, value: float) -> str:
 
 
 def _blueprint(design: Design, tray: str, mesh: SolidMesh) -> rrb.Blueprint:
-    middle = design.height_mm / 2
-    x, y = BED_MM[0] / 2, BED_MM[1] / 2
-    side = eye_from((-60, -190, 90), (12, 0, middle))
+    length, half, height = design.length_mm, design.width_mm / 2, design.height_mm
+    gap = GraspSetup().open_gap_mm / 2 + length
+    plate = ([0.0, 0.0, 0.0], [*BED_MM, 40.0])
+    upright = ([0.0, -half, 0.0], [length, half, height])
+    apart = ([0.0, -half, -APART_MM - 6.0], upright[1])
+    hanging = ([-gap, -half, -5.0], [gap, half, height])
     views = (
-        ("cell", "Fingers, open (mm)", eye_from((90, -280, 110), (0, 0, 50))),
-        ("parts", "Parts: compliant and rigid body (mm)", eye_from((-120, -200, 120), (12, 0, middle - 12))),
-        ("mesh", f"Mesh: {mesh.n_elements} elements, clamped nodes as dots (mm)", side),
-        ("tray", f"Print tray: {tray} (mm)", eye_from((x, y - 330, 420), (x, y, 0))),
+        ("cell", "Fingers, open (mm)", eye_around(*hanging, (0.25, -1.0, 0.15))),
+        ("parts", "Parts: compliant and rigid body (mm)", eye_around(*apart, (-0.45, -1.0, 0.3))),
+        ("mesh", f"Mesh: {mesh.n_elements} elements, clamped nodes as dots (mm)", eye_around(*upright, _SIDE)),
+        ("tray", f"Print tray: {tray} (mm)", eye_around(*plate, (0.0, -0.7, 1.0))),
     )
-    shown = [rrb.Spatial3DView(origin=origin, name=name, eye_controls=eye) for origin, name, eye in views]
+    shown = [
+        rrb.Spatial3DView(origin=origin, name=name, eye_controls=eye, background=[255, 255, 255], line_grid=False)
+        for origin, name, eye in views
+    ]
     about = rrb.TextDocumentView(origin="about", name="About")
     return rrb.Blueprint(
         rrb.Horizontal(rrb.Grid(*shown, grid_columns=2), about, column_shares=[4, 1]),

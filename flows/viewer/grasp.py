@@ -9,28 +9,18 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from flows.report.again import Simulated, simulate_again
 from flows.report.style import BEST, SIMULATED
-from flows.viewer.scene import finger_meshes, finger_translations
-from flows.viewer.simulation import arrow_mm_per_n, send_fingers
+from flows.viewer.scene import finger_meshes, finger_translations, object_words
+from flows.viewer.simulation import arrow_mm_per_n, curves_over_time, furthest_mm, send_fingers
 from flows.viewer.stream import FRONT_EYE, recording_to, send_object, send_trace, stored_design, times
 from lake.store import Lake
-from lake.tables import GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow
-from models.errors import FastError, UsageError
-from models.fem.grasp import simulate_grasp
-from models.fem.recording import GraspRecording
+from lake.tables import GraspRow, SimTraceRow, SimulationRow
+from models.errors import UsageError
 from models.ids import tool_label
-from models.objects.catalogue import get_object
-from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion, Trace
+from models.records import Design, GraspSetup, Trace
 
 _LOG = logging.getLogger(__name__)
-
-
-class Simulated(NamedTuple):
-    """The grasp again, in the simulator."""
-
-    version_id: str
-    result: GraspSimulation
-    recording: GraspRecording
 
 
 def write_grasp_recording(lake: Lake, grasp_id: str, path: Path, is_simulated: bool = True) -> Path:
@@ -47,15 +37,18 @@ def write_grasp_recording(lake: Lake, grasp_id: str, path: Path, is_simulated: b
     trace = lake.trace(grasp_id)
     design, setup = stored_design(lake, grasp.design_id), GraspSetup.model_validate_json(grasp.setup_json)
     label = tool_label(grasp.batch, grasp.slot) if grasp.batch is not None and grasp.slot is not None else grasp.tool_id
-    simulated = _simulate(lake, grasp, design, setup) if is_simulated else None
-    with recording_to(f"grasp {grasp_id}", path, _blueprint(label)) as stream:
-        text = _about(grasp, label, trace, simulated)
+    simulated = simulate_again(lake, design, grasp.design_id, grasp.object_id, setup) if is_simulated else None
+    name = object_words(grasp.object_id)
+    with recording_to(f"grasp {grasp_id}", path, _blueprint(f"{label} on {name}")) as stream:
+        text = _about(f"{label} on {name}, repeat {grasp.repeat}", trace, simulated)
         stream.log("about", rr.TextDocument(text, media_type="text/markdown"), static=True)
         send_object(stream, "cell/object", grasp.object_id, (0.0, 0.0))
         send_trace(stream, "force/measured", "lift/measured", trace, grasp.started_at, "measured", BEST)
-        for number, (version_id, stored) in enumerate(_stored_traces(lake, grasp)):
-            moved = Clock.between(stored, trace).moved(stored)
-            send_trace(stream, f"force/simulated_{number}", None, moved, None, f"simulated {version_id}", SIMULATED)
+        stored = list(_stored_traces(lake, grasp))
+        for number, (version_id, simulation) in enumerate(stored):
+            moved = Clock.between(simulation, trace).moved(simulation)
+            line = "simulated" if len(stored) == 1 else f"simulated {version_id}"
+            send_trace(stream, f"force/simulated_{number}", None, moved, None, line, SIMULATED)
         if simulated is None:
             _send_moving_fingers(stream, design, setup, label, trace)
         else:
@@ -111,27 +104,6 @@ def _grasp(lake: Lake, grasp_id: str) -> GraspRow:
     return grasp
 
 
-def _simulate(lake: Lake, grasp: GraspRow, design: Design, setup: GraspSetup) -> Simulated | None:
-    """The grasp in the newest version of this program that has simulated it; None where it cannot be simulated."""
-    recording = GraspRecording()
-    try:
-        version = _newest_version(lake, grasp)
-        result = simulate_grasp(design, get_object(grasp.object_id), version, setup, recorder=recording.add)
-    except FastError as error:
-        _LOG.warning("fingers of %s are drawn undeformed: %s", grasp.grasp_id, error)
-        return None
-    return None if recording.is_empty else Simulated(version.version_id, result, recording)
-
-
-def _newest_version(lake: Lake, grasp: GraspRow) -> SimulatorVersion:
-    keys = {"design_id": grasp.design_id, "object_id": grasp.object_id, "setup_id": grasp.setup_id, "status": "ok"}
-    for simulation in reversed(lake.records(SimulationRow, **keys)):
-        rows = lake.records(SimulatorVersionRow, version_id=simulation.version_id)
-        if rows and rows[-1].tier not in ("imported", "screening"):
-            return rows[-1].version
-    return SimulatorVersion()
-
-
 def _stored_traces(lake: Lake, grasp: GraspRow) -> Iterator[tuple[str, Trace]]:
     """Simulations of the same design and object with the same grasp setup, with their version."""
     keys = {"design_id": grasp.design_id, "object_id": grasp.object_id, "setup_id": grasp.setup_id}
@@ -140,30 +112,27 @@ def _stored_traces(lake: Lake, grasp: GraspRow) -> Iterator[tuple[str, Trace]]:
             yield simulation.version_id, lake.trace(simulation.simulation_id, SimTraceRow)
 
 
-def _about(grasp: GraspRow, label: str, trace: Trace, simulated: Simulated | None) -> str:
-    lines = [f"### {label} on object {grasp.object_id}, repeat {grasp.repeat}", ""]
+def _about(title: str, trace: Trace, simulated: Simulated | None) -> str:
+    lines = [f"### {title}", ""]
     peak = float(trace.force_n[trace.is_lift].max()) if trace.is_lift.any() else float(trace.force_n.max())
     if simulated is None:
         lines.append(f"Measured peak {peak:.2f} N. Fingers are drawn undeformed.")
     else:
         lines.append(
             f"Measured peak {peak:.2f} N, simulated {simulated.result.peak_force_n:.2f} N. Fingers are those of the "
-            f"simulation ({simulated.version_id}), coloured by displacement; arrows: force of the object on them, "
+            f"simulation ({simulated.version_id}), coloured by how far they moved from their undeformed shape: dark 0, "
+            f"yellow {furthest_mm(simulated.recording):.1f} mm. Arrows: force of the object on them, "
             f"{arrow_mm_per_n(simulated.recording):g} mm per N. The cursor in the curves is the moment in the scene."
         )
     return "\n".join(lines)
 
 
-def _blueprint(label: str) -> rrb.Blueprint:
-    scene = rrb.Spatial3DView(origin="cell", name=f"{label} (mm)", eye_controls=FRONT_EYE)
+def _blueprint(title: str) -> rrb.Blueprint:
+    scene = rrb.Spatial3DView(origin="cell", name=f"{title} (mm)", eye_controls=FRONT_EYE)
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(scene, rrb.TextDocumentView(origin="about", name="About"), row_shares=[4, 1]),
-            rrb.Vertical(
-                rrb.TimeSeriesView(origin="force", name="Force (N)", plot_legend=rrb.PlotLegend("RightTop")),
-                rrb.TimeSeriesView(origin="lift", name="Lift (mm)", plot_legend=rrb.PlotLegend(visible=False)),
-                row_shares=[2, 1],
-            ),
+            rrb.Vertical(scene, rrb.TextDocumentView(origin="about", name="About"), row_shares=[7, 2]),
+            curves_over_time(),
         ),
         rrb.TimePanel(timeline="time", state="collapsed", play_state="playing", loop_mode="all"),
         rrb.BlueprintPanel(state="collapsed"),

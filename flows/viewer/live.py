@@ -7,9 +7,8 @@ from pathlib import Path
 import rerun as rr
 
 from flows.report.content import Content
-from flows.viewer.campaign import about, campaign_blueprint, chosen_tools
+from flows.viewer.campaign import campaign_blueprint, send_campaign
 from flows.viewer.stream import APPLICATION, writable
-from flows.viewer.tour import Tour
 from lake.store import Lake
 
 POLL_S = 2.0
@@ -37,13 +36,11 @@ def follow(
     sinks: list[rr.FileSink | rr.GrpcSink] = [rr.FileSink(path)]
     if address:
         sinks.append(rr.GrpcSink(address))
-    blueprint = campaign_blueprint([], is_live=True)
+    blueprint = campaign_blueprint(content, is_live=True)
     with rr.RecordingStream(APPLICATION, recording_id=f"campaign {campaign_id} live") as stream:
         stream.set_sinks(*sinks, default_blueprint=blueprint)
         stream.log("cell", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        text = about(content, chosen_tools(content, everything=False))
-        stream.log("about", rr.TextDocument(text, media_type="text/markdown"), static=True)
-        tour = Tour(stream, lake, campaign_id)
+        tour = send_campaign(stream, content)
         try:
             is_last = False
             while not is_last:

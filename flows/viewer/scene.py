@@ -3,8 +3,7 @@
 import numpy as np
 import rerun as rr
 import trimesh
-from matplotlib import colormaps
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import to_rgb
 
 from flows.report.style import COMPLIANT, OBJECT, RIGID
 from models.geometry.finger import finger_bodies
@@ -79,9 +78,10 @@ def flat_mesh(mesh: trimesh.Trimesh, colour: str) -> rr.Mesh3D:
     )
 
 
-def line_colour(object_id: int) -> str:
-    """Colour of an object's lines, the same in every view; neighbours in the catalogue look alike."""
-    return to_hex(colormaps["viridis"](0.25 + 0.75 * (object_id % N_OBJECTS) / (N_OBJECTS - 1)))
+def object_words(object_id: int) -> str:
+    """Name and number of an object; the number alone where the catalogue does not have it."""
+    known = 0 <= object_id < N_OBJECTS
+    return f"{get_object(object_id).name} ({object_id})" if known else f"object {object_id}"
 
 
 def rgb(colour: str) -> list[int]:

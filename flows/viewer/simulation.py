@@ -17,6 +17,8 @@ from models.fem.skin import Skin, skin_of
 from models.records import GraspSimulation, Trace
 
 LONGEST_ARROW_MM = 60.0
+ARROW_RADIUS_MM = 0.6
+N_APPROACH = 15  # steps that are shown of the way to the first touch
 DISPLACEMENT_COLOURS = "viridis"
 
 
@@ -71,18 +73,24 @@ def _blueprint(title: str) -> rrb.Blueprint:
             rrb.Vertical(
                 rrb.Spatial3DView(origin="cell", name=f"{title} (mm)", eye_controls=FRONT_EYE),
                 rrb.TextDocumentView(origin="about", name="About"),
-                row_shares=[4, 1],
+                row_shares=[7, 2],
             ),
-            rrb.Vertical(
-                rrb.TimeSeriesView(origin="force", name="Force (N)", plot_legend=rrb.PlotLegend("RightTop")),
-                rrb.TimeSeriesView(origin="lift", name="Lift (mm)"),
-                row_shares=[2, 1],
-            ),
+            curves_over_time(),
             column_shares=[3, 2],
         ),
         rrb.TimePanel(timeline="time", state="collapsed", play_state="playing", loop_mode="all"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
+    )
+
+
+def curves_over_time() -> rrb.Vertical:
+    """Force and lift of a grasp, over the same stretch of time."""
+    linked = rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
+    return rrb.Vertical(
+        rrb.TimeSeriesView(origin="force", name="Force (N)", plot_legend=rrb.PlotLegend("RightTop"), axis_x=linked),
+        rrb.TimeSeriesView(origin="lift", name="Lift (mm)", plot_legend=rrb.PlotLegend(visible=False), axis_x=linked),
+        row_shares=[2, 1],
     )
 
 
@@ -106,9 +114,9 @@ def _send_finger(
     flip = np.array([sign, 1.0, 1.0])
     triangles = skin.triangles if sign > 0 else skin.triangles[:, ::-1]
     entity = f"cell/fingers/{side}"
-    for snapshot in snapshots:
-        stream.set_time("time", duration=clock(snapshot))
-        stream.set_time("lift_um", sequence=round(1e3 * snapshot.lift_mm))
+    flank_mm = float(np.abs(snapshots[0].nodes[:, 1]).max()) + ARROW_RADIUS_MM
+    _send_approach(stream, entity, snapshots[0], sign, clock)
+    for place, snapshot in enumerate(snapshots):
         vertices = skin.vertices(snapshot.nodes) * flip
         mesh = rr.Mesh3D(
             vertex_positions=vertices,
@@ -116,17 +124,35 @@ def _send_finger(
             vertex_colors=_colours(snapshot, skin, furthest_mm),
             triangle_indices=triangles,
         )
+        if place == 0:  # seen from the start, still open
+            _set_times(stream, 0.0, 0.0)
+            stream.log(f"{entity}/surface", mesh)
+        _set_times(stream, clock(snapshot), snapshot.lift_mm)
         stream.log(f"{entity}/surface", mesh)
         places, forces = cell_forces(snapshot, CELL_MM)
         vectors = mm_per_n * snapshot.scale * forces * flip
-        # A half model has its points on one half; their sum acts in the middle plane.
-        middle = flip * (np.array([1.0, 0.0, 1.0]) if snapshot.mesh.is_half else 1.0)
-        # Drawn towards the finger's surface, so that the arrows are not hidden inside it.
-        origins = places * middle - vectors
+        # Summed across the width, and drawn on the flank towards the eye: inside the finger none would be seen.
+        origins = places * flip
+        origins[:, 1] = -flank_mm
         stream.log(
-            f"{entity}/contact_force", rr.Arrows3D(origins=origins, vectors=vectors, colors=rgb(FIRST), radii=0.5)
+            f"{entity}/contact_force",
+            rr.Arrows3D(origins=origins, vectors=vectors, colors=rgb(FIRST), radii=ARROW_RADIUS_MM),
         )
     stream.reset_time()
+
+
+def _send_approach(
+    stream: rr.RecordingStream, entity: str, first: Snapshot, sign: float, clock: Callable[[Snapshot], float]
+) -> None:
+    """The way of the undeformed finger from the open gap to the first touch, where the recording begins."""
+    for share in np.linspace(0.0, 1.0, N_APPROACH):
+        _set_times(stream, float(share) * clock(first), 0.0)
+        stream.log(entity, rr.Transform3D(translation=[sign * (1.0 - share) * first.travel_mm, 0.0, 0.0]))
+
+
+def _set_times(stream: rr.RecordingStream, time_s: float, lift_mm: float) -> None:
+    stream.set_time("time", duration=time_s)
+    stream.set_time("lift_um", sequence=round(1e3 * lift_mm))
 
 
 def _send_closing_force(stream: rr.RecordingStream, snapshots: list[Snapshot]) -> None:

@@ -5,6 +5,7 @@ Force and lift are sent as whole columns (150 times cheaper than sample by sampl
 happened.
 """
 
+import itertools
 import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -61,7 +62,28 @@ def eye_from(position: tuple[float, float, float], target: tuple[float, float, f
     return rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 0.0, 1.0))
 
 
-FRONT_EYE = eye_from((50.0, -215.0, 85.0), (0.0, 0.0, 58.0))  # a grasp, with both fingers and the object
+def eye_around(
+    low: Sequence[float], high: Sequence[float], back: tuple[float, float, float], aspect: float = 1.3
+) -> rrb.EyeControls3D:
+    """The nearest eye in the direction `back` that sees the whole box from `low` to `high`, mm.
+
+    aspect: width over height of the view; with less, both sides are cut off.
+    """
+    corners = np.array(list(itertools.product(*zip(low, high, strict=True))), dtype=float)
+    target = corners.mean(axis=0)
+    ahead = -np.array(back) / np.linalg.norm(back)
+    right = np.cross(ahead, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    about = corners - target
+    aside = np.maximum(np.abs(about @ right) / aspect, np.abs(about @ np.cross(right, ahead)))
+    distance = _MARGIN * float((aside / _HALF_VIEW - about @ ahead).max())
+    x, y, z = target - distance * ahead
+    return eye_from((x, y, z), (target[0], target[1], target[2]))
+
+
+_HALF_VIEW = float(np.tan(np.radians(55.0) / 2))  # Rerun's field of view, upwards
+_MARGIN = 1.08
+FRONT_EYE = eye_from((48.0, -195.0, 95.0), (0.0, 0.0, 72.0))  # a grasp, with both fingers and the object
 
 
 def send_trace(

@@ -14,6 +14,8 @@ from matplotlib import colormaps
 
 from flows.report.queries import literal
 from flows.report.style import BEST, COMPLIANT, FIRST, INK, MUTED, OBJECT
+from flows.viewer.bench import send_bench
+from flows.viewer.curves import Curves
 from flows.viewer.scene import flat_mesh, object_mesh_at, rgb
 from flows.viewer.stream import stored_design
 from flows.viewer.wedge import head_and_wedges
@@ -27,7 +29,7 @@ from models.records import Design, GraspSetup
 KEEP_EVERY = 16  # of the readings at 80 a second
 LONGEST_WAIT_S = 5.0
 FORCE_COLOURS = "viridis"
-FULL_COLOUR_N = 40.0  # lightest colour of an object
+LABEL_ABOVE_MM = 75.0  # over an object's bottom
 
 _TOOLS = """
 SELECT tool_id, max(created_at) AS newest FROM grasps WHERE campaign_id = {campaign} AND status = 'ok'
@@ -43,11 +45,17 @@ WHERE p.campaign_id = {campaign} ORDER BY p.created_at, p.proposal_id"""
 
 
 class Tour:
-    """Sends what a lake has of a campaign to a recording; asked again, only what is new."""
+    """Sends what a lake has of a campaign to a recording; asked again, only what is new.
 
-    def __init__(self, stream: rr.RecordingStream, lake: Lake, campaign_id: str) -> None:
+    `objects` are those that its tools shall meet; `full_n` is the force of the lightest colour and of the curves' top.
+    """
+
+    def __init__(
+        self, stream: rr.RecordingStream, lake: Lake, campaign_id: str, objects: Sequence[int], full_n: float
+    ) -> None:
         self._stream, self._lake, self._campaign = stream, lake, literal(campaign_id)
-        self._layout = BenchLayout()
+        self._layout, self._objects, self._full_n = BenchLayout(), objects, full_n
+        self._curves = Curves(stream, objects, full_n)
         self._tips_mm = self._layout.mount_height_mm - GraspSetup().tip_below_mm
         self._sent: set[str] = set()
         self._drawn: set[int] = set()
@@ -60,6 +68,9 @@ class Tour:
         self._tool_id, self._label = "", ""
         self._best_n = 0.0
         self._send_names()
+        send_bench(stream, self._layout, objects)
+        for object_id in objects:
+            self._draw_object(object_id)
 
     @property
     def n_grasps(self) -> int:
@@ -85,9 +96,9 @@ class Tour:
         for entity, (name, colour, size) in points.items():
             look = rr.SeriesPoints(names=name, colors=rgb(colour), markers="circle", marker_sizes=size)
             self._stream.log(entity, look, static=True)
-        lines = {"force/load_cell": ("load cell", BEST), "quality/best": ("best so far", INK)}
-        for entity, (name, colour) in lines.items():
-            self._stream.log(entity, rr.SeriesLines(names=name, colors=rgb(colour)), static=True)
+        self._stream.log("force/load_cell", rr.SeriesLines(names="load cell", colors=rgb(BEST)), static=True)
+        steps = rr.SeriesLines(names="best so far", colors=rgb(INK), interpolation_mode="StepAfter")
+        self._stream.log("quality/best", steps, static=True)
         for name in PARAMETERS:
             for fidelity, colour, size in (("simulated", MUTED, 2.5), ("printed", BEST, 5.0)):
                 look = rr.SeriesPoints(names=fidelity, colors=rgb(colour), markers="circle", marker_sizes=size)
@@ -108,12 +119,20 @@ class Tour:
         self._stream.send_columns("force/load_cell", bench, rr.Scalars.columns(scalars=row["force_n"]))
         self._at(self._clock_s)
         self._stream.log("force/peak", rr.Scalars(row["peak_force_n"]))
-        colour = colormaps[FORCE_COLOURS](np.clip(row["peak_force_n"] / FULL_COLOUR_N, 0.0, 1.0))
-        self._stream.log(f"cell/objects/object_{row['object_id']:02d}", rr.Mesh3D.from_fields(albedo_factor=colour))
+        self._curves.add(row)
+        self._colour_object(row["object_id"], (x, y), row["peak_force_n"])
         where = f"{row['object_name'] or 'object'} ({row['object_id']}), repeat {row['repeat']}"
         words = f"{self._label}  {where}: {row['peak_force_n']:.1f} N"
         self._stream.log("log", rr.TextLog(words, level=rr.TextLogLevel.INFO))
         self._add_quality(row)
+
+    def _colour_object(self, object_id: int, place: tuple[float, float], peak_n: float) -> None:
+        """The peak of its last grasp, as its colour and in figures above it."""
+        colour = colormaps[FORCE_COLOURS](np.clip(peak_n / self._full_n, 0.0, 1.0))
+        self._stream.log(f"cell/objects/object_{object_id:02d}", rr.Mesh3D.from_fields(albedo_factor=colour))
+        above = [*place, self._layout.mount_height_mm + LABEL_ABOVE_MM]
+        figures = rr.Points3D([above], labels=[f"{peak_n:.1f} N"], show_labels=True, radii=0.1, colors=rgb(INK))
+        self._stream.log(f"cell/peaks/object_{object_id:02d}", figures)
 
     def _start_of(self, started_at: datetime | None, lasts_s: float) -> float:
         """Where a grasp begins on the timeline; moves the clock to its end."""
@@ -133,6 +152,7 @@ class Tour:
         self._tool_id, self._label = row["tool_id"], _label_of(row)
         self._at(start - 0.4)
         self._send_head(design)
+        self._curves.start(self._label)
         self._stream.log("log", rr.TextLog(f"{self._label} on the head", level=rr.TextLogLevel.INFO))
 
     def _send_head(self, design: Design) -> None:
@@ -154,11 +174,10 @@ class Tour:
         self._stream.log(entity, rr.Mesh3D.from_fields(albedo_factor=rgb(OBJECT)))
 
     def _add_quality(self, row: Mapping[str, Any]) -> None:
-        """Tool quality so far, over the objects met, after each grasp; and the best of the campaign."""
+        """Tool quality, as soon as the tool has met every object; and the best of the campaign."""
         peaks = self._peaks.setdefault(row["tool_id"], {})
         peaks.setdefault(row["object_id"], []).append(row["peak_force_n"])
-        most = max(len(met) for met in self._peaks.values())
-        if len(peaks) < most or len(peaks) < len(self._drawn):
+        if not peaks.keys() >= set(self._objects):
             return
         quality = float(np.mean([np.mean(values) for values in peaks.values()]))
         self._best_n = max(self._best_n, quality)

@@ -95,7 +95,7 @@ class NextExperiment(Record):
 
 
 class Findings(Record):
-    """`findings.json`."""
+    """`findings.json`. `power`: what so many designs and objects could have shown, a sentence."""
 
     alarm: bool
     rounds: tuple[Round, ...]
@@ -105,3 +105,4 @@ class Findings(Record):
     seed: int
     budget: dict[str, float]
     warnings: tuple[str, ...] = ()
+    power: str = ""

@@ -57,7 +57,8 @@ def build(lake: Lake, campaign: Campaign = Campaign()) -> Lake:
     versions = (SimulatorVersion(), SimulatorVersion(theta=Theta(young_modulus_mpa=9.86, friction=0.57)))
     designs = random_designs(campaign.n_batches * campaign.n_tools, rng)
     extra = random_designs(campaign.n_extra_simulated, rng)
-    rows: list = [CampaignRow(campaign_id=campaign.campaign_id, name="Synthetic demo", config_toml='name = "demo"\n')]
+    config_toml = f'name = "demo"\n\n[objects]\nids = {list(range(campaign.n_objects))}\n'
+    rows: list = [CampaignRow(campaign_id=campaign.campaign_id, name="Synthetic demo", config_toml=config_toml)]
     rows += [
         ObjectRow(object_id=i, name=f"object {i}", object_class="made up", orientation="upright", parameters_json="{}")
         for i in range(campaign.n_objects)

@@ -6,9 +6,10 @@ from concurrent.futures import Future
 import numpy as np
 import pytest
 
-from flows.benchmarks import BENCHMARKS, calibration_ranks
+from flows.benchmarks import calibration_ranks
 from flows.benchmarks.base import Options
 from flows.benchmarks.calibration_ranks import N_BINS, N_RANKED, SAMPLER, WorldOutcome, measure_calibration_ranks
+from flows.benchmarks.registry import BENCHMARKS
 from models.calibration.problem import THETA
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows.benchmarks import BENCHMARKS, study
+from flows.benchmarks import study
 from flows.benchmarks.accuracy import errors_percent, measure_accuracy
 from flows.benchmarks.base import Options
 from flows.benchmarks.fanout import measure_fanout
@@ -18,6 +18,7 @@ from flows.benchmarks.grasp import measure_grasp, tier_row
 from flows.benchmarks.outcomes import Outcome, RecordFile, read_outcomes
 from flows.benchmarks.profile import measure_profile
 from flows.benchmarks.ranking import measure_ranking
+from flows.benchmarks.registry import BENCHMARKS
 from flows.benchmarks.robustness import measure_robustness, memory, parts
 from flows.benchmarks.study import Case, cases_of, run_study
 from flows.benchmarks.summary import failed_grasps, failures_by_reason

@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows.benchmarks import BENCHMARKS, Options, calibration_agreement
+from flows.benchmarks import calibration_agreement
+from flows.benchmarks.base import Options
 from flows.benchmarks.calibration_agreement import NAMES, difference, posterior_rows, problem_of
+from flows.benchmarks.registry import BENCHMARKS
 from models.calibration.factorised import calibrate_factorised
 from models.calibration.result import K_HAT_LIMIT
 from models.calibration.settings import CalibrationSettings

@@ -5,8 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from flows.benchmarks import BENCHMARKS, Options
+from flows.benchmarks.base import Options
 from flows.benchmarks.calibration import TRUTH
+from flows.benchmarks.registry import BENCHMARKS
 from flows.cli.main import run
 from models.calibration import calibrate as calibrate_module
 from models.calibration.problem import CalibrationProblem

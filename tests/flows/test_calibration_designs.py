@@ -2,8 +2,10 @@
 
 import numpy as np
 
-from flows.benchmarks import BENCHMARKS, Options, calibration_designs
+from flows.benchmarks import calibration_designs
+from flows.benchmarks.base import Options
 from flows.benchmarks.calibration_designs import N_REAL, N_SIM, WAYS, problems_of, truth_of
+from flows.benchmarks.registry import BENCHMARKS
 
 
 def test_both_ways_have_the_same_measurements_and_number_of_simulations():

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows.benchmarks import BENCHMARKS
 from flows.benchmarks.base import Options
 from flows.benchmarks.calibration_traces import TRUTHS, measure_calibration_traces
 from flows.benchmarks.outcomes import RecordFile
+from flows.benchmarks.registry import BENCHMARKS
 from flows.benchmarks.trace_bank import BankTrace, bank_jobs, fill_bank
 from hardware.world.physics_files import physics_id
 from models.calibration.traces.grid import ThetaGrid

@@ -14,7 +14,7 @@ from lake.store import Lake
 from lake.tables import EventRow, FlowRunRow, GraspRow, ProposalRow, SimulationRow, ToolRow
 from models.errors import FastError
 from tasks.config import load_config
-from tasks.state import derive_state
+from tasks.state_keeper import derive_state
 
 ROOT = Path(__file__).parents[2]
 CONFIG = """

@@ -12,6 +12,7 @@ from flows.gap import GapOrder, run_gap
 from flows.gap_folder import write_folder
 from flows.gap_watch import markdown
 from flows.launch import Voice
+from lake.lineage import Node, find_lineage
 from lake.store import Lake
 from lake.tables import CalibrationRow, EventRow, GapFindingRow, SimulatorVersionRow, TraceRow
 from models.calibration.settings import CalibrationSettings
@@ -19,6 +20,7 @@ from models.errors import FastError
 from models.gap import joint
 from models.gap.findings import Findings
 from models.records import EffectValue
+from tasks.calibration_data import TooLittleDataError, measured_tools, simulated_points
 from tasks.gap_bank import bank_plans
 from tasks.gap_split import KIND as SPLIT
 from tasks.hypercube import SimulationPlan
@@ -26,6 +28,7 @@ from tests.tasks.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, gap_lake, plan_r
 from tests.tasks.trace_lake import PROVENANCE, normal_draws
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.4})
+pytestmark = pytest.mark.timeout(600)
 ORDER = GapOrder("demo", settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
 
 
@@ -67,6 +70,12 @@ def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path)
     assert "load_cell_lag.time_constant_s" in names
     rows = lagging.records(GapFindingRow, gap_id=outcome.run.gap_id, kind="named", round=1)
     assert [(row.effect, row.calibration_id) for row in rows] == [("load_cell_lag", calibration.calibration_id)]
+    with pytest.raises(TooLittleDataError, match="no design that is simulated with a theta of its own"):
+        simulated_points(lagging, BASE, measured_tools(lagging, "demo"))  # neither bank nor held-out grasps are drawn
+    lineage = find_lineage(lagging, version.version_id, limit=10)
+    assert {"gap_findings", "calibrations"} <= {node.table for node in lineage.rows}
+    assert {"grasps", "simulations"} <= {group.table for group in lineage.groups}
+    assert lineage.rows[Node("simulator_versions", outcome.run.base_version_id)] is not None  # not only named
     page = write_folder(lagging, outcome, tmp_path / "out")
     assert Findings.model_validate(json.loads((tmp_path / "out" / "findings.json").read_text())) == findings
     assert "load-cell transmitter" in page.read_text()

@@ -1,6 +1,9 @@
+from types import SimpleNamespace
+
 import pytest
 
-from flows.progress import RateEstimate, Workload, in_words
+from flows import progress
+from flows.progress import MOST_CPU, ProgressReporter, RateEstimate, Workload, in_words
 
 
 def test_time_left_follows_the_rate():
@@ -32,3 +35,26 @@ def test_durations_read_as_people_say_them(seconds, words):
 
 def test_share_of_work_done():
     assert Workload(5, 10, 15, 30).fraction == 0.5
+
+
+def test_lines_that_cost_much_come_seldom(monkeypatch):
+    """A bench measures for days: what people read of it must not cost more than the rest."""
+    clock, cpu_s, lines = [0.0], [0.0], []
+    monkeypatch.setattr(progress, "time", SimpleNamespace(
+        monotonic=lambda: clock[0], thread_time=lambda: cpu_s[0], strftime=lambda form: "12:00:00",
+    ))  # fmt: skip
+    monkeypatch.setattr(progress, "at_present", lambda campaign: SimpleNamespace(state=lambda: None))
+
+    def count(campaign, state) -> Workload:
+        cpu_s[0] += 0.03
+        return Workload(1, 2, 3, 4)
+
+    monkeypatch.setattr(progress, "workload", count)
+    reporter = ProgressReporter(SimpleNamespace(), lines.append)
+    for _ in range(200):
+        clock[0] += 1.0
+        reporter.line("a grasp")
+    assert len(lines) == 7  # at 1 s, and then every 30 s
+    assert cpu_s[0] / clock[0] == pytest.approx(MOST_CPU, rel=0.1)
+    reporter.line("a design", force=True)
+    assert len(lines) == 8

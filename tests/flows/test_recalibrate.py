@@ -1,51 +1,17 @@
 """Scheduled recalibration on a real Prefect server: runs, does nothing, is triggered by a campaign's event."""
 
-import json
-import os
-import subprocess
-import sys
-import time
-import urllib.request
 from importlib.metadata import version
 
 import pytest
 
-from flows.prefect_server import server, state_folder
+from flows.prefect_server import server
 from lake.tables import CalibrationRow, FlowRunRow
-from tests.flows.cli_lakes import ROOT
+from tests.flows.on_server import asked, python, wait_for
 from tests.tasks.calibration_lake import PROVENANCE, calibration_lake, measured_rows
 
 # Made before SQLAlchemy was held below 2.1, with which Prefect's scheduler fails.
 IS_OLD_ENVIRONMENT = version("sqlalchemy") >= "2.1"
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
-
-
-def python(url, root, *words):
-    """Run Python on a server; returns what it printed."""
-    environment = {**os.environ, "PREFECT_API_URL": url, "PREFECT_HOME": str(state_folder(root))}
-    environment |= {"FAST_CHECKOUT": str(ROOT), "FAST_LAKE": "lake-data"}
-    done = subprocess.run(
-        [sys.executable, *map(str, words)], cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
-
-
-def asked(url, path, **body):
-    """Answer of a POST to the server."""
-    data, headers = json.dumps(body).encode(), {"Content-Type": "application/json"}
-    with urllib.request.urlopen(urllib.request.Request(f"{url}{path}", data, headers), timeout=30) as answer:
-        return json.load(answer)
-
-
-def wait_for(condition, limit_s=120.0):
-    deadline = time.monotonic() + limit_s
-    while time.monotonic() < deadline:
-        found = condition()
-        if found:
-            return found
-        time.sleep(0.5)
-    raise AssertionError("it did not come in time")
 
 
 def worker(url, root, *words):

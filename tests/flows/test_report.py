@@ -19,6 +19,7 @@ from tests.flows.synthetic_lake import Campaign, build
 
 SECTIONS = (
     "best",
+    "moments",
     "progress",
     "rivals",
     "traces",

@@ -11,6 +11,7 @@ from flows.report.build import add_features
 from flows.report.content import Content
 from flows.report.early_loss import early_loss
 from flows.report.folder import Folder
+from flows.report.moments import moments_section
 from flows.report.paper import paper_section
 from flows.report.rivals import rivals_section
 from flows.report.shapes import GROUPS, chosen_objects, shapes_section, three_tools
@@ -65,6 +66,20 @@ def test_binned_traces_are_means_over_the_repeats(lake, content, folder):
     traces = [lake.trace(g.grasp_id) for g in grasps]
     values = [t.force_n[(t.lift_mm > max(low, 0.0)) & (t.lift_mm >= low) & (t.lift_mm < low + 1.0)] for t in traces]
     assert float(row["force_n"]) == pytest.approx(np.mean(np.concatenate(values)))
+
+
+def test_closure_and_pull_up_are_drawn_at_five_instants(content, folder):
+    html = moments_section(content, folder)
+    assert [f"figures/moments/{k}.svg" in html for k in range(1, 7)] == [True] * 5 + [False]
+    won = [row for row in content.work.rows if (row["batch"], row["slot"]) == (content.best.batch, content.best.slot)]
+    held = max(won, key=lambda row: row["peak_force_n"])
+    assert f"({held['object_id']}), in the simulator" in html
+    assert f"{held['peak_force_n']:.1f}\u00a0N on the bench" in html
+
+
+def test_a_grasp_that_the_simulator_does_not_get_through_is_said(content, folder, monkeypatch):
+    monkeypatch.setattr("flows.report.moments.simulate_again", lambda *_: None)
+    assert "The simulator has no such grasp to draw" in moments_section(content, folder)
 
 
 def test_specialists_are_the_strongest_on_something():

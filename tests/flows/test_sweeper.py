@@ -11,7 +11,7 @@ import pytest
 
 from flows import sweeper
 from flows.run_marks import RunningProcess, is_process_alive
-from flows.sweeper import CONTINUES, MOST_PER_HOUR, UNMARKED_LIMIT_S, reason_of_death, sweep
+from flows.sweeper import CONTINUES, MOST_PER_HOUR, ORPHAN_LIMIT_S, UNMARKED_LIMIT_S, reason_of_death, sweep
 
 NOW = datetime.now(UTC)
 OWN = RunningProcess.own()
@@ -109,6 +109,20 @@ def test_a_zombie_is_not_alive():
 def test_why_a_run_is_dead(found, words):
     reason = reason_of_death(found, NOW)
     assert (reason is None) if words is None else re.search(words, reason)
+
+
+@pytest.mark.parametrize(
+    ("state", "age_s", "worker_age_s", "is_orphan"),
+    [
+        ("PENDING", 60.0, ORPHAN_LIMIT_S + 1, True),
+        ("PENDING", 60.0, ORPHAN_LIMIT_S - 1, False),  # what the worker before had started may still be ending
+        ("PENDING", 20.0, 40.0, False),  # taken by the present worker
+        ("RUNNING", 60.0, 40.0, False),
+    ],
+)
+def test_a_run_that_a_worker_had_taken_and_not_started_has_died_with_it(state, age_s, worker_age_s, is_orphan):
+    reason = reason_of_death(run(state=state, age_s=age_s), NOW, NOW - timedelta(seconds=worker_age_s))
+    assert (reason is not None) == is_orphan
 
 
 def test_a_dead_run_and_its_tasks_are_crashed_and_a_live_one_is_left(asked):

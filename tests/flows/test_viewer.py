@@ -8,11 +8,13 @@ import pytest
 from rerun.chunk import RrdReader
 
 from flows.report.content import Content
-from flows.viewer.campaign import chosen_tools, write_recording
+from flows.viewer.bench import bench_eye
+from flows.viewer.campaign import chosen_tools, full_force_n, objects_of, write_recording
 from flows.viewer.design import mesh_edges, write_design_recording
 from flows.viewer.grasp import Clock, write_grasp_recording
 from flows.viewer.live import follow
 from flows.viewer.scene import finger_meshes, finger_translations
+from hardware.layout import BenchLayout
 from lake.store import Lake
 from lake.tables import GraspRow
 from models.design_space import BEST_PUBLISHED
@@ -43,22 +45,6 @@ def assert_verified(path: Path) -> None:
     assert "without error" in done.stdout + done.stderr
 
 
-def test_campaign_holds_the_best_tool_of_each_batch_with_every_sample(lake, tmp_path):
-    path = write_recording(lake, "demo", tmp_path / "new" / "demo.rrd")
-    assert_verified(path)
-    rows = rows_by_entity(path)
-    tools = chosen_tools(Content.load(lake, "demo"), everything=False)
-    assert [t.batch for t in tools] == [2, 1]
-    assert {p.split("/")[2] for p in rows if p.startswith("/tools/")} == {t.label for t in tools}
-    for tool in tools:
-        for object_id in range(4):
-            grasps = lake.records(GraspRow, tool_id=tool.tool_id, object_id=object_id, status="ok")
-            first = min(grasps, key=lambda grasp: grasp.repeat)  # not always repeat 0: some grasps failed
-            n_samples = len(lake.trace(first.grasp_id).time_s)
-            assert rows[f"/tools/{tool.label}/force/object_{object_id:02d}"] == n_samples
-            assert rows[f"/tools/{tool.label}/lift/object_{object_id:02d}"] == n_samples
-
-
 def test_campaign_shows_the_bench_at_work(lake, tmp_path):
     rows = rows_by_entity(write_recording(lake, "demo", tmp_path / "demo.rrd"))
     n_grasps = sum(1 for g in lake.records(GraspRow) if g.status == "ok")
@@ -68,7 +54,10 @@ def test_campaign_shows_the_bench_at_work(lake, tmp_path):
     assert rows["/cell/head"] == rows["/force/load_cell"] > 20 * n_grasps
     on_third = [g for g in lake.records(GraspRow, object_id=3) if g.status == "ok"]
     assert rows["/cell/objects/object_03"] == len(on_third) + 1  # the colours, and the one before all grasps
-    assert rows["/quality/best"] == rows["/quality/tools"] > 0
+    assert rows["/cell/peaks/object_03"] == len(on_third)
+    assert rows["/curves/lines/object_03"] == len(on_third)
+    assert rows["/curves/tool"] == rows["/curves/lines"] == 6  # each tool begins with a clear plane
+    assert 6 <= rows["/quality/best"] == rows["/quality/tools"] < n_grasps / 2  # only tools that met all objects
     assert rows["/proposals/rib_angle_deg/printed"] == 6
     assert rows["/proposals/rib_angle_deg/simulated"] == 4
 
@@ -100,14 +89,6 @@ def test_live_follows_a_growing_lake_until_the_campaign_ends(tmp_path):
     assert rows_by_entity(path)["/force/peak"] == n_grasps
 
 
-def test_everything_means_every_tool_and_repeat(lake, tmp_path):
-    rows = rows_by_entity(write_recording(lake, "demo", tmp_path / "all.rrd", everything=True))
-    n_grasps = sum(1 for g in lake.records(GraspRow) if g.status == "ok")
-    assert (
-        sum(1 for name, n in rows.items() if name.startswith("/tools/") and "/force/" in name and n) == n_grasps == 70
-    )
-
-
 def test_campaign_without_measurements_is_still_a_recording(tmp_path):
     lake = build(Lake.open(tmp_path / "lake", create=True), Campaign(n_measured_batches=0))
     path = write_recording(lake, "demo", tmp_path / "empty.rrd")
@@ -128,10 +109,11 @@ def test_grasp_shows_measured_and_simulated_force_and_moving_fingers(lake, tmp_p
 
 def test_grasp_shows_the_fingers_that_the_simulator_deforms(lake, tmp_path, monkeypatch):
     coarse = SimulatorVersion(mesh=MeshSettings(edge_mm=10))
-    monkeypatch.setattr("flows.viewer.grasp._newest_version", lambda *_: coarse)
+    monkeypatch.setattr("flows.report.again.newest_version", lambda *_: coarse)
     grasp = next(g for g in lake.records(GraspRow) if g.status == "ok" and g.object_id == 1)
     rows = rows_by_entity(write_grasp_recording(lake, grasp.grasp_id, tmp_path / "grasp.rrd"))
-    assert rows["/cell/fingers/left/surface"] == rows["/cell/fingers/right/contact_force"] > 10
+    assert rows["/cell/fingers/left/surface"] == rows["/cell/fingers/right/contact_force"] + 1 > 10  # one is at rest
+    assert rows["/cell/fingers/left"] > 5  # on their way to the first touch
 
 
 def test_simulated_times_are_stretched_until_both_lifts_agree():
@@ -199,3 +181,31 @@ def test_fingers_close_then_rise():
     np.testing.assert_allclose(places["right"][0], [35.0, 0.0, BEST_PUBLISHED.height_mm - 5.0])
     np.testing.assert_allclose(places["right"][-1], [8.0, 0.0, BEST_PUBLISHED.height_mm])
     np.testing.assert_allclose(places["left"][:, 0], -places["right"][:, 0])
+
+
+def test_campaign_knows_its_objects_its_forces_and_its_leading_tools(lake):
+    content = Content.load(lake, "demo")
+    assert objects_of(content) == [0, 1, 2, 3]
+    peak_n = max(g.peak_force_n for g in lake.records(GraspRow) if g.status == "ok")
+    assert peak_n <= full_force_n(content) <= max(5.0, 2.0 * peak_n)
+    assert [t.batch for t in chosen_tools(content)] == [2, 1]
+    assert chosen_tools(content)[0] is content.best
+
+
+@pytest.mark.parametrize("objects", [[0], [2, 6, 14, 18, 24, 28, 30, 32], list(range(36))])
+def test_all_objects_are_in_view(objects):
+    layout = BenchLayout()
+    eye = bench_eye(layout, objects)
+    place, target = (
+        np.array(getattr(eye, name).as_arrow_array().to_pylist()[0]) for name in ("position", "look_target")
+    )
+    ahead = (target - place) / np.linalg.norm(target - place)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    for number in objects:
+        away = np.array([*layout.object_xy_mm(number), 60.0]) - place
+        depth = away @ ahead
+        aside = away @ right / np.linalg.norm(right)
+        upwards = away @ np.cross(right / np.linalg.norm(right), ahead)
+        assert depth > 0
+        assert np.degrees(np.arctan2(abs(upwards), depth)) < 55 / 2
+        assert abs(aside) / depth < 1.3 * np.tan(np.radians(55 / 2))

@@ -7,7 +7,7 @@ import numpy as np
 
 from lake.row import Row
 from lake.store import Lake
-from lake.tables import DesignRow, SimTraceRow, SimulationRow, SimulatorVersionRow, TraceRow, setup_columns
+from lake.tables import DesignRow, GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow, TraceRow, setup_columns
 from models.design_space import numbered_design, to_unit
 from models.effects.catalogue import CATALOGUE, build_effects
 from models.gap.plan import NUMERICAL_MESHES
@@ -85,17 +85,25 @@ def plan_rows(plans: Sequence[SimulationPlan], fail: Collection[tuple[int, str]]
     return list(rows.values())
 
 
-def gap_lake(root: Path, force_factor: float = 1.0, hidden: Sequence[EffectValue] = ()) -> Lake:
-    """A lake with eight tools measured twice on five objects, and their whole bank."""
+def gap_lake(
+    root: Path,
+    force_factor: float = 1.0,
+    hidden: Sequence[EffectValue] = (),
+    bench: str = "virtual",
+    has_bank: bool = True,
+) -> Lake:
+    """A lake with eight tools measured twice on six objects, and their whole bank."""
     lake = Lake.open(root, create=True)
     rows: list[Row] = [DesignRow.of(design) for design in DESIGNS]
-    rows += bank_rows(DESIGNS, OBJECTS)
+    rows += bank_rows(DESIGNS, OBJECTS) if has_bank else []
     for number, design in enumerate(DESIGNS):
         for object_id in OBJECTS:
             for repeat in range(N_REPEATS):
                 for row in measured_rows(design, f"demo/B01T{number}", object_id, repeat, hidden=hidden):
                     if isinstance(row, TraceRow):
                         row = row.model_copy(update={"force_n": force_factor * row.force_n})
+                    if isinstance(row, GraspRow):
+                        row = row.model_copy(update={"bench": bench, "peak_force_n": 5.0})
                     rows.append(row)
     lake.append(rows, PROVENANCE)
     return lake

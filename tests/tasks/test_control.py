@@ -8,6 +8,7 @@ import pytest
 from hardware.safety import EmergencyStopError, StopAskedError, Verb
 from models.errors import FastError, LakeError
 from tasks.control import (
+    Requests,
     append_event,
     exclusive,
     is_held,
@@ -37,6 +38,19 @@ def test_requests_count_only_after_the_last_start(campaign):
     assert requested_verb(lake, "small") == "pause"
     append_event(lake, "small", "started", "")
     assert requested_verb(lake, "small") is None
+
+
+def test_requests_asked_again_are_heard_when_they_come_and_read_only_then(campaign, monkeypatch):
+    requests = Requests(campaign.lake, "small")
+    append_event(campaign.lake, "small", "started", "")
+    assert requests.verb() is None
+    append_event(campaign.lake, "small", "pause", "")
+    assert requests.verb() is Verb.PAUSE
+    with monkeypatch.context() as patched:
+        patched.setattr("tasks.control.requested_verb", None)
+        assert requests.verb() is Verb.PAUSE
+    append_event(campaign.lake, "small", "started", "")
+    assert requests.verb() is None
 
 
 def test_lock_refuses_a_second_owner_and_frees_itself_when_the_owner_is_killed(campaign):

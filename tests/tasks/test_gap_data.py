@@ -132,6 +132,18 @@ def test_copied_traces_count_once(tmp_path: Path) -> None:
     assert "1 of 4 grasps have the samples of another grasp; the copies are left out." in measured.warnings
 
 
+def test_a_trace_that_was_cut_short_is_left_out_and_said(tmp_path: Path) -> None:
+    rows = [row for repeat in range(3) for row in measured_rows(DESIGNS[0], "T0", OBJECTS[0], repeat)]
+    trace = rows[0]
+    assert isinstance(trace, TraceRow)
+    whole = trace.trace
+    until = whole.lift_mm < 15.0  # of 27
+    rows[0] = TraceRow.of(trace.grasp_id, Trace(whole.time_s[until], whole.lift_mm[until], whole.force_n[until]))
+    measured = read_grasps(_lake_of(tmp_path, rows), None)
+    assert len(measured.grasps.grasp_ids) == 2
+    assert "1 of 3 grasps end while the fingers still hold the object; left out." in measured.warnings
+
+
 def test_traces_that_begin_with_the_lift_take_their_noise_from_repeats(tmp_path: Path) -> None:
     rows: list[Row] = []
     for repeat in range(3):

@@ -7,9 +7,12 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from lake.maintenance import stats
 from lake.tables import SimTraceRow, SimulationRow, SimulatorVersionRow
 from models.design_space import BEST_PUBLISHED
+from models.errors import FastError
 from models.records import GraspSimulation, Trace
+from tasks import simulating
 from tasks.attempt import Attempt
 from tasks.simulating import simulate_design
 
@@ -116,3 +119,17 @@ def test_the_worker_has_its_next_grasp_before_the_row_of_the_last_is_written(cam
     simulate_design(campaign, BEST_PUBLISHED, pool=pool)
     assert written == [0, 0]
     assert len(rows(campaign)) == 2
+
+
+@pytest.mark.parametrize(("every_s", "n_files"), [(5.0, 1), (0.0, 2)])
+def test_rows_of_a_few_seconds_share_a_file(campaign, monkeypatch, every_s, n_files):
+    monkeypatch.setattr(simulating, "WRITE_S", every_s)
+    simulate_design(campaign, BEST_PUBLISHED, pool=ScriptedPool(result(), result()))
+    assert {s.table: (s.n_files, s.n_rows) for s in stats(campaign.lake)}["simulations"] == (n_files, 2)
+
+
+def test_what_was_finished_is_written_when_the_engine_is_lost(campaign):
+    pool = ScriptedPool(result(), FastError("the scheduler is gone."))
+    with pytest.raises(FastError, match="scheduler"):
+        simulate_design(campaign, BEST_PUBLISHED, pool=pool)
+    assert list(rows(campaign)) == [4]

@@ -3,8 +3,8 @@
 The unit is the tool (or the object), never the sample: signs of whole tools are flipped, designs are dealt out to
 other tools, shapes to other objects. The same draws serve every test, so that the largest statistic of a branch, in
 standard deviations of its draws, is compared with the largest of that branch in each draw (max-T; Westfall and Young
-1993). Children are tested only under parents that
-were rejected, by Benjamini and Hochberg within the family (Yekutieli 2008).
+1993). Children are tested only under parents that were rejected, by Benjamini and Hochberg within the family (Yekutieli
+2008); a factor also counts by max-T, going down from the largest, so that a phase that was rejected has one that was.
 """
 
 from dataclasses import dataclass
@@ -70,7 +70,7 @@ def run_tests(residuals: Residuals, seed: int = 0) -> TestTree:
     for phase, of_phase in q_phase.items():
         rows = np.flatnonzero(phases == phase)
         is_open = p_global <= Q and of_phase <= Q
-        q = np.maximum(bh(p[rows]), of_phase) if is_open else np.ones(len(rows))
+        q = np.maximum(np.minimum(step_down(z[rows]), bh(p[rows])), of_phase) if is_open else np.ones(len(rows))
         factors += [Hypothesis(*names[r], float(p[r]), float(x)) for r, x in zip(rows, q, strict=True)]
     return TestTree(p_global, {k: float(v) if p_global <= Q else 1.0 for k, v in q_phase.items()}, tuple(factors))
 
@@ -82,6 +82,15 @@ def bh(p: np.ndarray) -> np.ndarray:
     out = np.zeros(len(p))
     out[order] = np.minimum.accumulate(q[::-1])[::-1]
     return np.minimum(out, 1.0)
+
+
+def step_down(z: np.ndarray) -> np.ndarray:
+    """Adjusted p (m) of standardised statistics (m x (1 + b)), each against the largest of those not above it."""
+    order = np.argsort(-z[:, 0])
+    largest = np.maximum.accumulate(z[order][::-1], axis=0)[::-1]
+    out = np.zeros(len(z))
+    out[order] = np.maximum.accumulate(np.mean(largest >= z[order, :1], axis=1))
+    return out
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@ import pytest
 
 from models.effects.catalogue import CATALOGUE
 from models.gap.show.aliases import aliases
-from models.gap.show.needs import LEAST_TOOLS, size_warnings, smallest_share, tools_needed
+from models.gap.show.needs import LEAST_TOOLS, power_sentence, smallest_share, tools_needed
 from models.gap.show.next_experiment import next_experiment
 from models.gap.show.protocol import SETTINGS
 
@@ -75,7 +75,6 @@ def test_needs_agree_with_each_other() -> None:
     share = smallest_share(20, 12)
     assert tools_needed(share, 12) == pytest.approx(20, abs=1)
     assert tools_needed(0.5, 12) == LEAST_TOOLS
-    said = size_warnings(6, 6, 1, 1)
-    assert "5 % takes" in said[0]
-    assert "takes 3 of each" in said[1]
-    assert size_warnings(60, 18, 6, 8) == ()
+    assert smallest_share(8, 14) == pytest.approx(0.15, abs=0.01)  # as seen in made-up worlds, docs/gap.md
+    assert "if it is 15 % of the force or more; one of 5 % takes 39 designs" in power_sentence(8, 14)
+    assert "takes" not in power_sentence(60, 18)

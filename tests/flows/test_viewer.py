@@ -57,7 +57,7 @@ def test_campaign_shows_the_bench_at_work(lake, tmp_path):
     assert rows["/cell/peaks/object_03"] == len(on_third)
     assert rows["/curves/lines/object_03"] == len(on_third)
     assert rows["/curves/tool"] == rows["/curves/lines"] == 6  # each tool begins with a clear plane
-    assert 6 <= rows["/quality/best"] == rows["/quality/tools"] < n_grasps / 2  # only tools that met all objects
+    assert rows["/quality/best"] == rows["/quality/tools"] == 6  # each tool once, when it leaves the head
     assert rows["/proposals/rib_angle_deg/printed"] == 6
     assert rows["/proposals/rib_angle_deg/simulated"] == 4
 

@@ -1,6 +1,6 @@
 """Calibrate the simulator of a lake: simulate the hypercube, infer theta, verify; what exists is not made again."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -9,11 +9,10 @@ from flows.launch import Voice
 from flows.simulations import n_missing, simulate_missing
 from lake.store import Lake
 from lake.tables import CalibrationRow
-from models.calibration.hypercube import HypercubePlan, HypercubePoint, hypercube, points_at
+from models.calibration.hypercube import HypercubePlan, hypercube
 from models.calibration.settings import CalibrationSettings
 from models.errors import UsageError
-from models.ids import content_id
-from models.records import Design, SimulatorVersion
+from models.records import SimulatorVersion
 from tasks.calibrating import CalibrationSource, find_calibration, infer
 from tasks.calibrating_means import CalibrationData, gather
 from tasks.calibrating_traces import gather_traces, grid_simulations
@@ -27,17 +26,15 @@ from tasks.verifying import verification_plan, verify
 class CalibrationOrder:
     """What is asked for. `campaign_id` None: all measurements of the lake; `version_id` None: the campaigns' own.
 
-    `hypercube`: points to simulate first. `thetas_at_measured`: at how many thetas each measured design is simulated
-    first; the emulator then knows the designs it is asked about. `verify`: simulate the held-out designs with the theta
-    found. `data`: what is compared; with "trace" what is missing of the grid around the measured designs is always
-    simulated first, and there is neither a hypercube nor a held-out design.
+    `hypercube`: points to simulate first. `verify`: simulate the held-out designs with the theta found. `data`: what is
+    compared; with "trace" what is missing of the grid around the measured designs is always simulated first, and there
+    is neither a hypercube nor a held-out design.
     """
 
     settings: CalibrationSettings
     campaign_id: str | None = None
     version_id: str | None = None
     hypercube: HypercubePlan | None = None
-    thetas_at_measured: int = 0
     verify: bool = False
     data: Literal["mean", "trace"] = "mean"
 
@@ -53,11 +50,6 @@ class CalibrationOrder:
             raise UsageError(
                 f"--simulate {self.hypercube.n} asks for a hypercube, which --data trace does not use; leave it out: "
                 "what is missing of the grid around the measured designs is simulated anyway."
-            )
-        if self.thetas_at_measured:
-            raise UsageError(
-                f"--simulate-measured {self.thetas_at_measured} is of the calibration on means; leave it out: "
-                "--data trace simulates the measured designs anyway."
             )
         if self.verify:
             raise UsageError("--verify simulates held-out designs, and --data trace holds none out; leave it out.")
@@ -104,8 +96,6 @@ def run_calibration(
             return _calibrated(lake, gather_traces(lake, order.campaign_id, order.version_id), order, voice)
         if order.hypercube is not None:
             simulate_hypercube(lake, order, order.hypercube, voice, should_stop)
-        if order.thetas_at_measured:
-            simulate_measured(lake, order, voice, should_stop)
         settings = order.settings
         data = gather(lake, order.campaign_id, order.version_id, settings.seed, print_scatter=settings.print_scatter)
         outcome = _calibrated(lake, data, order, voice)
@@ -142,26 +132,8 @@ def simulate_hypercube(
 
 def hypercube_simulations(plan: HypercubePlan, base: SimulatorVersion, measured: MeasuredTools) -> SimulationPlan:
     """The points of a plan as simulations by the family of `base`, grasped as the measured tools were."""
-    return SimulationPlan(
-        _with_thetas(base, hypercube(plan)), measured.object_ids, measured.setup, plan.plan_id, plan.seed
-    )
-
-
-def simulate_measured(lake: Lake, order: CalibrationOrder, voice: Voice, should_stop: Callable[[], bool]) -> None:
-    """Simulate what the lake lacks of the measured designs at thetas of their own."""
-    measured = measured_tools(lake, order.campaign_id)
-    base = base_version(lake, measured.campaign_ids, order.version_id)
-    n, seed = order.thetas_at_measured, order.settings.seed
-    points = _with_thetas(base, points_at(measured.designs, n, seed))
-    plan_id = content_id("H", {"thetas_at_measured": n, "seed": seed})
-    plan = SimulationPlan(points, measured.object_ids, measured.setup, plan_id, seed)
-    simulate_missing(lake, [plan], order.settings.workers, voice, should_stop)
-
-
-def _with_thetas(
-    base: SimulatorVersion, points: Sequence[HypercubePoint]
-) -> tuple[tuple[Design, SimulatorVersion], ...]:
-    return tuple((point.design, base.model_copy(update={"theta": point.theta})) for point in points)
+    points = tuple((p.design, base.model_copy(update={"theta": p.theta})) for p in hypercube(plan))
+    return SimulationPlan(points, measured.object_ids, measured.setup, plan.plan_id, plan.seed)
 
 
 def _calibrated(lake: Lake, data: CalibrationSource, order: CalibrationOrder, voice: Voice) -> CalibrationOutcome:

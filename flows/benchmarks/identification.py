@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from models.identification.evaluate import Fit
 
 GRASPS_SEEN = ((1, 1), (1, 3), (2, 1), (3, 1), (5, 1), (3, 3))  # tools and repeats of each
+TOOLS_LEARNT = (2, 4, 6, 12)
 N_CONFUSED = 12
 N_PERMUTATIONS = 5000
 _PIXELS_PER_INCH = 150
@@ -44,6 +45,7 @@ def measure_identification(options: Options) -> Tables:
         "data": [counts | {"solving_cpu_s": solved_s, "learning_cpu_s": cpu_s}],
         "accuracy": _accuracy(beliefs, object_id, tool),
         "classifiers": _classifiers(inputs, object_id, tool, INPUTS, options),
+        "tools learnt from": _tools_learnt(inputs, object_id, tool),
         "grasps seen": _grasps_seen(beliefs, object_id, tool),
         "confused most": _confused(beliefs, object_id),
         "sides": _sides(beliefs, object_id),
@@ -122,6 +124,20 @@ def _fitted(model: Any, inputs: np.ndarray, object_id: np.ndarray) -> Callable[[
 
     identifier = Identifier(model.fit(inputs, object_id))
     return lambda unseen: identifier.beliefs(unseen).objects
+
+
+def _tools_learnt(inputs: np.ndarray, object_id: np.ndarray, tool: np.ndarray) -> Rows:
+    """Top-1 and top-3 of one grasp against the number of tools that the classifier learnt from."""
+    from models.identification.evaluate import beliefs_from_tools, folds_of, top_share
+
+    most = min(len(np.unique(tool[learnt])) for learnt, _ in folds_of(tool))
+    rows: Rows = []
+    for n_tools in [n for n in TOOLS_LEARNT if n < most] + [most]:
+        beliefs = beliefs_from_tools(inputs, object_id, tool, n_tools)
+        first, third = (top_share(beliefs.objects, object_id, tool, k) for k in (1, 3))
+        bounds = {"lower": first.lower, "upper": first.upper}
+        rows.append({"n_tools": n_tools, "top_1": first.mean, **bounds, "top_3": third.mean})
+    return rows
 
 
 def _grasps_seen(beliefs: "Beliefs", object_id: np.ndarray, tool: np.ndarray) -> Rows:

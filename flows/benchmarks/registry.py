@@ -8,6 +8,7 @@ from flows.benchmarks.base import Benchmark, Options, Tables
 from flows.benchmarks.bench import measure_bench
 from flows.benchmarks.calibration import measure_calibration
 from flows.benchmarks.calibration_agreement import measure_calibration_agreement
+from flows.benchmarks.calibration_designs import measure_calibration_designs
 from flows.benchmarks.calibration_peers import measure_calibration_peers
 from flows.benchmarks.calibration_ranks import measure_calibration_ranks
 from flows.benchmarks.calibration_traces import measure_calibration_traces
@@ -66,6 +67,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "calibration-agreement": _sampled(
         measure_calibration_agreement, frozenset({"n_sim", "n_real", "results", "workers"})
     ),
+    "calibration-designs": _sampled(measure_calibration_designs, frozenset({"worlds"})),
     "calibration-ranks": _sampled(
         measure_calibration_ranks, frozenset({"worlds", "results", "limit_minutes", "workers", "figure"})
     ),

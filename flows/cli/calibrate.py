@@ -45,14 +45,6 @@ class Compared:
             validator=AT_LEAST_ONE,
         ),
     ] = None
-    simulate_measured: Annotated[
-        int,
-        Parameter(
-            help="First simulate each measured design at this many thetas, 4 for a start: the surest way to a better "
-            "emulator; of means alone.",
-            validator=Number(gte=0),
-        ),
-    ] = 0
     modulus: Annotated[
         Literal["log-uniform", "uniform"],
         Parameter(help="With --simulate: how Young's modulus is spread over 2 to 200 MPa; the paper: uniform."),
@@ -116,9 +108,7 @@ def calibrate(
     plan = _hypercube_plan(compared, sampling.seed)
     found = open_lake(lake)
     name = resolve_campaign(found, compared.campaign) if compared.campaign is not None else None
-    order = CalibrationOrder(
-        settings, name, compared.version, plan, compared.simulate_measured, compared.verify, compared.data
-    )
+    order = CalibrationOrder(settings, name, compared.version, plan, compared.verify, compared.data)
     outcome = run_calibration(found, order, Voice(tell, tell))
     page = str(write_page(found, outcome, out)) if out is not None else None
     show(_data(outcome) | {"report": page}, _text(outcome, page), json)

@@ -15,9 +15,9 @@ from flows.report.gap_sections import (
     name_section,
     next_section,
     show_section,
-    theta_section,
     where_section,
 )
+from flows.report.gap_theta import theta_section
 from flows.report.page import page, text
 from flows.report.style import figure_style
 from models.gap.findings import Findings

@@ -22,6 +22,8 @@ class ThetaRow:
     independent: tuple[float, float] | None = None
 
 
+OLD = "Only the answer of this search is kept; run it again with another seed to see what it rests on."
+
 # Tensile bars of the paper (Methods); friction and Poisson ratio were not measured on their own.
 INDEPENDENT = {"young_modulus_mpa": (11.5, 1.75)}
 

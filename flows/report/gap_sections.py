@@ -2,10 +2,8 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from flows.report.folder import Folder
-from flows.report.gap_evidence import GapEvidence
+from flows.report.gap_evidence import OLD, GapEvidence
 from flows.report.gap_figures import (
     chosen_cells,
     class_figure,
@@ -25,7 +23,6 @@ from models.gap.where.phases import PHASES
 from models.objects.catalogue import get_object
 from models.units import unit_of
 
-_THETA = {"young_modulus_mpa": "Young's modulus (MPa)", "friction": "friction", "poisson_ratio": "Poisson ratio"}
 _KEY = Markup(
     '<div class="key"><span><i style="border-color:#1a1a1a;border-width:2px"></i>measured, each repeat</span>'
     '<span><i style="border-color:#d55e00;border-top-style:dashed"></i>simulated before</span>'
@@ -35,7 +32,6 @@ _NONE = (
     "Probabilities are shares among the candidates. None of them predicts what was left out better than the best one "
     "does in worlds without a gap."
 )
-_OLD = "Only the answer of this search is kept; run it again with another seed to see what it rests on."
 
 
 def headline(evidence: GapEvidence) -> Markup:
@@ -121,7 +117,7 @@ def show_section(evidence: GapEvidence, folder: Folder) -> Markup:
     """Errors beside peers and floor, held-out traces, classes of objects, and all metrics."""
     shown = evidence.shown
     if shown is None:
-        return section("show", "Before and after", paragraph(_OLD))
+        return section("show", "Before and after", paragraph(OLD))
     errors = folder.figure("gap_errors", error_figure(shown), "Held-out errors")
     note = paragraph(
         "Designs and objects that were put aside before the search. Gaussian process and black box learn the same "
@@ -139,26 +135,6 @@ def show_section(evidence: GapEvidence, folder: Folder) -> Markup:
         *pairs,
         _metrics(shown, folder),
     )
-
-
-def theta_section(evidence: GapEvidence, folder: Folder) -> Markup:
-    """Whether the constants moved towards what other instruments say."""
-    rows = [
-        (
-            _THETA.get(r.parameter, r.parameter),
-            _median(r.before),
-            _median(r.after),
-            None if r.independent is None else f"{r.independent[0]:.3g} \u00b1 {r.independent[1]:.2g}",
-            _moved(r.before[0], r.after[0], r.independent),
-        )
-        for r in evidence.theta
-    ]
-    headings = ("constant", "before", "with what was named", "tensile bars of the paper", "")
-    words_ = paragraph(
-        "Median and 90 % interval. A missing effect bends theta; with the right effect it moves back to what other "
-        "instruments say.", "note",
-    )  # fmt: skip
-    return section("theta", "Theta before and after", table(headings, rows, empty=_OLD), words_ if rows else "")
 
 
 def next_section(evidence: GapEvidence, folder: Folder) -> Markup:
@@ -290,15 +266,3 @@ def _metrics(shown: Shown, folder: Folder) -> Markup:
         f"<details><summary>All figures of merit</summary>{table(headings, rows, range(2, 10))}{note}</details>"
     )
     return Markup(folded + folder.numbers("gap_metrics", [m.model_dump() for m in shown.metrics]))
-
-
-def _median(of: tuple[float, float, float]) -> str:
-    median, low, high = of
-    return f"{median:.3g} [{low:.3g}, {high:.3g}]" if high > low else f"{median:.3g}"
-
-
-def _moved(before: float, after: float, independent: tuple[float, float] | None) -> str:
-    """Whether a constant came nearer to its independent measurement."""
-    if independent is None or np.isclose(before, after, rtol=0.01):
-        return ""
-    return "nearer" if abs(after - independent[0]) < abs(before - independent[0]) else "further away"

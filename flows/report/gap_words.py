@@ -36,12 +36,12 @@ def named_words(named: Named) -> str:
 
 
 def short(findings: Findings) -> str:
-    """What is missing, for a tile."""
+    """What is missing, for a tile; a rest that has no name stands in the line under it."""
     named = [r.named for r in findings.rounds if r.named.kind != "none"]
     if not named:
         return "no gap"
-    kinds = {"set": "one of a set", "unknown": "unknown"}
-    return ", ".join(kinds.get(n.kind) or " + ".join(words(e) for e in n.effects) for n in named)
+    known = ["one of a set" if n.kind == "set" else " + ".join(map(words, n.effects)) for n in named if n.effects]
+    return ", ".join(known) or "unknown"
 
 
 def probability(findings: Findings) -> str:
@@ -49,4 +49,7 @@ def probability(findings: Findings) -> str:
     if not findings.alarm:
         return "no statistic is beyond what it is in worlds without a gap"
     sure = [r.named.probability for r in findings.rounds if r.named.kind in ("effect", "set")]
-    return "what is missing" + (f", probability {', '.join(map(probability_words, sure))}" if sure else "")
+    if not sure:
+        return "not in the catalogue"
+    rest = "; the rest is not in the catalogue" if findings.rounds[-1].named.kind == "unknown" else ""
+    return f"what is missing, probability {', '.join(map(probability_words, sure))}{rest}"

@@ -131,7 +131,7 @@ def _blueprint(title: str) -> rrb.Blueprint:
     scene = rrb.Spatial3DView(origin="cell", name=f"{title} (mm)", eye_controls=FRONT_EYE)
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(scene, rrb.TextDocumentView(origin="about", name="About"), row_shares=[4, 1]),
+            rrb.Vertical(scene, rrb.TextDocumentView(origin="about", name="About"), row_shares=[7, 2]),
             curves_over_time(),
         ),
         rrb.TimePanel(timeline="time", state="collapsed", play_state="playing", loop_mode="all"),

@@ -18,6 +18,7 @@ from models.records import GraspSimulation, Trace
 
 LONGEST_ARROW_MM = 60.0
 ARROW_RADIUS_MM = 0.6
+N_APPROACH = 15  # steps that are shown of the way to the first touch
 DISPLACEMENT_COLOURS = "viridis"
 
 
@@ -72,7 +73,7 @@ def _blueprint(title: str) -> rrb.Blueprint:
             rrb.Vertical(
                 rrb.Spatial3DView(origin="cell", name=f"{title} (mm)", eye_controls=FRONT_EYE),
                 rrb.TextDocumentView(origin="about", name="About"),
-                row_shares=[4, 1],
+                row_shares=[7, 2],
             ),
             curves_over_time(),
             column_shares=[3, 2],
@@ -114,9 +115,8 @@ def _send_finger(
     triangles = skin.triangles if sign > 0 else skin.triangles[:, ::-1]
     entity = f"cell/fingers/{side}"
     flank_mm = float(np.abs(snapshots[0].nodes[:, 1]).max()) + ARROW_RADIUS_MM
-    for snapshot in snapshots:
-        stream.set_time("time", duration=clock(snapshot))
-        stream.set_time("lift_um", sequence=round(1e3 * snapshot.lift_mm))
+    _send_approach(stream, entity, snapshots[0], sign, clock)
+    for place, snapshot in enumerate(snapshots):
         vertices = skin.vertices(snapshot.nodes) * flip
         mesh = rr.Mesh3D(
             vertex_positions=vertices,
@@ -124,6 +124,10 @@ def _send_finger(
             vertex_colors=_colours(snapshot, skin, furthest_mm),
             triangle_indices=triangles,
         )
+        if place == 0:  # seen from the start, still open
+            _set_times(stream, 0.0, 0.0)
+            stream.log(f"{entity}/surface", mesh)
+        _set_times(stream, clock(snapshot), snapshot.lift_mm)
         stream.log(f"{entity}/surface", mesh)
         places, forces = cell_forces(snapshot, CELL_MM)
         vectors = mm_per_n * snapshot.scale * forces * flip
@@ -135,6 +139,20 @@ def _send_finger(
             rr.Arrows3D(origins=origins, vectors=vectors, colors=rgb(FIRST), radii=ARROW_RADIUS_MM),
         )
     stream.reset_time()
+
+
+def _send_approach(
+    stream: rr.RecordingStream, entity: str, first: Snapshot, sign: float, clock: Callable[[Snapshot], float]
+) -> None:
+    """The way of the undeformed finger from the open gap to the first touch, where the recording begins."""
+    for share in np.linspace(0.0, 1.0, N_APPROACH):
+        _set_times(stream, float(share) * clock(first), 0.0)
+        stream.log(entity, rr.Transform3D(translation=[sign * (1.0 - share) * first.travel_mm, 0.0, 0.0]))
+
+
+def _set_times(stream: rr.RecordingStream, time_s: float, lift_mm: float) -> None:
+    stream.set_time("time", duration=time_s)
+    stream.set_time("lift_um", sequence=round(1e3 * lift_mm))
 
 
 def _send_closing_force(stream: rr.RecordingStream, snapshots: list[Snapshot]) -> None:

@@ -66,7 +66,7 @@ class Tour:
         self._bench_times: list[tuple[datetime, float]] = []
         self._lasted_s = 0.0
         self._tool_id, self._label = "", ""
-        self._best_n = 0.0
+        self._qualities: dict[str, float] = {}
         self._send_names()
         send_bench(stream, self._layout, objects)
         for object_id in objects:
@@ -88,6 +88,7 @@ class Tour:
                 if row["grasp_id"] not in self._sent:
                     self._sent.add(row["grasp_id"])
                     self._send_grasp(row)
+        self._send_quality()
         self._send_proposals()
         return self.n_grasps - before
 
@@ -124,7 +125,7 @@ class Tour:
         where = f"{row['object_name'] or 'object'} ({row['object_id']}), repeat {row['repeat']}"
         words = f"{self._label}  {where}: {row['peak_force_n']:.1f} N"
         self._stream.log("log", rr.TextLog(words, level=rr.TextLogLevel.INFO))
-        self._add_quality(row)
+        self._peaks.setdefault(row["tool_id"], {}).setdefault(row["object_id"], []).append(row["peak_force_n"])
 
     def _colour_object(self, object_id: int, place: tuple[float, float], peak_n: float) -> None:
         """The peak of its last grasp, as its colour and in figures above it."""
@@ -148,6 +149,7 @@ class Tour:
 
     def _mount(self, row: Mapping[str, Any], start: float) -> None:
         """Another tool comes on the head."""
+        self._send_quality()
         design = stored_design(self._lake, row["design_id"])
         self._tool_id, self._label = row["tool_id"], _label_of(row)
         self._at(start - 0.4)
@@ -173,16 +175,18 @@ class Tour:
         self._at(0.0)
         self._stream.log(entity, rr.Mesh3D.from_fields(albedo_factor=rgb(OBJECT)))
 
-    def _add_quality(self, row: Mapping[str, Any]) -> None:
-        """Tool quality, as soon as the tool has met every object; and the best of the campaign."""
-        peaks = self._peaks.setdefault(row["tool_id"], {})
-        peaks.setdefault(row["object_id"], []).append(row["peak_force_n"])
-        if not peaks.keys() >= set(self._objects):
+    def _send_quality(self) -> None:
+        """Quality of the tool on the head, if it has met every object; and the best of the campaign."""
+        peaks = self._peaks.get(self._tool_id, {})
+        if not peaks or not peaks.keys() >= set(self._objects):
             return
         quality = float(np.mean([np.mean(values) for values in peaks.values()]))
-        self._best_n = max(self._best_n, quality)
+        if self._qualities.get(self._tool_id) == quality:
+            return
+        self._qualities[self._tool_id] = quality
+        self._at(self._clock_s)
         self._stream.log("quality/tools", rr.Scalars(quality))
-        self._stream.log("quality/best", rr.Scalars(self._best_n))
+        self._stream.log("quality/best", rr.Scalars(max(self._qualities.values())))
 
     def _send_proposals(self) -> None:
         """The nine parameters of every proposal, at the time at which it was made."""

@@ -1,6 +1,5 @@
-"""Latin hypercubes over design and theta, and over theta at given designs, which the calibration learns from."""
+"""Latin hypercube over the nine design parameters and theta, which the calibration learns the simulator from."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,7 +9,7 @@ from scipy.stats import qmc
 
 from models.calibration.problem import THETA, THETA_LOWER, THETA_UPPER
 from models.design_space import N_RIB_LEVELS, PARAMETERS, RIB_COUNT_COLUMN, from_unit
-from models.ids import content_id, seed_from
+from models.ids import content_id
 from models.records import Design, Record, Theta
 
 _POISSON_LIMIT = 0.4995  # the elements take nothing nearer to 0.5
@@ -52,30 +51,11 @@ def hypercube(plan: HypercubePlan) -> list[HypercubePoint]:
     # Equal parts of the range for each of the ten counts; rounding would give the first and last half as much.
     levels = np.minimum(np.floor(x[:, RIB_COUNT_COLUMN] * N_RIB_LEVELS), N_RIB_LEVELS - 1)
     x[:, RIB_COUNT_COLUMN] = levels / (N_RIB_LEVELS - 1)
-    thetas = _thetas(theta, plan.modulus)
-    return [HypercubePoint(design, value) for design, value in zip(from_unit(x), thetas, strict=True)]
-
-
-def points_at(designs: Iterable[Design], n: int, seed: int) -> list[HypercubePoint]:
-    """Each design at n thetas in a Latin hypercube of its own, ln E, friction and Poisson ratio in their ranges.
-
-    The points of a design do not depend on the other designs: measuring more of them only adds points.
-    """
-    points = []
-    for design in dict.fromkeys(designs):
-        rng = np.random.default_rng(seed_from("points at", seed, n, design.design_id))
-        unit = qmc.LatinHypercube(d=len(THETA), rng=rng).random(n)
-        points += [HypercubePoint(design, theta) for theta in _thetas(unit, "log-uniform")]
-    return points
-
-
-def _thetas(unit: np.ndarray, modulus: Literal["log-uniform", "uniform"]) -> list[Theta]:
-    """Thetas of rows of the unit cube, n x 3."""
-    values = THETA_LOWER + unit * (THETA_UPPER - THETA_LOWER)
-    if modulus == "log-uniform":
-        values[:, 0] = THETA_LOWER[0] * (THETA_UPPER[0] / THETA_LOWER[0]) ** unit[:, 0]
+    values = THETA_LOWER + theta * (THETA_UPPER - THETA_LOWER)
+    if plan.modulus == "log-uniform":
+        values[:, 0] = THETA_LOWER[0] * (THETA_UPPER[0] / THETA_LOWER[0]) ** theta[:, 0]
     values[:, 2] = np.minimum(values[:, 2], _POISSON_LIMIT)
-    return [_theta(row) for row in values]
+    return [HypercubePoint(design, _theta(row)) for design, row in zip(from_unit(x), values, strict=True)]
 
 
 def _theta(values: np.ndarray) -> Theta:

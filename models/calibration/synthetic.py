@@ -4,7 +4,7 @@ Closed-form grasp forces with the shape of the real ones; measurements come from
 times a scale, plus a discrepancy that depends on wall thickness and rib count.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import qmc
@@ -56,6 +56,21 @@ def made_up_problem(
         y_real=y_real + rng.normal(0.0, truth.noise_sd_n, n_real),
         variance_real=np.zeros(n_real),
         scales_with_modulus=scales_with_modulus,
+    )
+
+
+def with_measured_designs(problem: CalibrationProblem, n: int, seed: int) -> CalibrationProblem:
+    """The problem with more simulations: each measured design at n thetas in a Latin hypercube of its own."""
+    rng = np.random.default_rng([seed, 3])
+    x = np.repeat(problem.x_real, n, axis=0)
+    unit = np.concatenate([qmc.LatinHypercube(d=3, rng=rng).random(n) for _ in problem.x_real])
+    theta = THETA_LOWER + unit * (THETA_UPPER - THETA_LOWER)
+    return replace(
+        problem,
+        x_sim=np.concatenate([problem.x_sim, x]),
+        theta_sim=np.concatenate([problem.theta_sim, theta]),
+        y_sim=np.concatenate([problem.y_sim, force_n(x, theta, problem.scales_with_modulus)]),
+        variance_sim=np.concatenate([problem.variance_sim, np.zeros(len(x))]),
     )
 
 

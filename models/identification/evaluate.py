@@ -47,6 +47,33 @@ def beliefs_of_unseen(
     return Beliefs(objects)
 
 
+def beliefs_from_tools(
+    inputs: np.ndarray,
+    object_id: np.ndarray,
+    tool: np.ndarray,
+    n_tools: int,
+    fit: Fit = fit_trees,
+    n_folds: int = N_FOLDS,
+    seed: int = 0,
+) -> Beliefs:
+    """Like `beliefs_of_unseen`, by classifiers that learnt from `n_tools` tools each, drawn from those they might.
+
+    Raises:
+        UsageError: fewer other tools are there.
+    """
+    rng = np.random.default_rng(seed)
+    objects = np.zeros((len(inputs), N_OBJECTS))
+    for learnt, tested in folds_of(tool, n_folds):
+        others = np.unique(tool[learnt])
+        if len(others) < n_tools:
+            raise UsageError(
+                f"{n_tools} tools to learn from were asked for, and {len(others)} are there; ask for fewer."
+            )
+        kept = learnt[np.isin(tool[learnt], rng.choice(others, n_tools, replace=False))]
+        objects[tested] = fit(inputs[kept], object_id[kept])(inputs[tested])
+    return Beliefs(objects)
+
+
 def rank_of_truth(probabilities: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Rank (n, from 1) of the true column in each row; among equals the truth comes last."""
     own = np.take_along_axis(probabilities, truth[:, None], axis=1)

@@ -57,6 +57,7 @@ def test_identification_by_tools_that_were_not_learnt_from(results, tmp_path, mo
     accuracy = {row["of"]: row for row in tables["accuracy"]}
     assert accuracy["objects"]["top_1"] > 0.7 > 2 * accuracy["objects"]["chance"]
     assert {row["n_tools"] for row in tables["grasps seen"]} == {1, 2, 3, 5}
+    assert [row["n_tools"] for row in tables["tools learnt from"]] == [2, 4]
     assert len(tables["tools"]) == N_TOOLS
     assert all(0 < row["p_value"] <= 1 for row in tables["parameters"])
     assert figure.stat().st_size > 10_000

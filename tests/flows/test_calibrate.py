@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from lake.lineage import find_lineage
-from lake.tables import CalibrationRow, GraspRow, SimulationRow, SimulatorVersionRow
+from lake.tables import CalibrationRow, SimulationRow, SimulatorVersionRow
 from models.records import SimulatorVersion, Theta
 from tasks import hypercube as work
 from tasks.drift import theta_history
@@ -95,20 +95,6 @@ def test_the_hypercube_is_simulated_once_on_the_measured_objects(tmp_path, fast,
     answers.simulator.jobs.clear()
     assert "nothing new" in fast(*words).out
     assert not answers.simulator.jobs
-
-
-def test_measured_designs_are_simulated_at_thetas_of_their_own(tmp_path, fast, answers):
-    lake = calibration_lake(tmp_path / "lake")
-    n_before = len(lake.ids(SimulationRow))
-    words = ("calibrate", "--lake", lake.root, "--simulate-measured", 2, "--json", *SMALL)
-    first = fast(*words).json
-    jobs = answers.simulator.jobs
-    assert {job.design.design_id for job in jobs} == {row["design_id"] for row in lake.rows(GraspRow)}
-    assert len({(job.design.design_id, job.version.version_id) for job in jobs}) == len(jobs) / 3 == 2 * 15
-    assert first["n_simulations"] == n_before / 3 + 30
-    jobs.clear()
-    assert not fast(*words).json["is_new"]
-    assert not jobs
 
 
 def test_verification_runs_the_simulator_at_the_held_out_designs(tmp_path, fast, answers):

@@ -1,13 +1,20 @@
 """The benchmark that compares the fast calibration with full joint NUTS, on a problem that costs nothing."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from flows.benchmarks import calibration_agreement
 from flows.benchmarks.base import Options
-from flows.benchmarks.calibration_agreement import NAMES, difference, posterior_rows
+from flows.benchmarks.calibration_agreement import NAMES, difference, posterior_rows, problem_of
 from flows.benchmarks.registry import BENCHMARKS
+from models.calibration.factorised import calibrate_factorised
+from models.calibration.result import K_HAT_LIMIT
 from models.calibration.settings import CalibrationSettings
+
+EXACT = json.loads((Path(__file__).parents[1] / "data" / "calibration-exact.json").read_text())
 
 
 def chains(shift: float = 0.0, width: float = 0.1) -> np.ndarray:
@@ -44,3 +51,17 @@ def test_exact_chains_are_kept_and_not_sampled_again(tmp_path, monkeypatch) -> N
     )
     assert again["exact"] == first["exact"]
     assert [line for line in heard if line.startswith("chain")][0].startswith("chain 1 of full joint NUTS")
+
+
+@pytest.mark.slow
+def test_the_factorised_posterior_is_that_of_stored_exact_chains() -> None:
+    """`fast bench run calibration-agreement` made the chains; they cost a minute of CPU each."""
+    settings = CalibrationSettings(chains=2, tune=150, draws=300, target_accept=0.8, workers=1)
+    found = calibrate_factorised(problem_of(EXACT["n_sim"], EXACT["n_real"]), settings)
+    assert found.k_hat is not None
+    assert found.k_hat < K_HAT_LIMIT
+    rows = posterior_rows(found.draws[:, :, [found.names.index(name) for name in NAMES]])
+    for row, exact in zip(rows, EXACT["log_of"], strict=True):
+        apart = difference(row, exact)
+        assert abs(apart["means_apart_errors"]) < 4, apart
+        assert apart["sd_ratio"] == pytest.approx(1.0, abs=0.35), apart

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from models.calibration.held_out import emulate, is_held_out, score
-from models.calibration.hypercube import HypercubePlan, hypercube, points_at
+from models.calibration.hypercube import HypercubePlan, hypercube
 from models.calibration.problem import THETA_LOWER, THETA_UPPER
 from models.calibration.settings import CalibrationSettings
 from models.calibration.synthetic import Truth, made_up_problem
@@ -32,17 +32,6 @@ def test_every_column_has_one_point_in_each_nth_of_its_range(modulus):
             assert sorted(np.floor(unit[:, place] * n + 1e-3)) == list(range(n)), place
     counts = np.bincount(np.round(9 * x[:, RIB_COUNT_COLUMN]).astype(int), minlength=10)
     assert counts.tolist() == [5] * 10
-
-
-def test_given_designs_are_spread_over_theta_and_further_ones_change_no_point():
-    designs = [p.design for p in hypercube(HypercubePlan(n=3, seed=1))]
-    points = points_at(designs, 5, seed=2)
-    assert [p.design for p in points] == [design for design in designs for _ in range(5)]
-    friction = np.array([p.theta.friction for p in points]).reshape(3, 5)
-    strata = np.floor((friction - THETA_LOWER[1]) / (THETA_UPPER[1] - THETA_LOWER[1]) * 5 + 1e-3)
-    assert (np.sort(strata, axis=1) == np.arange(5)).all()
-    assert len({p.theta for p in points}) == 15
-    assert points_at(designs[:2] * 2, 5, seed=2) == points[:10]
 
 
 def test_a_plan_is_the_same_whenever_asked_and_another_is_another():

@@ -1,11 +1,14 @@
 """Inputs of a trace, beliefs about objects, and accuracy on tools that were not learnt from."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from models.errors import UsageError
 from models.identification.classifier import CLASSES, Beliefs, train, truth_of
 from models.identification.evaluate import (
+    beliefs_from_tools,
     beliefs_of_unseen,
     by_grasps_seen,
     confusion,
@@ -100,3 +103,20 @@ def test_more_grasps_recognise_better_and_noise_is_chance() -> None:
         by_grasps_seen(beliefs, object_id, tool, 7, 1)
     with pytest.raises(UsageError, match="needs 2"):
         train(inputs, np.zeros(72, dtype=int))
+
+
+def test_learning_from_fewer_tools_keeps_all_their_grasps_and_none_of_the_tested() -> None:
+    tool, object_id = np.repeat(np.arange(6), 4), np.tile([3, 3, 7, 7], 6)
+    learnt: list[set[float]] = []
+
+    def fit(inputs: np.ndarray, objects: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        assert len(inputs) == len(objects) == 4 * len(set(inputs[:, 0]))
+        learnt.append(set(inputs[:, 0]))
+        return lambda unseen: np.eye(len(OBJECTS))[[3 if unseen[0, 0] not in learnt[-1] else 0] * len(unseen)]
+
+    beliefs = beliefs_from_tools(tool[:, None].astype(float), object_id, tool, 2, fit)
+    assert [len(tools) for tools in learnt] == [2] * 6
+    assert len({frozenset(tools) for tools in learnt}) > 1
+    assert beliefs.objects[:, 3].tolist() == [1.0] * 24  # no tool was told by itself
+    with pytest.raises(UsageError, match="6 tools to learn from were asked for, and 5 are there"):
+        beliefs_from_tools(tool[:, None].astype(float), object_id, tool, 6, fit)

@@ -236,7 +236,8 @@ class Day:
 
     def _campaign_run(self) -> str:
         which = {"flow_runs": {"name": {"any_": [f"campaign {CAMPAIGN}"]}}}
-        return str(ask_server(self._api, "/flow_runs/filter", which)[0]["id"])
+        newest_first = {**which, "sort": "START_TIME_DESC"}
+        return str(ask_server(self._api, "/flow_runs/filter", newest_first)[0]["id"])
 
     def _look_at_page(self, browser: Browser) -> None:
         (page,) = ask_server(self._api, "/artifacts/filter", {"artifacts": {"key": {"any_": [f"{CAMPAIGN}-page"]}}})

@@ -1,6 +1,7 @@
 """The bank of gap discovery in the lake: what to simulate for it, and the simulations as arrays."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from models.errors import UsageError
 from models.gap.plan import AMPLITUDES, CENTRE, NUMERICAL_MESHES, WIDER_MM, bank_versions, wider_setups
 from models.gap.problem import Bank, Field
 from models.gap.sensing import N_LEAD, lead_means
-from models.records import Design, GraspSetup, SimulatorVersion
+from models.records import Design, GraspSetup, SimulatorVersion, Trace
 from tasks.hypercube import SimulationPlan
 from tasks.trace_rows import read_traces
 
@@ -58,14 +59,17 @@ def bank_of(
         )
     after = n_grid + 1 + len(NUMERICAL_MESHES)
     wider_steps_n = np.concatenate(wider, axis=2)
-    lead_n = simulated_steps(lake, versions[n_grid : n_grid + 1], designs, objects, setup, lead=True)[:, :, 0]
+    centre_alone = versions[n_grid : n_grid + 1]
+    leads_n = simulated_steps(
+        lake, centre_alone, designs, objects, setup, of_trace=partial(lead_means, setup=setup), n=N_LEAD
+    )
     n_failed = np.isnan(steps_n[..., 0]).sum() + np.isnan(wider_steps_n[..., 0]).sum()
     return Bank(
         centre=CENTRE,
         grid=np.array(grid.points),
         grid_steps_n=steps_n[:, :, :n_grid],
         centre_steps_n=at_centre,
-        lead_n=lead_n,
+        lead_n=leads_n[:, :, 0],
         numerical_steps_n=steps_n[:, :, n_grid + 1 : after],
         wider_mm=np.array(WIDER_MM),
         wider_steps_n=wider_steps_n,
@@ -101,9 +105,13 @@ def simulated_steps(
     objects: Sequence[int],
     setup: GraspSetup,
     *,
-    lead: bool = False,
+    of_trace: Callable[[Trace], np.ndarray] = step_means,
+    n: int = N_STEPS,
 ) -> np.ndarray:
-    """Step means of simulations, t x o x v x 120; NaN where there is no usable trace. lead: 12 before the lift."""
+    """Step means of simulations, t x o x v x 120; NaN where there is no usable trace.
+
+    of_trace: another reading of a trace instead, of `n` numbers.
+    """
     version_ids, setup_id = [version.version_id for version in versions], setup.setup_id
     places: dict[str, tuple[list[int], int, int]] = {}
     for design in dict.fromkeys(designs):
@@ -111,11 +119,11 @@ def simulated_steps(
         for o, object_id in enumerate(objects):
             for v, version_id in enumerate(version_ids):
                 places[SimulationRow.make_id(design.design_id, object_id, version_id, setup_id)] = rows, o, v
-    steps_n = np.full((len(designs), len(objects), len(versions), N_LEAD if lead else N_STEPS), np.nan)
+    steps_n = np.full((len(designs), len(objects), len(versions), n), np.nan)
     ids = list(places)
     for start in range(0, len(ids), _AT_ONCE):
         for simulation_id, trace in read_traces(lake, SimTraceRow, ids[start : start + _AT_ONCE]):
             if is_usable(trace):
                 rows, o, v = places[simulation_id]
-                steps_n[rows, o, v] = lead_means(trace, setup) if lead else step_means(trace)
+                steps_n[rows, o, v] = of_trace(trace)
     return steps_n

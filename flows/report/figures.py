@@ -47,7 +47,8 @@ def quality_figure(tools: Sequence[Tool], best: Tool) -> Figure:
     axes.margins(y=0.14)
     axes.set_xlabel("batch")
     axes.set_ylabel("tool quality (N)")
-    axes.legend(loc="upper left", handlelength=2.2)
+    # Above the axes: the best tool, whose label lies highest, may be of any batch.
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, handlelength=2.2)
     return figure
 
 

@@ -1,7 +1,7 @@
 """The server's background work at a lab's pace: what Prefect does many times a second for thousands of flows.
 
 Prefect hands its background work to a docket, a queue in memory, whose worker looks for work four times a second and
-for cancelled work ten times. Nothing of a lab needs that; it was two thirds of what a server uses while nothing happens.
+for cancelled work ten times. No lab needs that; it was two thirds of what a server uses while nothing happens.
 """
 
 from datetime import timedelta

@@ -38,7 +38,9 @@ def test_the_servers_worker_is_ours(monkeypatch):
 def test_work_is_done_within_a_look_and_comes_again():
     rounds: list[float] = []
 
-    async def often(perpetual: Perpetual = Perpetual(every=timedelta(seconds=0.1), automatic=True)) -> None:
+    every = Perpetual(every=timedelta(seconds=0.1), automatic=True)
+
+    async def often(perpetual: Perpetual = every) -> None:
         rounds.append(time.monotonic())
 
     async def run() -> None:

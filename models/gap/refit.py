@@ -41,7 +41,9 @@ def refitted(base: Fit, screen: Screen, effects: Sequence[str]) -> list[Refit]:
     found = []
     for name in effects:
         places = _of(screen, name)
-        starts = places[np.argsort(-screen.gain[places])][:_STARTS]
+        # A shape without its amplitude is the same secant again.
+        _, other = np.unique(np.round(-screen.gain[places], 6), return_index=True)
+        starts = places[other][:_STARTS]
         fits = [_fitted(base, [screen.values[place]]) for place in starts]
         found.append(Refit((name,), min(fits, key=lambda fit: fit.loss)))
     return found

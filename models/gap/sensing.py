@@ -126,12 +126,14 @@ def _shift(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) ->
 
 
 def _late_start(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    """Forces at the true lift, which a start with constant acceleration and a backlash leave behind."""
-    speed, ramp_s = setup.lift_speed_mm_per_s, _column(effects, "ramp_s")
-    time_s = _AT_MM / speed
-    ramping_mm = 0.5 * speed * time_s**2 / np.where(ramp_s > 0, ramp_s, 1.0)
-    true_mm = np.where(time_s < ramp_s, ramping_mm, speed * (time_s - 0.5 * ramp_s)) - _column(effects, "backlash_mm")
-    return np.where(_IS_LIFT, _read_at(np.maximum(true_mm, 0.0), steps_n), steps_n)
+    """Forces at the true lift, which a slow start and a backlash leave behind; the same in every grasp."""
+    effect = effects[0]
+    assert isinstance(effect, LiftStartError)
+    time_s = _AT_MM[_IS_LIFT] / setup.lift_speed_mm_per_s
+    true_mm = np.maximum(_AT_MM[_IS_LIFT] - effect.behind_mm(time_s, setup.lift_speed_mm_per_s), 0.0)
+    found = steps_n.copy()
+    found[:, _IS_LIFT] = _read_at(np.broadcast_to(true_mm, found[:, _IS_LIFT].shape), steps_n)
+    return found
 
 
 def _compliance(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:

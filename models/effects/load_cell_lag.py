@@ -10,6 +10,7 @@ from models.records import Trace
 
 _LEAST_STEP_S = 0.02
 
+
 @dataclass(frozen=True)
 class LoadCellLag(Effect):
     """First-order lag tau dy/dt + y = u of the transmitter's filter, `time_constant_s` tau.

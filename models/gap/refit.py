@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from models.gap.screen import Screen
 from models.records import EffectValue
 
 N_LEADING = 6
-N_PAIRED = 3  # of the leading effects, in pairs
 _STARTS = 2  # secants from which an effect is fitted
 
 
@@ -50,9 +48,11 @@ def refitted(base: Fit, screen: Screen, effects: Sequence[str]) -> list[Refit]:
 
 
 def paired(base: Fit, refits: Sequence[Refit]) -> list[Refit]:
-    """Pairs of the first `N_PAIRED` refitted effects: one alone may hide behind another."""
-    pairs = combinations(refits[:N_PAIRED], 2)
-    return [Refit((*one.effects, *other.effects), _fitted(base, [*one.values, *other.values])) for one, other in pairs]
+    """The first refitted effect with each of the others: one alone may hide behind another."""
+    return [
+        Refit((*refits[0].effects, *other.effects), _fitted(base, [*refits[0].values, *other.values]))
+        for other in refits[1:]
+    ]
 
 
 def _fitted(base: Fit, values: Sequence[EffectValue]) -> Fit:

@@ -72,9 +72,10 @@ def decided(evidence: Evidence, thresholds: Thresholds, again: Fit | None) -> Na
         return _unknown(evidence)
     fit = again or best.refit.fit
     chosen = _told_apart_from(best, fit, evidence, thresholds)
+    share = min(_explained(fit, evidence, thresholds), 1.0)
     if len(chosen) == 1:
-        return _effect(best, fit)
-    return _set(chosen)
+        return _effect(best, fit, share)
+    return _set(chosen, share)
 
 
 def is_alarm(evidence: Evidence, thresholds: Thresholds) -> bool:
@@ -175,7 +176,8 @@ def _is_alike(tried: Tried, best: Tried, thresholds: Thresholds, nearly: float) 
     return is_near or apart_nats(tried.refit.fit, best.refit.fit) < thresholds.least_nats
 
 
-def _effect(tried: Tried, fit: Fit) -> Named:
+def _effect(tried: Tried, fit: Fit, share: float) -> Named:
+    """The name; `share`: of what is unusual, explained. What it leaves may be another law, and so it is less sure."""
     name = tried.refit.effects[0]
     spec = CATALOGUE[name]
     parameters = parameters_of(fit, name)
@@ -183,15 +185,24 @@ def _effect(tried: Tried, fit: Fit) -> Named:
     low, high = parameters[first].ci90
     sentence = f"{spec.title}: {first} = {parameters[first].median:.3g} [{low:.3g}, {high:.3g}]."
     return Named(
-        kind="effect", effects=(name,), probability=tried.probability, parameters=parameters, sentence=sentence
+        kind="effect",
+        effects=(name,),
+        probability=max(share, 0.0) * tried.probability,
+        parameters=parameters,
+        sentence=sentence,
     )
 
 
-def _set(chosen: Sequence[Tried]) -> Named:
+def _set(chosen: Sequence[Tried], share: float) -> Named:
     names = tuple(tried.refit.effects[0] for tried in chosen)
     titles = "; or: ".join(CATALOGUE[name].title for name in names)
     total = min(sum(tried.probability for tried in chosen), 1.0)
-    return Named(kind="set", effects=names, probability=total, sentence=f"One of these, not told apart: {titles}.")
+    return Named(
+        kind="set",
+        effects=names,
+        probability=max(share, 0.0) * total,
+        sentence=f"One of these, not told apart: {titles}.",
+    )
 
 
 def _unknown(evidence: Evidence) -> Named:

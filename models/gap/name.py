@@ -42,9 +42,10 @@ class NameResult:
     """The answer of a round and what it rests on.
 
     candidates: `none`, `unknown` and every effect that was fitted, by what it predicts. theta (3) and fit: with what
-    was in the model, calibrated again; best: with the named effect or the first of a set, or `fit`. evidence_nats: gains of the candidates by
-    design and object, in their order, for tempering; priors: theirs. dropped: effects of the model that explain nothing
-    any more. aliases: what these data cannot tell from theta at all; isolability: what they can tell at all.
+    was in the model, calibrated again; best: with the named effect or the first of a set, or `fit`. evidence_nats:
+    gains of the candidates by design and object, in their order, for tempering; priors: theirs. dropped: effects of the
+    model that explain nothing any more. aliases: what these data cannot tell from theta at all; isolability: what they
+    can tell at all.
     """
 
     named: Named

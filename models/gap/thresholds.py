@@ -47,7 +47,7 @@ class Thresholds(Record):
     contrast_misfit: float = 1.868
     usual_misfit: float = 2.274
     usual_contrast_misfit: float = 1.604
-    share: float = 0.6
+    share: float = 0.5
     temperature: float = 3.0
     probability: float = 0.9
     least_nats: float = 3.0

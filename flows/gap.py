@@ -181,7 +181,7 @@ def _searched(lake: Lake, search: _Search, voice: Voice) -> GapOutcome:
         rounds=tuple(turn.round for turn in turns),
         gap=comparison.shown.gap,
         aliases=turns[0].aliases,
-        next_experiment=turns[-1].next_experiment,
+        next_experiment=next((turn.next_experiment for turn in turns if turn.next_experiment), None),
         seed=order.seed,
         budget=_spent(search, plans, time.monotonic() - began),
         warnings=tuple(dict.fromkeys(warnings)),
@@ -212,7 +212,8 @@ def _turns(lake: Lake, search: _Search, problem: GapProblem, model: "GapModel", 
     turns: list[Turn] = []
     while len(turns) < order.rounds and not (turns and turns[-1].is_last):
         voice.progress(f"round {len(turns) + 1}: where, and by what name")
-        turn = next_turn(lake, problem, search.base, order.campaign_id, model, order.settings, voice.progress)
+        assumed = turns[-1].assumed if turns else ()
+        turn = next_turn(lake, problem, search.base, order.campaign_id, model, order.settings, voice.progress, assumed)
         voice.announce(f"round {len(turns) + 1}: {turn.sentence}")
         turns.append(turn)
         model = turn.after
@@ -255,10 +256,8 @@ def answer(findings: Findings) -> str:
     named = [turn.named for turn in findings.rounds]
     effects = [name for found in named if found.kind == "effect" for name in found.effects]
     parts = [f"found {', '.join(effects)}"] if effects else []
-    last = named[-1]
-    if last.kind == "set":
-        parts.append(f"one of {', '.join(last.effects)}, not told apart")
-    if last.kind == "unknown":
+    parts += [f"one of {', '.join(found.effects)}, not told apart" for found in named if found.kind == "set"]
+    if named[-1].kind == "unknown":
         parts.append("something that is not in the catalogue")
     if not parts:
         return "no gap beyond noise and numerical error"

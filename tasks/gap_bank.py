@@ -59,17 +59,15 @@ def bank_of(
         )
     after = n_grid + 1 + len(NUMERICAL_MESHES)
     wider_steps_n = np.concatenate(wider, axis=2)
-    centre_alone = versions[n_grid : n_grid + 1]
-    leads_n = simulated_steps(
-        lake, centre_alone, designs, objects, setup, of_trace=partial(lead_means, setup=setup), n=N_LEAD
-    )
+    of_lead = partial(lead_means, setup=setup)
+    lead_n = simulated_steps(lake, versions[:n_grid], designs, objects, setup, of_trace=of_lead, n=N_LEAD)
     n_failed = np.isnan(steps_n[..., 0]).sum() + np.isnan(wider_steps_n[..., 0]).sum()
     return Bank(
         centre=CENTRE,
         grid=np.array(grid.points),
         grid_steps_n=steps_n[:, :, :n_grid],
+        grid_lead_n=lead_n,
         centre_steps_n=at_centre,
-        lead_n=leads_n[:, :, 0],
         numerical_steps_n=steps_n[:, :, n_grid + 1 : after],
         wider_mm=np.array(WIDER_MM),
         wider_steps_n=wider_steps_n,

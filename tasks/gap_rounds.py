@@ -26,7 +26,11 @@ _FRICTION_STEP = 0.02  # relative, of a finite difference
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """A finished round. `before`, `after`: the calibrated simulator, the same if the round changed nothing."""
+    """A finished round.
+
+    before, after: the calibrated simulator, the same if the round changed nothing. assumed: first effects of sets that
+    were not told apart, which the next round takes for granted and no simulator gets.
+    """
 
     round: Round
     where: Where
@@ -34,11 +38,12 @@ class Turn:
     residuals: Residuals
     before: GapModel
     after: GapModel
+    assumed: tuple[EffectValue, ...] = ()
 
     @property
     def is_last(self) -> bool:
         """Whether another round could say nothing else."""
-        return self.after is self.before
+        return self.after is self.before and self.round.named.kind != "set"
 
     @property
     def sentence(self) -> str:
@@ -75,19 +80,22 @@ def next_turn(
     model: GapModel,
     settings: CalibrationSettings,
     progress: Progress | None = None,
+    assumed: Sequence[EffectValue] = (),
 ) -> Turn:
     """The next round, with `model` as the simulator; what it names is calibrated together with what is in the model.
+
+    assumed: of earlier rounds, see `Turn`.
 
     Raises:
         UsageError: too few tools or objects are left to look at.
         FastError: the chains of the new simulator did not converge.
     """
-    name = name_effect(problem, model.effects)
+    name = name_effect(problem, [*model.effects, *assumed])
     residuals, friction_slope_n = _residuals(problem, name)
     where = locate(residuals, friction_slope_n, seed=settings.seed)
     kept = [value for value in model.effects if value.effect not in name.dropped]
     after = model
-    if name.values or name.dropped:
+    if name.values or len(kept) < len(model.effects):
         after = calibrated_model(lake, training(problem), base, campaign_id, [*kept, *name.values], settings, progress)
     found = Round(
         where=where.findings,
@@ -96,7 +104,10 @@ def next_turn(
         version=after.version.version_id if after is not model else None,
         dropped=name.dropped,
     )
-    return Turn(found, where, name, residuals, model, after)
+    still = [value for value in assumed if value.effect not in name.dropped]
+    if name.named.kind == "set":
+        still += name.taken
+    return Turn(found, where, name, residuals, model, after, tuple(still))
 
 
 def starting_model(

@@ -90,7 +90,7 @@ def answer(
     keep_evidence: bool = False,
     max_rounds: int = MAX_ROUNDS,
 ) -> Answer:
-    """Name effects round by round until nothing more is named.
+    """Name effects round by round until nothing more is said; a set goes on with its first.
 
     without: effects taken out of the catalogue. truth: names of the true effects, for the oracle's share of the gap
     only. keep_evidence: for `models.gap.thresholds.fit_temperature`.
@@ -105,7 +105,7 @@ def answer(
     for _ in range(max_rounds):
         result = name_effect(problem, in_model, thresholds, catalogue)
         results.append(result)
-        if not result.values:
+        if not result.taken:
             break
         in_model = tuple(result.best.effects)
     cpu_s = time.process_time() - started
@@ -164,14 +164,14 @@ def _closing(problem: GapProblem, results: Sequence["NameResult"], truth: Sequen
         predicted = predictor.steps(fit.theta, fit.effects)
         return _rms((problem.grasps.steps_n - predicted)[is_out])
 
-    first, last = results[0], results[-1]
+    first = results[0]
     oracle_n = None
     if len(truth) == 1 and truth[0] in first.screen.names:
         oracle_n = rmse_n(refitted(first.fit, first.screen, truth)[0].fit)
     named = [result for result in results if result.values]
     return Closing(
         before_n=rmse_n(first.fit),
-        after_n=rmse_n(named[-1].best) if named else rmse_n(last.fit),
+        after_n=rmse_n(named[-1].best if named else first.fit),
         oracle_n=oracle_n,
         floor_n=max(_repeat_rms(problem, is_out), _numerical_rms(problem, is_out, first.theta[0])),
     )

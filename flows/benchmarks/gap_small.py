@@ -12,7 +12,7 @@ from models.gap.problem import Bank, Field
 from models.records import Trace
 
 _STEP_N = 0.002  # forces are kept in whole multiples of it
-_ARRAYS = ("grid_steps_n", "centre_steps_n", "lead_n", "numerical_steps_n", "wider_steps_n")
+_ARRAYS = ("grid_steps_n", "grid_lead_n", "centre_steps_n", "numerical_steps_n", "wider_steps_n")
 
 
 def write_small(path: Path, panels: Panels, bank: Bank, names: Sequence[str]) -> None:
@@ -45,7 +45,7 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
         grid=arrays["grid"],
         grid_steps_n=_unpacked(arrays["grid_steps_n"]),
         centre_steps_n=_unpacked(arrays["centre_steps_n"]),
-        lead_n=_unpacked(arrays["lead_n"]),
+        grid_lead_n=_unpacked(arrays["grid_lead_n"]),
         numerical_steps_n=_unpacked(arrays["numerical_steps_n"]),
         wider_steps_n=_unpacked(arrays["wider_steps_n"]),
         wider_mm=np.array(WIDER_MM),

@@ -8,6 +8,8 @@ from models.effects.base import Effect
 from models.effects.spec import EffectSpec, amplitude
 from models.records import Trace
 
+_LEAST_STEP_S = 0.02
+
 
 @dataclass(frozen=True)
 class LoadCellLag(Effect):
@@ -24,15 +26,18 @@ class LoadCellLag(Effect):
         tau = self.time_constant_s
         if tau == 0.0 or len(trace.time_s) < 2:
             return trace
-        true = trace.force_n
-        step = np.diff(trace.time_s)
+        # The reported force bends between samples.
+        finer_s = np.arange(trace.time_s[0], trace.time_s[-1], max(tau / 3.0, _LEAST_STEP_S))
+        time_s = np.union1d(trace.time_s, finer_s)
+        true = np.interp(time_s, trace.time_s, trace.force_n)
+        step = np.diff(time_s)
         slope = np.divide(np.diff(true), step, out=np.zeros_like(step), where=step > 0)
         decay = np.exp(-step / tau)
         reported = true.copy()
         for i in range(len(step)):
             lag = tau * slope[i]
             reported[i + 1] = true[i + 1] - lag + (reported[i] - true[i] + lag) * decay[i]
-        return Trace(trace.time_s, trace.lift_mm, reported)
+        return Trace(time_s, np.interp(time_s, trace.time_s, trace.lift_mm), reported)
 
 
 SPEC = EffectSpec(

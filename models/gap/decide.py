@@ -19,6 +19,7 @@ _SET_PROBABILITY = 0.95
 _LARGEST_SET = 3
 # Of what the best effect predicts: kin that do as well are said with it. Less is enough where the best leaves a lot.
 _NEARLY, _NEARLY_IF_ROUGH = 0.7, 0.5
+_ADDED = 0.5  # of what an effect explains alone, by which it improves the best
 _ROUGH = 0.75  # of the unusual misfit explained
 
 
@@ -37,15 +38,13 @@ class Evidence:
     """All that is decided on.
 
     base: the fit without new effects. singles, pairs: what was tried, singles by probability. ceiling: r2 of the best
-    flexible model on the base. corrected_gain: nats of the best single, corrected for the choice. statistics: of the
-    base. none, unknown: probabilities.
+    flexible model on the base. statistics: of the base. none, unknown: probabilities.
     """
 
     base: Fit
     singles: Sequence[Tried]
     pairs: Sequence[Tried]
     ceiling: float
-    corrected_gain: float
     statistics: Statistics
     none: float
     unknown: float
@@ -73,9 +72,10 @@ def decided(evidence: Evidence, thresholds: Thresholds, again: Fit | None) -> Na
         return _unknown(evidence)
     fit = again or best.refit.fit
     chosen = _told_apart_from(best, fit, evidence, thresholds)
+    share = min(_explained(fit, evidence, thresholds), 1.0)
     if len(chosen) == 1:
-        return _effect(best, fit)
-    return _set(chosen)
+        return _effect(best, fit, share)
+    return _set(chosen, share)
 
 
 def is_alarm(evidence: Evidence, thresholds: Thresholds) -> bool:
@@ -114,8 +114,7 @@ def apart_nats(first: Fit, second: Fit) -> float:
 
 
 def _is_credible(best: Tried, evidence: Evidence, thresholds: Thresholds) -> bool:
-    is_better = best.r2 > thresholds.effect_r2 and evidence.corrected_gain > 0.0
-    return is_better and is_needed(best, evidence.base)
+    return best.r2 > thresholds.effect_r2 and is_needed(best, evidence.base)
 
 
 def _is_incomplete(best: Tried, evidence: Evidence, thresholds: Thresholds, again: Fit | None) -> bool:
@@ -143,7 +142,9 @@ def _explained(fit: Fit, evidence: Evidence, thresholds: Thresholds) -> float:
 
 def _told_apart_from(best: Tried, fit: Fit, evidence: Evidence, thresholds: Thresholds) -> list[Tried]:
     """The best effect and those that could stand for it: as probable as that, or the same in their predictions."""
-    credible = [tried for tried in evidence.singles if tried.r2 > 0.5 * best.r2]
+    credible = [
+        tried for tried in evidence.singles if tried.r2 > 0.5 * best.r2 and not _adds_to(tried, best, evidence.pairs)
+    ]
     total = sum(tried.probability for tried in credible)
     if best.probability >= thresholds.probability * max(total, 1e-12):
         nearly = _NEARLY if _explained(fit, evidence, thresholds) >= _ROUGH else _NEARLY_IF_ROUGH
@@ -154,6 +155,12 @@ def _told_apart_from(best: Tried, fit: Fit, evidence: Evidence, thresholds: Thre
             chosen.append(tried)
             mass += tried.probability
     return chosen
+
+
+def _adds_to(tried: Tried, best: Tried, pairs: Sequence[Tried]) -> bool:
+    """Whether both together explain what the two explain apart: then neither stands for the other."""
+    with_both = [pair.r2 for pair in pairs if set(pair.refit.effects) == {*tried.refit.effects, *best.refit.effects}]
+    return bool(with_both) and with_both[0] - best.r2 > _ADDED * tried.r2
 
 
 def _is_alike(tried: Tried, best: Tried, thresholds: Thresholds, nearly: float) -> bool:
@@ -169,7 +176,8 @@ def _is_alike(tried: Tried, best: Tried, thresholds: Thresholds, nearly: float) 
     return is_near or apart_nats(tried.refit.fit, best.refit.fit) < thresholds.least_nats
 
 
-def _effect(tried: Tried, fit: Fit) -> Named:
+def _effect(tried: Tried, fit: Fit, share: float) -> Named:
+    """The name; `share`: of what is unusual, explained. What it leaves may be another law, and so it is less sure."""
     name = tried.refit.effects[0]
     spec = CATALOGUE[name]
     parameters = parameters_of(fit, name)
@@ -177,15 +185,24 @@ def _effect(tried: Tried, fit: Fit) -> Named:
     low, high = parameters[first].ci90
     sentence = f"{spec.title}: {first} = {parameters[first].median:.3g} [{low:.3g}, {high:.3g}]."
     return Named(
-        kind="effect", effects=(name,), probability=tried.probability, parameters=parameters, sentence=sentence
+        kind="effect",
+        effects=(name,),
+        probability=max(share, 0.0) * tried.probability,
+        parameters=parameters,
+        sentence=sentence,
     )
 
 
-def _set(chosen: Sequence[Tried]) -> Named:
+def _set(chosen: Sequence[Tried], share: float) -> Named:
     names = tuple(tried.refit.effects[0] for tried in chosen)
     titles = "; or: ".join(CATALOGUE[name].title for name in names)
     total = min(sum(tried.probability for tried in chosen), 1.0)
-    return Named(kind="set", effects=names, probability=total, sentence=f"One of these, not told apart: {titles}.")
+    return Named(
+        kind="set",
+        effects=names,
+        probability=max(share, 0.0) * total,
+        sentence=f"One of these, not told apart: {titles}.",
+    )
 
 
 def _unknown(evidence: Evidence) -> Named:

@@ -86,7 +86,7 @@ class Alias(Record):
 
 
 class NextExperiment(Record):
-    """What to measure so that the set of the last round falls apart."""
+    """What to measure so that the first set falls apart."""
 
     setting: str
     separates: tuple[str, ...]

@@ -17,8 +17,10 @@ TOOL_SD = 0.04  # of the modulus from print to print: notes/gap.md section 3
 _SHIFT_SD = np.array([1.0, 0.5, 0.15])  # weak priors about the bank's centre: ln E, friction, Poisson ratio
 _STEP = np.array([0.02, 0.01, 0.005])  # of finite differences of theta
 _RATIO_MARGIN = 1e-3
+_N_THETA = 3
 _STEPS, _HALVINGS, _SETTLED = 12, 4, 1e-3
 _PARAMETER_STEP = 0.04
+_NEAR, HELD = 0.99, 1e6  # a bound of one, and the precision of a coordinate that is there
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +162,7 @@ class Fitter:
         inner = [axis.inner(known[axis.effect][axis.name]) for axis in self.axes]
         nothing = np.zeros(self.n_tools + len(working.numerical))
         start = np.concatenate([[np.log(theta[0])], theta[1:], nothing, inner])
+        self._shift = _N_THETA + len(nothing) - 1  # the last numerical error, between -1 and 1
         self.start = _Point(start, self.n_tools, len(working.numerical))
         surfaces = working.predictor.surfaces
         self.lower, self.upper = surfaces.lower, surfaces.upper - np.array([0.0, _RATIO_MARGIN])
@@ -190,6 +193,7 @@ class Fitter:
             if (np.abs(step) < _SETTLED + 0.05 * sd).all():
                 break
         weight = root_weights(residual)
+        precision = self._held(point)
         return Fit(
             working=self.working,
             theta=point.theta,
@@ -200,8 +204,8 @@ class Fitter:
             raw=residual,
             weight=weight,
             columns=columns * weight,
-            precision=self.precision,
-            pull=self.precision * (point.vector - self.middle),
+            precision=precision,
+            pull=np.where(precision == HELD, 0.0, precision * (point.vector - self.middle)),
             loss=loss,
         )
 
@@ -219,10 +223,21 @@ class Fitter:
 
     def _step(self, point: _Point, columns: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         flat = columns.reshape(len(columns), -1)
-        curvature = flat @ flat.T + np.diag(self.precision)
         slope = flat @ residual.ravel() - self.precision * (point.vector - self.middle)
-        inverse = np.linalg.inv(curvature)
-        return inverse @ slope, np.sqrt(np.diag(inverse))
+        gram = flat @ flat.T
+        inverse = np.linalg.inv(gram + np.diag(self.precision))
+        step = inverse @ slope
+        if (self._held(point) != self.precision).any() and step[self._shift] * point.vector[self._shift] > 0:
+            inverse = np.linalg.inv(gram + np.diag(self._held(point)))
+            step = inverse @ np.where(np.arange(len(slope)) == self._shift, 0.0, slope)
+        return step, np.sqrt(np.diag(inverse))
+
+    def _held(self, point: _Point) -> np.ndarray:
+        """Precisions; the shift of all traces is held at the most that it may be."""
+        precision = self.precision.copy()
+        if abs(point.vector[self._shift]) > _NEAR:
+            precision[self._shift] = HELD
+        return precision
 
     def _residual(self, point: _Point) -> np.ndarray:
         return self.working.whitened(self.working.measured - self._predicted(point))
@@ -258,6 +273,7 @@ class Fitter:
     def _inside(self, point: _Point) -> _Point:
         vector = point.vector.copy()
         vector[1:3] = np.clip(vector[1:3], self.lower, self.upper)
+        vector[self._shift] = np.clip(vector[self._shift], -1.0, 1.0)
         if self.axes:
             limits = np.array([axis.limits for axis in self.axes])
             vector[-len(self.axes) :] = np.clip(point.inner, limits[:, 0], limits[:, 1])

@@ -21,7 +21,7 @@ def recalibrated(problem: GapProblem, effects: Sequence[EffectValue] = ()) -> Fi
     tool_factor = np.ones(len(problem.grasps.tools))
     starts = [theta, _middle(predictor, effects)]
     for _ in range(_ROUNDS):
-        predicted_n = predictor.steps(theta, effects, tool_factor)
+        predicted_n = predictor.with_lead(theta, effects, tool_factor)
         data = working(problem, predictor, predicted_n, theta[0] / predictor.centre.young_modulus_mpa)
         fit = min((Fitter(data, start, effects).fit() for start in starts), key=lambda found: found.loss)
         theta, tool_factor, effects = fit.theta, fit.tool_factor, fit.effects

@@ -23,7 +23,7 @@ from models.calibration.sampling import sample
 from models.calibration.settings import WITH_EFFECTS, CalibrationSettings, ThetaPriors
 from models.calibration.traces.calibrate import laplace
 from models.effects.catalogue import CATALOGUE
-from models.gap.fit import Axis, Fit, axes_of
+from models.gap.fit import HELD, Axis, Fit, axes_of
 from models.gap.robust import root_weights
 from models.gap.working import IS_LIFT
 from models.records import EffectValue
@@ -215,7 +215,9 @@ class Surface:
 
     def rows(self, v: np.ndarray) -> np.ndarray:
         """Weighted residual at v with tools and meshes as fitted, with what those take up added back, (m f)."""
-        taken = np.concatenate([self.fit.tool_log, self.fit.numerical]) @ self.nuisance
+        nuisance = np.concatenate([self.fit.tool_log, self.fit.numerical])
+        is_free = self.fit.precision[_N_THETA : _N_THETA + len(nuisance)] < HELD
+        taken = np.where(is_free, nuisance, 0.0) @ self.nuisance
         return np.asarray((_residual(self.fit, self.density.axes, v) * self.weight).ravel() + taken)
 
     def projected(self, rows: np.ndarray) -> np.ndarray:

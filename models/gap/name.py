@@ -19,7 +19,6 @@ from models.gap.score import (
     PRIOR_NONE,
     PRIOR_UNKNOWN,
     Score,
-    corrected_for_choice,
     gain_nats,
     probabilities,
     r2,
@@ -43,9 +42,10 @@ class NameResult:
     """The answer of a round and what it rests on.
 
     candidates: `none`, `unknown` and every effect that was fitted, by what it predicts. theta (3) and fit: with what
-    was in the model, calibrated again; best: with the named effect, or `fit`. evidence_nats: gains of the candidates by
-    design and object, in their order, for tempering; priors: theirs. dropped: effects of the model that explain nothing
-    any more. aliases: what these data cannot tell from theta at all; isolability: what they can tell at all.
+    was in the model, calibrated again; best: with the named effect or the first of a set, or `fit`. evidence_nats:
+    gains of the candidates by design and object, in their order, for tempering; priors: theirs. dropped: effects of the
+    model that explain nothing any more. aliases: what these data cannot tell from theta at all; isolability: what they
+    can tell at all.
     """
 
     named: Named
@@ -64,7 +64,12 @@ class NameResult:
     @property
     def values(self) -> tuple[EffectValue, ...]:
         """The named effect with its parameters, to go into the model; nothing unless exactly one was named."""
-        return tuple(v for v in self.best.effects if self.named.kind == "effect" and v.effect in self.named.effects)
+        return self.taken if self.named.kind == "effect" else ()
+
+    @property
+    def taken(self) -> tuple[EffectValue, ...]:
+        """What the next round takes for granted, with its parameters: the named effect, or the first of a set."""
+        return tuple(value for value in self.best.effects if value.effect in self.named.effects[:1])
 
 
 def name_effect(
@@ -90,7 +95,7 @@ def name_effect(
     evidence, nats, priors, names_tried = _evidence(fit, screen, thresholds)
     again = _again(learnt_from, evidence) if is_alarm(evidence, thresholds) else None
     named = decided(evidence, thresholds, again)
-    best = again if named.kind == "effect" and again is not None else fit
+    best = again if named.effects and again is not None else fit
     base = scored(fit)
     return NameResult(
         named=named,
@@ -147,7 +152,6 @@ def _evidence(
         singles=singles,
         pairs=pairs,
         ceiling=statistics.ceiling_r2,
-        corrected_gain=corrected_for_choice([float(gain.sum()) for gain in nats[2:]]) if singles else 0.0,
         statistics=statistics,
         none=float(shares[0]),
         unknown=float(shares[1]),

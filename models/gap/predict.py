@@ -17,11 +17,9 @@ from models.errors import UsageError
 from models.gap.features import features_of_steps
 from models.gap.fields import FieldSurface, friction_factor_of_reference
 from models.gap.problem import Bank, Field, GapProblem, Grasps
-from models.gap.sensing import acts_on_traces, sensed
+from models.gap.sensing import N_LEAD, acts_on_traces, sensed
 from models.records import EffectValue, Theta
 
-_LARGEST_LEAD = 5.0  # times the force with which the lift starts
-_LEAST_START = 0.05  # of the largest force
 LEAST_MADE = 0.9  # of the cells: an amplitude of which less was simulated is left alone
 
 
@@ -29,7 +27,7 @@ LEAST_MADE = 0.9  # of the cells: an amplitude of which less was simulated is le
 class Predictor:
     """Step means of n grasps; grasps of cells whose base could not be simulated are not usable (n).
 
-    lead_n: n x 12, the end of closing at the centre over the mean force of the lift's first step, see `sensing`.
+    surfaces, rows_n: of the end of closing and step means (132, see `sensing`), rows_n of each grasp.
     """
 
     grasps: Grasps
@@ -39,7 +37,6 @@ class Predictor:
     fields: dict[str, FieldSurface]
     wider_mm: np.ndarray
     wider_n: np.ndarray
-    lead_n: np.ndarray
     is_usable: np.ndarray
 
     @staticmethod
@@ -48,8 +45,9 @@ class Predictor:
         bank, grasps = problem.bank, problem.grasps
         n_known = np.isfinite(bank.grid_steps_n).all(axis=-1).sum(axis=-1)
         is_known = (n_known > n_terms(bank.grid)) & np.isfinite(bank.centre_steps_n).all(axis=-1)
-        every = np.ones(bank.grid_steps_n.shape[-1], dtype=bool)
-        surfaces = ResponseSurfaces.fitted(bank.grid, bank.grid_steps_n, is_known, bank.centre.young_modulus_mpa, every)
+        with_lead_n = np.concatenate([bank.grid_lead_n, bank.grid_steps_n], axis=-1)
+        every = np.ones(with_lead_n.shape[-1], dtype=bool)
+        surfaces = ResponseSurfaces.fitted(bank.grid, with_lead_n, is_known, bank.centre.young_modulus_mpa, every)
         nothing = np.zeros((*bank.centre_steps_n.shape[:2], 1, bank.centre_steps_n.shape[-1]))
         wider_n = np.nan_to_num(bank.wider_steps_n - bank.centre_steps_n[:, :, None])
         return Predictor(
@@ -60,7 +58,6 @@ class Predictor:
             fields=_surfaces_of_fields(bank),
             wider_mm=np.concatenate([[0.0], bank.wider_mm]),
             wider_n=np.concatenate([nothing, wider_n], axis=2),
-            lead_n=_leads(bank)[grasps.tool, grasps.obj],
             is_usable=is_known[grasps.tool, grasps.obj],
         )
 
@@ -95,6 +92,12 @@ class Predictor:
         Raises:
             UsageError: an effect needs simulations that the bank does not have.
         """
+        return self.with_lead(theta, effects, tool_factor)[:, N_LEAD:]
+
+    def with_lead(
+        self, theta: np.ndarray, effects: Sequence[EffectValue] = (), tool_factor: np.ndarray | None = None
+    ) -> np.ndarray:
+        """The end of closing and step means, n x 132; what an effect of the bank changes first, it changes before."""
         tool, obj = self.grasps.tool, self.grasps.obj
         acting = self._acting(effects)
         memory = _Memory.of(acting, self.grasps, self.centre)
@@ -108,17 +111,14 @@ class Predictor:
         basis = self.surfaces.rows(np.clip(friction, low, high), float(theta[2]))
         steps = (basis[:, None] @ self.rows_n)[:, 0]
         for value in from_bank:
-            steps = steps + self.fields[value.effect].change_n(value.parameters, stiffer, tool, obj)
+            steps = steps + _with_own_lead(self.fields[value.effect].change_n(value.parameters, stiffer, tool, obj))
         if memory.wider_mm.any():
-            steps = steps + self._wider(memory.wider_mm)
+            steps = steps + _with_own_lead(self._wider(memory.wider_mm))
         steps = steps * stiffer[:, None]
-        on_traces = [of_grasps for of_grasps in acting if acts_on_traces(of_grasps[0])]
-        if not on_traces:
-            return steps
-        with_lead = np.concatenate([self.lead_n * steps[:, :1], steps], axis=1)
-        for of_grasps in on_traces:
-            with_lead = sensed(of_grasps, with_lead, self.grasps.setup)
-        return with_lead[:, self.lead_n.shape[1] :]
+        for of_grasps in acting:
+            if acts_on_traces(of_grasps[0]):
+                steps = sensed(of_grasps, steps, self.grasps.setup)
+        return steps
 
     def _acting(self, effects: Sequence[EffectValue]) -> list[list[Effect]]:
         """Effects that no field stands for, layer by layer, each as it acts in every grasp."""
@@ -138,12 +138,9 @@ class Predictor:
         return np.asarray((1.0 - part) * self.wider_n[tool, obj, low] + part * self.wider_n[tool, obj, low + 1])
 
 
-def _leads(bank: Bank) -> np.ndarray:
-    """Forces before the lift over that of its first step, t x o x 12; a grasp that starts at next to nothing holds."""
-    first_n = bank.centre_steps_n[:, :, :1]
-    is_held = np.abs(first_n) > _LEAST_START * np.abs(bank.centre_steps_n).max(axis=-1, keepdims=True)
-    shares = bank.lead_n / np.where(is_held, first_n, 1.0)
-    return np.where(is_held & np.isfinite(shares), np.clip(shares, -_LARGEST_LEAD, _LARGEST_LEAD), 1.0)
+def _with_own_lead(change_n: np.ndarray) -> np.ndarray:
+    """Changes of step means (n x 120) with those of the end of closing, n x 132."""
+    return np.concatenate([np.repeat(change_n[:, :1], N_LEAD, axis=1), change_n], axis=1)
 
 
 def _surfaces_of_fields(bank: Bank) -> dict[str, FieldSurface]:

@@ -43,8 +43,8 @@ class Field:
 class Bank:
     """Simulations of t tools' designs on o objects, as step means (120); forces at `centre.young_modulus_mpa`.
 
-    NaN where a simulation failed. grid: g x 2, friction and Poisson ratio. grid_steps_n: t x o x g x 120.
-    centre_steps_n: t x o x 120. lead_n: t x o x 12, the centre before the lift, see `sensing.lead_means`.
+    NaN where a simulation failed. grid: g x 2, friction and Poisson ratio. grid_steps_n: t x o x g x 120;
+    grid_lead_n: t x o x g x 12, the same before the lift, see `sensing.lead_means`. centre_steps_n: t x o x 120.
     numerical_steps_n: t x o x v x 120, the centre on other meshes. wider_mm: w, how much earlier the jaws stop;
     wider_steps_n: t x o x w x 120. fields: effects of cost C and F by name. failed_share: of all simulations of the
     bank.
@@ -53,8 +53,8 @@ class Bank:
     centre: Theta
     grid: np.ndarray
     grid_steps_n: np.ndarray
+    grid_lead_n: np.ndarray
     centre_steps_n: np.ndarray
-    lead_n: np.ndarray
     numerical_steps_n: np.ndarray
     wider_mm: np.ndarray
     wider_steps_n: np.ndarray

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from models.gap.screen import Screen
 from models.records import EffectValue
 
 N_LEADING = 6
-N_PAIRED = 3  # of the leading effects, in pairs
 _STARTS = 2  # secants from which an effect is fitted
 
 
@@ -41,16 +39,20 @@ def refitted(base: Fit, screen: Screen, effects: Sequence[str]) -> list[Refit]:
     found = []
     for name in effects:
         places = _of(screen, name)
-        starts = places[np.argsort(-screen.gain[places])][:_STARTS]
+        # A shape without its amplitude is the same secant again.
+        _, other = np.unique(np.round(-screen.gain[places], 6), return_index=True)
+        starts = places[other][:_STARTS]
         fits = [_fitted(base, [screen.values[place]]) for place in starts]
         found.append(Refit((name,), min(fits, key=lambda fit: fit.loss)))
     return found
 
 
 def paired(base: Fit, refits: Sequence[Refit]) -> list[Refit]:
-    """Pairs of the first `N_PAIRED` refitted effects: one alone may hide behind another."""
-    pairs = combinations(refits[:N_PAIRED], 2)
-    return [Refit((*one.effects, *other.effects), _fitted(base, [*one.values, *other.values])) for one, other in pairs]
+    """The first refitted effect with each of the others: one alone may hide behind another."""
+    return [
+        Refit((*refits[0].effects, *other.effects), _fitted(base, [*refits[0].values, *other.values]))
+        for other in refits[1:]
+    ]
 
 
 def _fitted(base: Fit, values: Sequence[EffectValue]) -> Fit:

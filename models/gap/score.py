@@ -95,18 +95,6 @@ def probabilities(
     return np.asarray((shares / shares.sum(axis=1, keepdims=True)).mean(axis=0))
 
 
-def corrected_for_choice(gains: Sequence[float]) -> float:
-    """The largest gain less what the best of as many gains by chance would have (McLatchie and Vehtari 2024).
-
-    The spread of chance is taken from the lower half of the gains, where no effect is; losses are no chance gains.
-    """
-    ordered = np.sort(np.asarray(gains, dtype=float))
-    n = len(ordered)
-    lower = np.maximum(ordered[: n // 2], 0.0)
-    spread = 1.4826 * float(np.median(lower)) if len(lower) else 0.0
-    return float(ordered[-1] - spread * np.sqrt(2.0 * np.log(n)))
-
-
 def _score(fit: Fit, by_design: np.ndarray, by_class: np.ndarray) -> Score:
     errors_n = fit.working.unwhitened(np.clip(by_design, -_CLIP_SD, _CLIP_SD))[:, :N_BINS]
     return Score(damped(by_design), damped(by_class), float(np.sqrt((errors_n**2).mean())))

@@ -19,6 +19,7 @@ from models.records import EffectValue
 LARGEST_SHARE = 2.0  # of a secant's amplitude, when it is scaled to the residual
 _SHAPES = (0.3, 1.0, 3.0)  # times the prior median of what shapes an effect
 _SMALL, _LARGE = 0.5, 1.5  # prior standard deviations from the prior median or from neutral
+_LEAST = 0.3  # of the small size: what turns round with the force at the start of the lift is no line in its amplitude
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,7 @@ def secants(effect: str) -> list[EffectValue]:
     spec = CATALOGUE[effect]
     first, others = spec.parameters[0], spec.parameters[1:]
     sizes = [first.prior_median + _LARGE * first.prior_sd, first.prior_median + _SMALL * first.prior_sd]
+    sizes.append(first.neutral + _LEAST * (sizes[-1] - first.neutral))
     if first.lower < first.neutral:
         sizes += [2.0 * first.neutral - size for size in sizes]
     values = [{first.name: float(np.clip(size, first.lower, first.upper))} for size in sizes]

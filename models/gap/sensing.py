@@ -1,11 +1,11 @@
 """What effects that act on finished traces do to step means, for all grasps at once.
 
-Step means are taken as the force at the middle of their steps, straight in between. In front of them lie `N_LEAD`
-forces, the end of closing up to the start of the lift, a step apart in time: a late clock or a slow transmitter brings
-them into the lift. Laws that are
-simple on such a lattice are written out for n grasps; any other effect of the catalogue is replayed grasp by grasp.
-Either way it is the change that counts, so that an effect of amplitude zero leaves the prediction alone to the last
-bit.
+In front of step means lie `N_LEAD` forces, the end of closing up to the start of the lift, a step apart in time: a late
+clock or a slow transmitter brings them into the lift. In its first steps the force turns round and rises by more than
+it ever does again, so there the force is read in fifths of a step, straight from one end of a step to the other; later
+step means are taken as the force at the middle of their steps. Laws that are simple on such a lattice are written out
+for n grasps; any other effect of the catalogue is replayed grasp by grasp. Either way it is the change that counts, so
+that an effect of amplitude zero leaves the prediction alone to the last bit.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,8 +25,12 @@ from models.effects.tool_weight import ToolWeight
 from models.records import GraspSetup, Trace
 
 N_LEAD = 12
+_N_FINE, _PARTS = 3, 5  # steps that are read in parts
+_PART = (np.arange(_PARTS) + 0.5) / _PARTS
 # Lift of every force; before the lift, time at its speed.
-_AT_MM = STEP_MM * np.concatenate([np.arange(1 - N_LEAD, 1), np.arange(N_STEPS) + 0.5])
+_AT_MM = STEP_MM * np.concatenate(
+    [np.arange(1 - N_LEAD, 1), (np.arange(_N_FINE)[:, None] + _PART).ravel(), np.arange(_N_FINE, N_STEPS) + 0.5]
+)
 _IS_LIFT = _AT_MM > 0
 
 Law = Callable[[Sequence[Effect], np.ndarray, GraspSetup], np.ndarray]
@@ -34,8 +38,14 @@ Law = Callable[[Sequence[Effect], np.ndarray, GraspSetup], np.ndarray]
 
 def sensed(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
     """Step means with their lead (n x 132) with one effect, as it acts in each of n grasps (`Effect.in_grasp`)."""
-    law = _LAWS.get(type(effects[0]), _replayed)
-    return law(effects, steps_n, setup)
+    law = _LAWS.get(type(effects[0]))
+    if law is None:
+        return _replayed(effects, steps_n, setup)
+    fine_n = _fine(steps_n)
+    change_n = law(effects, fine_n, setup) - fine_n
+    end = N_LEAD + _N_FINE * _PARTS
+    of_steps = change_n[:, N_LEAD:end].reshape(len(steps_n), _N_FINE, _PARTS).mean(axis=2)
+    return steps_n + np.concatenate([change_n[:, :N_LEAD], of_steps, change_n[:, end:]], axis=1)
 
 
 def acts_on_traces(effect: Effect) -> bool:
@@ -52,9 +62,20 @@ def lead_means(trace: Trace, setup: GraspSetup) -> np.ndarray:
 
 def trace_of_steps(steps_n: np.ndarray, setup: GraspSetup) -> Trace:
     """A trace with these step means and their lead (132), to first order: closed, then lifted at the setup's speed."""
-    at_mm, force_n = np.append(_AT_MM, _AT_MM[-1] + 0.5 * STEP_MM), np.append(steps_n, steps_n[-1])
+    at_mm, force_n = np.append(_AT_MM, _AT_MM[-1] + 0.5 * STEP_MM), np.append(_fine(steps_n[None])[0], steps_n[-1])
     time_s = _closing_s(setup) + at_mm / setup.lift_speed_mm_per_s
     return Trace(time_s, np.maximum(at_mm, 0.0), force_n)
+
+
+def _fine(steps_n: np.ndarray) -> np.ndarray:
+    """Forces on the lattice (n x 144) of step means with their lead (n x 132)."""
+    ends = [steps_n[:, N_LEAD - 1]]
+    for step in range(_N_FINE):
+        ends.append(2.0 * steps_n[:, N_LEAD + step] - ends[-1])
+    known = np.stack(ends, axis=1)[:, :, None]
+    parts = known[:, :-1] + _PART * (known[:, 1:] - known[:, :-1])
+    first, later = steps_n[:, :N_LEAD], steps_n[:, N_LEAD + _N_FINE :]
+    return np.concatenate([first, parts.reshape(len(steps_n), -1), later], axis=1)
 
 
 def _replayed(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
@@ -105,26 +126,29 @@ def _shift(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) ->
 
 
 def _late_start(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    """Forces at the true lift, which a start with constant acceleration and a backlash leave behind."""
-    speed, ramp_s = setup.lift_speed_mm_per_s, _column(effects, "ramp_s")
-    time_s = _AT_MM / speed
-    ramping_mm = 0.5 * speed * time_s**2 / np.where(ramp_s > 0, ramp_s, 1.0)
-    true_mm = np.where(time_s < ramp_s, ramping_mm, speed * (time_s - 0.5 * ramp_s)) - _column(effects, "backlash_mm")
-    return np.where(_IS_LIFT, _read_at(np.maximum(true_mm, 0.0), steps_n), steps_n)
+    """Forces at the true lift, which a slow start and a backlash leave behind; the same in every grasp."""
+    effect = effects[0]
+    assert isinstance(effect, LiftStartError)
+    time_s = _AT_MM[_IS_LIFT] / setup.lift_speed_mm_per_s
+    true_mm = np.maximum(_AT_MM[_IS_LIFT] - effect.behind_mm(time_s, setup.lift_speed_mm_per_s), 0.0)
+    found = steps_n.copy()
+    found[:, _IS_LIFT] = _read_at(np.broadcast_to(true_mm, found[:, _IS_LIFT].shape), steps_n)
+    return found
 
 
 def _compliance(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
     """Force over the lift of the gantry; where that goes back, the system has jumped."""
-    lift_n, centres_mm = steps_n[:, N_LEAD:], _AT_MM[N_LEAD:]
+    start = N_LEAD - 1
+    lift_n, centres_mm = steps_n[:, start:], _AT_MM[start:]
     seen_mm = centres_mm + _column(effects, "compliance_mm_per_n") * (lift_n - lift_n[:, :1])
     ahead = np.maximum.accumulate(seen_mm, axis=1)
     rows = zip(ahead, seen_mm, lift_n, strict=True)
     found = np.array([np.interp(centres_mm, at[at <= own], force[at <= own]) for at, own, force in rows])
-    return np.concatenate([steps_n[:, :N_LEAD], found], axis=1)
+    return np.concatenate([steps_n[:, :start], found], axis=1)
 
 
 def _read_at(from_mm: np.ndarray, steps_n: np.ndarray) -> np.ndarray:
-    """Forces at lifts (n x 132) of step means with their lead (n x 132), constant beyond their ends."""
+    """Forces at lifts (n x 144) of forces on the lattice (n x 144), constant beyond its ends."""
     places = np.arange(len(_AT_MM))
     place = np.interp(from_mm, _AT_MM, places)
     low = np.minimum(place.astype(int), places[-2])

@@ -91,8 +91,8 @@ def made_up_bank(shapes: np.ndarray) -> Bank:
         centre=CENTRE,
         grid=np.array(points),
         grid_steps_n=np.stack([_steps(shapes, theta) for theta in grid], axis=2),
+        grid_lead_n=np.stack([_leads(shapes, theta) for theta in grid], axis=2),
         centre_steps_n=_steps(shapes, CENTRE),
-        lead_n=_leads(shapes),
         numerical_steps_n=np.stack([_steps(shapes, CENTRE, mesh=row) for row in np.eye(len(NUMERICAL_MESHES))], axis=2),
         wider_mm=np.array(WIDER_MM),
         wider_steps_n=np.stack([_steps(shapes, CENTRE, wider_mm=wider) for wider in WIDER_MM], axis=2),
@@ -202,9 +202,9 @@ def _steps(
     return np.array(steps).reshape(*shapes.shape[:-1], N_STEPS)
 
 
-def _leads(shapes: np.ndarray) -> np.ndarray:
+def _leads(shapes: np.ndarray, theta: Theta) -> np.ndarray:
     """What is before the lift, t x o x 12: made-up grasps hold."""
-    leads = [lead_means(made_up_trace(shape, CENTRE), GraspSetup()) for shape in shapes.reshape(-1, shapes.shape[-1])]
+    leads = [lead_means(made_up_trace(shape, theta), GraspSetup()) for shape in shapes.reshape(-1, shapes.shape[-1])]
     return np.array(leads).reshape(*shapes.shape[:-1], -1)
 
 

@@ -38,17 +38,17 @@ class Thresholds(Record):
 
     Default lines are those of 40 null worlds of `fast bench run gap` (14 designs, 8 objects, 3 repeats; a finer mesh
     with another contact law), at least three standard deviations above their mean; the temperature is that of 20 worlds
-    with an effect, or 3. With these lines none of 60 sealed null worlds raised an alarm (docs/gap-worlds.md).
+    with an effect. With these lines none of 60 sealed null worlds raised an alarm (docs/gap-worlds.md).
     """
 
-    effect_r2: float = 0.0193
+    effect_r2: float = 0.01
     ceiling_r2: float = 0.005
-    misfit: float = 2.669
-    contrast_misfit: float = 1.868
-    usual_misfit: float = 2.274
+    misfit: float = 2.604
+    contrast_misfit: float = 1.869
+    usual_misfit: float = 2.263
     usual_contrast_misfit: float = 1.604
-    share: float = 0.6
-    temperature: float = 3.0
+    share: float = 0.5
+    temperature: float = 5.28
     probability: float = 0.9
     least_nats: float = 3.0
 

@@ -18,16 +18,19 @@ from models.calibration.traces.problem import (
     units_of,
 )
 from models.calibration.traces.surface import ResponseSurfaces
+from models.effects.lift_misalignment import LiftMisalignment
 from models.gap.features import FEATURES, features_of_steps
 from models.gap.predict import Predictor
 from models.gap.problem import Bank, GapProblem
+from models.gap.sensing import N_LEAD, sensed
 
 # Errors of a cell, with the weights (and the tails of `robust`) that make 24 null worlds likeliest: docs/gap-worlds.md.
 FLOOR_SHARE = 0.0066  # of the cell's largest force, common to neighbouring bins
 OWN_SHARE = 0.0045  # the same, of each feature by itself
 PLACEMENT_SHARE = 0.0166  # scatter of the force of a tool on an object, relative
 SHIFT_MM = 0.039  # of the whole trace along the lift: height of the object, start of the lift
-COMMON_SHIFT_MM = 0.05  # of all traces together: how far a contact gives way before it slides is the simulator's choice
+# Of all traces together, at most: how far a contact gives way before it slides is the simulator's choice.
+COMMON_SHIFT_MM = 0.03
 NUMERICAL_WEIGHT = 0.47  # of the variance that other meshes show
 SURFACE_WEIGHT = 0.06  # of the squared errors of surfaces at left-out grid points, which lie at the ends of the grid
 CONTRAST_SHARE = 0.003  # what repeats of a cell differ by for no reason, relative
@@ -48,8 +51,8 @@ class Working:
     predictor: of these grasps. measured: m x f, free of the bias of sensor noise. amplitude: m x f, what a relative
     error of 1 is. cells: rows of the repeats of the c cells
     with r of them, c x r for each r.
-    whiteners: m x f x f. numerical: v x m x f, what other meshes and a later start change at the centre's modulus, not
-    whitened.
+    whiteners: m x f x f. numerical: v x m x f, what other meshes and, last, forces that are late by `COMMON_SHIFT_MM`
+    change at the centre's modulus, not whitened.
     """
 
     predictor: Predictor
@@ -108,11 +111,12 @@ def training(problem: GapProblem) -> GapProblem:
     return replace(problem, grasps=kept)
 
 
-def working(problem: GapProblem, predictor: Predictor, predicted_n: np.ndarray, stiffer: float) -> Working:
-    """The working data of a training problem; errors are judged at the step means predicted of its grasps (m x 120).
+def working(problem: GapProblem, predictor: Predictor, with_lead_n: np.ndarray, stiffer: float) -> Working:
+    """The working data of a training problem; errors are judged at what is predicted of its grasps (m x 132).
 
-    stiffer: Young's modulus over the bank's.
+    with_lead_n: of `Predictor.with_lead`. stiffer: Young's modulus over the bank's.
     """
+    predicted_n = with_lead_n[:, N_LEAD:]
     grasps, bank = problem.grasps, problem.bank
     cells, inverse = np.unique(np.stack([grasps.tool, grasps.obj], axis=1), axis=0, return_inverse=True)
     first = np.array([np.flatnonzero(inverse == number)[0] for number in range(len(cells))])
@@ -125,22 +129,23 @@ def working(problem: GapProblem, predictor: Predictor, predicted_n: np.ndarray, 
     at = (cells[:, 0], cells[:, 1])
     scatter = _outer(amplitude) * (FLOOR_SHARE**2 * error_correlation(FEATURES) + OWN_SHARE**2 * np.eye(len(FEATURES)))
     scatter = scatter + PLACEMENT_SHARE**2 * _outer(force) + SHIFT_MM**2 * _outer(_slopes(predicted_n[first]))
-    of_meshes = _numerical_scatter(bank.numerical_steps_n[at], bank.centre_steps_n[at], amplitude)
+    scatter_of_meshes = _numerical_scatter(bank.numerical_steps_n[at], bank.centre_steps_n[at], amplitude)
     in_unit = np.where(IS_LIFT, 1.0, stiffer)
     surface = _surface_error(bank, at) * np.outer(in_unit, in_unit)
-    scatter = scatter + NUMERICAL_WEIGHT * of_meshes + SURFACE_WEIGHT * surface
+    scatter = scatter + NUMERICAL_WEIGHT * scatter_of_meshes + SURFACE_WEIGHT * surface
     contrast = repeats + CONTRAST_SHARE**2 * _outer(amplitude) * np.eye(len(FEATURES))
     whiteners, places = _whiteners(inverse, contrast, scatter)
     changed = _features(bank.numerical_steps_n) - _features(bank.centre_steps_n)[:, :, None]
-    shifted = COMMON_SHIFT_MM * _slopes(bank.centre_steps_n)[:, :, None]
-    numerical = np.nan_to_num(np.concatenate([changed, shifted], axis=2))
+    of_meshes = np.moveaxis(np.nan_to_num(changed)[grasps.tool, grasps.obj], 1, 0)
+    late_n = sensed([LiftMisalignment(COMMON_SHIFT_MM)] * len(with_lead_n), with_lead_n, grasps.setup)[:, N_LEAD:]
+    late = (features_of_steps(late_n) - features_of_steps(predicted_n)) / in_unit
     return Working(
         predictor=predictor,
         measured=features_of_steps(grasps.steps_n) - bias[inverse],
         amplitude=amplitude[inverse],
         cells=places,
         whiteners=whiteners,
-        numerical=np.moveaxis(numerical[grasps.tool, grasps.obj], 1, 0),
+        numerical=np.concatenate([of_meshes, late[None]]),
     )
 
 

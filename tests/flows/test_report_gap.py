@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flows.gap import answer
+from flows.report import gap_words
 from flows.report.gap import write_findings, write_gap_report
 from flows.report.gap_evidence import INDEPENDENT, GapEvidence, ThetaRow
 from flows.viewer.gap import write_gap_recording
@@ -121,6 +123,18 @@ def test_answer_alone_makes_a_page_and_silence_is_said(tmp_path: Path) -> None:
     page = write_gap_report(GapEvidence(silent), tmp_path, "X2").read_text(encoding="utf-8")
     assert "these data show nothing missing" in page
     assert "No single tool, object or phase stands out" in page
+
+
+def test_a_set_and_a_name_behind_it_are_both_said() -> None:
+    kin = Named(kind="set", effects=("load_cell_lag", "lift_misalignment"), probability=0.9)
+    wear = Named(kind="effect", effects=("friction_wear",), probability=0.95)
+    rounds = tuple(Round(where=(), candidates=(_candidate("none", 0.1),), named=one) for one in (kin, wear, NOTHING))
+    gap = Gap(rmse_before_n=0.5, rmse_after_n=0.3, rmse_floor_n=0.1, closed_fraction=0.5, ci95=(0.4, 0.6))
+    findings = Findings(alarm=True, rounds=rounds, gap=gap, aliases=(), next_experiment=None, seed=0, budget={})
+    said = answer(findings)
+    assert said.startswith("found friction_wear; one of load_cell_lag, lift_misalignment, not told apart; held-out")
+    assert gap_words.short(findings) == "one of a set, friction wear"
+    assert "cannot tell apart, then Friction drifts" in gap_words.answer(findings)
 
 
 def test_recording_holds_measured_before_and_after(evidence: GapEvidence, tmp_path: Path) -> None:

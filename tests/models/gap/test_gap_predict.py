@@ -21,7 +21,7 @@ THETA = np.array([8.0, 0.7, 0.4])
 ON_TRACES = {
     "stress_relaxation": {"relaxed_share": 0.2, "time_constant_s": 4.0},
     "object_post_compliance": {"compliance_mm_per_n": 0.05},
-    "lift_start_error": {"backlash_mm": 0.4, "ramp_s": 0.3},
+    "lift_start_error": {"backlash_mm": 0.4, "ramp_s": 0.3, "ramp_power": 2.0},
     "lift_misalignment": {"shift_mm": -0.8},
     "load_cell_offset": {"offset_n": 0.3},
     "load_cell_drift": {"drift_per_hour_n": 0.5},
@@ -85,14 +85,13 @@ def test_a_pressure_scale_is_a_factor_on_friction(predictor: Predictor) -> None:
 @pytest.mark.parametrize("name", ON_TRACES)
 def test_laws_for_all_grasps_at_once_agree_with_replay(predictor: Predictor, name: str) -> None:
     value = EffectValue(effect=name, parameters=ON_TRACES[name])
-    grasps, base = predictor.grasps, predictor.steps(CENTRE)
-    found = predictor.steps(CENTRE, [value])
+    grasps, with_lead = predictor.grasps, predictor.with_lead(CENTRE)
+    base, found = with_lead[:, N_LEAD:], predictor.steps(CENTRE, [value])
     (effect,) = build_effects([value])
     for row in range(0, len(base), 7):
         design = grasps.designs[grasps.tool[row]]
         acting = effect.in_grasp(design, grasps.setup, grasps.contexts[row])
-        lead_n = predictor.lead_n[row] * base[row, 0]
-        trace = trace_of_steps(np.concatenate([lead_n, base[row]]), grasps.setup)
+        trace = trace_of_steps(with_lead[row], grasps.setup)
         change = step_means(replayed(trace, [acting], design, predictor.centre)) - step_means(trace)
         error = np.abs(found[row] - base[row] - change)
         assert np.sqrt((error**2).mean()) < 0.07 * np.sqrt((change**2).mean()) + 1e-9
@@ -106,13 +105,14 @@ def test_the_end_of_closing_is_read_into_the_lift(
     predictor: Predictor, name: str, parameters: dict[str, float]
 ) -> None:
     """A force that is still rising when the lift starts makes a late record start low; a hold does not."""
-    n = len(predictor.grasps.tool)
-    rising = replace(predictor, lead_n=np.broadcast_to(np.linspace(0.0, 1.0, N_LEAD), (n, N_LEAD)))
+    n, rows_n = len(predictor.grasps.tool), predictor.rows_n.copy()
+    rows_n[..., :N_LEAD] = np.linspace(0.0, 1.0, N_LEAD) * rows_n[..., N_LEAD : N_LEAD + 1]
+    rising = replace(predictor, rows_n=rows_n)
     value = EffectValue(effect=name, parameters=parameters)
     base, held, late = predictor.steps(CENTRE), predictor.steps(CENTRE, [value]), rising.steps(CENTRE, [value])
     (effect,) = build_effects([value])
     for row in range(0, n, 7):
-        trace = trace_of_steps(np.concatenate([rising.lead_n[row] * base[row, 0], base[row]]), rising.grasps.setup)
+        trace = trace_of_steps(rising.with_lead(CENTRE)[row], rising.grasps.setup)
         change = step_means(effect.modify_trace(trace)) - step_means(trace)
         error = late[row] - base[row] - change
         assert np.sqrt((error[:4] ** 2).mean()) < 0.1 * np.sqrt((change[:4] ** 2).mean())

@@ -14,7 +14,7 @@ from flows.report.gap_figures import (
     shares_figure,
     trace_figure,
 )
-from flows.report.gap_words import answer, named_words, probability, short, words
+from flows.report.gap_words import answer, named_words, probability, reserve, short, words
 from flows.report.page import Markup, columns, number, paragraph, section, table, text, tiles
 from models.gap.findings import Named, Round
 from models.gap.show.shown import Shown
@@ -95,6 +95,8 @@ def name_section(evidence: GapEvidence, folder: Folder) -> Markup:
             f"gap_names_{place + 1}", names_figure(found.candidates, found.named), "Probabilities of names"
         )
         told = Markup(f"<h3>{text(title)}</h3>") + paragraph(found.named.sentence) + _parameters(found.named)
+        if note := reserve(found):
+            told += paragraph(note, "note")
         if found.named.kind == "none":
             told += paragraph(_NONE, "note")
         dropped = f"No longer needed: {', '.join(words(e) for e in found.dropped)}." if found.dropped else ""

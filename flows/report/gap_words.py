@@ -1,7 +1,9 @@
 """The answer of a gap search in words."""
 
 from models.effects.catalogue import CATALOGUE
-from models.gap.findings import Findings, Named
+from models.gap.findings import Findings, Named, Round
+
+_MOST = 0.98  # of what is unusual: who explains more is told without reserve
 
 
 def words(effect: str) -> str:
@@ -53,3 +55,21 @@ def probability(findings: Findings) -> str:
         return "not in the catalogue"
     rest = "; the rest is not in the catalogue" if findings.rounds[-1].named.kind == "unknown" else ""
     return f"what is missing, probability {', '.join(map(probability_words, sure))}{rest}"
+
+
+def reserve(found: Round) -> str:
+    """What keeps a name or set from being sure, and what the next round makes of a set; empty if there is nothing."""
+    named = found.named
+    if not named.effects:
+        return ""
+    among = min(sum(c.probability for c in found.candidates if c.effect in named.effects), 1.0)
+    parts = []
+    if among > 0.0 and named.probability < _MOST * among:
+        parts.append(
+            f"Probability among all that was tried: {probability_words(among)}. It takes away "
+            f"{100.0 * named.probability / among:.0f} % of what is unusual, and the rest may be another law's: "
+            f"{probability_words(named.probability)}."
+        )
+    if named.kind == "set":
+        parts.append(f"The next round takes {words(named.effects[0])} for granted; no simulator gets it.")
+    return " ".join(parts)

@@ -135,6 +135,11 @@ def test_a_set_and_a_name_behind_it_are_both_said() -> None:
     assert said.startswith("found friction_wear; one of load_cell_lag, lift_misalignment, not told apart; held-out")
     assert gap_words.short(findings) == "one of a set, friction wear"
     assert "cannot tell apart, then Friction drifts" in gap_words.answer(findings)
+    assert gap_words.reserve(rounds[0]) == "The next round takes load cell lag for granted; no simulator gets it."
+    half = Round(where=(), candidates=(_candidate("friction_wear", 0.99),), named=wear)
+    half = half.model_copy(update={"named": wear.model_copy(update={"probability": 0.495})})
+    assert "takes away 50 % of what is unusual" in gap_words.reserve(half)
+    assert gap_words.reserve(rounds[2]) == ""
 
 
 def test_recording_holds_measured_before_and_after(evidence: GapEvidence, tmp_path: Path) -> None:

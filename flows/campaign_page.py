@@ -15,7 +15,10 @@ from prefect.client.schemas.actions import ArtifactUpdate
 
 from flows.forecast import Forecast, forecast
 from flows.prefect_app import OUTPUTS
-from flows.progress import RateEstimate, Workload, workload
+from flows.progress import MOST_CPU, RateEstimate, Workload, workload
+from lake.additions import mark_of
+from lake.engine import Mark
+from lake.tables import GraspRow, ProposalRow, SimulationRow, ToolRow
 from tasks.campaign import Campaign
 from tasks.summary import markdown_table, ranked_tools
 from tasks.versions import at_present
@@ -23,7 +26,9 @@ from tasks.versions import at_present
 logger = logging.getLogger(__name__)
 
 INTERVAL_S = 60.0  # each update is two requests, and two events that the server keeps for days
+QUIET_S = 600.0  # between updates while nothing happens: the page says as of when it is
 PICTURE_DPI = 110
+_SHOWN = (ProposalRow, ToolRow, GraspRow, SimulationRow)  # news of these change the page
 
 
 class CampaignPage:
@@ -32,7 +37,9 @@ class CampaignPage:
     def __init__(self, campaign: Campaign) -> None:
         self._campaign = campaign
         self._grasps, self._simulations = RateEstimate(), RateEstimate()
-        self._written_s = time.monotonic()
+        self._next_s = time.monotonic() + INTERVAL_S
+        self._quiet_until_s = 0.0
+        self._marks: list[Mark] = []
         self._picture: tuple[int, str] = (0, "")
         name = campaign.campaign_id
         # Called from a synchronous flow they return the id, not a coroutine.
@@ -43,17 +50,30 @@ class CampaignPage:
         self._page = cast(UUID, page)
 
     def update(self, *, now: bool = False) -> None:
-        """Write both artifacts again, if it is time or `now`."""
-        if not now and time.monotonic() - self._written_s < INTERVAL_S:
+        """Write both artifacts again, `now` or if it is time and something happened; seldom, where that costs much."""
+        began_s = time.monotonic()
+        if not now and began_s < self._next_s:
             return
-        self._written_s = time.monotonic()
+        before_s = time.thread_time()
         try:
-            text = self.text()
-            with get_client(sync_client=True) as client:
-                client.update_artifact(self._page, ArtifactUpdate(data=text))
-                client.update_artifact(self._progress, ArtifactUpdate(data=round(100.0 * self._load.fraction, 1)))
+            if now or self._has_news(began_s):
+                self._write()
+                self._quiet_until_s = began_s + QUIET_S
         except Exception as error:  # whatever a server that restarts makes of it: the campaign goes on without its page
             logger.warning("the campaign's page was not written: %s", error)
+        pause_s = (time.thread_time() - before_s) / MOST_CPU
+        self._next_s = began_s + min(max(pause_s, INTERVAL_S), QUIET_S)
+
+    def _has_news(self, now_s: float) -> bool:
+        marks = [mark_of(self._campaign.lake, table) for table in _SHOWN]
+        known, self._marks = self._marks, marks
+        return marks != known or now_s > self._quiet_until_s
+
+    def _write(self) -> None:
+        text = self.text()
+        with get_client(sync_client=True) as client:
+            client.update_artifact(self._page, ArtifactUpdate(data=text))
+            client.update_artifact(self._progress, ArtifactUpdate(data=round(100.0 * self._load.fraction, 1)))
 
     def text(self, *, with_picture: bool = True) -> str:
         """The page as Markdown, from the lake as it is now."""

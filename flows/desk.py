@@ -11,7 +11,8 @@ from lake.tables import BatchRow
 from tasks.campaign import Campaign
 from tasks.control import append_event
 
-FORM_S = 15.0  # how often a form is looked for: the server, or its worker, may have come later than the campaign
+FORM_S = 15.0  # between looks whether a form is open: one is due again after an answer that leaves tools to print
+NO_FORM_S = 60.0  # the same where there was none: `fast serve` may come later than the campaign
 
 
 class PrintDesk:
@@ -41,7 +42,7 @@ class PrintDesk:
     def wait(self, batch: int, sheet: Path) -> None:
         """Nobody has answered yet: keep a form open, and remind when it is time."""
         now_s = time.monotonic()
-        if now_s - self._looked_s > FORM_S:
+        if now_s - self._looked_s > (FORM_S if self._form else NO_FORM_S):
             self._looked_s = now_s
             form = open_form(self._campaign.lake, self._campaign.campaign_id, batch)
             if form is not None and form != self._form:

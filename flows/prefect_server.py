@@ -14,6 +14,7 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
+from flows.prefect_background import ROUNDS
 from flows.run_marks import is_process_alive
 from flows.standing import StandingProcess
 from lake.store import Lake
@@ -168,7 +169,7 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> StandingPr
     environment = {**os.environ, **client_environment(url), "PREFECT_HOME": str(home)}
     if login := _login():
         environment["PREFECT_SERVER_API_AUTH_STRING"] = login
-    for name, value in TIDY.items():
+    for name, value in {**TIDY, **ROUNDS}.items():
         environment.setdefault(name, value)
     # Pages that were opened under another name ask the server they came from.
     environment.setdefault("PREFECT_UI_API_URL", "/api")

@@ -170,11 +170,11 @@ def _best_in_words(outcome: Outcome) -> str:
 
 
 def _write_results(campaign: Campaign, voice: Voice) -> Outcome:
+    voice.progress("writing report and recording")
     # Seconds of imports, which a campaign that goes on after a crash does not wait for.
     from flows.report.build import add_features, write_report
     from flows.viewer.campaign import write_recording
 
-    voice.progress("writing report and recording")
     add_features(campaign.lake, campaign.campaign_id)
     report = write_report(campaign.lake, campaign.campaign_id, campaign.output / "report")
     recording = campaign.output / f"{campaign.campaign_id}.rrd"

@@ -25,6 +25,7 @@ class Size:
     object_ids: tuple[int, ...] = OBJECTS
     n_repeats: int = N_REPEATS
     n_simulations: int = N_SIMULATIONS
+    print_poll_s: float = 0.5  # between looks whether a person has confirmed; campaigns of people have 5 s
 
 
 def made_up_attempt(job: GraspJob, wall_s: float = SIMULATION_S) -> Attempt:
@@ -38,7 +39,7 @@ def config_of(name: str, size: Size = Size()) -> CampaignConfig:
     """One batch of tools, with simulations beside it; nothing is learnt."""
     schedule = {"initial_tools": size.n_tools, "initial_simulations": size.n_simulations, "guided_batches": 0}
     objects = {"ids": size.object_ids, "repeats": size.n_repeats}
-    execution = {"simulation_workers": 1, "print_poll_s": 0.5}
+    execution = {"simulation_workers": 1, "print_poll_s": size.print_poll_s}
     data = {"name": name, "schedule": schedule, "objects": objects, "bench": {"world": "world.toml"}}
     return CampaignConfig.model_validate({**data, "execution": execution})
 
@@ -49,7 +50,7 @@ def write_files(folder: Path, name: str, size: Size = Size()) -> Path:
     rows = [f'name = "{name}"', "[schedule]", *_lines(config.schedule.model_dump())]
     rows += ["[objects]", f"ids = {list(size.object_ids)}", f"repeats = {size.n_repeats}"]
     rows += ['[simulator]\ntier = "screening"', '[bench]\nworld = "world.toml"']
-    rows += ["[execution]", "simulation_workers = 1", "print_poll_s = 0.5"]
+    rows += ["[execution]", "simulation_workers = 1", f"print_poll_s = {size.print_poll_s}"]
     path = folder / f"{name}.toml"
     path.write_text("\n".join(rows) + "\n")
     (folder / "world.toml").write_text(f"seed = {world.seed}\n[scatter]\nrepeat_sd = {world.scatter.repeat_sd}\n")

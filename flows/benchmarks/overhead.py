@@ -32,8 +32,9 @@ NAME = "overhead"
 N_OBJECTS_OF_PAPER, SIMULATED_DESIGNS_OF_PAPER, TOOLS_OF_PAPER, REPEATS_OF_PAPER = 36, 850, 110, 3
 BENCH_H_OF_PAPER = 49.5  # 11 batches of 4.5 h on the gantry; printing goes on meanwhile or at night
 ALL_OBJECTS = tuple(range(N_OBJECTS_OF_PAPER))
-SIZE = Size(n_tools=2, object_ids=ALL_OBJECTS, n_repeats=REPEATS_OF_PAPER, n_simulations=4)
-WAITING = Size(n_tools=2, object_ids=(0,), n_repeats=1, n_simulations=0)
+# As many simulations to a grasp as in the paper.
+SIZE = Size(n_tools=3, object_ids=ALL_OBJECTS, n_repeats=REPEATS_OF_PAPER, n_simulations=22)
+WAITING = Size(n_tools=2, object_ids=(0,), n_repeats=1, n_simulations=0, print_poll_s=5.0)
 SETTLE_S, LIMIT_S = 10.0, 600.0
 STANDING_S = 90.0  # for which a campaign is watched that waits for a person
 

@@ -76,7 +76,9 @@ class _Study:
         self._lake = Lake.open(folder / "lake")
         self._random = random.Random(SEED + len(known))
         self._deployment_id = _deploy(lab)
-        self._name = known[-1].campaign if known else "kills-1"
+        last = known[-1].campaign if known else "kills-0"
+        # Without its lake a campaign cannot go on: the next one begins in a new lake.
+        self._name = last if last in self._names() else _after(last)
         self._started = time.monotonic()
 
     def run(self, n_kills: int) -> None:
@@ -84,7 +86,7 @@ class _Study:
         self._start_campaign()
         while len(self.kills) < n_kills and not self._is_late():
             if self._progress().is_complete:
-                self._name = f"kills-{int(self._name.rpartition('-')[2]) + 1}"
+                self._name = _after(self._name)
                 self._start_campaign()
             kill = self._kill_once()
             self.kills.append(kill)
@@ -95,12 +97,16 @@ class _Study:
 
     def problems(self) -> list[str]:
         """What is not as it must be in the lake, on the server and of the locks, now that all is quiet."""
-        names = [f"kills-{number}" for number in range(1, int(self._name.rpartition("-")[2]) + 1)]
+        names = self._names()
         found = [problem for name in names for problem in judge_campaign(self._lake, name)]
         found += judge_server(lambda path, body: ask_again(self._lab, path, body))
         found += [f"kill {kill.number}: {kill.problem}" for kill in self.kills if kill.problem]
         locks = ["gantry", *(f"campaign-{name}" for name in names)]
         return found + [f"the lock {lock} is stuck" for lock in locks if is_held(self._lake, lock)]
+
+    def _names(self) -> list[str]:
+        """Campaigns that were begun in this lake."""
+        return sorted(path.stem for path in self._folder.glob("kills-*.toml"))
 
     def _is_late(self) -> bool:
         return time.monotonic() - self._started > 60.0 * self._options.limit_minutes
@@ -184,6 +190,11 @@ class _Study:
             if time.monotonic() > deadline:
                 raise FastError(f"nothing new within {CONTINUE_LIMIT_S:.0f} s")
             self._tend_for(0.5)
+
+
+def _after(name: str) -> str:
+    """Name of the campaign after `kills-N`."""
+    return f"kills-{int(name.rpartition('-')[2]) + 1}"
 
 
 def _deploy(lab: Lab) -> str:

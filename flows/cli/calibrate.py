@@ -45,9 +45,12 @@ class Compared:
             validator=AT_LEAST_ONE,
         ),
     ] = None
-    modulus: Annotated[
+    spread: Annotated[
         Literal["log-uniform", "uniform"],
-        Parameter(help="With --simulate: how Young's modulus is spread over 2 to 200 MPa; the paper: uniform."),
+        Parameter(
+            help="With --simulate: how Young's modulus is spread over 2 to 200 MPa and friction over 0.02 to 2; the "
+            "paper: uniform."
+        ),
     ] = "log-uniform"
     verify: Annotated[
         bool, Parameter(negative="", help="Simulate the held-out designs with theta before and after; of means alone.")
@@ -123,7 +126,7 @@ def _hypercube_plan(compared: Compared, seed: int) -> "HypercubePlan | None":
     if compared.simulate is None:
         return None
     return load_record(
-        HypercubePlan, {"n": compared.simulate, "modulus": compared.modulus, "seed": seed}, "fast calibrate"
+        HypercubePlan, {"n": compared.simulate, "spread": compared.spread, "seed": seed}, "fast calibrate"
     )
 
 

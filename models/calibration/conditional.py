@@ -1,6 +1,7 @@
 """log p(y_R | psi, phi) + log p(psi) with a hand-written gradient, given the emulator's factor.
 
-K_SR(t) = k_h(Z_S, [X_R, t]);  m(t) = K_RS alpha;  V(t) = K_RR - (L^-1 K_SR)'(L^-1 K_SR); K_RR does not depend on t.
+K_SR(t) = k_h(Z_S, [X_R, t]) diag(tau), tau the trend of the measured designs;  m(t) = K_RS alpha;
+V(t) = K_RR - (L^-1 K_SR)'(L^-1 K_SR); K_RR does not depend on t.
 With u and U the derivatives by m and V, A = K_SS^-1 K_SR and Y = alpha u' - 2 A U,
 d/dt_k = -sum_ji (Y o G)_ji (t_k - z_jk) / l_k^2, G as in `models.surrogate.covariance`.
 """
@@ -13,7 +14,7 @@ from scipy.linalg import solve_triangular
 from models.calibration.emulator import Factor
 from models.calibration.layout import Layout
 from models.calibration.measured import Measured, Slopes
-from models.calibration.problem import THETA_LOWER, THETA_UPPER, Standardised, unit_theta
+from models.calibration.problem import Standardised, unit_theta, unit_theta_slopes
 from models.surrogate.covariance import matern52, matern52_cross_with_slope
 
 
@@ -36,12 +37,8 @@ class Setting:
 
     def input_slopes(self, theta: np.ndarray) -> np.ndarray:
         """dt_k / d(unconstrained theta_k) in the order of t."""
-        priors = self.layout.priors
-        lower, upper = priors.poisson_ratio_lower, priors.poisson_ratio_upper
-        by_poisson = (theta[2] - lower) * (upper - theta[2]) / (upper - lower)
-        width = THETA_UPPER - THETA_LOWER
-        slopes = [1.0 / np.log(THETA_UPPER[0] / THETA_LOWER[0]), theta[1] / width[1], by_poisson / width[2]]
-        return np.array(slopes[1:] if self.data.scales_with_modulus else slopes)
+        by_theta = unit_theta_slopes(theta, self.data.scales_with_modulus)
+        return by_theta * self.layout.theta_slopes(theta)[-len(by_theta) :]
 
     def psi_gradient(self, slopes: Slopes, by_inputs: np.ndarray, theta: np.ndarray, rho: float) -> np.ndarray:
         """Gradient by the vector form of psi (n_psi) of the likelihood; by_inputs: derivative by t."""
@@ -50,8 +47,7 @@ class Setting:
         gradient[-len(by_inputs) :] = by_inputs * self.input_slopes(theta)
         if self.layout.has_rho:
             gradient[-4] = slopes.log_amplitude / rho
-        if self.data.scales_with_modulus:
-            gradient[-3] = slopes.log_amplitude
+        gradient[-3:] += slopes.log_amplitude * self.data.amplitude_slopes(theta) * self.layout.theta_slopes(theta)
         return gradient
 
 
@@ -59,9 +55,8 @@ def log_likelihood(values: np.ndarray, factor: Factor, setting: Setting) -> floa
     """Log density log p(y_R | psi, phi) at the vector form of psi (n_psi), without a prior."""
     psi = setting.layout.psi(values)
     points = _points(setting, psi.theta)
-    cross = matern52(setting.data.z_sim, points, factor.phi.lengthscales, factor.phi.sd)
-    mean, covariance = cross.T @ factor.alpha, _covariance(factor, points, _half(factor, cross))
-    amplitude = setting.data.amplitude(psi.theta[0], psi.rho)
+    mean, covariance = _moments(points, factor, setting.data)
+    amplitude = setting.data.amplitude(psi.theta, psi.rho)
     return setting.measured.log_likelihood(psi, amplitude, mean, setting.measured.pack(covariance))
 
 
@@ -73,9 +68,11 @@ def log_posterior(values: np.ndarray, factor: Factor, setting: Setting) -> tuple
     psi, phi = setting.layout.psi(values), factor.phi
     points = _points(setting, psi.theta)
     cross, slope = matern52_cross_with_slope(setting.data.z_sim, points, phi.lengthscales, phi.sd)
+    cross *= setting.data.trend_real
+    slope *= setting.data.trend_real
     half = _half(factor, cross)
-    mean, covariance = cross.T @ factor.alpha, _covariance(factor, points, half)
-    amplitude = setting.data.amplitude(psi.theta[0], psi.rho)
+    mean, covariance = cross.T @ factor.alpha, _covariance(points, half, factor, setting.data)
+    amplitude = setting.data.amplitude(psi.theta, psi.rho)
     slopes = setting.measured.slopes(psi, amplitude, mean, setting.measured.pack(covariance))
     if slopes is None:
         return -np.inf, np.zeros_like(values)
@@ -92,10 +89,8 @@ def log_posterior(values: np.ndarray, factor: Factor, setting: Setting) -> tuple
 
 def predict(t: np.ndarray, factor: Factor, setting: Setting) -> tuple[np.ndarray, np.ndarray]:
     """Mean m (n) and packed covariance V (p) of the emulator at the measured designs and inputs t."""
-    points = _at(setting, t)
-    cross = matern52(setting.data.z_sim, points, factor.phi.lengthscales, factor.phi.sd)
-    covariance = _covariance(factor, points, _half(factor, cross))
-    return cross.T @ factor.alpha, setting.measured.pack(covariance)
+    mean, covariance = _moments(_at(setting, t), factor, setting.data)
+    return mean, setting.measured.pack(covariance)
 
 
 def _points(setting: Setting, theta: np.ndarray) -> np.ndarray:
@@ -113,6 +108,13 @@ def _half(factor: Factor, cross: np.ndarray) -> np.ndarray:
     return np.asarray(solve_triangular(factor.lower, cross, lower=True, check_finite=False))
 
 
-def _covariance(factor: Factor, points: np.ndarray, half: np.ndarray) -> np.ndarray:
+def _moments(points: np.ndarray, factor: Factor, data: Standardised) -> tuple[np.ndarray, np.ndarray]:
+    """Mean m, n, and V, n x n."""
+    cross = matern52(data.z_sim, points, factor.phi.lengthscales, factor.phi.sd) * data.trend_real
+    return cross.T @ factor.alpha, _covariance(points, _half(factor, cross), factor, data)
+
+
+def _covariance(points: np.ndarray, half: np.ndarray, factor: Factor, data: Standardised) -> np.ndarray:
     """V, n x n."""
-    return np.asarray(matern52(points, points, factor.phi.lengthscales, factor.phi.sd) - half.T @ half)
+    prior = matern52(points, points, factor.phi.lengthscales, factor.phi.sd)
+    return np.asarray(prior * np.outer(data.trend_real, data.trend_real) - half.T @ half)

@@ -1,14 +1,16 @@
 """The joint log posterior of all calibration parameters (Eq. 12) with a hand-written gradient.
 
-y_S = g(z) + nugget,   y_R = a (mean + g([x_R, t])) + eps(x_R) + noise   (`problem.Standardised`), so that
+y_S = g(z) + nugget,   y_R = c (mean + g([x_R, t])) + eps(x_R) + noise,   c = a tau   (`problem.Standardised`), so that
 
-    K = [[H_SS, a H_SR], [a H_RS, a^2 H_RR + E_RR]] + diag(v_S + nugget^2 | v_R + noise_sd^2),  r = (y_S, y_R - a mean)
+    K = [[H_SS, c' H_SR], [c H_RS, c c' H_RR + E_RR]] + diag(v_S + nugget^2 | v_R + noise_sd^2)
+    r = (y_S, y_R - c mean)
 
 with Matern-5/2 covariances H (12 or 11 inputs) and E (9 inputs). With alpha = K^-1 r, W = (alpha alpha' - K^-1) / 2,
-c = (1 | a), the slope G of H (`models.surrogate.covariance`) and M = W * G * c c':
+c = 1 for simulations, the slope G of H (`models.surrogate.covariance`) and M = W * G * c c':
 
-    d/dlog l_h  as in `gaussian.lengthscale_gradient`        d/da   = 2 sum_{i in R, j} W_ij c_j H_ij + mean sum_R alpha
-    d/dt_k = -(2 / l_k^2) sum_{i in R, j in S} M_ij (t_k - z_jk)        d/dlog s = 2 <W, its covariance>
+    d/dlog l_h  as in `gaussian.lengthscale_gradient`        d/dlog s = 2 <W, its covariance>
+    d/dt_k = -(2 / l_k^2) sum_{i in R, j in S} M_ij (t_k - z_jk)
+    d/da   = sum_{i in R} tau_i (2 sum_j W_ij c_j H_ij + mean alpha_i)
 """
 
 from dataclasses import dataclass, replace
@@ -16,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.calibration.layout import N_DESIGN, Layout, Phi, Psi
-from models.calibration.problem import THETA_LOWER, THETA_UPPER, Standardised, unit_theta
+from models.calibration.problem import Standardised, unit_theta, unit_theta_slopes
 from models.surrogate.covariance import MaternWithSlope, matern52_with_slope
 from models.surrogate.gaussian import Factored, half_weights, lengthscale_gradient, log_normal
 
@@ -51,7 +53,7 @@ class JointDensity:
         n_phi, n_sim = self.layout.n_phi, len(self.data.y_sim)
         terms = _Terms.of(self.data, self.layout.phi(values[:n_phi]), self.layout.psi(values[n_phi:]))
         y = np.linalg.cholesky(terms.covariance()) @ rng.standard_normal(len(terms.z))
-        return replace(self.data, y_sim=y[:n_sim], y_real=y[n_sim:] + terms.amplitude * self.data.mean)
+        return replace(self.data, y_sim=y[:n_sim], y_real=y[n_sim:] + terms.c[n_sim:] * self.data.mean)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +75,12 @@ class _Terms:
         z = np.concatenate([data.z_sim, at_theta])
         h = matern52_with_slope(z, phi.lengthscales, phi.sd)
         e = matern52_with_slope(data.x_real, psi.lengthscales, psi.sd)
-        return _Terms(data, phi, psi, data.amplitude(float(psi.theta[0]), psi.rho), z, h, e)
+        return _Terms(data, phi, psi, data.amplitude(psi.theta, psi.rho), z, h, e)
 
     @property
     def c(self) -> np.ndarray:
         """Factor of the emulated process in every output, n + m."""
-        return np.repeat([1.0, self.amplitude], [len(self.data.y_sim), len(self.data.y_real)])
+        return np.concatenate([np.ones(len(self.data.y_sim)), self.amplitude * self.data.trend_real])
 
     def covariance(self) -> np.ndarray:
         """K of all outputs, in Fortran order."""
@@ -91,7 +93,8 @@ class _Terms:
 
     def density(self) -> Factored | None:
         """Density of all outputs."""
-        residual = np.concatenate([self.data.y_sim, self.data.y_real - self.amplitude * self.data.mean])
+        in_simulator = self.c[len(self.data.y_sim) :] * self.data.mean
+        residual = np.concatenate([self.data.y_sim, self.data.y_real - in_simulator])
         return log_normal(self.covariance(), residual)
 
     def gradient(self, factored: Factored, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
@@ -109,8 +112,8 @@ class _Terms:
                 [2.0 * c @ by_row, 2.0 * self.phi.nugget**2 * noise[:n_sim].sum()],
             ]
         )
-        by_amplitude = 2.0 * by_row[n_sim:].sum() + self.data.mean * factored.alpha[n_sim:].sum()
-        per_rho = self.data.amplitude(float(self.psi.theta[0]), 1.0)
+        by_amplitude = float(self.data.trend_real @ (2.0 * by_row[n_sim:] + self.data.mean * factored.alpha[n_sim:]))
+        per_rho = self.data.amplitude(self.psi.theta, 1.0)
         by_psi = np.concatenate(
             [
                 lengthscale_gradient(W_real * self.e.slope, self.data.x_real, self.psi.lengthscales),
@@ -126,10 +129,6 @@ class _Terms:
         z_theta = self.data.z_sim[:, N_DESIGN:]
         t, lengthscales = self.z[-1, N_DESIGN:], self.phi.lengthscales[N_DESIGN:]
         by_unit = -2.0 / lengthscales**2 * (t * M.sum() - M @ z_theta)
-        per_modulus = self.amplitude if self.data.scales_with_modulus else 1.0 / np.log(THETA_UPPER[0] / THETA_LOWER[0])
-        by_input = np.concatenate([[by_amplitude], by_unit]) if self.data.scales_with_modulus else by_unit
-        lower, upper = layout.priors.poisson_ratio_lower, layout.priors.poisson_ratio_upper
-        friction, poisson_ratio = self.psi.theta[1:]
-        per_poisson = (poisson_ratio - lower) * (upper - poisson_ratio) / (upper - lower)
-        width = THETA_UPPER[1:] - THETA_LOWER[1:]
-        return by_input * np.array([per_modulus, friction / width[0], per_poisson / width[1]])
+        by_theta = by_amplitude * self.amplitude * self.data.amplitude_slopes(self.psi.theta)
+        by_theta[-len(t) :] += by_unit * unit_theta_slopes(self.psi.theta, self.data.scales_with_modulus)
+        return np.asarray(by_theta * layout.theta_slopes(self.psi.theta))

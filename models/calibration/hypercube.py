@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 from scipy.stats import qmc
 
-from models.calibration.problem import THETA, THETA_LOWER, THETA_UPPER
+from models.calibration.problem import THETA, THETA_LOWER, THETA_UPPER, friction_at
 from models.design_space import N_RIB_LEVELS, PARAMETERS, RIB_COUNT_COLUMN, from_unit
 from models.ids import content_id
 from models.records import Design, Record, Theta
@@ -17,11 +17,13 @@ _DIGITS = 6  # significant digits of theta, so that its id survives being writte
 
 
 class HypercubePlan(Record):
-    """Which points are simulated. The paper: 1,469 points, Young's modulus uniform."""
+    """Which points are simulated. The paper: 1,469 points, Young's modulus and friction uniform."""
 
     n: int = Field(ge=1, le=100_000, description="number of points")
-    modulus: Literal["log-uniform", "uniform"] = Field(
-        default="log-uniform", description="how Young's modulus is spread over 2 to 200 MPa"
+    spread: Literal["log-uniform", "uniform"] = Field(
+        default="log-uniform",
+        description="how Young's modulus is spread over 2 to 200 MPa and friction over 0.02 to 2: evenly in ln E and "
+        "ln(friction + 0.3), or as in the paper",
     )
     seed: int = Field(default=0, ge=0)
 
@@ -52,8 +54,9 @@ def hypercube(plan: HypercubePlan) -> list[HypercubePoint]:
     levels = np.minimum(np.floor(x[:, RIB_COUNT_COLUMN] * N_RIB_LEVELS), N_RIB_LEVELS - 1)
     x[:, RIB_COUNT_COLUMN] = levels / (N_RIB_LEVELS - 1)
     values = THETA_LOWER + theta * (THETA_UPPER - THETA_LOWER)
-    if plan.modulus == "log-uniform":
+    if plan.spread == "log-uniform":
         values[:, 0] = THETA_LOWER[0] * (THETA_UPPER[0] / THETA_LOWER[0]) ** theta[:, 0]
+        values[:, 1] = friction_at(theta[:, 1])
     values[:, 2] = np.minimum(values[:, 2], _POISSON_LIMIT)
     return [HypercubePoint(design, _theta(row)) for design, row in zip(from_unit(x), values, strict=True)]
 

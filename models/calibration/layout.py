@@ -100,6 +100,11 @@ class Layout:
         modulus, friction, poisson = np.moveaxis(np.asarray(theta), -1, 0)
         return np.stack([np.log(modulus), np.log(friction), logit((poisson - lower) / (upper - lower))], axis=-1)
 
+    def theta_slopes(self, theta: np.ndarray) -> np.ndarray:
+        """Slopes of theta (3, physical) by its unconstrained form, 3."""
+        lower, upper = self.priors.poisson_ratio_lower, self.priors.poisson_ratio_upper
+        return np.array([theta[0], theta[1], (theta[2] - lower) * (upper - theta[2]) / (upper - lower)])
+
     def constrain(self, values: np.ndarray, force_scale_n: float) -> np.ndarray:
         """Vectors (... x (n_phi + n_psi)) with every parameter in the unit of `names`, same shape."""
         sds = self.n_phi + N_DESIGN

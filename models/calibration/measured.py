@@ -38,7 +38,7 @@ class Measured:
         n = len(data.y_real)
         rows, columns = np.tril_indices(n)
         self.n = n
-        self._y, self._variance, self._offset = data.y_real, data.variance_real, data.mean
+        self._y, self._variance, self._offset = data.y_real, data.variance_real, data.mean * data.trend_real
         self._squared = np.ascontiguousarray(((data.x_real[rows] - data.x_real[columns]) ** 2).T)  # 9 x p
         self._flat = rows * n + columns  # of C order: the upper triangle of a Fortran-ordered view of the same memory
         self._diagonal = np.flatnonzero(rows == columns)

@@ -3,11 +3,12 @@
 At one joint draw everything is a Gaussian process conditioned on the simulations and then on the measurements:
 
     g | y_S:    m(z) = k_h(z, Z) alpha,  V(z, z') = k_h(z, z') - k_h(z, Z) (K_SS)^-1 k_h(Z, z')
-    Q           = a^2 V + k_e(X_R, X_R) + diag(v_R + noise^2),     b = Q^-1 (y_R - a (mean + m))
+    Q           = a a' V + k_e(X_R, X_R) + diag(v_R + noise^2),     b = Q^-1 (y_R - a (mean + m))
     measured(x) = a (mean + m(x)) + C b,  variance a^2 V(x, x) + k_e(x, x) - C Q^-1 C' + noise^2
-    C           = a^2 V(x, X_R) + k_e(x, X_R)
+    C           = a a' V(x, X_R) + k_e(x, X_R)
 
-with the names of `problem.Standardised`. A prediction of the calibration is the mixture over draws.
+with the names of `problem.Standardised`; a is the amplitude times the trend of each design. A prediction of the
+calibration is the mixture over draws.
 """
 
 from collections.abc import Iterator
@@ -73,7 +74,7 @@ class Emulator:
         Learned from the simulations alone, without rho; the nugget is part of the variance.
         """
         z = self.inputs(x, theta)
-        a = self.data.amplitude(float(theta[0]), 1.0)
+        a = self.data.amplitude(theta, 1.0) * self.data.trend.of_designs(x)
         variance = a**2 * (self.phi.sd**2 - _squares(self.whitened(z)) + self.phi.nugget**2)
         return _in_newton(self.data, a * (self.data.mean + self.mean(z)), variance)
 
@@ -103,8 +104,8 @@ class DrawnModel:
         data, phi = emulator.data, emulator.phi
         z = emulator.inputs(data.x_real, psi.theta)
         whitened = emulator.whitened(z)
-        a = data.amplitude(float(psi.theta[0]), psi.rho)
-        Q = a**2 * (matern52(z, z, phi.lengthscales, phi.sd) - whitened.T @ whitened)
+        a = data.amplitude(psi.theta, psi.rho) * data.trend_real
+        Q = np.outer(a, a) * (matern52(z, z, phi.lengthscales, phi.sd) - whitened.T @ whitened)
         Q += matern52(data.x_real, data.x_real, psi.lengthscales, psi.sd)
         Q[np.diag_indices_from(Q)] += data.variance_real + psi.noise_sd**2
         factor = _factor(Q, "measurements")
@@ -113,10 +114,13 @@ class DrawnModel:
 
     def measured(self, x: np.ndarray, variance: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Mean and variance of a new measurement of designs x (m x 9); `variance` of missing objects (m, N^2)."""
-        data, phi, psi, a = self.emulator.data, self.emulator.phi, self.psi, self._amplitude
+        data, phi, psi = self.emulator.data, self.emulator.phi, self.psi
+        amplitude = data.amplitude(psi.theta, psi.rho)
+        a = amplitude * data.trend.of_designs(x)
         z = self.emulator.inputs(x, psi.theta)
         A = self.emulator.whitened(z)
-        cross = a**2 * (matern52(z, self.z_real, phi.lengthscales, phi.sd) - A.T @ self.whitened_real)
+        cross = np.outer(a, amplitude * data.trend_real)
+        cross *= matern52(z, self.z_real, phi.lengthscales, phi.sd) - A.T @ self.whitened_real
         cross += matern52(x, data.x_real, psi.lengthscales, psi.sd)
         mean = a * (data.mean + self.emulator.mean(z)) + cross @ self.weights
         prior = a**2 * (phi.sd**2 - _squares(A)) + psi.sd**2 + psi.noise_sd**2
@@ -141,10 +145,6 @@ class DrawnModel:
         inverse = cho_solve((self.factor, True), np.eye(len(self.weights)), check_finite=False)
         precision = np.diagonal(inverse)
         return _in_newton(self.emulator.data, self.emulator.data.y_real - self.weights / precision, 1.0 / precision)
-
-    @property
-    def _amplitude(self) -> float:
-        return self.emulator.data.amplitude(float(self.psi.theta[0]), self.psi.rho)
 
     def _explained(self, cross: np.ndarray) -> np.ndarray:
         """Diagonal of C Q^-1 C' for cross covariances C (p x m), p."""

@@ -1,9 +1,11 @@
 """What a calibration is fitted to, and its standardised form."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from models.calibration.trend import FRICTION_OFFSET, ForceTrend
 from models.design_space import PARAMETERS
 from models.errors import UsageError
 
@@ -112,11 +114,14 @@ class CalibrationProblem:
 class Standardised:
     """The problem without units, for a zero-mean, unit-scale process g over the simulator's inputs z.
 
-        y_sim = g(z) + nugget,    y_real = a (mean + g([x_real, t])) + eps(x_real) + noise,    a = amplitude(theta).
+        y_sim = g(z) + nugget,    y_real = a tau (mean + g([x_real, t])) + eps(x_real) + noise,
+
+    with a = amplitude(theta) and tau the trend over designs.
 
     z_sim: n x d, the nine design variables, then ln E unless it is a factor, friction, Poisson ratio, all scaled to
     the unit cube. `force_scale_n` is the unit of y_real, eps and noise; `sim_scale_n` that of y_sim and nugget (N,
-    or N per MPa where E is a factor); `center_n` was taken from both forces (0 where E is a factor).
+    or N per MPa where E is a factor); `center_n` was taken from both forces (0 where E is a factor). Where E is a
+    factor, forces per MPa are emulated in units of their `trend`, of which a has the part of theta; else tau is 1.
     """
 
     z_sim: np.ndarray
@@ -130,17 +135,20 @@ class Standardised:
     sim_scale_n: float
     center_n: float
     scales_with_modulus: bool
+    trend: ForceTrend
 
     @staticmethod
     def of(problem: CalibrationProblem) -> "Standardised":
         """Standardise a problem. Where E is a factor, forces per MPa are emulated."""
         if problem.scales_with_modulus:
-            modulus_mpa = problem.theta_sim[:, 0]
-            y, variance = problem.y_sim / modulus_mpa, problem.variance_sim / modulus_mpa**2
+            modulus_mpa, friction, poisson_ratio = problem.theta_sim.T
+            trend = ForceTrend.fit(problem.x_sim, friction, poisson_ratio, problem.y_sim / modulus_mpa)
+            unit = modulus_mpa * trend.of_designs(problem.x_sim) * trend.of_theta(friction, poisson_ratio)
+            y, variance = problem.y_sim / unit, problem.variance_sim / unit**2
             sim_scale, force_scale = float(np.std(y, ddof=1)), float(np.std(problem.y_real, ddof=1))
             mean, center, y_sim = float(np.mean(y)) / sim_scale, 0.0, (y - np.mean(y)) / sim_scale
         else:
-            y, variance = problem.y_sim, problem.variance_sim
+            y, variance, trend = problem.y_sim, problem.variance_sim, ForceTrend()
             sim_scale = force_scale = float(np.std(y, ddof=1))
             mean, center = 0.0, float(np.mean(y))
             y_sim = (y - center) / sim_scale
@@ -156,7 +164,13 @@ class Standardised:
             sim_scale_n=sim_scale,
             center_n=center,
             scales_with_modulus=problem.scales_with_modulus,
+            trend=trend,
         )
+
+    @cached_property
+    def trend_real(self) -> np.ndarray:
+        """Trend tau of the measured designs, m."""
+        return self.trend.of_designs(self.x_real)
 
     @property
     def n_inputs(self) -> int:
@@ -167,18 +181,49 @@ class Standardised:
         """The same measurements with some of the simulations (row numbers or a mask), in the same units."""
         return replace(self, z_sim=self.z_sim[rows], y_sim=self.y_sim[rows], variance_sim=self.variance_sim[rows])
 
-    def amplitude(self, young_modulus_mpa: float, rho: float) -> float:
-        """Factor a between the emulated process and measured forces."""
+    def amplitude(self, theta: np.ndarray, rho: float) -> float:
+        """Factor a between the emulated process and measured forces at theta (3, physical)."""
         if not self.scales_with_modulus:
             return rho
-        return rho * young_modulus_mpa * self.sim_scale_n / self.force_scale_n
+        return rho * float(theta[0] * self.trend.of_theta(theta[1], theta[2])) * self.sim_scale_n / self.force_scale_n
+
+    def amplitude_slopes(self, theta: np.ndarray) -> np.ndarray:
+        """Slopes of ln a by theta (3, physical)."""
+        if not self.scales_with_modulus:
+            return np.zeros(3)
+        return np.array([1.0 / theta[0], *self.trend.log_slopes(float(theta[1]))])
 
 
 def unit_theta(theta: np.ndarray, scales_with_modulus: bool) -> np.ndarray:
-    """Theta (n x 3, physical) as inputs of the emulator in unit-cube scale: n x 3, or n x 2 without ln E."""
-    lower, upper = THETA_LOWER.copy(), THETA_UPPER.copy()
-    values = np.array(theta, dtype=float)
-    values[:, 0] = np.log(values[:, 0])
-    lower[0], upper[0] = np.log(lower[0]), np.log(upper[0])
-    unit = (values - lower) / (upper - lower)
-    return unit[:, 1:] if scales_with_modulus else unit
+    """Theta (n x 3, physical) as inputs of the emulator in unit-cube scale.
+
+    ln E, friction and Poisson's ratio, n x 3; where E is a factor ln(friction + offset) and Poisson's ratio, n x 2.
+    """
+    values = _inputs(np.array(theta, dtype=float), scales_with_modulus)
+    lower, upper = _inputs(np.array([THETA_LOWER, THETA_UPPER]), scales_with_modulus)
+    return np.asarray((values - lower) / (upper - lower))
+
+
+def unit_theta_slopes(theta: np.ndarray, scales_with_modulus: bool) -> np.ndarray:
+    """Slopes of each of `unit_theta` by its own physical parameter at a theta (3); 3, or 2 where E is a factor."""
+    lower, upper = _inputs(np.array([THETA_LOWER, THETA_UPPER]), scales_with_modulus)
+    by_friction = 1.0 / (theta[1] + FRICTION_OFFSET) if scales_with_modulus else 1.0
+    slopes = np.array([1.0 / theta[0], by_friction, 1.0])
+    return (slopes[1:] if scales_with_modulus else slopes) / (upper - lower)
+
+
+def _inputs(theta: np.ndarray, scales_with_modulus: bool) -> np.ndarray:
+    modulus_mpa, friction, poisson_ratio = theta.T
+    if scales_with_modulus:
+        return np.column_stack([np.log(friction + FRICTION_OFFSET), poisson_ratio])
+    return np.column_stack([np.log(modulus_mpa), friction, poisson_ratio])
+
+
+def friction_at(unit: np.ndarray) -> np.ndarray:
+    """Friction at places `unit` (0 to 1, any shape) of the paper's range, even in ln(friction + offset).
+
+    Where E is a factor, simulations spread like this leave the emulator as sure at one end of the ridge of E and
+    friction as at the other; spread evenly in friction they draw the posterior to high friction.
+    """
+    lower, upper = np.log(THETA_LOWER[1] + FRICTION_OFFSET), np.log(THETA_UPPER[1] + FRICTION_OFFSET)
+    return np.asarray(np.exp(lower + unit * (upper - lower)) - FRICTION_OFFSET)

@@ -64,4 +64,6 @@ class Straightened:
         mean, by_inputs = self.surrogate.mean_force(setting.inputs(theta))
         floor = _FLOOR * max(abs(setting.data.mean), 1.0)
         squared = mean**2 + floor**2
-        return 0.5 * float(np.log(squared)), mean / squared * by_inputs * setting.input_slopes(theta)
+        slopes = mean / squared * by_inputs * setting.input_slopes(theta)
+        slopes += (setting.data.amplitude_slopes(theta) * setting.layout.theta_slopes(theta))[1:]
+        return 0.5 * float(np.log(squared)) + float(np.log(setting.data.amplitude(theta, 1.0) / theta[0])), slopes

@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 from pydantic import Field
+from scipy.stats import gamma, norm
 
 from models.records import Record
 
@@ -39,6 +40,17 @@ class ThetaPriors(Record):
         return np.column_stack(
             [modulus_mpa, friction, rng.uniform(self.poisson_ratio_lower, self.poisson_ratio_upper, n)]
         )
+
+    def quantile(self, shares: np.ndarray) -> np.ndarray:
+        """Theta (... x 3) with prior probabilities `shares` (... x 3) below it."""
+        modulus, friction, poisson_ratio = np.moveaxis(np.asarray(shares), -1, 0)
+        width = self.poisson_ratio_upper - self.poisson_ratio_lower
+        values = [
+            self.young_modulus_median_mpa * np.exp(self.young_modulus_log_sd * norm.ppf(modulus)),
+            gamma.ppf(friction, self.friction_shape) / self.friction_rate,
+            self.poisson_ratio_lower + width * poisson_ratio,
+        ]
+        return np.stack(values, axis=-1)
 
 
 class CalibrationSettings(Record):

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import qmc
 
-from models.calibration.problem import THETA_LOWER, THETA_UPPER, CalibrationProblem
+from models.calibration.problem import THETA_LOWER, THETA_UPPER, CalibrationProblem, friction_at
 from models.design_space import LOWER, PARAMETERS, UPPER, snap
 
 _N_FIRST = 30  # measured designs that fill the space; the others gather around a good design
@@ -40,7 +40,7 @@ def made_up_problem(
     rng = np.random.default_rng(seed)
     points = qmc.LatinHypercube(d=len(PARAMETERS) + 3, rng=rng).random(n_sim)
     x_sim = snap(points[:, : len(PARAMETERS)])
-    theta_sim = THETA_LOWER + points[:, len(PARAMETERS) :] * (THETA_UPPER - THETA_LOWER)
+    theta_sim = _theta_at(points[:, len(PARAMETERS) :], scales_with_modulus)
     x_real = _measured_points(n_real, rng)
     theta = np.broadcast_to(truth.theta, (n_real, 3))
     y_real = truth.rho * force_n(x_real, theta, scales_with_modulus) + truth.discrepancy * discrepancy_n(x_real)
@@ -64,7 +64,7 @@ def with_measured_designs(problem: CalibrationProblem, n: int, seed: int) -> Cal
     rng = np.random.default_rng([seed, 3])
     x = np.repeat(problem.x_real, n, axis=0)
     unit = np.concatenate([qmc.LatinHypercube(d=3, rng=rng).random(n) for _ in problem.x_real])
-    theta = THETA_LOWER + unit * (THETA_UPPER - THETA_LOWER)
+    theta = _theta_at(unit, problem.scales_with_modulus)
     return replace(
         problem,
         x_sim=np.concatenate([problem.x_sim, x]),
@@ -98,6 +98,14 @@ def discrepancy_n(x: np.ndarray) -> np.ndarray:
     _, _, _, _, front, back, rib, count, _ = (LOWER + x * (UPPER - LOWER)).T
     ribs = -2.2 * np.exp(-(rib - 2) / 0.35) * np.exp(-(count - 1) / 3)
     return np.asarray(ribs + 1.2 * np.tanh(3 * (front - 2.5)) + 0.6 * np.sin(np.pi * (back - 2)) - 0.4)
+
+
+def _theta_at(unit: np.ndarray, scales_with_modulus: bool) -> np.ndarray:
+    """Theta (n x 3) of a design in the unit cube, as `hypercube` spreads it where E is a factor, else as the paper."""
+    theta = THETA_LOWER + unit * (THETA_UPPER - THETA_LOWER)
+    if scales_with_modulus:
+        theta[:, 1] = friction_at(unit[:, 1])
+    return np.asarray(theta)
 
 
 def _measured_points(n: int, rng: np.random.Generator) -> np.ndarray:

@@ -18,7 +18,7 @@ from models.calibration.conditional import Setting
 from models.calibration.emulator import Factor
 
 MARGIN = 0.15  # of the box's width, on either side: the room t is bent into
-TOLERANCE = 0.005  # root mean square over the grid of the whitened norm of what is dropped of V
+TOLERANCE = 0.001  # root mean square over the grid of the whitened norm of what is dropped of V
 
 N_TEST, MAX_ERROR = 24, 0.05
 FIRST_NODES, NODES_PER_LENGTHSCALE, MAX_NODES = 4, 4.0, 12
@@ -75,7 +75,7 @@ class ThetaSurrogate:
         terms, term_slopes = self._terms(self.setting.inputs(psi.theta))
         weights = self.coefficients @ terms
         n = self.setting.measured.n
-        amplitude = self.setting.data.amplitude(psi.theta[0], psi.rho)
+        amplitude = self.setting.data.amplitude(psi.theta, psi.rho)
         slopes = self.setting.measured.slopes(psi, amplitude, weights[:n], self.center + weights[n:] @ self.basis)
         if slopes is None:
             return -np.inf, np.zeros_like(values)
@@ -89,10 +89,11 @@ class ThetaSurrogate:
         return self(values)[0] - self.setting.layout.log_prior_psi(values)[0]
 
     def mean_force(self, t: np.ndarray) -> tuple[float, np.ndarray]:
-        """Mean over the measured designs of mean + m(t), standardised, and its derivatives by t (k)."""
+        """Mean over the measured designs of tau mean + m(t), standardised, and its derivatives by t (k)."""
         terms, slopes = self._terms(t)
         average = self.coefficients[: self.setting.measured.n].mean(axis=0)
-        return float(self.setting.data.mean + average @ terms), slopes @ average
+        data = self.setting.data
+        return float(data.mean * data.trend_real.mean() + average @ terms), slopes @ average
 
     def _terms(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Products of Chebyshev polynomials at t, and their derivatives (k x products)."""
@@ -149,7 +150,7 @@ def build(factor: Factor, setting: Setting, box: Box, orders: tuple[int, ...], t
 def _directions(covariances: np.ndarray, middle: np.ndarray, setting: Setting, typical: np.ndarray) -> np.ndarray:
     """Orthonormal combinations of the grid's covariances (nodes x p) that matter, nodes x rank."""
     psi = setting.layout.psi(typical)
-    amplitude = setting.data.amplitude(psi.theta[0], psi.rho)
+    amplitude = setting.data.amplitude(psi.theta, psi.rho)
     root = setting.measured.root(psi, amplitude, middle)
     whitened = np.array([_whiten(amplitude**2 * setting.measured.unpack(row), root) for row in covariances])
     whitened = whitened.reshape(len(covariances), -1)

@@ -8,7 +8,7 @@ import pytest
 
 from flows.benchmarks import calibration_ranks
 from flows.benchmarks.base import Options
-from flows.benchmarks.calibration_ranks import N_BINS, N_RANKED, SAMPLER, WorldOutcome, measure_calibration_ranks
+from flows.benchmarks.calibration_ranks import N_BINS, N_RANKED, WorldOutcome, measure_calibration_ranks, sampler
 from flows.benchmarks.registry import BENCHMARKS
 from models.calibration.problem import THETA
 
@@ -25,7 +25,7 @@ def made_up_outcome(world, rank, inside=True):
     return WorldOutcome(
         kind="model",
         world=world,
-        sampler=SAMPLER,
+        sampler=sampler("model"),
         ranks={"friction": rank},
         inside={"friction": inside},
         worst_r_hat=1.0,
@@ -44,10 +44,11 @@ def test_worlds_are_calibrated_once_and_a_stopped_study_continues(tmp_path):
     path = tmp_path / "ranks.jsonl"
     first = measure_calibration_ranks(Options(worlds=1, results=path))
     lines = path.read_text().splitlines()
-    assert [json.loads(line)["kind"] for line in lines] == ["model", "forces"]
+    assert [json.loads(line)["kind"] for line in lines] == ["model", "forces", "factor"]
     assert all(0 <= rank <= N_RANKED for rank in json.loads(lines[0])["ranks"].values())
     assert {row["parameter"] for row in first["ranks"]} > {*THETA, "log_density", "nugget"}
-    assert [row["parameter"] for row in first["coverage"] if row["kind"] == "forces"] == list(THETA)
+    for kind in ("forces", "factor"):
+        assert [row["parameter"] for row in first["coverage"] if row["kind"] == kind] == list(THETA)
     heard = []
     again = measure_calibration_ranks(Options(worlds=2, results=path, limit_minutes=0.0, tell=heard.append))
     assert (again, heard) == (first, [])
@@ -68,24 +69,16 @@ def test_uniform_ranks_pass_and_narrow_posteriors_are_found_out(tmp_path):
     assert tables["coverage"] == [{"kind": "model", "parameter": "friction", "worlds": 200, "inside_90": 100}]
 
 
-def test_a_posterior_that_is_the_prior_covers_what_the_prior_does(tmp_path):
-    path, priors = tmp_path / "ranks.jsonl", calibration_ranks.SETTINGS.priors
-    worlds = range(300)
-    shares = [
-        calibration_ranks._prior_shares(priors, calibration_ranks._true_theta(priors, world)[0][None])[0]
-        for world in worlds
-    ]
-    outcomes = [
-        made_up_outcome(world, 50).model_copy(
-            update={"kind": "forces", "inside": dict(zip(THETA, map(bool, abs(share - 0.5) < 0.45), strict=True))}
+def test_hidden_thetas_of_a_hundred_worlds_fill_the_prior_evenly():
+    priors = calibration_ranks.SETTINGS.priors
+    for kind in ("forces", "factor"):
+        thetas = [calibration_ranks._true_theta(kind, priors, world)[0] for world in range(100, 200)]
+        poisson = (np.array(thetas)[:, 2] - priors.poisson_ratio_lower) / (
+            priors.poisson_ratio_upper - priors.poisson_ratio_lower
         )
-        for world, share in zip(worlds, shares, strict=True)
-    ]
-    write(path, outcomes)
-    tables = measure_calibration_ranks(Options(worlds=300, results=path, limit_minutes=0.0))
-    for row in tables["coverage"]:
-        assert row["inside_90"] == row["prior_inside_90"]
-        assert row["even_inside_percent"] == pytest.approx(90.0, abs=3.0)
+        assert np.unique((100 * poisson).astype(int)).size == 100
+    tail = priors.quantile(np.array([0.5, 0.5, 0.5]))
+    assert tail[0] == pytest.approx(priors.young_modulus_median_mpa)
 
 
 def test_worlds_run_in_processes_too(monkeypatch, tmp_path):
@@ -103,13 +96,13 @@ def test_worlds_run_in_processes_too(monkeypatch, tmp_path):
 
         def submit(self, function, kind, world):
             future = Future()
-            future.set_result(made_up_outcome(world, 50).model_copy(update={"kind": kind}))
+            future.set_result(made_up_outcome(world, 50).model_copy(update={"kind": kind, "sampler": sampler(kind)}))
             return future
 
     monkeypatch.setattr(calibration_ranks, "ProcessPoolExecutor", Pool)
     tables = measure_calibration_ranks(Options(worlds=3, workers=2, results=tmp_path / "ranks.jsonl"))
     assert made == [2]
-    assert [row["worlds"] for row in tables["worlds"]] == [3, 3]
+    assert [row["worlds"] for row in tables["worlds"]] == [3, 3, 3]
 
 
 def test_ranks_fall_into_bins_of_equal_width():

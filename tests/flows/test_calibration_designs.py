@@ -6,6 +6,7 @@ from flows.benchmarks import calibration_designs
 from flows.benchmarks.base import Options
 from flows.benchmarks.calibration_designs import N_REAL, N_SIM, WAYS, problems_of, truth_of
 from flows.benchmarks.registry import BENCHMARKS
+from models.calibration.problem import unit_theta
 
 
 def test_both_ways_have_the_same_measurements_and_number_of_simulations():
@@ -14,8 +15,8 @@ def test_both_ways_have_the_same_measurements_and_number_of_simulations():
     at_measured = [(same.x_sim == x).all(axis=1).sum() for x in same.x_real]
     assert at_measured == [4] * N_REAL
     assert hypercube.n_real == N_REAL
-    friction = same.theta_sim[-4:, 1]
-    assert len(set(np.floor(2 * friction))) == 4  # one in each quarter of 0.02 to 2
+    friction = unit_theta(same.theta_sim[-4:], scales_with_modulus=True)[:, 0]
+    assert len(set(np.floor(4 * friction))) == 4  # one in each quarter of its range
 
 
 def test_the_modes_of_a_world_are_scored_against_its_truth(monkeypatch):

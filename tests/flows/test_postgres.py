@@ -15,7 +15,7 @@ from tests.flows.test_campaign import CONFIG, ROOT, assert_complete
 VARIABLE = "PREFECT_API_DATABASE_CONNECTION_URL"
 pytestmark = [
     pytest.mark.skipif(bool(postgres_server.WHY_NOT), reason=postgres_server.WHY_NOT),
-    pytest.mark.timeout(1500),
+    pytest.mark.timeout(3600),
 ]
 
 
@@ -62,7 +62,7 @@ def test_a_campaign_runs_on_it(tmp_path, database):
     words = ["campaign", "run", str(tmp_path / "tiny.toml"), "--lake", str(tmp_path / "lake"), "--auto-print"]
     done = subprocess.run(
         [sys.executable, "-m", "flows.cli.main", *words],
-        cwd=ROOT, env=environment, capture_output=True, text=True, timeout=1200,
+        cwd=ROOT, env=environment, capture_output=True, text=True, timeout=3300,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     assert_complete(tmp_path)

@@ -11,12 +11,15 @@ import pytest
 
 from flows.benchmarks.sockets import family, is_loopback, listening
 from flows.cli.real import is_rehearsal
+from flows.lab import LabPlan, open_lab
 from flows.prefect_app import with_outputs
+from flows.prefect_server import ANY_PORT
 from hardware.bench import BenchSettings, open_real_bench
 from hardware.clock import ScaledClock
 from hardware.layout import BenchLayout
 from hardware.virtual.bench import VirtualBench
 from hardware.world.spec import World
+from lake.store import Lake
 from models.errors import FastError
 from tasks.control import exclusive
 from tests.flows.cli_lakes import ROOT, Fast, proposed_lake
@@ -43,6 +46,20 @@ def test_a_virtual_bench_listens_on_the_loopback_address_only():
         bench.stop()
     assert found
     assert all(map(is_loopback, found))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_lab_listens_on_the_loopback_address_and_answers_to_its_password_only(tmp_path, monkeypatch):
+    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    monkeypatch.setenv("FAST_PASSWORD", "open")
+    with open_lab(Lake.open(tmp_path / "lake", create=True), LabPlan(ANY_PORT)) as lab:
+        lab.wait_for_pool()
+        addresses = listening(set(lab.pids))
+        assert httpx.post(f"{lab.api_url}/flows/filter", json={}).status_code == 401
+        assert httpx.post(f"{lab.api_url}/flows/filter", json={}, auth=("fast", "shut")).status_code == 401
+        assert httpx.post(f"{lab.api_url}/flows/filter", json={}, auth=("fast", "open")).status_code == 200
+    assert addresses == {"127.0.0.1"}
 
 
 def test_own_code_unpickles_nothing_from_outside():
@@ -153,8 +170,6 @@ def test_a_second_client_of_a_bench_is_refused_and_the_first_goes_on(tmp_path):
 
 
 def test_the_bench_of_a_lake_has_one_owner(tmp_path):
-    from lake.store import Lake
-
     lake = Lake.open(tmp_path / "lake", create=True)
     busy = "the gantry of this lake is in use"
     with exclusive(lake, "gantry", busy), pytest.raises(FastError, match=busy), exclusive(lake, "gantry", busy):

@@ -62,8 +62,8 @@ def test_both_parts_multiply_to_the_joint_density_of_all_forces(case: _Case) -> 
     factor, setting = _prepared(case)
     t = np.broadcast_to(setting.inputs(psi.theta), (15, data.n_inputs - 9))
     z = np.vstack([data.z_sim, np.column_stack([data.x_real, t])])
-    a = data.amplitude(psi.theta[0], psi.rho)
-    c = np.concatenate([np.ones(50), np.full(15, a)])
+    a = data.amplitude(psi.theta, psi.rho) * data.trend_real
+    c = np.concatenate([np.ones(50), a])
     K = np.outer(c, c) * matern52(z, z, phi.lengthscales, phi.sd)
     K[50:, 50:] += matern52(data.x_real, data.x_real, psi.lengthscales, psi.sd)
     K += np.diag(np.concatenate([data.variance_sim + phi.nugget**2, data.variance_real + psi.noise_sd**2]))

@@ -39,9 +39,9 @@ def covariance_by_loops(density, vector):
     data, layout = density.data, density.layout
     phi, psi = layout.phi(vector[: layout.n_phi]), layout.psi(vector[layout.n_phi :])
     t = unit_theta(psi.theta[None, :], data.scales_with_modulus)[0]
-    amplitude = data.amplitude(psi.theta[0], psi.rho)
+    amplitudes = data.amplitude(psi.theta, psi.rho) * data.trend_real
     rows = [(z, 1.0, None) for z in data.z_sim]
-    rows += [(np.concatenate([x, t]), amplitude, x) for x in data.x_real]
+    rows += [(np.concatenate([x, t]), c, x) for c, x in zip(amplitudes, data.x_real, strict=True)]
     K = np.zeros((len(rows), len(rows)))
     for i, (z, c, x) in enumerate(rows):
         for j, (z2, c2, x2) in enumerate(rows):
@@ -49,7 +49,7 @@ def covariance_by_loops(density, vector):
             if x is not None and x2 is not None:
                 K[i, j] += matern(x, x2, psi.lengthscales, psi.sd)
     variances = [*(data.variance_sim + phi.nugget**2), *(data.variance_real + psi.noise_sd**2)]
-    residual = np.concatenate([data.y_sim, data.y_real - amplitude * data.mean])
+    residual = np.concatenate([data.y_sim, data.y_real - amplitudes * data.mean])
     return K + np.diag(variances), residual
 
 

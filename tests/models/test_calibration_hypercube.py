@@ -6,6 +6,7 @@ from models.calibration.hypercube import HypercubePlan, hypercube
 from models.calibration.problem import THETA_LOWER, THETA_UPPER
 from models.calibration.settings import CalibrationSettings
 from models.calibration.synthetic import Truth, made_up_problem
+from models.calibration.trend import FRICTION_OFFSET
 from models.design_space import PARAMETERS, RIB_COUNT_COLUMN, to_unit
 from tests.tasks.calibration_lake import made_up_result
 
@@ -16,15 +17,15 @@ def columns(plan):
     return to_unit([p.design for p in points]), theta
 
 
-@pytest.mark.parametrize("modulus", ["uniform", "log-uniform"])
-def test_every_column_has_one_point_in_each_nth_of_its_range(modulus):
+@pytest.mark.parametrize("spread", ["uniform", "log-uniform"])
+def test_every_column_has_one_point_in_each_nth_of_its_range(spread):
     n = 50
-    x, theta = columns(HypercubePlan(n=n, modulus=modulus, seed=2))
-    if modulus == "log-uniform":
-        theta[:, 0] = np.log(theta[:, 0] / THETA_LOWER[0]) / np.log(THETA_UPPER[0] / THETA_LOWER[0])
-    else:
-        theta[:, 0] = (theta[:, 0] - THETA_LOWER[0]) / (THETA_UPPER[0] - THETA_LOWER[0])
-    theta[:, 1:] = (theta[:, 1:] - THETA_LOWER[1:]) / (THETA_UPPER[1:] - THETA_LOWER[1:])
+    x, theta = columns(HypercubePlan(n=n, spread=spread, seed=2))
+    lower, upper = THETA_LOWER.copy(), THETA_UPPER.copy()
+    if spread == "log-uniform":
+        for values in (theta[:, :2].T, lower[:2], upper[:2]):
+            values[0], values[1] = np.log(values[0]), np.log(values[1] + FRICTION_OFFSET)
+    theta = (theta - lower) / (upper - lower)
     unit = np.column_stack([x, theta])
     for place in range(unit.shape[1]):
         if place != RIB_COUNT_COLUMN:
@@ -38,7 +39,7 @@ def test_a_plan_is_the_same_whenever_asked_and_another_is_another():
     plan = HypercubePlan(n=30, seed=1)
     assert hypercube(plan) == hypercube(HypercubePlan(n=30, seed=1))
     assert len({p.design.design_id for p in hypercube(plan) + hypercube(HypercubePlan(n=31, seed=1))}) == 61
-    assert plan.plan_id != HypercubePlan(n=30, seed=1, modulus="uniform").plan_id
+    assert plan.plan_id != HypercubePlan(n=30, seed=1, spread="uniform").plan_id
 
 
 def test_no_point_is_incompressible():

@@ -30,10 +30,11 @@ class Joint:
 
         z = np.concatenate([data.z_sim, at(problem.x_real, psi.theta), at(x_new, psi.theta)])
         self.n, self.m = problem.n_sim, problem.n_real
-        c = np.repeat([1.0, data.amplitude(psi.theta[0], psi.rho)], [self.n, len(z) - self.n])
+        designs = np.concatenate([problem.x_real, x_new])
+        at_theta = data.amplitude(psi.theta, psi.rho) * data.trend.of_designs(designs)
+        c = np.concatenate([np.ones(self.n), at_theta])
         self.K = c[:, None] * c * matern52(z, z, phi.lengthscales, phi.sd)
-        x = np.concatenate([problem.x_real, x_new])
-        self.K[self.n :, self.n :] += matern52(x, x, psi.lengthscales, psi.sd)
+        self.K[self.n :, self.n :] += matern52(designs, designs, psi.lengthscales, psi.sd)
         noise = np.full(len(z), psi.noise_sd**2)
         noise[: self.n] = data.variance_sim + phi.nugget**2
         noise[self.n : self.n + self.m] += data.variance_real

@@ -57,7 +57,8 @@ def test_along_the_ridge_the_mean_force_stays() -> None:
     forces = []
     for vector in (psi, density.to_psi(other)):
         theta = setting.layout.theta(vector[-3:])
-        forces.append(theta[0] * density.surrogate.mean_force(setting.inputs(theta))[0])
+        amplitude = setting.data.amplitude(theta, 1.0)
+        forces.append(amplitude * density.surrogate.mean_force(setting.inputs(theta))[0])
     assert density.to_psi(other)[-3] < psi[-3]
     assert forces[0] == pytest.approx(forces[1], rel=0.01)
 

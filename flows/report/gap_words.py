@@ -67,7 +67,7 @@ def reserve(found: Round) -> str:
     if among > 0.0 and named.probability < _MOST * among:
         parts.append(
             f"Probability among all that was tried: {probability_words(among)}. It takes away "
-            f"{100.0 * named.probability / among:.0f} % of what is unusual, and the rest may be another law's: "
+            f"{100.0 * named.probability / among:.0f} % of what is unusual; the rest may be another effect's or law's: "
             f"{probability_words(named.probability)}."
         )
     if named.kind == "set":

@@ -40,6 +40,7 @@ BOX_SD = 5.0  # half width of the first box of theta, posterior standard deviati
 CONTACT_LIMIT = 0.005  # share of draws outside the box at which it is grown
 MAX_GROWTH = 4
 _PRIOR_TAIL = 1e-7  # the box ends where the prior leaves that much
+_RIDGE_TAIL = 1e-4  # the same for friction, where the first box takes all that is likely
 
 
 @dataclass
@@ -192,23 +193,27 @@ def _outside(draws: np.ndarray, surrogate: ThetaSurrogate) -> np.ndarray:
 def first_box(setting: Setting, psi: np.ndarray, covariance: np.ndarray) -> Box:
     """Box of the inputs t around the mode, within what the prior of theta allows.
 
-    The Poisson ratio keeps its whole range: it is short, and posteriors lean against its ends.
+    The Poisson ratio keeps its whole range: it is short, and posteriors lean against its ends. Where E is a factor,
+    friction has all that is likely before: the ridge may run along it, which the curvature at the mode does not tell.
     """
     reach = BOX_SD * np.sqrt(np.diag(covariance)[-3:])
     reach[-1] = np.inf
-    lower, upper = _prior_range(setting)
+    lower, upper = _prior_range(setting, _PRIOR_TAIL)
     ends = (np.maximum(psi[-3:] - reach, lower), np.minimum(psi[-3:] + reach, upper))
+    if setting.data.scales_with_modulus:
+        for end, likely in zip(ends, _prior_range(setting, _RIDGE_TAIL), strict=True):
+            end[1] = likely[1]
     low, high = (setting.inputs(theta) for theta in setting.layout.theta(np.array(ends)))
     return Box(low, high)
 
 
-def _prior_range(setting: Setting) -> tuple[np.ndarray, np.ndarray]:
-    """Unconstrained theta (3) between which the prior has all but little of its mass."""
+def _prior_range(setting: Setting, tail: float) -> tuple[np.ndarray, np.ndarray]:
+    """Unconstrained theta (3) between which the prior has all but `tail` of its mass on either side."""
     priors = setting.layout.priors
-    reach = norm.isf(_PRIOR_TAIL) * priors.young_modulus_log_sd
+    reach = norm.isf(tail) * priors.young_modulus_log_sd
     modulus = np.log(priors.young_modulus_median_mpa)
-    friction = np.log(gamma.ppf([_PRIOR_TAIL, 1.0 - _PRIOR_TAIL], priors.friction_shape) / priors.friction_rate)
-    poisson = -np.log(_PRIOR_TAIL)
+    friction = np.log(gamma.ppf([tail, 1.0 - tail], priors.friction_shape) / priors.friction_rate)
+    poisson = -np.log(tail)
     return np.array([modulus - reach, friction[0], -poisson]), np.array([modulus + reach, friction[1], poisson])
 
 

@@ -21,7 +21,7 @@ MARGIN = 0.15  # of the box's width, on either side: the room t is bent into
 TOLERANCE = 0.001  # root mean square over the grid of the whitened norm of what is dropped of V
 
 N_TEST, MAX_ERROR = 24, 0.05
-FIRST_NODES, NODES_PER_LENGTHSCALE, MAX_NODES = 4, 4.0, 12
+FIRST_NODES, NODES_PER_LENGTHSCALE, MAX_NODES = 4, 4.0, 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,10 +124,17 @@ def build_accurate(
     orders = np.clip(np.ceil(FIRST_NODES + NODES_PER_LENGTHSCALE * width).astype(int), FIRST_NODES, MAX_NODES)
     while True:
         found = build(factor, setting, box, tuple(orders.tolist()), mode)
-        error = float(np.std([found.log_likelihood(psi) for psi in draws] - exact)) if len(draws) > 1 else 0.0
+        error = _spread([found.log_likelihood(psi) for psi in draws] - exact)
         if error <= MAX_ERROR or orders.min() >= MAX_NODES:
             return replace(found, error=error)
         orders = np.minimum(orders + 2, MAX_NODES)
+
+
+def _spread(errors: np.ndarray) -> float:
+    """Standard deviation; infinite where a likelihood is, as between nodes that are too far apart."""
+    if len(errors) < 2:
+        return 0.0
+    return float(np.std(errors)) if np.isfinite(errors).all() else np.inf
 
 
 def build(factor: Factor, setting: Setting, box: Box, orders: tuple[int, ...], typical: np.ndarray) -> ThetaSurrogate:

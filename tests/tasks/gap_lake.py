@@ -63,7 +63,8 @@ def measured_rows(
     for effect in build_effects(hidden):
         trace = effect.in_grasp(design, SETUP, GraspContext()).modify_trace(trace)
     rng = np.random.default_rng([int(1000 * design.length_mm), object_id, repeat])
-    trace = Trace(time_s, lift_mm, trace.force_n + 0.05 * rng.standard_normal(len(time_s)))
+    reported_n = np.interp(time_s, trace.time_s, trace.force_n)
+    trace = Trace(time_s, lift_mm, reported_n + 0.05 * rng.standard_normal(len(time_s)))
     return grasp_rows(design, tool_id, object_id, repeat, attempt, trace)
 
 

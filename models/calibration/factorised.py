@@ -22,6 +22,7 @@ from models.calibration.importance import Weighted, weigh
 from models.calibration.joint import first_guesses
 from models.calibration.laplace import approximate_phi
 from models.calibration.layout import Layout
+from models.calibration.level import Level, level_of
 from models.calibration.mode import Optimum, climb, climb_scaled, laplace_covariance, starts_around
 from models.calibration.problem import CalibrationProblem, Standardised
 from models.calibration.psis import effective_size, resample
@@ -92,9 +93,9 @@ def calibrate_factorised(
             density = JointDensity(data, setting.layout)
             normal_phi, cpu_s = approximate_phi(density, peak.vector, settings.workers, progress)
             steps.add("curvature", cpu_s)
-        surrogate, samples = sample_psi(setting, settings, peak, steps, rng)
+        sampled, samples = sample_psi(setting, settings, peak, steps, rng)
         with steps("weights"):
-            weighted = weigh(samples.draws, surrogate, normal_phi, N_WEIGHTED, settings.workers, rng, progress)
+            weighted = weigh(samples.draws, sampled, normal_phi, N_WEIGHTED, settings.workers, rng, progress)
             steps.add("weights", weighted.cpu_s)
     return _result(problem, setting, settings, samples, weighted, steps, rng)
 
@@ -136,7 +137,7 @@ def factor_at(phi: np.ndarray, setting: Setting) -> emulator.Factor:
 
 def sample_psi(
     setting: Setting, settings: CalibrationSettings, peak: Peak, steps: Steps, rng: np.random.Generator
-) -> tuple[ThetaSurrogate, Samples]:
+) -> tuple[Straightened, Samples]:
     """NUTS on psi at the mode's phi, in a box of theta that grows until short trial chains stay inside."""
     psi = peak.vector[setting.layout.n_phi :]
     box = first_box(setting, psi, peak.psi_covariance)
@@ -145,7 +146,8 @@ def sample_psi(
             surrogate = build_accurate(peak.factor, setting, box, psi, peak.psi_covariance, rng)
             orders = " x ".join(str(n) for n in surrogate.orders)
             steps.tell(f"theta surrogate: {orders} nodes, {len(surrogate.basis)} matrices, error {surrogate.error:.3f}")
-        density = Straightened(surrogate)
+        with steps("passes of the ridge"):
+            density = Straightened(surrogate, _level(surrogate, psi))
         starts = starts_around(surrogate, [Optimum(psi, surrogate(psi)[0])], peak.psi_covariance, settings.chains, rng)
         covariance = density.covariance(peak.psi_covariance, psi)
         fewer = _at_most(settings, TRIAL_DRAWS, TRIAL_TUNE)
@@ -162,7 +164,15 @@ def sample_psi(
     draws = density.to_psi(samples.draws)
     outside = _outside(draws.reshape(-1, draws.shape[2]), surrogate)
     steps.tell(f"{outside.sum():.1%} of the draws are outside the box of theta")
-    return surrogate, replace(samples, draws=draws, n_gradients=samples.n_gradients + trial.n_gradients)
+    return density, replace(samples, draws=draws, n_gradients=samples.n_gradients + trial.n_gradients)
+
+
+def _level(surrogate: ThetaSurrogate, psi: np.ndarray) -> Level | None:
+    """What is taken off along friction, where E is a factor and the ridge has summits with deep passes."""
+    if not surrogate.setting.data.scales_with_modulus:
+        return None
+    low, high = _prior_range(surrogate.setting, _RIDGE_TAIL)
+    return level_of(surrogate, psi, (float(low[1]), float(high[1])))
 
 
 def _run(

@@ -1,7 +1,8 @@
 """Exact weights of draws that treated the emulator's parameters phi as known.
 
 A pair of phi ~ q and psi ~ p~(y_R | psi, phi*) p(psi) has the weight
-w = p(phi) p(y_S | phi) / q(phi) x p(y_R | psi, phi) / p~(y_R | psi, phi*) under the joint posterior (Eq. 12).
+w = p(phi) p(y_S | phi) / q(phi) x p(y_R | psi, phi) / p~(y_R | psi, phi*) under the joint posterior (Eq. 12), where p~
+is what was sampled, levelled along the ridge or not.
 """
 
 from collections.abc import Callable
@@ -15,7 +16,7 @@ from models.calibration.emulator import factorise
 from models.calibration.laplace import NormalPhi
 from models.calibration.parallel import spread
 from models.calibration.psis import Smoothed, smooth
-from models.calibration.theta_surrogate import ThetaSurrogate
+from models.calibration.ridge import Straightened
 
 PSI_PER_PHI = 2  # neighbours of a chain that share a phi: a factor costs as much as five likelihoods
 _Job = tuple[np.ndarray, np.ndarray]
@@ -32,20 +33,24 @@ class Weighted:
 
 def weigh(
     chains: np.ndarray,
-    surrogate: ThetaSurrogate,
+    sampled: Straightened,
     normal_phi: NormalPhi,
     n: int,
     n_workers: int,
     rng: np.random.Generator,
     progress: Callable[[str], None] | None = None,
 ) -> Weighted:
-    """Pair about n draws of psi, evenly from `chains` (chains x draws x n_psi), with draws of phi, and weigh them."""
+    """Pair about n draws of psi, evenly from `chains` (chains x draws x n_psi), with draws of phi, and weigh them.
+
+    The chains are draws of psi from the density `sampled`.
+    """
+    surrogate, level = sampled.surrogate, sampled.level or (lambda values: 0.0)
     setting = surrogate.setting
     psi = thin(chains, n)  # phis x PSI_PER_PHI x n_psi
     phi, log_q = normal_phi.draw(len(psi), rng)
     jobs = list(zip(phi, psi, strict=True))
     exact, cpu_s = spread(exact_log_density, setting, jobs, n_workers, progress, "exact weights")
-    approximate = np.array([[surrogate.log_likelihood(values) for values in group] for group in psi])
+    approximate = np.array([[surrogate.log_likelihood(values) - level(values) for values in group] for group in psi])
     log_weights = np.array(exact) - log_q[:, None] - approximate
     draws = np.concatenate([np.repeat(phi[:, None], PSI_PER_PHI, axis=1), psi], axis=2)
     return Weighted(draws.reshape(-1, draws.shape[2]), smooth(log_weights.ravel()), cpu_s)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.calibration.level import Level
 from models.calibration.theta_surrogate import ThetaSurrogate
 
 _FLOOR = 0.05  # of the mean force: keeps g smooth and finite where the emulated mean is near zero
@@ -19,9 +20,17 @@ class Straightened:
     """The stand-in's density over straightened vectors (n_psi); where E is an input, over psi itself."""
 
     surrogate: ThetaSurrogate
+    level: Level | None = None  # taken off, so that chains cross from one summit of the ridge to another
 
     def __call__(self, values: np.ndarray) -> tuple[float, np.ndarray]:
-        """Value and gradient, as those of the stand-in."""
+        """Value and gradient, as those of the stand-in less `level`."""
+        value, gradient = self._of_stand_in(values)
+        if self.level is not None:
+            value -= self.level(values)
+            gradient[-2] -= self.level.slope(values)
+        return value, gradient
+
+    def _of_stand_in(self, values: np.ndarray) -> tuple[float, np.ndarray]:
         if not self._is_sheared:
             return self.surrogate(values)
         shift, slopes = self._log_mean(values)

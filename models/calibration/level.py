@@ -15,7 +15,7 @@ from models.calibration.mode import LogDensity, climb
 
 _N_GRID = 40
 _COUNTS = 7.0  # nats below the highest summit at which another one still matters
-_PASS = 1.0  # nats that chains may have to climb down to a pass
+_PASS = 2.0  # nats that chains may have to climb down to a pass
 _FRICTION = -2  # place of ln friction in the vector of psi
 
 

@@ -11,10 +11,8 @@ LOOK_S = 1.0  # between looks for background work that is due; a form that is an
 HEARTBEAT_S = 60.0  # between signs of life to other servers of the same docket, of which there are none
 
 # Seconds between the rounds of services, where Prefect has 5 to 20: late runs and workers that are gone are marked
-# within a minute, runs of a new schedule planned within half a minute, or a minute where that round just missed it (the
-# scheduler's own, which Prefect has so too). Whose process is gone, the sweeper finds.
+# within a minute. New schedules are planned at Prefect's own pace. Whose process is gone, the sweeper finds.
 ROUNDS = {
-    "PREFECT_SERVER_SERVICES_SCHEDULER_RECENT_DEPLOYMENTS_LOOP_SECONDS": "30",
     "PREFECT_SERVER_SERVICES_LATE_RUNS_LOOP_SECONDS": "60",
     "PREFECT_SERVER_SERVICES_FOREMAN_LOOP_SECONDS": "60",
     "PREFECT_SERVER_SERVICES_PAUSE_EXPIRATIONS_LOOP_SECONDS": "60",

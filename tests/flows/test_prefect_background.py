@@ -21,7 +21,7 @@ def test_prefect_knows_every_round_and_had_it_more_often(monkeypatch):
     for service in ("late_runs", "foreman", "pause_expirations", "repossessor", "cleanup_reconciler"):
         assert getattr(usual.services, service).loop_seconds < getattr(calm.services, service).loop_seconds
     assert usual.services.cancellation_cleanup.loop_seconds < calm.services.cancellation_cleanup.loop_seconds
-    assert calm.services.scheduler.recent_deployments_loop_seconds == 30
+    assert calm.services.scheduler == usual.services.scheduler  # plans of a new schedule come as soon as ever
     assert usual.events.proactive_granularity < calm.events.proactive_granularity == timedelta(seconds=60)
 
 

@@ -25,7 +25,7 @@ campaign: setup ## a small complete campaign on the virtual bench, with report a
 	$(BIN)/fast campaign run campaigns/quick.toml --auto-print
 
 test: setup     ## the test suite
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 studies: setup  ## tests that take minutes: hundreds of kills, campaigns in an object store
 	$(BIN)/python -m pytest -m study

@@ -6,9 +6,9 @@ from typing import Literal
 
 import duckdb
 
-from lake.engine import load_views
+from lake.engine import create_table, load_views
 from lake.provenance import ProvenanceColumns
-from lake.schema import schema_of
+from lake.schema import sql_columns
 from lake.tables import TABLE_BY_NAME, TABLES
 from models.records import Record
 
@@ -27,9 +27,7 @@ def catalogue() -> list[Entry]:
     comments = _view_comments() | {name: _first_sentence(row.__doc__ or "") for name, row in TABLE_BY_NAME.items()}
     with duckdb.connect(":memory:") as connection:
         for row_type in TABLES:
-            connection.register("empty_rows", schema_of(row_type).empty_table())
-            connection.execute(f"CREATE TABLE {row_type.table} AS SELECT * FROM empty_rows")
-            connection.unregister("empty_rows")
+            connection.execute(create_table(row_type.table, sql_columns(row_type)))
         load_views(connection)
         found = connection.execute(
             "SELECT CASE WHEN table_name IN (SELECT view_name FROM duckdb_views()) THEN 'view' ELSE 'table' END, "

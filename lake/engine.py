@@ -12,7 +12,7 @@ hides from DuckDB how many there are, and a join then holds all samples instead 
 import logging
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
@@ -24,7 +24,7 @@ import duckdb
 import pyarrow as pa
 
 from lake.files import FILE_PREFIX, FILE_SUFFIX, fault_of
-from lake.schema import has_samples, schema_of
+from lake.schema import has_samples, schema_of, sql_columns
 from lake.tables import TABLE_BY_NAME, TABLES, Row
 from lake.upgrades import Upgrades
 from models.errors import LakeError
@@ -142,23 +142,18 @@ class Engine:
         return bool(self.connection.execute(f"SELECT 1 FROM superseded_{table} LIMIT 1").fetchall())
 
     def _create_table(self, row_type: type[Row]) -> None:
-        table, key = row_type.table, row_type.id_column()
-        empty = schema_of(row_type).empty_table()
-        self.connection.register("empty_rows", empty)
-        held = f"{key}, created_at, 0::UBIGINT AS _hash" if has_samples(row_type) else "*"
-        self.connection.execute(
-            f"CREATE TABLE raw_{table} AS SELECT {held}, 0::INTEGER AS _file, 0::BIGINT AS _row FROM empty_rows"
-        )
-        # Of a table of traces only these two columns are read here: a file of something else must not pass for one.
-        for column in (key, "created_at"):
-            self.connection.execute(f"ALTER TABLE raw_{table} ALTER COLUMN {column} SET NOT NULL")
-        self.connection.execute(
-            f"CREATE TABLE superseded_{table} AS SELECT {key} AS _id, 0::INTEGER AS _file, 0::BIGINT AS _row, "
-            "'' AS _name FROM empty_rows"
-        )
-        self.connection.execute(f"CREATE TABLE empty_{table} AS SELECT * FROM empty_rows")
+        table, key, columns = row_type.table, row_type.id_column(), sql_columns(row_type)
+        # Of a table of traces only the first two are read here: a file of something else must not pass for one.
+        held = {name: f"{columns[name]} NOT NULL" for name in (key, "created_at")}
+        held = held | {"_hash": "UBIGINT"} if has_samples(row_type) else columns | held
+        place = {"_file": "INTEGER", "_row": "BIGINT"}
+        for name, own in {
+            f"raw_{table}": held | place,
+            f"superseded_{table}": {"_id": columns[key]} | place | {"_name": "VARCHAR"},
+            f"empty_{table}": columns,
+        }.items():
+            self.connection.execute(create_table(name, own))
         self.connection.execute(f"CREATE VIEW {table} AS SELECT * FROM empty_{table}")  # for views.sql to look at
-        self.connection.unregister("empty_rows")
 
     def _point_views(self, row_type: type[Row]) -> None:
         """Define what queries see of a table: the rows read, but for those that are superseded."""
@@ -383,6 +378,12 @@ def _settled_listing(folder: Path, known: dict[str, Signature]) -> dict[str, Sig
 def _number_table(numbers: dict[str, int]) -> pa.Table:
     columns = {"_name": pa.array(numbers, type=pa.string()), "_file": pa.array(numbers.values(), type=pa.int32())}
     return pa.table(columns)
+
+
+def create_table(name: str, columns: Mapping[str, str]) -> str:
+    """Statement that makes an empty table with columns of these types."""
+    listed = ", ".join(f'"{column}" {sql_type}' for column, sql_type in columns.items())
+    return f"CREATE TABLE {name} ({listed})"
 
 
 def _quoted_list(paths: list[Path]) -> str:

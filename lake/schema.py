@@ -27,6 +27,13 @@ _SCALARS: dict[Any, pa.DataType] = {
     datetime: pa.timestamp("us", tz="UTC"),
     np.ndarray: pa.list_(pa.float64()),
 }
+_SQL_TYPES = {
+    pa.string(): "VARCHAR",
+    pa.int64(): "BIGINT",
+    pa.float64(): "DOUBLE",
+    pa.bool_(): "BOOLEAN",
+    pa.timestamp("us", tz="UTC"): "TIMESTAMP WITH TIME ZONE",
+}
 
 
 @cache
@@ -41,6 +48,12 @@ def schema_of(row_type: type[Row]) -> pa.Schema:
     fields += [_field(ProvenanceColumns, name) for name in ProvenanceColumns.model_fields if name not in own]
     metadata = {"fast.table": row_type.table, VERSION_KEY: str(table_version(row_type.table))}
     return pa.schema(fields, metadata=metadata)
+
+
+@cache
+def sql_columns(row_type: type[Row]) -> dict[str, str]:
+    """DuckDB types of the columns of a table, in its order."""
+    return {field.name: _sql_type(field.type) for field in schema_of(row_type)}
 
 
 def has_samples(row_type: type[Row]) -> bool:
@@ -60,6 +73,10 @@ def to_arrow(rows: Sequence[Row], provenance: ProvenanceColumns) -> pa.Table:
         values = [shared[field.name] if field.name in shared else row.__dict__[field.name] for row in ordered]
         columns.append(pa.array(values, type=field.type))
     return pa.Table.from_arrays(columns, schema=schema)
+
+
+def _sql_type(data_type: pa.DataType) -> str:
+    return f"{_SQL_TYPES[data_type.value_type]}[]" if pa.types.is_list(data_type) else _SQL_TYPES[data_type]
 
 
 def _field(record_type: type[BaseModel], name: str) -> pa.Field:

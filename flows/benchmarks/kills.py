@@ -5,6 +5,7 @@ whole bench with its devices and drivers, grasps to the lake. The killer only kn
 made up, and their force says what was really gripped (`flows.benchmarks.fingerprints`).
 """
 
+import math
 import multiprocessing
 import os
 import random
@@ -13,7 +14,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from functools import partial
-from itertools import count
+from itertools import count, pairwise
 from pathlib import Path
 from threading import Event
 from typing import Protocol
@@ -102,7 +103,7 @@ def kill_often(folder: Path, batch: Batch, n_kills: int) -> None:
     live = partial(_live, folder, batch, world, partial(lockstep_bench, world))
     moments, told = _begin(folder, batch, live), Told(folder / "told.txt")
     for _ in range(n_kills):
-        pid = _fork(folder, live)
+        pid = _begin_life(folder, told, live)
         time.sleep(next(moments))
         os.kill(pid, signal.SIGKILL)
         if not _wait(pid, may_be_killed=True):
@@ -119,7 +120,7 @@ def kill_outside(folder: Path, batch: Batch, n_kills: int) -> None:
     try:
         moments = _begin(folder, batch, live, devices.start)
         for turn in range(1, n_kills + 1):
-            pid = _fork(folder, live)
+            pid = _begin_life(folder, told, live)
             time.sleep(next(moments))
             if turn % DEVICES_EVERY == 0:
                 devices.kill()
@@ -137,17 +138,31 @@ def kill_outside(folder: Path, batch: Batch, n_kills: int) -> None:
 
 
 class _Moments:
-    """When to kill a life, in seconds after it began."""
+    """When to kill a life, in seconds after it began.
 
-    def __init__(self, open_s: float, grasp_s: float) -> None:
-        self._random = random.Random(SEED)
-        self._open_s, self._grasp_s = open_s, grasp_s
+    From the quickest opening and the quickest grasp of all lives so far: a machine that was busy while the first life
+    was timed would make every later kill come too late.
+    """
+
+    def __init__(self, told: Told) -> None:
+        self._random, self._told = random.Random(SEED), told
 
     def __next__(self) -> float:
         """Some while the bench is opened, the others while grasps are made."""
+        open_s, grasp_s = _quickest_s(self._told)
         if self._random.random() < OPENING_SHARE:
-            return self._random.uniform(0.0, self._open_s)
-        return self._open_s + self._random.uniform(0.0, LIFE_GRASPS * self._grasp_s)
+            return self._random.uniform(0.0, open_s)
+        return open_s + self._random.uniform(0.0, LIFE_GRASPS * grasp_s)
+
+
+def _quickest_s(told: Told) -> tuple[float, float]:
+    """Seconds of a life before its first grasp is begun, and of a grasp."""
+    begun = [float(words[0]) for words in told.lines("life")]
+    made = [float(words[0]) for words in told.lines("grasp") if words[-1] == "ok"]
+    lives = [[t for t in made if start <= t < end] for start, end in pairwise([*begun, math.inf])]
+    grasp_s = min(b - a for life in lives for a, b in pairwise(life))
+    first_s = min(life[0] - start for start, life in zip(begun, lives, strict=True) if life)
+    return max(first_s - grasp_s, 0.0), grasp_s
 
 
 def _begin(
@@ -157,11 +172,13 @@ def _begin(
     told = Told(folder / "told.txt")
     _wait(_fork(folder, lambda: batch.make(folder / "lake")))
     prepare()
-    started = time.monotonic()
-    _wait(_fork(folder, partial(live, max_grasps=N_TIMED)))
-    made_at_s = [float(words[0]) - started for words in told.lines("grasp")]
-    grasp_s = (made_at_s[-1] - made_at_s[0]) / (N_TIMED - 1)
-    return _Moments(max(made_at_s[0] - grasp_s, 0.0), grasp_s)
+    _wait(_begin_life(folder, told, partial(live, max_grasps=N_TIMED)))
+    return _Moments(told)
+
+
+def _begin_life(folder: Path, told: Told, live: Callable[..., None]) -> int:
+    told.tell("life", time.monotonic())
+    return _fork(folder, live)
 
 
 def _fork(folder: Path, work: Callable[[], object]) -> int:

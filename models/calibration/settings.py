@@ -5,7 +5,6 @@ from typing import Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.stats import gamma, norm
 
 from models.records import Record
 
@@ -43,11 +42,13 @@ class ThetaPriors(Record):
 
     def quantile(self, shares: np.ndarray) -> np.ndarray:
         """Theta (... x 3) with prior probabilities `shares` (... x 3) below it."""
+        from scipy.special import gammaincinv, ndtri  # not with the settings, which every command reads
+
         modulus, friction, poisson_ratio = np.moveaxis(np.asarray(shares), -1, 0)
         width = self.poisson_ratio_upper - self.poisson_ratio_lower
         values = [
-            self.young_modulus_median_mpa * np.exp(self.young_modulus_log_sd * norm.ppf(modulus)),
-            gamma.ppf(friction, self.friction_shape) / self.friction_rate,
+            self.young_modulus_median_mpa * np.exp(self.young_modulus_log_sd * ndtri(modulus)),
+            gammaincinv(self.friction_shape, friction) / self.friction_rate,
             self.poisson_ratio_lower + width * poisson_ratio,
         ]
         return np.stack(values, axis=-1)

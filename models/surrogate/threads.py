@@ -1,12 +1,24 @@
 """Linear algebra on one thread: the same numbers on any machine, and cores left to the simulations."""
 
-from threadpoolctl import threadpool_limits
+import sys
+from contextlib import AbstractContextManager
+from functools import cache
+
+from threadpoolctl import ThreadpoolController
+
+_BRING_BLAS = {"numpy", "scipy.linalg", "torch"}
 
 
-def one_blas_thread() -> threadpool_limits:
+def one_blas_thread() -> AbstractContextManager[object]:
     """Context in which BLAS and LAPACK use one thread.
 
     A fit factors matrices of a few hundred rows many times; threads cost ten times the CPU there and make the
     last digits depend on the number of cores.
     """
-    return threadpool_limits(limits=1, user_api="blas")
+    return _controller(frozenset(_BRING_BLAS & sys.modules.keys())).limit(limits=1, user_api="blas")
+
+
+@cache
+def _controller(brought: frozenset[str]) -> ThreadpoolController:
+    """Of the libraries that these packages loaded; to look for them takes 5 ms, longer than many a small problem."""
+    return ThreadpoolController()

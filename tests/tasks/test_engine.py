@@ -165,7 +165,8 @@ def test_a_call_that_hangs_ends_its_worker(two_workers):
         impatient.close()
 
 
-def test_a_worker_of_several_threads_is_refused(tmp_path):
+def test_a_worker_of_several_threads_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("tasks.engine_dask.CONNECT_LIMIT_S", 10.0)  # so long a client looks for a lost scheduler too
     with cluster(tmp_path, 0) as found:
         found.add_worker(n_threads=2)
         engine = open_engine(found.address, 1, LIMIT_S)

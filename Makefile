@@ -7,6 +7,9 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 
+# Many tests wait for devices and servers: one process more than there are cores.
+TEST_WORKERS ?= $(shell expr $$(nproc) + 1)
+
 .PHONY: help setup campaign test studies check audit-online format lock clean
 
 help:           ## list the commands
@@ -25,7 +28,7 @@ campaign: setup ## a small complete campaign on the virtual bench, with report a
 	$(BIN)/fast campaign run campaigns/quick.toml --auto-print
 
 test: setup     ## the test suite
-	$(BIN)/python -m pytest -n auto --dist worksteal
+	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist worksteal
 
 studies: setup  ## tests that take minutes: hundreds of kills, campaigns in an object store
 	$(BIN)/python -m pytest -m study

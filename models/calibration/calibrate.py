@@ -10,6 +10,7 @@ from models.calibration.sampling import Progress
 from models.calibration.settings import CalibrationSettings
 
 JOINT_LIMIT = 600  # simulations and designs that full joint NUTS samples in minutes
+LONGER = 3  # minutes where the blocked sampler takes hours
 
 
 def calibrate(
@@ -18,8 +19,9 @@ def calibrate(
     """Posterior over theta, rho, discrepancy, emulator and noise (Eq. 9-12 of the FAST paper).
 
     With `method = "auto"` the factorised algorithm is tried first and kept where its importance weights (k-hat) and
-    effective sample sizes allow it; else small problems get full joint NUTS and large ones the blocked sampler.
-    What was tried in vain, and rows left out, are among `warnings`.
+    effective sample sizes allow it; else small problems get full joint NUTS and large ones the blocked sampler, but
+    first longer chains if only the sample sizes fall short. What was tried in vain, and rows left out, are among
+    `warnings`.
 
     Example:
         >>> from models.calibration.synthetic import made_up_problem
@@ -38,28 +40,36 @@ def calibrate(
 def _automatic(
     problem: CalibrationProblem, settings: CalibrationSettings, progress: Progress | None
 ) -> CalibrationResult:
+    tell = progress or (lambda line: None)
+    is_large = problem.n_sim + problem.n_real > JOINT_LIMIT
     result = _by("factorised", problem, settings, progress)
     doubt = _doubt(result)
+    if doubt is not None and is_large and _has_good_weights(result):
+        tell(f"{doubt}; sampling again, {LONGER} times as long.")
+        result = _after(result, _by("factorised", problem, settings, progress, LONGER), "short chains")
+        doubt = _doubt(result)
     if doubt is None:
         return result
-    method = "joint" if problem.n_sim + problem.n_real <= JOINT_LIMIT else "blocked"
+    method = "blocked" if is_large else "joint"
     sentence = f"the factorised method was not used: {doubt}; {method} sampling was, which takes longer."
-    if progress is not None:
-        progress(sentence)
-    fallback = _by(method, problem, settings, progress)
-    steps = {f"factorised {name}": cpu_s for name, cpu_s in result.steps.items()} | dict(fallback.steps)
-    return dataclasses.replace(
-        fallback,
-        warnings=(sentence, *fallback.warnings),
-        cpu_s=result.cpu_s + fallback.cpu_s,
-        steps=steps,
-        k_hat=result.k_hat,
-    )
+    tell(sentence)
+    fallback = _after(result, _by(method, problem, settings, progress), "factorised")
+    return dataclasses.replace(fallback, warnings=(sentence, *fallback.warnings), k_hat=result.k_hat)
+
+
+def _after(first: CalibrationResult, second: CalibrationResult, name: str) -> CalibrationResult:
+    """The second of two results, with the cost of both."""
+    steps = {f"{name} {step}": cpu_s for step, cpu_s in first.steps.items()} | dict(second.steps)
+    return dataclasses.replace(second, cpu_s=first.cpu_s + second.cpu_s, steps=steps)
+
+
+def _has_good_weights(result: CalibrationResult) -> bool:
+    return result.k_hat is not None and result.k_hat < K_HAT_LIMIT
 
 
 def _doubt(result: CalibrationResult) -> str | None:
     """Why the factorised result is not good enough, if so."""
-    if result.k_hat is None or not result.k_hat < K_HAT_LIMIT:
+    if not _has_good_weights(result):
         k_hat = "unknown" if result.k_hat is None else f"{result.k_hat:.2f}"
         return f"k-hat of its importance weights is {k_hat}, it must be below {K_HAT_LIMIT:g}"
     wanted = min(ESS_LIMIT, 0.1 * result.draws.shape[0] * result.draws.shape[1])
@@ -70,7 +80,7 @@ def _doubt(result: CalibrationResult) -> str | None:
 
 
 def _by(
-    method: str, problem: CalibrationProblem, settings: CalibrationSettings, progress: Progress | None
+    method: str, problem: CalibrationProblem, settings: CalibrationSettings, progress: Progress | None, length: int = 1
 ) -> CalibrationResult:
     if method == "joint":
         return calibrate_joint(problem, settings, progress)
@@ -80,4 +90,4 @@ def _by(
         return calibrate_blocked(problem, settings, progress)
     from models.calibration.factorised import calibrate_factorised
 
-    return calibrate_factorised(problem, settings, progress)
+    return calibrate_factorised(problem, settings, progress, length)

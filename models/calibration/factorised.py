@@ -34,8 +34,8 @@ from models.calibration.theta_surrogate import Box, ThetaSurrogate, build_accura
 from models.errors import FastError
 from models.surrogate.threads import one_blas_thread
 
-N_WEIGHTED = 2400  # draws that are weighted exactly, at most
-MOST_DRAWS = MOST_TUNE = 1000  # per chain: of more draws, more would be left out of the weighting
+N_WEIGHTED = 2800  # draws that are weighted exactly, at most
+MOST_DRAWS, MOST_TUNE = 1400, 600  # per chain: of more draws, more would be left out of the weighting
 TRIAL_DRAWS, TRIAL_TUNE = 100, 150  # per chain, to find the box
 BOX_SD = 5.0  # half width of the first box of theta, posterior standard deviations
 CONTACT_LIMIT = 0.005  # share of draws outside the box at which it is grown
@@ -75,13 +75,13 @@ class Peak:
 
 
 def calibrate_factorised(
-    problem: CalibrationProblem, settings: CalibrationSettings, progress: Progress | None = None
+    problem: CalibrationProblem, settings: CalibrationSettings, progress: Progress | None = None, length: int = 1
 ) -> CalibrationResult:
     """Posterior of every parameter (Eq. 12), as draws resampled by weight into `settings.chains` chains.
 
     NUTS draws as many psi as `settings` ask for, at most `MOST_DRAWS` a chain; at most `N_WEIGHTED` of them, evenly
-    spaced, are weighted, and as many are returned. `k_hat` of the result must be below `K_HAT_LIMIT`, or the result
-    must not be used.
+    spaced, are weighted, and as many are returned; `length` times as many of both. `k_hat` of the result must be below
+    `K_HAT_LIMIT`, or the result must not be used.
     """
     data = Standardised.of(problem)
     setting = Setting.of(data, Layout.of(data, settings))
@@ -93,9 +93,9 @@ def calibrate_factorised(
             density = JointDensity(data, setting.layout)
             normal_phi, cpu_s = approximate_phi(density, peak.vector, settings.workers, progress)
             steps.add("curvature", cpu_s)
-        sampled, samples = sample_psi(setting, settings, peak, steps, rng)
+        sampled, samples = sample_psi(setting, settings, peak, steps, rng, length)
         with steps("weights"):
-            weighted = weigh(samples.draws, sampled, normal_phi, N_WEIGHTED, settings.workers, rng, progress)
+            weighted = weigh(samples.draws, sampled, normal_phi, length * N_WEIGHTED, settings.workers, rng, progress)
             steps.add("weights", weighted.cpu_s)
     return _result(problem, setting, settings, samples, weighted, steps, rng)
 
@@ -136,7 +136,12 @@ def factor_at(phi: np.ndarray, setting: Setting) -> emulator.Factor:
 
 
 def sample_psi(
-    setting: Setting, settings: CalibrationSettings, peak: Peak, steps: Steps, rng: np.random.Generator
+    setting: Setting,
+    settings: CalibrationSettings,
+    peak: Peak,
+    steps: Steps,
+    rng: np.random.Generator,
+    length: int = 1,
 ) -> tuple[Straightened, Samples]:
     """NUTS on psi at the mode's phi, in a box of theta that grows until short trial chains stay inside."""
     psi = peak.vector[setting.layout.n_phi :]
@@ -159,7 +164,7 @@ def sample_psi(
         box = box.grown(outside > 0.1 * CONTACT_LIMIT)
     n, weight = len(trial.flat), len(psi) + 10.0  # the trial's covariance is shrunk: it may have few draws
     covariance = (n * np.cov(trial.flat.T) + weight * covariance) / (n + weight)
-    full = _at_most(settings, MOST_DRAWS, MOST_TUNE)
+    full = _at_most(settings, length * MOST_DRAWS, MOST_TUNE)
     samples = _run(density, trial.draws[:, -1], covariance, full, "sampling", steps)
     draws = density.to_psi(samples.draws)
     outside = _outside(draws.reshape(-1, draws.shape[2]), surrogate)

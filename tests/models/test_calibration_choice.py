@@ -41,12 +41,14 @@ def made_up_result(method, k_hat=None, ess=1500.0):
     )
 
 
-def calibrate_with(monkeypatch, factorised, problem=PROBLEM, settings=SETTINGS):
+def calibrate_with(monkeypatch, factorised, problem=PROBLEM, settings=SETTINGS, longer=None):
     used = []
 
-    def by(method, problem, settings, progress):
-        used.append(method)
-        return factorised if method == "factorised" else made_up_result(method)
+    def by(method, problem, settings, progress, length=1):
+        used.append(method if length == 1 else f"{length} times {method}")
+        if method == "factorised":
+            return factorised if length == 1 else longer
+        return made_up_result(method)
 
     monkeypatch.setattr(choice, "_by", by)
     return calibrate(problem, settings), used
@@ -75,6 +77,18 @@ def test_a_large_problem_falls_back_to_the_blocked_sampler(monkeypatch):
     large = made_up_problem(600, 10, seed=0)
     _, used = calibrate_with(monkeypatch, made_up_result("factorised", 0.9), large)
     assert used == ["factorised", "blocked"]
+
+
+def test_short_chains_of_a_large_problem_are_sampled_again_before_another_method_is(monkeypatch):
+    large, short = made_up_problem(600, 10, seed=0), made_up_result("factorised", 0.3, ess=14.0)
+    enough, used = calibrate_with(monkeypatch, short, large, longer=made_up_result("factorised", 0.3))
+    assert used == ["factorised", "3 times factorised"]
+    assert (enough.warnings, enough.cpu_s, enough.k_hat) == (("own",), 4.0, 0.3)
+    assert enough.steps == {"short chains step": 2.0, "step": 2.0}
+    still_short, used = calibrate_with(monkeypatch, short, large, longer=short)
+    assert used == ["factorised", "3 times factorised", "blocked"]
+    assert "effective sample size" in still_short.warnings[0]
+    assert still_short.cpu_s == 6.0
 
 
 def test_a_chosen_method_is_used(monkeypatch):

@@ -38,7 +38,7 @@ check: setup    ## format, lint, types, import layers, packages as locked
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m flows.audit
+	$(BIN)/python -m tests.audit
 
 audit-online: setup  ## known vulnerabilities of the locked packages; asks a public service
 	$(PYTHON) -m venv $(VENV)-audit

@@ -12,33 +12,33 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from hardware.cell import GraspCell
+from hardware.cell.cell import GraspCell
+from hardware.cell.force_sensor import ForceSensor
+from hardware.cell.gantry import Gantry
+from hardware.cell.layout import BenchLayout
+from hardware.cell.pneumatics import Pneumatics
 from hardware.click.driver import ClickPlc
 from hardware.clock import Clock, RealClock, ScaledClock, VirtualClock
-from hardware.force_sensor import ForceSensor
-from hardware.gantry import Gantry
-from hardware.heartbeat import BeatingClock, HeartbeatThread
-from hardware.journal import Journal
 from hardware.laumas.codec import PLAIN_DIVISIONS, Scale
 from hardware.laumas.continuous import ContinuousTransmitter
 from hardware.laumas.driver import LaumasTransmitter
 from hardware.laumas.source import WeightSource
 from hardware.laumas.strings import least_baud_rate
-from hardware.layout import BenchLayout
-from hardware.modbus import ModbusLink, rtu_link, tcp_link
-from hardware.pneumatics import Pneumatics
-from hardware.position_check import PositionCheck
-from hardware.safety import StopAskedError
-from hardware.supervisor import Supervisor
-from hardware.tool_changer import ToolChanger
-from hardware.tools import MountedTool
-from hardware.transport import SerialTransport, Transport
+from hardware.safety.heartbeat import BeatingClock, HeartbeatThread
+from hardware.safety.lost_steps import PositionCheck
+from hardware.safety.safe_state import StopAskedError
+from hardware.safety.supervisor import Supervisor
+from hardware.safety.watches import AirWatch, GraspWatch, ReleaseWatch, ZeroWatch
+from hardware.tools.changer import ToolChanger
+from hardware.tools.journal import Journal
+from hardware.tools.mounted import MountedTool
 from hardware.virtual.bench import Endpoints, VirtualBench
-from hardware.virtual.memory import MemoryTransport, memory_link
-from hardware.watches import AirWatch, GraspWatch, ReleaseWatch, ZeroWatch
-from hardware.wire_files import GANTRY, LIMIT_BYTES, LOAD_CELL, PLC, WireFiles
-from hardware.world.physics import Physics, simulate_request
-from hardware.world.spec import World
+from hardware.virtual.memory_wires import MemoryTransport, memory_link
+from hardware.virtual.world.file import World
+from hardware.virtual.world.physics import Physics, simulate_request
+from hardware.wire.log_files import GANTRY, LIMIT_BYTES, LOAD_CELL, PLC, WireFiles
+from hardware.wire.modbus import ModbusLink, rtu_link, tcp_link
+from hardware.wire.serial import SerialTransport, Transport
 from models.errors import DeviceError, FastError
 from models.records import Record
 

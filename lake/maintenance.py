@@ -12,8 +12,8 @@ import duckdb
 import numpy as np
 import pyarrow as pa
 
-from lake.engine import Signature, list_files
-from lake.files import (
+from lake.query.engine import Signature, list_files
+from lake.storage.files import (
     FILE_PREFIX,
     FILE_SUFFIX,
     LEFTOVER_AGE_S,
@@ -25,11 +25,11 @@ from lake.files import (
     file_name,
     stage,
 )
-from lake.schema import has_samples, schema_of
-from lake.storage import MARKER, QUARANTINE, STAGED_MARKER, Entry, Storage
+from lake.storage.folder import MARKER, QUARANTINE, STAGED_MARKER, Entry, Storage
 from lake.store import Lake
-from lake.tables import TABLE_BY_NAME, TABLES, Row
-from lake.upgrades import forget_copies, older_files, read_upgraded
+from lake.tables.campaign import TABLE_BY_NAME, TABLES, Row
+from lake.tables.schema import has_samples, schema_of
+from lake.tables.upgrades import forget_copies, older_files, read_upgraded
 
 _LOG = logging.getLogger(__name__)
 _OF_FAST = frozenset({"outputs", ".state"})  # what people read, and what can be made again; no rows

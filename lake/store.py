@@ -13,13 +13,13 @@ import duckdb
 import pyarrow as pa
 import pyarrow.dataset as pads
 
-from lake.engine import Engine, load_views, tables_used
-from lake.files import discard, read_row, stage
 from lake.provenance import Provenance, stamped
-from lake.schema import has_samples, schema_of, to_arrow
-from lake.sql import check_reads_only
-from lake.storage import MARKER, Storage, storage_at
-from lake.tables import TABLE_BY_NAME, TABLES, Row, SimTraceRow, TraceRow
+from lake.query.engine import Engine, load_views, tables_used
+from lake.query.sql import check_reads_only
+from lake.storage.files import discard, read_row, stage
+from lake.storage.folder import MARKER, Storage, storage_at
+from lake.tables.campaign import TABLE_BY_NAME, TABLES, Row, SimTraceRow, TraceRow
+from lake.tables.schema import has_samples, schema_of, to_arrow
 from models.errors import LakeError, UsageError
 from models.records import Trace
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
-_SOLVER_SOURCES = ("effects", "fem", "geometry", "mesh", "objects", "features.py", "records.py")
+_SOLVER_SOURCES = ("design", "objects", "records.py", "simulation")
 
 
 @cache
@@ -24,4 +24,7 @@ def source_id(root: Path, names: Iterable[str]) -> str:
 
 
 def _python_files(path: Path) -> list[Path]:
-    return [path] if path.is_file() else list(path.rglob("*.py"))
+    files = [path] if path.is_file() else list(path.rglob("*.py"))
+    if not files:
+        raise FileNotFoundError(f"no Python source at {path}: an id without it would not change with the code")
+    return files

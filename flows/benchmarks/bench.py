@@ -11,8 +11,8 @@ from typing import Any
 
 from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.made_up_batch import Batch, measure_missing
-from hardware.world.spec import World
-from lake.tables import TraceRow
+from hardware.virtual.world.file import World
+from lake.tables.campaign import TraceRow
 from models.errors import FastError
 
 N_TOOLS, N_OBJECTS, N_REPEATS = 10, 36, 3

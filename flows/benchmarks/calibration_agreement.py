@@ -11,10 +11,10 @@ import numpy as np
 
 from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.outcomes import RecordFile, read_records
-from models.calibration.layout import Layout
-from models.calibration.problem import THETA, CalibrationProblem, Standardised
-from models.calibration.settings import CalibrationSettings
-from models.calibration.synthetic import made_up_problem
+from models.calibration.inference.settings import CalibrationSettings
+from models.calibration.means.parameters import Layout
+from models.calibration.means.problem import THETA, CalibrationProblem, Standardised
+from models.calibration.means.synthetic import made_up_problem
 from models.records import Record
 
 N_SIM, N_REAL, SEED = 300, 40, 0
@@ -40,7 +40,7 @@ class ExactChain(Record):
 
 def measure_calibration_agreement(options: Options) -> Tables:
     """Posterior of the automatic algorithm beside chains of full joint NUTS, in Monte-Carlo standard errors."""
-    from models.calibration.calibrate import calibrate
+    from models.calibration.means.calibrate import calibrate
 
     n_sim, n_real = options.n_sim or N_SIM, options.n_real or N_REAL
     problem = problem_of(n_sim, n_real)
@@ -64,7 +64,7 @@ def problem_of(n_sim: int, n_real: int) -> CalibrationProblem:
 
 def posterior_rows(draws: np.ndarray) -> Rows:
     """Moments and quantiles of the logarithm of each of `NAMES`, from chains x n x names, with its effective draws."""
-    from models.calibration.diagnostics import convergence
+    from models.calibration.inference.diagnostics import convergence
 
     r_hat, ess_bulk, ess_tail = convergence(NAMES, draws)
     rows: Rows = []
@@ -104,7 +104,7 @@ def _exact_chains(problem: CalibrationProblem, options: Options) -> list[ExactCh
 
 def exact_chain(problem: CalibrationProblem, number: int) -> ExactChain:
     """One chain of full joint NUTS; its number is its seed and chooses its start."""
-    from models.calibration.joint import sample_joint
+    from models.calibration.means.joint_nuts import sample_joint
 
     data = Standardised.of(problem)
     layout = Layout.of(data, EXACT)

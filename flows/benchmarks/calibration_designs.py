@@ -11,14 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from flows.benchmarks.base import Options, Rows, Tables
-from models.calibration import conditional
-from models.calibration.factorised import factor_at
-from models.calibration.joint import first_guesses
-from models.calibration.mode import climb
-from models.calibration.problem import CalibrationProblem, Standardised
-from models.calibration.settings import CalibrationSettings
-from models.calibration.synthetic import Truth, made_up_problem, with_measured_designs
-from models.surrogate.threads import one_blas_thread
+from models.blas import one_blas_thread
+from models.calibration.inference.optimise import climb
+from models.calibration.inference.settings import CalibrationSettings
+from models.calibration.means import conditional_density as conditional
+from models.calibration.means.factorised import factor_at
+from models.calibration.means.joint_nuts import first_guesses
+from models.calibration.means.problem import CalibrationProblem, Standardised
+from models.calibration.means.synthetic import Truth, made_up_problem, with_measured_designs
 
 N_WORLDS = 20
 N_REAL, N_THETAS, N_SIM = 16, 4, 264
@@ -67,9 +67,9 @@ def problems_of(world: int, truth: Truth) -> tuple[CalibrationProblem, Calibrati
 
 def find(problem: CalibrationProblem, truth: Truth) -> Found:
     """Mode of the posterior given the emulator's best parameters, and the best density with theta at the truth."""
-    from models.calibration import emulator
-    from models.calibration.conditional import Setting
-    from models.calibration.layout import Layout
+    from models.calibration.means import emulator
+    from models.calibration.means.conditional_density import Setting
+    from models.calibration.means.parameters import Layout
 
     started = time.process_time()
     data = Standardised.of(problem)

@@ -13,10 +13,10 @@ import numpy as np
 
 from flows.benchmarks.base import Options, Rows, Tables, timed
 from flows.benchmarks.outcomes import RecordFile, read_records
-from models.calibration.mixture import Mixture
-from models.calibration.problem import THETA, CalibrationProblem
-from models.calibration.settings import CalibrationSettings, ThetaPriors
-from models.calibration.synthetic import Truth, discrepancy_n, force_n, made_up_problem
+from models.calibration.inference.settings import CalibrationSettings, ThetaPriors
+from models.calibration.means.mixture import Mixture
+from models.calibration.means.problem import THETA, CalibrationProblem
+from models.calibration.means.synthetic import Truth, discrepancy_n, force_n, made_up_problem
 from models.errors import MissingDependencyError
 from models.records import Record
 
@@ -141,7 +141,7 @@ def summary_rows(estimates: Sequence[Estimate]) -> Rows:
 
 
 def _ours(problem: CalibrationProblem, seed: int) -> tuple[np.ndarray, float]:
-    from models.calibration.calibrate import calibrate
+    from models.calibration.means.calibrate import calibrate
 
     result = calibrate(problem, SETTINGS.model_copy(update={"seed": seed}))
     return result.flat(*THETA), min(result.ess_bulk[name] for name in THETA)
@@ -203,7 +203,7 @@ def _physical(theta: np.ndarray) -> np.ndarray:
 
 
 def _least_ess(draws: np.ndarray) -> float:
-    from models.calibration.diagnostics import convergence
+    from models.calibration.inference.diagnostics import convergence
 
     parts = draws[: len(draws) // 4 * 4].reshape(4, -1, len(THETA))  # as if they were chains
     _, ess_bulk, _ = convergence(THETA, parts)

@@ -3,10 +3,10 @@
 Three kinds of small worlds. In a *model* world parameters come from the prior and outputs from the Gaussian processes:
 the rank of the true parameter among posterior draws is uniform if and only if density and sampler are right (Talts et
 al. 2018; the log density as a further quantity after Modrak et al. 2023). In a *forces* world
-outputs come from closed-form grasp forces with a discrepancy (`models.calibration.synthetic`), as in practice, in a
-*factor* world from forces proportional to Young's modulus: there it counts how often the 90 % interval holds the truth.
-A parameter of which the data say little keeps its prior, whose interval misses every truth near its ends and no other.
-So that the count does not hinge on what was drawn, true thetas of 100 worlds are a Latin hypercube of the prior.
+outputs come from closed-form grasp forces with a discrepancy (`models.calibration.means.synthetic`), as in practice,
+in a *factor* world from forces proportional to Young's modulus: there it counts how often the 90 % interval holds the
+truth. A parameter of which the data say little keeps its prior, whose interval misses every truth near its ends and no
+other. So that the count does not hinge on what was drawn, true thetas of 100 worlds are a Latin hypercube of the prior.
 """
 
 import time
@@ -22,10 +22,10 @@ from scipy.stats import binom, chisquare, kstest, qmc
 
 from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.outcomes import RecordFile, read_records
-from models.calibration.problem import THETA
-from models.calibration.settings import CalibrationSettings, ThetaPriors
+from models.blas import one_blas_thread
+from models.calibration.inference.settings import CalibrationSettings, ThetaPriors
+from models.calibration.means.problem import THETA
 from models.records import Record
-from models.surrogate.threads import one_blas_thread
 
 N_WORLDS = 100
 N_SIM, N_REAL = 80, 25
@@ -105,12 +105,12 @@ def calibrate_world(kind: Kind, world: int) -> WorldOutcome:
 
 
 def _calibrate_world(kind: Kind, world: int) -> WorldOutcome:
-    from models.calibration.density import JointDensity
-    from models.calibration.diagnostics import convergence
-    from models.calibration.joint import sample_joint
-    from models.calibration.layout import Layout
-    from models.calibration.problem import Standardised
-    from models.calibration.synthetic import Truth, made_up_problem
+    from models.calibration.inference.diagnostics import convergence
+    from models.calibration.means.joint_density import JointDensity
+    from models.calibration.means.joint_nuts import sample_joint
+    from models.calibration.means.parameters import Layout
+    from models.calibration.means.problem import Standardised
+    from models.calibration.means.synthetic import Truth, made_up_problem
 
     settings = SETTINGS.model_copy(update={"seed": world})
     theta, rng = _true_theta(kind, settings.priors, world)

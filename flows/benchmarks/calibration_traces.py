@@ -14,8 +14,8 @@ import numpy as np
 
 from flows.benchmarks.base import Options, Tables
 from flows.benchmarks.trace_bank import SETUP, Bank, BankJob, bank_jobs, fill_bank
-from models.calibration.result import CalibrationResult
-from models.calibration.settings import CalibrationSettings
+from models.calibration.inference.result import CalibrationResult
+from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.traces.assemble import Cell, GridPoint, trace_problem
 from models.calibration.traces.calibrate import (
     calibrate_traces,
@@ -24,12 +24,12 @@ from models.calibration.traces.calibrate import (
     trace_density,
     with_numerical_shift,
 )
-from models.calibration.traces.features import PEAK
-from models.calibration.traces.grid import ThetaGrid
-from models.calibration.traces.noise import SensorNoise
 from models.calibration.traces.problem import TraceProblem
-from models.calibration.traces.surface import ResponseSurfaces
+from models.calibration.traces.response_surface import ResponseSurfaces
+from models.calibration.traces.theta_grid import ThetaGrid
 from models.records import Theta, Trace
+from models.traces.step_features import PEAK
+from models.traces.step_noise import SensorNoise
 
 N_DESIGNS, OBJECTS = 10, (1, 6, 14, 25, 28, 30, 32, 34)
 N_WORLDS, N_DRAWS = 40, 4000

@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 
 
 class Cluster:
-    """A scheduler at `address` (as of `tasks.engine`) and its workers, nannies of one thread each."""
+    """A scheduler at `address` (as of `tasks.simulation.engine`) and its workers, nannies of one thread each."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

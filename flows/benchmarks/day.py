@@ -23,8 +23,8 @@ from flows.benchmarks.base import Options, Tables
 from flows.benchmarks.browser import Browser, open_browser
 from flows.benchmarks.inbox import open_inbox
 from flows.benchmarks.sockets import family, is_loopback, listening
-from flows.lab import CHECKOUT
-from flows.prefect_server import ask_server, running_server
+from flows.server.lab import CHECKOUT
+from flows.server.server import ask_server, running_server
 from models.errors import FastError
 
 LIMIT_S = 1800.0

@@ -13,15 +13,15 @@ import numpy as np
 
 from flows.benchmarks.base import Options, Rows, Tables
 from lake.store import Lake
-from lake.tables import SimulationRow
-from models.design_space import BEST_PUBLISHED, numbered_design
+from lake.tables.campaign import SimulationRow
+from models.design.space import BEST_PUBLISHED, numbered_design
 from models.records import Design
-from tasks.attempt import GraspJob, attempt_grasp
-from tasks.campaign import Campaign
-from tasks.config import CampaignConfig
-from tasks.pool import Worker, WorkerPool
-from tasks.settings import ObjectPlan
-from tasks.simulating import simulate_design
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.config import CampaignConfig
+from tasks.campaign.settings import ObjectPlan
+from tasks.simulation.attempt import GraspJob, attempt_grasp
+from tasks.simulation.pool import Worker, WorkerPool
+from tasks.simulation.simulate import simulate_design
 
 N_DESIGNS = 20
 

@@ -23,8 +23,8 @@ def measure_features(options: Options) -> Tables:
 
 def _pass_rows(sizes: tuple[int, ...], options: Options) -> Rows:
     """The compiled pass alone, over blocks as the lake's update hands them in; compiling is told apart."""
-    from models.features.batch import features_of_samples
-    from tasks.features import AT_ONCE
+    from models.traces.batch import features_of_samples
+    from tasks.traces.features import AT_ONCE
 
     lift_mm, force_n, offsets = generated_traces(min(max(sizes), AT_ONCE))
     _, first_s = timed(lambda: features_of_samples(lift_mm, force_n, offsets[:2]))
@@ -54,7 +54,7 @@ def _lake_rows(sizes: tuple[int, ...], options: Options) -> Rows:
     """The update of a lake: reading the samples, the pass, rows, files; and again, when nothing is missing."""
     from flows.benchmarks.made_up_lake import fill
     from lake.store import Lake
-    from tasks.features import class_quality, update_features
+    from tasks.traces.features import class_quality, update_features
 
     rows: Rows = []
     for n in sizes:

@@ -10,9 +10,9 @@ from itertools import combinations, count
 
 import numpy as np
 
-from hardware.world.physics import PhysicsRequest, build_request, grasp_curve
-from hardware.world.spec import Scatter, World
-from models.design_space import BEST_PUBLISHED
+from hardware.virtual.world.file import Scatter, World
+from hardware.virtual.world.physics import PhysicsRequest, build_request, grasp_curve
+from models.design.space import BEST_PUBLISHED
 from models.records import GraspSetup, GraspSimulation, Trace
 
 Label = tuple[str, int, int]  # (tool id, object id, repeat)

@@ -19,13 +19,13 @@ from flows.benchmarks.gap_tables import gap_tables
 from flows.benchmarks.gap_truth import DESIGNS
 from flows.benchmarks.gap_worlds import Group, WorldKey, Worlds
 from flows.benchmarks.outcomes import RecordFile, read_records
-from models.design_space import numbered_design
+from models.design.space import numbered_design
 from models.errors import UsageError
 from models.gap.problem import Bank
 from models.records import GraspSetup, Record, SimulatorVersion
 
 if TYPE_CHECKING:
-    from models.gap.thresholds import Statistics, Thresholds
+    from models.gap.naming.thresholds import Statistics, Thresholds
 
 OBJECTS = (1, 6, 14, 22, 25, 28, 30, 32)
 N_CALIBRATION_NULLS, N_CALIBRATION_SINGLES = 40, 20
@@ -95,7 +95,7 @@ def results_folder(options: Options) -> Path:
 def open_panels(folder: Path, options: Options) -> tuple[Panels, Bank]:
     """True grasps, and the bank of the simulator's grasps of the same designs and objects."""
     from lake.store import Lake
-    from tasks.gap_bank import bank_of
+    from tasks.gap.bank import bank_of
 
     designs, objects = DESIGNS[: options.designs], options.objects or OBJECTS
     panels = Panels.read(folder / "truth.jsonl", designs, objects)
@@ -127,7 +127,7 @@ def calibrated(
     worlds: Worlds, outcomes: dict[tuple[str, str, int, bool], GapOutcome], options: Options
 ) -> "Thresholds":
     """Lines from null worlds and the temperature from worlds with an effect, none of which is counted later."""
-    from models.gap.thresholds import Thresholds, fit_temperature, fit_thresholds
+    from models.gap.naming.thresholds import Thresholds, fit_temperature, fit_thresholds
 
     provisional = Thresholds()
     wanted: list[tuple[Group, int]] = [("null", number) for number in range(N_CALIBRATION_NULLS)]

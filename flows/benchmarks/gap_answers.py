@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from models.calibration.traces.features import N_STEPS
 from models.gap.problem import GapProblem
 from models.ids import content_id
 from models.records import EffectValue, Record
 from models.solver_code import source_id
+from models.traces.step_features import N_STEPS
 
 if TYPE_CHECKING:
-    from models.gap.name import NameResult
-    from models.gap.thresholds import Statistics, Thresholds
+    from models.gap.naming.name import NameResult
+    from models.gap.naming.thresholds import Statistics, Thresholds
 
 MAX_ROUNDS = 3
 LIFT_STEPS = 2 * N_STEPS // 3  # 40 mm: beyond, little is in the fingers
@@ -93,10 +93,10 @@ def answer(
     """Name effects round by round until nothing more is said; a set goes on with its first.
 
     without: effects taken out of the catalogue. truth: names of the true effects, for the oracle's share of the gap
-    only. keep_evidence: for `models.gap.thresholds.fit_temperature`.
+    only. keep_evidence: for `models.gap.naming.thresholds.fit_temperature`.
     """
-    from models.gap.name import name_effect
-    from models.gap.predict import Predictor
+    from models.gap.bank.predict import Predictor
+    from models.gap.naming.name import name_effect
 
     started = time.process_time()
     catalogue = [name for name in Predictor.of(problem).names if name not in without]
@@ -129,7 +129,7 @@ def thresholds_id(thresholds: "Thresholds") -> str:
 
 def statistics_of(answer: Answer) -> "Statistics":
     """The statistics of an answer's first round."""
-    from models.gap.thresholds import Statistics
+    from models.gap.naming.thresholds import Statistics
 
     return Statistics(**answer.statistics)
 
@@ -151,9 +151,9 @@ def _said(result: "NameResult") -> Said:
 
 def _closing(problem: GapProblem, results: Sequence["NameResult"], truth: Sequence[str]) -> Closing | None:
     """How much of the gap on held-out grasps the named effects close; None if nothing is held out."""
-    from models.gap.fit import Fit
-    from models.gap.predict import Predictor
-    from models.gap.refit import refitted
+    from models.gap.bank.predict import Predictor
+    from models.gap.fit.fit import Fit
+    from models.gap.naming.refit import refitted
 
     predictor = Predictor.of(problem)
     is_out = problem.is_held_out & predictor.is_usable

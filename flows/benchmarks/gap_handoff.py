@@ -11,10 +11,10 @@ import pyarrow.parquet as pq
 
 from flows.benchmarks.gap_worlds import WorldKey, Worlds
 from hardware.hidden.lab import TOOLS_PER_BATCH
-from models.calibration.traces.features import is_usable
-from models.design_space import numbered_design
+from models.design.space import numbered_design
 from models.ids import tool_label
 from models.records import Design
+from models.traces.step_features import is_usable
 
 _START = datetime(2024, 3, 4, 8, 0, tzinfo=UTC)
 _BATCH_APART = timedelta(days=2)

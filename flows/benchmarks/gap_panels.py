@@ -11,10 +11,10 @@ from flows.benchmarks.gap_truth import MODULUS_MPA, SETS, TrueSet, read_truth
 from hardware.hidden.lab import Lab, Site, Variants
 from hardware.hidden.lab_laws import LAB_LAWS
 from hardware.hidden.truth import hidden_law, tool_modulus_factor
-from models.calibration.traces.features import N_STEPS, is_usable, step_means
 from models.errors import UsageError
 from models.gap.problem import Bank
 from models.records import Trace
+from models.traces.step_features import N_STEPS, is_usable, step_means
 
 LEAST_SHARE = 0.97  # of a panel that must have been solved before worlds are made of it
 LOWER, WIDER, RAISED = "base-5", "wider_closing-strong", "raised-objects"

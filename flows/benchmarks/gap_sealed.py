@@ -22,11 +22,11 @@ from flows.benchmarks.gap_answers import Answer, answer, naming_code, thresholds
 from flows.benchmarks.gap_tables import Judged, gap_tables
 from flows.benchmarks.gap_worlds import Group, WorldKey, Worlds
 from flows.benchmarks.outcomes import RecordFile, read_records
-from models.calibration.traces.noise import SensorNoise
-from models.design_space import numbered_design
+from models.design.space import numbered_design
 from models.errors import UsageError
 from models.gap.problem import Bank, GapProblem, Grasps
 from models.records import GraspContext, GraspSetup, Record
+from models.traces.step_noise import SensorNoise
 
 N_SEALED: dict[Group, int] = {"null": 60, "single": 40, "alias": 6, "unlisted": 8, "pair": 12}
 
@@ -81,7 +81,7 @@ def frozen_lines(folder: Path) -> Any:
     Raises:
         UsageError: there are none, or the code has changed since.
     """
-    from models.gap.thresholds import Thresholds
+    from models.gap.naming.thresholds import Thresholds
 
     path = folder / "thresholds.json"
     if not path.exists():

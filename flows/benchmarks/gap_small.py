@@ -7,7 +7,7 @@ import numpy as np
 
 from flows.benchmarks.gap_panels import Panels
 from flows.benchmarks.gap_truth import CHANNELS, SETS
-from models.gap.plan import AMPLITUDES, CENTRE, WIDER_MM
+from models.gap.bank.plan import AMPLITUDES, CENTRE, WIDER_MM
 from models.gap.problem import Bank, Field
 from models.records import Trace
 

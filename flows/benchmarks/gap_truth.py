@@ -13,7 +13,7 @@ from flows.benchmarks.outcomes import RecordFile, read_records
 from hardware.hidden.truth import TrueGrasp, solve_truth
 from models.errors import SimulationFailed
 from models.records import Record, Theta, Trace
-from tasks.pool import WorkerPool
+from tasks.simulation.pool import WorkerPool
 
 DESIGNS = tuple(range(14))
 OBJECTS = (1, 3, 6, 10, 14, 21, 22, 25, 28, 30, 32, 34)

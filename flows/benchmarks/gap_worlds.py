@@ -15,12 +15,12 @@ from flows.benchmarks.gap_panels import (
 )
 from flows.benchmarks.gap_truth import MODULUS_MPA, SEALED_THETAS
 from hardware.hidden.lab import NASTIER, Lab, Nuisance, Site
-from models.calibration.traces.features import is_usable, step_means
-from models.calibration.traces.noise import SensorNoise
-from models.design_space import numbered_design
+from models.design.space import numbered_design
 from models.gap.problem import Bank, GapProblem, Grasps
 from models.ids import content_id, seed_from
 from models.records import GraspSetup, Record, Trace
+from models.traces.step_features import is_usable, step_means
+from models.traces.step_noise import SensorNoise
 
 Group = Literal["null", "nasty null", "single", "alias", "unlisted", "pair"]
 GROUPS: tuple[Group, ...] = ("null", "nasty null", "single", "alias", "unlisted", "pair")

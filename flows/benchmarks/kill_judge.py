@@ -12,14 +12,14 @@ from typing import Any
 
 from flows.benchmarks.fingerprints import Label, SparseTraceError, label_problem, read_fingerprint
 from flows.benchmarks.made_up_batch import CAMPAIGN_ID, Batch
-from hardware.world.spec import World
+from hardware.virtual.world.file import World
 from lake.maintenance import check
 from lake.store import Lake
-from lake.tables import EventRow, GraspRow, Row, TraceRow
-from models.features import peak_force_n
+from lake.tables.campaign import EventRow, GraspRow, Row, TraceRow
 from models.records import BENCH_FAULT
-from tasks.campaign import Campaign
-from tasks.measuring import planned_cells
+from models.traces import peak_force_n
+from tasks.bench.measure import planned_cells
+from tasks.campaign.campaign import Campaign
 
 Grasp = dict[str, Any]
 UNKILLED_LIVES = 3  # the first, the last, and one that was faster than its kill

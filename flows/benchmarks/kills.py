@@ -24,12 +24,12 @@ from flows.benchmarks.fingerprints import fingerprint_world
 from flows.benchmarks.kill_judge import Found, Told, judge
 from flows.benchmarks.made_up_batch import CAMPAIGN_ID, Batch, lockstep_bench, measure_missing
 from flows.benchmarks.outside_bench import OutsideDevices, open_outside_bench
-from hardware.cell import MeasuredGrasp
-from hardware.world.spec import World
+from hardware.cell.cell import MeasuredGrasp
+from hardware.virtual.world.file import World
 from models.errors import FastError
-from tasks.control import append_event
-from tasks.measuring import OpenBench
-from tasks.state import ProposedTool
+from tasks.bench.measure import OpenBench
+from tasks.campaign.requests import append_event
+from tasks.campaign.state import ProposedTool
 
 N_KILLS, N_HOST_KILLS = 200, 20
 N_TIMED = 3  # grasps of the first life, which nobody kills

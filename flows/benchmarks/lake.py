@@ -111,7 +111,7 @@ def _writing(lake: Any, n_grasps: int) -> dict[str, Any]:
     from flows.benchmarks.made_up_lake import rows
     from lake.maintenance import compact
     from lake.provenance import current_provenance
-    from lake.tables import GraspRow, TraceRow
+    from lake.tables.campaign import GraspRow, TraceRow
 
     provenance = current_provenance()
     append_s, append_cpu_s, seen_s = [], [], []
@@ -133,7 +133,7 @@ def _writing(lake: Any, n_grasps: int) -> dict[str, Any]:
 
 def _look(lake: Any) -> None:
     """Have the lake read what is new."""
-    from lake.tables import GraspRow, TraceRow
+    from lake.tables.campaign import GraspRow, TraceRow
 
     for table in (GraspRow, TraceRow):
         lake.has(table, "")

@@ -8,17 +8,17 @@ from pathlib import Path
 
 from flows.benchmarks.fingerprints import Label, fingerprint
 from hardware.bench import Bench, open_virtual_bench
-from hardware.cell import MeasuredGrasp
-from hardware.tools import MountedTool
-from hardware.world.spec import World
+from hardware.cell.cell import MeasuredGrasp
+from hardware.tools.mounted import MountedTool
+from hardware.virtual.world.file import World
 from lake.store import Lake
-from tasks.campaign import Campaign
-from tasks.config import CampaignConfig
-from tasks.measuring import OpenBench, measure_batch, measure_tool
-from tasks.observing import unfinished_tools
-from tasks.printing import PrintConfirmation, confirm_print
-from tasks.proposing import propose_initial
-from tasks.state import ProposedTool
+from tasks.bench.measure import OpenBench, measure_batch, measure_tool
+from tasks.bench.print import PrintConfirmation, confirm_print
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.config import CampaignConfig
+from tasks.campaign.state import ProposedTool
+from tasks.scientist.observe import unfinished_tools
+from tasks.scientist.propose import propose_initial
 
 CAMPAIGN_ID = "study"
 

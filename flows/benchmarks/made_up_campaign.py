@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from flows.benchmarks.fingerprints import fingerprint, fingerprint_world
-from hardware.world.physics import build_request
-from hardware.world.spec import World
-from tasks.attempt import Attempt, GraspJob
-from tasks.config import CampaignConfig
+from hardware.virtual.world.file import World
+from hardware.virtual.world.physics import build_request
+from tasks.campaign.config import CampaignConfig
+from tasks.simulation.attempt import Attempt, GraspJob
 
 N_TOOLS, OBJECTS, N_REPEATS = 10, (0, 7, 14, 24, 30), 2
 N_SIMULATIONS = 20
@@ -29,7 +29,7 @@ class Size:
 
 
 def made_up_attempt(job: GraspJob, wall_s: float = SIMULATION_S) -> Attempt:
-    """What `tasks.attempt.attempt_grasp` does, without a solver."""
+    """What `tasks.simulation.attempt.attempt_grasp` does, without a solver."""
     time.sleep(wall_s)
     request = build_request(World(), "made-up/B01T0", job.design, job.object_id, job.setup)
     return Attempt(fingerprint(request), "", "", cpu_s=0.0, mesh_cpu_s=0.0, wall_s=wall_s, worker=os.getpid())

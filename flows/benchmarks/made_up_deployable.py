@@ -8,14 +8,14 @@ from prefect.states import State
 
 from flows.benchmarks.fingerprints import fingerprint
 from flows.benchmarks.made_up_campaign import made_up_attempt
-from flows.deployable import ended
-from flows.sweeper import CONTINUED
+from flows.deployments import ended
+from flows.server.crashed_runs import CONTINUED
 
 
 def use_made_up_physics() -> None:
     """Have this process compute nothing: neither simulations nor the truth of the virtual bench."""
-    from flows import session
-    from tasks import simulating
+    from flows.campaign import session
+    from tasks.simulation import simulate as simulating
 
     simulating.attempt_grasp = made_up_attempt
     session.simulate_request = fingerprint
@@ -23,8 +23,8 @@ def use_made_up_physics() -> None:
 
 @flow(name=CONTINUED, flow_run_name="run {config}")
 def campaign(config: str, lake: str, auto_print: bool = True) -> State[Any]:
-    """As `flows.deployable.campaign`, with made-up physics."""
-    from flows.launch import Voice, run_campaign
+    """As `flows.deployments.campaign`, with made-up physics."""
+    from flows.campaign.launch import Voice, run_campaign
 
     use_made_up_physics()
 

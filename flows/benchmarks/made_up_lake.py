@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from lake.files import file_name, publish, stage
-from lake.schema import schema_of
+from lake.storage.files import file_name, publish, stage
 from lake.store import Lake
-from lake.tables import GraspRow, Row, ToolRow, TraceRow, setup_columns
+from lake.tables.campaign import GraspRow, Row, ToolRow, TraceRow, setup_columns
+from lake.tables.schema import schema_of
 from models.records import GraspSetup
 
 CAMPAIGN_ID = "benchmark"
@@ -110,7 +110,7 @@ def _samples(n: int) -> dict[str, np.ndarray]:
 
 @cache
 def _features(n: int) -> dict[str, np.ndarray]:
-    """Scalars of `_samples`, as `models.features` defines them."""
+    """Scalars of `_samples`, as `models.traces` defines them."""
     _, lift_mm, force_n = _samples(n).values()
     is_lift = np.arange(N_SAMPLES) >= np.argmax(lift_mm > 0, axis=1)[:, None] - 1
     start = np.argmax(is_lift, axis=1) - 1

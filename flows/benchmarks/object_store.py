@@ -21,7 +21,7 @@ N_BATCH, N_LOOKED_UP = 1_080, 50
 
 def measure_object_store() -> Tables:
     """What a batch of 1,080 grasps costs in the object store FAST_LAKE=s3://BUCKET/PREFIX, in a lake made there."""
-    from lake.object_store import Connection
+    from lake.storage.s3_client import Connection
     from lake.store import Lake
 
     address = os.environ.get("FAST_LAKE", "")
@@ -43,7 +43,7 @@ def _costs(lake: "Lake", n_grasps: int) -> dict[str, float]:
     from lake.maintenance import compact
     from lake.provenance import current_provenance
     from lake.store import Lake
-    from lake.tables import GraspRow, TraceRow
+    from lake.tables.campaign import GraspRow, TraceRow
 
     provenance = current_provenance()
     grasps = list(rows(0, n_grasps))
@@ -89,7 +89,7 @@ def _machine() -> Iterator[None]:
 
 def _look(lake: "Lake") -> None:
     """Have the lake read what is new."""
-    from lake.tables import GraspRow, TraceRow
+    from lake.tables.campaign import GraspRow, TraceRow
 
     for table in (GraspRow, TraceRow):
         lake.has(table, "")

@@ -18,7 +18,7 @@ R = TypeVar("R", bound=Record)
 class Outcome(Record):
     """One simulated grasp of a benchmark.
 
-    `design` is the number of a `models.design_space.numbered_design`. `cpu_s` includes `setup_cpu_s`, the mesh and
+    `design` is the number of a `models.design.space.numbered_design`. `cpu_s` includes `setup_cpu_s`, the mesh and
     the preparation of the solver. `worker` is a process id, `max_rss_mb` the most memory that process had held.
     `ended_s` counts from `part`, the time (s since 1970) at which this part of the benchmark began. `solver` is the
     `solver_id` of the code.

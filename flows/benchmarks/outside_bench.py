@@ -13,9 +13,9 @@ from flows.benchmarks.fingerprints import fingerprint
 from flows.benchmarks.made_up_batch import Batch, rack_of
 from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_servers
 from hardware.clock import ScaledClock
-from hardware.world.spec import World
+from hardware.virtual.world.file import World
 from models.errors import DeviceError, InterlockError
-from tasks.state import ProposedTool
+from tasks.campaign.state import ProposedTool
 
 SPEED_UP = 5.0  # faster, and a pause of a busy machine looks like a fault
 START_S = 60.0

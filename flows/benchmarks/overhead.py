@@ -21,12 +21,12 @@ from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.made_up_batch import Batch, lockstep_bench
 from flows.benchmarks.made_up_campaign import Size, world_of, write_files
 from flows.benchmarks.state_cost import state_cpu_s
-from flows.prefect_server import configure_client, server
-from hardware.safety import Verb
+from flows.server.server import configure_client, server
+from hardware.safety.safe_state import Verb
 from lake.store import Lake
 from models.errors import FastError
-from tasks.campaign import Campaign
-from tasks.control import append_event
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.requests import append_event
 
 NAME = "overhead"
 N_OBJECTS_OF_PAPER, SIMULATED_DESIGNS_OF_PAPER, TOOLS_OF_PAPER, REPEATS_OF_PAPER = 36, 850, 110, 3
@@ -147,7 +147,7 @@ def server_of_study(lake: Lake) -> Iterator[None]:
 def _run_campaign(folder: Path, options: Options) -> tuple[Spent, Spent, int]:
     """CPU of a campaign, CPU from its first grasp or simulation to its last, and how often its state was derived."""
     from flows.benchmarks.made_up_deployable import use_made_up_physics
-    from flows.launch import Voice, run_campaign
+    from flows.campaign.launch import Voice, run_campaign
 
     config = write_files(folder, NAME, SIZE)
     use_made_up_physics()
@@ -170,7 +170,7 @@ def _run_campaign(folder: Path, options: Options) -> tuple[Spent, Spent, int]:
 
 def _run_waiting(folder: Path, lake: Lake, options: Options) -> Spent:
     """CPU of a campaign that waits for a person, and of its server meanwhile."""
-    from flows.launch import Voice, run_campaign
+    from flows.campaign.launch import Voice, run_campaign
 
     config, waits, heard = write_files(folder, "waiting", WAITING), threading.Event(), threading.Event()
 

@@ -4,11 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hardware.world.state import DRIFT_N_PER_S
-from models.features import peak_force_n
-from models.features.anomalies import EJECTED_MM
-from models.features.flags import Kind
+from hardware.virtual.world.state import DRIFT_N_PER_S
 from models.records import Trace
+from models.traces import peak_force_n
+from models.traces.anomalies import EJECTED_MM
+from models.traces.flags import Kind
 
 SLIP_MM = 3.0  # lift over which a torsional slip falls by a factor of e
 PRELOAD_MM = 3.0  # lift over which an object pressed down comes up again

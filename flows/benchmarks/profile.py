@@ -8,7 +8,7 @@ from typing import Any
 import models
 from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.tiers import version_of
-from models.design_space import numbered_design
+from models.design.space import numbered_design
 from models.objects.catalogue import get_object
 
 TIERS = ("production", "screening")
@@ -23,7 +23,7 @@ def measure_profile(options: Options) -> Tables:
 
 
 def _functions(options: Options, tier: str) -> Rows:
-    from models.fem.grasp import simulate_grasp
+    from models.simulation.grasp import simulate_grasp
 
     version, objects = version_of(tier), [get_object(number) for number in options.objects or PROFILE_OBJECTS]
     designs = [numbered_design(number) for number in range(options.designs or N_DESIGNS)]

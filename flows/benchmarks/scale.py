@@ -20,13 +20,13 @@ from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.dask_cluster import cluster
 from flows.benchmarks.made_up_campaign import made_up_attempt
 from lake.store import Lake
-from lake.tables import SimulationRow
-from models.design_space import numbered_design
-from tasks import simulating
-from tasks.attempt import Attempt, GraspJob, attempt_grasp
-from tasks.campaign import Campaign
-from tasks.config import CampaignConfig
-from tasks.engine import LOCAL, Engine, open_engine
+from lake.tables.campaign import SimulationRow
+from models.design.space import numbered_design
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.config import CampaignConfig
+from tasks.simulation import simulate as simulating
+from tasks.simulation.attempt import Attempt, GraspJob, attempt_grasp
+from tasks.simulation.engine import LOCAL, Engine, open_engine
 
 N_WORKERS = 2
 GRASP_CPU_S = (0.02, 0.08, 0.36)  # the last two: a screening and a production grasp on the machine of docs/benchmarks

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from flows.benchmarks.base import Options, Rows, Tables, timed
-from models.surrogate.observations import ObservationSet
-from models.surrogate.posterior import Surrogate
+from models.scientist.surrogate.observations import ObservationSet
+from models.scientist.surrogate.posterior import Surrogate
 
 SIZES = ((10, 30), (30, 150), (60, 400), (110, 1000))  # measured, simulated
 N_PENDING = 10
@@ -35,9 +35,9 @@ def measure_scientist(options: Options) -> Tables:
 
 def _data(n_real: int, n_sim: int) -> ObservationSet:
     """A landscape of the comparison, observed at random designs."""
-    from flows.compare.landscape import synthetic_landscape
-    from models.design_space import random_unit
-    from models.surrogate.observations import REAL, SIM
+    from flows.scientist.landscape import synthetic_landscape
+    from models.design.space import random_unit
+    from models.scientist.surrogate.observations import REAL, SIM
 
     landscape, rng = synthetic_landscape(0), np.random.default_rng(0)
     x, s = random_unit(n_real + n_sim, rng), np.repeat([SIM, REAL], [n_sim, n_real])
@@ -46,7 +46,7 @@ def _data(n_real: int, n_sim: int) -> ObservationSet:
 
 
 def _ours(data: ObservationSet) -> dict[str, float]:
-    from models.surrogate.fit import fit_surrogate
+    from models.scientist.surrogate.fit import fit_surrogate
 
     surrogate, cold_s = timed(partial(fit_surrogate, data))
     _, warm_s = timed(partial(fit_surrogate, data, surrogate.parameters))
@@ -66,8 +66,8 @@ def _simulation(surrogate: Surrogate, rule: str, seed: int) -> None:
 
 
 def _propose(surrogate: Surrogate, rule: str, fidelity: int, n: int, seed: int) -> None:
-    from models.design_space import random_unit
-    from models.scientist import propose
+    from models.design.space import random_unit
+    from models.scientist.propose import propose
 
     pending = np.column_stack([random_unit(N_PENDING, np.random.default_rng(7)), np.zeros(N_PENDING)])
     propose(surrogate, fidelity, n, pending, np.random.default_rng(seed), min_distance=0.0, acquisition=rule)
@@ -82,8 +82,8 @@ def _botorch(data: ObservationSet, limit_s: float) -> dict[str, float | str]:
     from gpytorch.mlls import ExactMarginalLogLikelihood
     from gpytorch.priors import NormalPrior
 
-    from models.surrogate.kernel import BiFidelityKernel
-    from models.surrogate.parameters import RHO_MEAN, RHO_SD
+    from models.scientist.surrogate.kernel import BiFidelityKernel
+    from models.scientist.surrogate.parameters import RHO_MEAN, RHO_SD
 
     torch.set_num_threads(1)
     torch.manual_seed(0)

@@ -8,10 +8,10 @@ from typing import Any
 
 from flows.benchmarks.fingerprints import SparseTraceError, label_problem
 from flows.benchmarks.made_up_campaign import N_SIMULATIONS, N_TOOLS, OBJECTS, labels_of, world_of
-from flows.sweeper import ACTIVE
+from flows.server.crashed_runs import ACTIVE
 from lake.maintenance import check
 from lake.store import Lake
-from lake.tables import GraspRow, ProposalRow, Row, SimulationRow
+from lake.tables.campaign import GraspRow, ProposalRow, Row, SimulationRow
 from models.errors import LakeError
 from models.records import BENCH_FAULT
 

@@ -21,13 +21,13 @@ from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.made_up_campaign import write_files
 from flows.benchmarks.outcomes import RecordFile, read_records
 from flows.benchmarks.server_kill_judge import Progress, judge_campaign, judge_server
-from flows.lab import CHECKOUT, Lab, LabPlan, open_lab
-from flows.prefect_server import ask_server
-from flows.sweeper import CONTINUED
+from flows.server.crashed_runs import CONTINUED
+from flows.server.lab import CHECKOUT, Lab, LabPlan, open_lab
+from flows.server.server import ask_server
 from lake.store import Lake
 from models.errors import FastError
 from models.records import Record
-from tasks.control import exclusive, is_held
+from tasks.campaign.requests import exclusive, is_held
 
 N_KILLS = 100
 SEED = 20261121

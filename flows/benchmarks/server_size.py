@@ -9,7 +9,7 @@ from typing import Any
 
 from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.overhead import N_OBJECTS_OF_PAPER, Spent, server_of_study, spent_so_far
-from flows.prefect_server import state_folder
+from flows.server.server import state_folder
 from lake.store import Lake
 from models.errors import FastError
 

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from lake.row import Row
 from lake.store import Lake
-from lake.tables import DesignRow, GraspRow, ProposalRow, SimulationRow, TraceRow, setup_columns
-from models.design_space import numbered_design
+from lake.tables.campaign import DesignRow, GraspRow, ProposalRow, SimulationRow, TraceRow, setup_columns
+from lake.tables.row import Row
+from models.design.space import numbered_design
 from models.ids import canonical_json
 from models.records import Design
-from tasks.campaign import Campaign
-from tasks.config import CampaignConfig
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.config import CampaignConfig
 
 NAME = "state"
 N_STATES = 7

@@ -12,13 +12,13 @@ from flows.benchmarks.base import Options
 from flows.benchmarks.outcomes import Outcome, RecordFile, read_outcomes
 from flows.benchmarks.tiers import WEDGE_REFINEMENT, version_of
 from flows.benchmarks.wedges import wedge_mesh
-from lake.tables import SimulationRow
-from models.design_space import BEST_PUBLISHED, numbered_design
+from lake.tables.campaign import SimulationRow
+from models.design.space import BEST_PUBLISHED, numbered_design
 from models.objects.catalogue import get_object
 from models.records import GraspSetup
 from models.solver_code import solver_id
-from tasks.attempt import Attempt, GraspJob, answer, attempt_grasp
-from tasks.pool import Worker
+from tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
+from tasks.simulation.pool import Worker
 
 DEADLINE_S = 300.0  # wall time of one grasp: a reference grasp may take a minute on a loaded machine
 SETUP = GraspSetup()

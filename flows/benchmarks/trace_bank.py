@@ -10,18 +10,18 @@ import numpy as np
 
 from flows.benchmarks.base import Options
 from flows.benchmarks.outcomes import RecordFile, read_records
-from hardware.world.physics import build_request, simulate_request
-from hardware.world.physics_files import physics_id
-from hardware.world.spec import Scatter, World
-from models.calibration.traces.grid import ThetaGrid
-from models.design_space import numbered_design
+from hardware.virtual.world.file import Scatter, World
+from hardware.virtual.world.physics import build_request, simulate_request
+from hardware.virtual.world.physics_cache import physics_id
+from models.calibration.traces.theta_grid import ThetaGrid
+from models.design.space import numbered_design
 from models.errors import MeshingFailed, SimulationFailed
-from models.fem.grasp import simulate_grasp
 from models.ids import content_id
-from models.mesh.build import build_mesh
 from models.objects.catalogue import get_object
 from models.records import GraspSetup, GraspSimulation, Record, SimulatorVersion, Theta, Trace
-from tasks.pool import WorkerPool
+from models.simulation.grasp import simulate_grasp
+from models.simulation.mesh.build import build_mesh
+from tasks.simulation.pool import WorkerPool
 
 SETUP = GraspSetup()
 DEADLINE_S = 300.0

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from flows.benchmarks.base import Options, Rows, Tables
-from models.design_space import BEST_PUBLISHED, numbered_design
-from models.features.batch import features_of
-from models.fem.grasp import simulate_grasp
+from models.design.space import BEST_PUBLISHED, numbered_design
 from models.objects.catalogue import get_object
 from models.records import Design, Trace
+from models.simulation.grasp import simulate_grasp
+from models.traces.batch import features_of
 
 N_DESIGNS = 10  # a batch, as in the paper
 STIFFNESS_OBJECT = 1  # sphere
@@ -50,8 +50,8 @@ def _tools(n_designs: int) -> tuple[dict[str, Design], Rows]:
 
 
 def _draw(path: Path, traces: dict[int, dict[str, Trace]], labels: dict[str, str]) -> None:
+    from flows.report.campaign.trace_panels import traces_figure
     from flows.report.style import figure_style
-    from flows.report.trace_panels import traces_figure
 
     panels = [(f"{number} {get_object(number).name}", lines) for number, lines in traces.items()]
     path.parent.mkdir(parents=True, exist_ok=True)

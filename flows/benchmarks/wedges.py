@@ -4,11 +4,11 @@ import numpy as np
 import shapely
 from shapely.geometry.polygon import orient
 
-from models.geometry.profile import planar_profile
-from models.mesh.extrude import extrude
-from models.mesh.planar import add_middles, split
-from models.mesh.solid import SolidMesh
+from models.design.profile import planar_profile
 from models.records import Design
+from models.simulation.mesh.extrude import extrude
+from models.simulation.mesh.planar import add_middles, split
+from models.simulation.mesh.solid import SolidMesh
 
 EDGE_MM = 6.0
 NO_QUADRILATERALS = np.zeros((0, 4), dtype=int)

@@ -1,7 +1,7 @@
 """Grasps of a virtual world, all objects with many tools: solved once, kept in a file, then measured as a bench would.
 
-The physics, its scatter and the noise are those of `hardware.world`; only the devices between world and lake are left
-out, since identification and anomalies of hundreds of tools' grasps need their readings and not the wires.
+The physics, its scatter and the noise are those of `hardware.virtual.world`; only the devices between world and lake
+are left out, since identification and anomalies of hundreds of tools' grasps need their readings and not the wires.
 """
 
 import time
@@ -13,17 +13,17 @@ import numpy as np
 
 from flows.benchmarks.base import Options
 from flows.benchmarks.outcomes import RecordFile, read_records
-from hardware.cell import CLOSED_SETTLE_S, closing_s
-from hardware.separation import WINDOW_MM
-from hardware.world.physics import PhysicsRequest, SensorNoise, build_request, grasp_curve, simulate_request
-from hardware.world.physics_files import physics_id
-from hardware.world.spec import World, load_world
-from models.design_space import numbered_design
+from hardware.cell.cell import CLOSED_SETTLE_S, closing_s
+from hardware.cell.separation import WINDOW_MM
+from hardware.virtual.world.file import World, load_world
+from hardware.virtual.world.physics import PhysicsRequest, SensorNoise, build_request, grasp_curve, simulate_request
+from hardware.virtual.world.physics_cache import physics_id
+from models.design.space import numbered_design
 from models.errors import ConfigError, SimulationFailed
-from models.features import peak_force_n, work_j
-from models.features.batch import TraceFeatures, features_of_samples
 from models.objects.catalogue import OBJECTS
 from models.records import GraspSetup, GraspSimulation, Record, Trace
+from models.traces import peak_force_n, work_j
+from models.traces.batch import TraceFeatures, features_of_samples
 
 SETUP = GraspSetup()
 N_TOOLS = 24
@@ -35,7 +35,7 @@ WORLD_FILE = Path(__file__).resolve().parents[2] / "worlds" / "quick.toml"
 class WorldGrasp(Record):
     """The solved grasp of a tool on an object, without repeats and noise; no samples where the solver failed.
 
-    `tool` is the number of a `models.design_space.numbered_design`, `code` the id of the physics behind it.
+    `tool` is the number of a `models.design.space.numbered_design`, `code` the id of the physics behind it.
     """
 
     tool: int

@@ -11,9 +11,9 @@ from cyclopts.validators import Number
 from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell
 
 if TYPE_CHECKING:
-    from flows.calibrate import CalibrationOutcome
-    from lake.tables import CalibrationRow
-    from models.calibration.hypercube import HypercubePlan
+    from flows.calibration.calibrate import CalibrationOutcome
+    from lake.tables.campaign import CalibrationRow
+    from models.calibration.means.hypercube import HypercubePlan
 
 AT_LEAST_ONE = Number(gte=1)
 _COLUMNS = ("mean", "sd", "q05", "median", "q95", "mode")
@@ -101,10 +101,10 @@ def calibrate(
     Writes calibration, draws and a new simulator version to the lake. The same data and settings are not calibrated
     twice; a killed command continues when it is given again.
     """
-    from flows.calibrate import CalibrationOrder, run_calibration, write_page
+    from flows.calibration.calibrate import CalibrationOrder, run_calibration, write_page
+    from flows.campaign.launch import Voice
     from flows.cli.campaign import open_lake, resolve_campaign
-    from flows.launch import Voice
-    from models.calibration.settings import CalibrationSettings
+    from models.calibration.inference.settings import CalibrationSettings
     from models.validation import load_record
 
     settings = load_record(CalibrationSettings, asdict(sampling), "fast calibrate")
@@ -120,7 +120,7 @@ def calibrate(
 
 
 def _hypercube_plan(compared: Compared, seed: int) -> "HypercubePlan | None":
-    from models.calibration.hypercube import HypercubePlan
+    from models.calibration.means.hypercube import HypercubePlan
     from models.validation import load_record
 
     if compared.simulate is None:

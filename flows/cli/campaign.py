@@ -10,7 +10,7 @@ from flows.cli.common import DEFAULT_LAKE, AsJson, CampaignId, LakePath, show, t
 from flows.cli.real import YesMove
 
 if TYPE_CHECKING:
-    from flows.launch import Outcome
+    from flows.campaign.launch import Outcome
     from hardware.bench import BenchSettings
     from lake.store import Lake
 
@@ -41,8 +41,8 @@ def run(
     Ctrl-C pauses: it finishes the current grasp, parks the tool and ends. A second Ctrl-C stops: the bench goes to its
     safe state at once. The same command continues later.
     """
+    from flows.campaign.launch import Voice, run_campaign
     from flows.cli.real import ask_leave
-    from flows.launch import Voice, run_campaign
 
     def confirm(bench_file: Path, settings: "BenchSettings") -> None:
         ask_leave(bench_file, settings, None, yes_move)
@@ -64,7 +64,7 @@ def run(
 @app.command
 def status(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Where a campaign stands: done and left, best tool so far, what it waits for."""
-    from flows.status import campaign_status, status_text
+    from flows.campaign.status import campaign_status, status_text
 
     found = open_lake(lake)
     state = campaign_status(found, resolve_campaign(found, campaign))
@@ -74,7 +74,7 @@ def status(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: 
 @app.command(name="list")
 def list_campaigns(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """All campaigns of the lake."""
-    from flows.status import campaign_status
+    from flows.campaign.status import campaign_status
 
     found = open_lake(lake)
     rows = [campaign_status(found, name) for name in campaign_ids(found)]
@@ -102,7 +102,7 @@ def abort(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: A
 
 def _request(verb: str, effect: str, campaign: str | None, lake: Path, as_json: bool) -> None:
     from models.errors import FastError
-    from tasks.control import append_event, is_held
+    from tasks.campaign.requests import append_event, is_held
 
     found = open_lake(lake)
     name = resolve_campaign(found, campaign)
@@ -122,7 +122,7 @@ def open_lake(lake: Path) -> "Lake":
 
 def campaign_ids(lake: "Lake") -> list[str]:
     """All campaigns of the lake, oldest first."""
-    from lake.tables import CampaignRow
+    from lake.tables.campaign import CampaignRow
 
     return [row["campaign_id"] for row in lake.rows(CampaignRow)]
 

@@ -12,7 +12,7 @@ from flows.cli.common import AsJson, show, table_text, tell
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from models.surrogate.observations import ObservationSet
+    from models.scientist.surrogate.observations import ObservationSet
 
 AT_LEAST_ONE = Number(gte=1)
 Rows = list[dict[str, Any]]
@@ -73,17 +73,17 @@ def _compare_on_landscapes(
     workers: int,
     json: bool,
 ) -> None:
-    from flows.compare.race import RaceSchedule
-    from flows.compare.strategies import REFERENCE
-    from flows.compare.study import Entry, run_study
-    from flows.compare.verdict import paired_rows, summary_rows
+    from flows.scientist.landscape_run import RaceSchedule
+    from flows.scientist.strategies import REFERENCE
+    from flows.scientist.study import Entry, run_study
+    from flows.scientist.verdict import paired_rows, summary_rows
 
     schedule = RaceSchedule(rounds=rounds)
     entries = [Entry(name, seed, schedule, data) for seed in range(races) for name in names]
     courses = run_study(entries, results, workers, tell)
     _show(summary_rows(courses), paired_rows(courses, REFERENCE), _COLUMNS, json)
     if figure is not None:
-        from flows.compare.figure import races_figure
+        from flows.scientist.figure import races_figure
 
         _draw(lambda: races_figure(courses, REFERENCE), figure)
 
@@ -91,11 +91,11 @@ def _compare_on_landscapes(
 def _compare_campaigns(
     config: Path, seeds: int, strategies: str | None, lakes: Path, figure: Path | None, json: bool
 ) -> None:
-    from flows.compare.campaign_table import COLUMNS, campaign_rows, campaigns_figure, paired_campaign_rows
-    from flows.compare.campaigns import BenchRace, run_races
-    from flows.compare.strategies import OF_THE_PAPER, REFERENCE, STRATEGY_BY_NAME
-    from flows.launch import read_world
-    from tasks.config import load_config, relative_to
+    from flows.campaign.launch import read_world
+    from flows.scientist.campaign_runs import BenchRace, run_races
+    from flows.scientist.campaign_table import COLUMNS, campaign_rows, campaigns_figure, paired_campaign_rows
+    from flows.scientist.strategies import OF_THE_PAPER, REFERENCE, STRATEGY_BY_NAME
+    from tasks.campaign.config import load_config, relative_to
 
     names = _names(strategies) if strategies else list(OF_THE_PAPER)
     loaded = load_config(config)
@@ -125,7 +125,7 @@ def _refuse(options: dict[str, object], beside: str) -> None:
 
 
 def _show(summary: Rows, paired: Rows, columns: Sequence[str], as_json: bool) -> None:
-    from flows.compare.strategies import REFERENCE
+    from flows.scientist.strategies import REFERENCE
 
     text = f"{table_text(summary, list(columns))}\n\nagainst `{REFERENCE}` on the same seeds (positive: better)\n\n"
     show({"strategies": summary, "paired": paired}, text + table_text(paired), as_json)
@@ -137,7 +137,7 @@ def _names(text: str | None) -> list[str]:
     Raises:
         UsageError: there is no such strategy.
     """
-    from flows.compare.strategies import STRATEGIES, STRATEGY_BY_NAME
+    from flows.scientist.strategies import STRATEGIES, STRATEGY_BY_NAME
     from models.errors import UsageError
     from models.validation import closest
 
@@ -159,10 +159,10 @@ def _simulated(lake: Path) -> "ObservationSet":
     import numpy as np
 
     from lake.store import Lake
-    from models.design_space import to_unit
+    from models.design.space import to_unit
     from models.errors import UsageError
     from models.records import Design
-    from models.surrogate.observations import SIM, ObservationSet
+    from models.scientist.surrogate.observations import SIM, ObservationSet
 
     sql = """
         WITH means AS (

@@ -14,12 +14,12 @@ from flows.cli.virtual import Designs, rack
 
 if TYPE_CHECKING:
     from hardware.bench import Bench
-    from hardware.cell import Hang, MeasuredGrasp
-    from hardware.diagnostics import DiagnosticPlan, DiagnosticRun
-    from hardware.tools import MountedTool
+    from hardware.cell.cell import Hang, MeasuredGrasp
+    from hardware.cell.diagnostics import DiagnosticPlan, DiagnosticRun
+    from hardware.tools.mounted import MountedTool
     from lake.store import Lake
     from models.records import GraspSetup
-    from tasks.state import ProposedTool
+    from tasks.campaign.state import ProposedTool
 
 Kind = Literal["dwell", "lift_speed", "supply_pressure", "closed_empty", "dead_weight", "reference"]
 Slot = Annotated[int, Parameter(help="Slot of the tool in the rack, 0 to 9.", validator=Number(gte=0, lte=9))]
@@ -97,9 +97,9 @@ def tool_place(
 
 
 def _what(config: Path | None, weights_kg: tuple[float, ...]) -> "tuple[DiagnosticPlan, GraspSetup, int]":
-    from hardware.diagnostics import DiagnosticPlan
+    from hardware.cell.diagnostics import DiagnosticPlan
     from models.records import GraspSetup
-    from tasks.config import load_config
+    from tasks.campaign.config import load_config
 
     plan, setup, seed = DiagnosticPlan(), GraspSetup(), 0
     if config is not None:
@@ -112,7 +112,7 @@ def _time_left(
     tool: "MountedTool", slot: int, runs: "list[DiagnosticRun]", setup: "GraspSetup"
 ) -> Callable[[float], str]:
     """Called with the bench's time after each run: how long the rest takes, by the plan and by what was measured."""
-    from hardware.cycle_time import plan_time, remaining_s
+    from hardware.cell.cycle_time import plan_time, remaining_s
 
     modelled_s = plan_time(tool, slot, runs, setup).item_s
     ends_s: list[float] = []
@@ -138,11 +138,11 @@ def _target(
     Raises:
         UsageError: no such tool, or an empty slot.
     """
-    from hardware.tools import MountedTool
+    from hardware.tools.mounted import MountedTool
     from lake.store import Lake
-    from lake.tables import ToolRow
+    from lake.tables.campaign import ToolRow
     from models.errors import UsageError
-    from tasks.state import ProposedTool, load_designs
+    from tasks.campaign.state import ProposedTool, load_designs
 
     if tool_id is None:
         mounted = rack(design)
@@ -170,10 +170,10 @@ def _writer(store: "tuple[Lake, ProposedTool] | None", world: Path | None) -> "C
     """What writes each run to the lake, or does nothing."""
     if store is None:
         return lambda grasp: None
-    from flows.launch import read_world
-    from lake.tables import GraspRow
-    from tasks.campaign import stored_provenance
-    from tasks.diagnosing import append_diagnostic
+    from flows.campaign.launch import read_world
+    from lake.tables.campaign import GraspRow
+    from tasks.bench.diagnose import append_diagnostic
+    from tasks.campaign.campaign import stored_provenance
 
     lake, tool = store
     campaign_id = tool.tool_id.partition("/")[0]
@@ -207,7 +207,7 @@ def _hang(bench: "Bench") -> "Hang":
 
 
 def _row(grasp: "MeasuredGrasp") -> dict[str, Any]:
-    from models.features import peak_force_n
+    from models.traces import peak_force_n
 
     run = grasp.diagnostic
     return {

@@ -47,8 +47,8 @@ def _tell(checks: list[Check], as_json: bool) -> None:
 
 
 def _bench(bench_file: Path) -> list[Check]:
+    from flows.campaign.launch import read_bench
     from flows.cli.wire import log_folder
-    from flows.launch import read_bench
     from hardware.checkup.bench import check_bench
 
     return [Check(*finding) for finding in check_bench(read_bench(bench_file), log_folder=log_folder(None))]
@@ -77,14 +77,14 @@ def _python() -> Check:
 
 
 def _packages() -> Check:
-    from flows.dependencies import ALL, is_installed, missing_sentence
+    from flows.cli.dependencies import ALL, is_installed, missing_sentence
 
     missing = [name for name in ALL if not is_installed(name)]
     return Check("packages", not missing, missing_sentence(missing) if missing else f"all {len(ALL)} are installed")
 
 
 def _versions() -> Check:
-    from flows.audit import LOCK, mismatches
+    from tests.audit import LOCK, mismatches
 
     wrong = list(mismatches(LOCK.read_text(encoding="utf-8"))) if LOCK.exists() else []
     others = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
@@ -104,7 +104,7 @@ def _fastapi() -> Check:
 
 
 def _disk(lake: Path) -> Check:
-    from lake.storage import storage_at
+    from lake.storage.folder import storage_at
 
     root = storage_at(lake).root.absolute()
     folder = next(p for p in [root, *root.parents] if p.exists())
@@ -115,7 +115,7 @@ def _disk(lake: Path) -> Check:
 
 
 def _lake(lake: Path) -> Check:
-    from lake.storage import storage_at
+    from lake.storage.folder import storage_at
     from lake.store import Lake
     from models.errors import FastError
 
@@ -142,8 +142,8 @@ def _serial_ports() -> str:
 def _running(lake: Path) -> str:
     import socket
 
-    from flows.prefect_server import DEFAULT_PORT, LOOPBACK, running_server
-    from lake.storage import storage_at
+    from flows.server.server import DEFAULT_PORT, LOOPBACK, running_server
+    from lake.storage.folder import storage_at
 
     named = os.environ.get("PREFECT_API_URL")
     known = named or running_server(storage_at(lake).root)
@@ -159,7 +159,7 @@ def _running(lake: Path) -> str:
 
 
 def _notifications() -> str:
-    from flows.notify import VARIABLE
+    from flows.campaign.notify import VARIABLE
 
     addresses = os.environ.get(VARIABLE, "").split()
     if not addresses:
@@ -187,10 +187,10 @@ def _pty() -> str:
 
 
 def _small_grasp() -> str:
-    from models.design_space import BEST_PUBLISHED
-    from models.fem.grasp import simulate_grasp
+    from models.design.space import BEST_PUBLISHED
     from models.objects.catalogue import get_object
     from models.records import GraspSetup
+    from models.simulation.grasp import simulate_grasp
 
     result = simulate_grasp(BEST_PUBLISHED, get_object(0), setup=GraspSetup(max_lift_mm=2))
     return f"2 mm of lift, {result.n_dof} degrees of freedom in {result.cpu_s:.1f} s of CPU"
@@ -199,7 +199,7 @@ def _small_grasp() -> str:
 def _small_mesh() -> str:
     import trimesh
 
-    from models.mesh.tetwild import tetrahedralise
+    from models.simulation.mesh.tetwild import tetrahedralise
 
     box = trimesh.creation.box(extents=(10, 10, 10))
     _, tetrahedra = tetrahedralise(box.vertices, box.faces, 5.0, MESH_LIMIT_S)
@@ -207,7 +207,7 @@ def _small_mesh() -> str:
 
 
 def _server() -> str:
-    from flows.prefect_server import server
+    from flows.server.server import server
 
     with tempfile.TemporaryDirectory(prefix="fast-doctor-") as folder, server(Path(folder)) as api_url:
         return f"answered at {api_url}"

@@ -9,9 +9,9 @@ from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, t
 
 if TYPE_CHECKING:
     from lake.store import Lake
-    from models.features.quality import Interval
-    from tasks.features import ClassQuality, FeatureUpdate
-    from tasks.identifying import Answer
+    from models.traces.quality import Interval
+    from tasks.traces.features import ClassQuality, FeatureUpdate
+    from tasks.traces.identify import Answer
 
 N_FLAGS = 20  # shown
 LEAST_SHOWN = 0.005  # probability
@@ -32,8 +32,8 @@ def features(
 ) -> None:
     """Calculate the features of traces that lack them; quality, work and stability by objects and batch; anomalies."""
     from flows.cli.campaign import open_lake, resolve_campaign
-    from tasks.anomalies import update_anomalies
-    from tasks.features import class_quality, update_features
+    from tasks.traces.anomalies import update_anomalies
+    from tasks.traces.features import class_quality, update_features
 
     found = open_lake(lake)
     name = resolve_campaign(found, campaign) if campaign is not None else None
@@ -48,7 +48,7 @@ def features(
 
 
 def _show_identification(lake: "Lake", grasp_id: str, as_json: bool) -> None:
-    from tasks.identifying import identify
+    from tasks.traces.identify import identify
 
     found = identify(lake, grasp_id)
     answers = [found.alone, found.together] if found.together.n_grasps > 1 else [found.alone]

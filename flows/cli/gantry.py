@@ -15,8 +15,8 @@ from flows.cli.virtual import Designs, rack
 
 if TYPE_CHECKING:
     from hardware.bench import Bench
-    from hardware.cell import MeasuredGrasp
-    from hardware.tools import MountedTool
+    from hardware.cell.cell import MeasuredGrasp
+    from hardware.tools.mounted import MountedTool
 
 app = App(name="gantry", help="Move the bench by hand: home, park, tare, grasp, faults. All of these home first.")
 app.command("flows.cli.wire:log", name="log", help="List the wire logs of benches, or print one.")
@@ -135,7 +135,7 @@ def faults(
 
 def _check_target(object_id: int, slot: int, tools: "Mapping[int, MountedTool]") -> None:
     """Raises UsageError for an unknown object or an empty slot, before a bench is opened."""
-    from hardware.layout import BenchLayout
+    from hardware.cell.layout import BenchLayout
     from models.errors import UsageError
 
     BenchLayout().object_xy_mm(object_id)
@@ -144,7 +144,7 @@ def _check_target(object_id: int, slot: int, tools: "Mapping[int, MountedTool]")
 
 
 def _grasp_row(made: "MeasuredGrasp") -> dict[str, Any]:
-    from models.features import peak_force_n, work_j
+    from models.traces import peak_force_n, work_j
 
     return {
         "object_id": made.object_id,
@@ -178,9 +178,9 @@ def open_bench(
     Raises:
         UsageError: a wrong file, or the real bench was not confirmed.
     """
+    from flows.campaign.launch import read_bench, read_world
     from flows.cli.real import ask_leave
     from flows.cli.wire import log_folder
-    from flows.launch import read_bench, read_world
     from hardware.bench import open_real_bench, open_virtual_bench
 
     mounted = rack(None) if tools is None else tools

@@ -9,7 +9,7 @@ from cyclopts.validators import Number
 from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell
 
 if TYPE_CHECKING:
-    from flows.gap import GapOutcome
+    from flows.gap.search import GapOutcome
     from models.gap.findings import Findings
 
 _AT_LEAST_ONE = Number(gte=1)
@@ -45,13 +45,13 @@ def gap(
     Designs and objects are held out first. What the lake lacks of the bank of simulations around the measured tools is
     simulated, so the first call takes an hour or more on two cores; a killed command continues when it is given again.
     """
+    from flows.campaign.launch import Voice
     from flows.cli.campaign import open_lake, resolve_campaign
-    from flows.gap import GapOrder, run_gap
-    from flows.gap_folder import write_folder
-    from flows.launch import Voice
+    from flows.gap.folder import write_folder
+    from flows.gap.search import GapOrder, run_gap
 
     if catalogue:
-        from models.effects.table import catalogue_entries, catalogue_rows
+        from models.simulation.effects.table import catalogue_entries, catalogue_rows
 
         show(catalogue_entries(), f"{table_text(catalogue_rows())}\n\n{_COSTS}", json)
         return
@@ -70,7 +70,7 @@ def _data(outcome: "GapOutcome") -> dict[str, Any]:
 
 
 def _text(outcome: "GapOutcome", page: Path) -> str:
-    from flows.report.gap_words import probability_words
+    from flows.report.gap.words import probability_words
 
     findings = outcome.run.findings
     lines = [f"{outcome.sentence}.", ""]

@@ -28,9 +28,9 @@ def import_(
     json: AsJson = False,
 ) -> None:
     """Import designs, grasps and traces in the hand-off format; all of it or, with every fault named, nothing."""
-    from lake.handoff import import_handoff
-    from lake.handoff_files import read_handoff
-    from lake.handoff_readers import handoff_folder, load_reader
+    from lake.handoff.files import read_handoff
+    from lake.handoff.import_folder import import_handoff
+    from lake.handoff.readers import handoff_folder, load_reader
     from lake.provenance import current_provenance
     from lake.store import Lake
 
@@ -52,7 +52,7 @@ def export(
     json: AsJson = False,
 ) -> None:
     """Export designs, grasps and traces in the hand-off format."""
-    from lake.handoff_export import export_handoff
+    from lake.handoff.export_folder import export_handoff
     from lake.store import Lake
 
     found = Lake.open(lake)
@@ -85,7 +85,7 @@ def compact(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Merge small files into few; no row is lost, and readers and writers need not stop."""
     from lake.maintenance import compact as compact_table
     from lake.store import Lake
-    from lake.tables import TABLES
+    from lake.tables.campaign import TABLES
 
     found = Lake.open(lake)
     rows = [compact_table(found, row_type)._asdict() for row_type in TABLES]
@@ -120,8 +120,8 @@ def lineage(
     json: AsJson = False,
 ) -> None:
     """Show what a row was made from, back to config, code and seed; each row with its parents in turn."""
-    from flows.lineage_text import lineage_json, lineage_text
-    from lake.lineage import find_lineage
+    from flows.cli.lineage_text import lineage_json, lineage_text
+    from lake.query.lineage import find_lineage
     from lake.store import Lake
 
     _check_not_negative("--depth", depth)

@@ -98,7 +98,7 @@ def _usage_sentence(error: CycloptsError) -> str:
 
 
 def _missing(error: ModuleNotFoundError) -> int:
-    from flows.dependencies import OWN, missing_sentence
+    from flows.cli.dependencies import OWN, missing_sentence
 
     name = (error.name or "").partition(".")[0]
     if not name or name in OWN:

@@ -10,8 +10,8 @@ from flows.cli.common import AsJson, show
 from flows.cli.virtual import Designs, rack
 
 if TYPE_CHECKING:
-    from hardware.cycle_time import PlanTime
-    from tasks.settings import ObjectPlan
+    from hardware.cell.cycle_time import PlanTime
+    from tasks.campaign.settings import ObjectPlan
 
 PAPER_GRASPS_PER_HOUR = 240
 
@@ -33,7 +33,7 @@ def plan(
     json: AsJson = False,
 ) -> None:
     """Time per tool and batch, grasps per hour beside the paper's 240, and the parts that dominate. Nothing moves."""
-    from hardware.cycle_time import total_parts
+    from hardware.cell.cycle_time import total_parts
 
     objects, setup = _what(config)
     asked = {"order": order, "repeats_order": repeats_order}
@@ -62,8 +62,8 @@ def plan(
 
 def _what(config: Path | None) -> "tuple[ObjectPlan, Any]":
     from models.records import GraspSetup
-    from tasks.config import load_config
-    from tasks.settings import ObjectPlan
+    from tasks.campaign.config import load_config
+    from tasks.campaign.settings import ObjectPlan
 
     if config is None:
         return ObjectPlan(), GraspSetup()
@@ -73,7 +73,7 @@ def _what(config: Path | None) -> "tuple[ObjectPlan, Any]":
 
 def _times(objects: "ObjectPlan", setup: Any, n_tools: int, design: list[Path] | None) -> "list[PlanTime]":
     """One plan per tool, each with its own order; fewer designs than tools are used again."""
-    from hardware.cycle_time import plan_time
+    from hardware.cell.cycle_time import plan_time
 
     mounted = list(rack(design).values())
     return [

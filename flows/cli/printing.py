@@ -9,7 +9,7 @@ from cyclopts import App, Parameter
 from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show
 
 if TYPE_CHECKING:
-    from tasks.printing import MeasuredTool
+    from tasks.bench.print import MeasuredTool
 
 app = App(name="print", help="Print sheets, and the word of the person who printed.")
 
@@ -36,7 +36,7 @@ def sheet(
 ) -> None:
     """Write the tray files and the sheet of a batch again."""
     from lake.store import Lake
-    from tasks.printing import print_folder, write_tray
+    from tasks.bench.print import print_folder, write_tray
 
     found = Lake.open(lake)
     campaign_id, number = parse_batch(found, batch)
@@ -74,10 +74,10 @@ def confirm(
     json: AsJson = False,
 ) -> None:
     """Say that a batch is printed and mounted; the campaign goes on."""
-    from flows.forms import close_forms
+    from flows.campaign.forms import close_forms
     from lake.store import Lake
     from models.validation import load_record
-    from tasks.printing import PrintConfirmation, confirm_print
+    from tasks.bench.print import PrintConfirmation, confirm_print
 
     found = Lake.open(lake)
     campaign_id, number = parse_batch(found, batch)
@@ -152,7 +152,7 @@ def _mounting(entry: str) -> tuple[int, int]:
 def _measurement(entry: str) -> tuple[int, "MeasuredTool"]:
     from models.errors import UsageError
     from models.validation import closest, load_record
-    from tasks.printing import MeasuredTool
+    from tasks.bench.print import MeasuredTool
 
     slot, _, pairs = entry.partition(":")
     values: dict[str, float] = {}

@@ -17,7 +17,7 @@ from flows.cli.common import tell
 
 if TYPE_CHECKING:
     from hardware.bench import BenchSettings
-    from hardware.tools import MountedTool
+    from hardware.tools.mounted import MountedTool
 
 YesMove = Annotated[
     str | None,

@@ -14,7 +14,7 @@ def read_simulation(lake: Path, simulation_id: str) -> "tuple[Design, int, Simul
         UsageError: the lake has no such simulation, or it is another lab's.
     """
     from lake.store import Lake
-    from lake.tables import DesignRow, SimulationRow, SimulatorVersionRow
+    from lake.tables.campaign import DesignRow, SimulationRow, SimulatorVersionRow
     from models.errors import UsageError
     from models.records import GraspSetup
     from models.validation import closest

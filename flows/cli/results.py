@@ -34,9 +34,9 @@ def report(
 ) -> None:
     """Write a report as one folder of HTML, figures and data: of a campaign, finished or not, or of a calibration."""
     from flows.cli.campaign import open_lake, resolve_campaign
-    from flows.report.build import add_features, write_report
-    from flows.report.calibration import write_calibration_report
-    from lake.tables import CalibrationRow
+    from flows.report.calibration.page import write_calibration_report
+    from flows.report.campaign.page import add_features, write_report
+    from lake.tables.campaign import CalibrationRow
 
     found = open_lake(lake)
     if campaign is not None and found.has(CalibrationRow, campaign):
@@ -87,7 +87,7 @@ def _follow(lake: "Lake", campaign_id: str, path: Path, viewer: list[str] | None
     """
     from flows.cli.campaign import resolve_campaign
     from flows.viewer.live import follow
-    from tasks.control import is_held
+    from tasks.campaign.requests import is_held
 
     name = resolve_campaign(lake, campaign_id)
     child = subprocess.Popen([*viewer, "--port", str(LIVE_PORT)]) if viewer else None
@@ -110,7 +110,7 @@ def _recorder(lake: "Lake", what: str) -> tuple[str, Callable[[Path], Path]]:
     from flows.viewer.campaign import write_recording
     from flows.viewer.design import write_design_recording
     from flows.viewer.grasp import write_grasp_recording
-    from lake.tables import DesignRow, GraspRow
+    from lake.tables.campaign import DesignRow, GraspRow
     from models.errors import UsageError
 
     if lake.has(GraspRow, what):

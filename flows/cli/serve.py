@@ -14,7 +14,7 @@ from cyclopts.validators import Number
 from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, tell
 
 if TYPE_CHECKING:
-    from flows.lab import Lab
+    from flows.server.lab import Lab
 
 TEND_S = 1.0
 
@@ -34,10 +34,10 @@ def serve(
     Campaigns on the same lake show there and can be started there. A server named by PREFECT_API_URL is used instead
     of one of its own. With FAST_PASSWORD set, pages and programs need it (user `fast`).
     """
+    from flows.cli.dependencies import require
     from flows.cli.virtual import watch_signals
-    from flows.dependencies import require
-    from flows.lab import LabPlan, open_lab
-    from flows.prefect_server import running_server
+    from flows.server.lab import LabPlan, open_lab
+    from flows.server.server import running_server
     from lake.store import Lake
     from models.errors import FastError
 
@@ -70,7 +70,7 @@ def _tend(lab: "Lab", asked: threading.Event) -> None:
 
 def _check_server_wanted(host: str, port: int) -> None:
     """Raises UsageError when the port is taken, or others would reach a server without password."""
-    from flows.prefect_server import PASSWORD_VARIABLE
+    from flows.server.server import PASSWORD_VARIABLE
     from models.errors import UsageError
 
     if not _is_loopback(host) and not os.environ.get(PASSWORD_VARIABLE):

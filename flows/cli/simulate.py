@@ -51,9 +51,9 @@ def simulate(
 ) -> None:
     """Simulate one grasp: closing, lift and pull-off. Without --out or --export-calculix, nothing is written."""
     from models.errors import UsageError
-    from models.fem.grasp import simulate_grasp
-    from models.fem.recording import GraspRecording
     from models.objects.catalogue import get_object
+    from models.simulation.grasp import simulate_grasp
+    from models.simulation.output.recording import GraspRecording
 
     if simulation is not None:
         others = {"design": design, "object": object, "version": version, "tier": tier, "set": set}
@@ -83,7 +83,7 @@ def simulate(
     show(data, _text(data), json)
     files = [] if out is None else write_outputs(out, chosen, met, data, result, recording)
     if export_calculix is not None:
-        from flows.calculix import write_calculix
+        from flows.simulation.calculix import write_calculix
 
         files += write_calculix(export_calculix, chosen, met, simulator, setup)
     if files and not json:
@@ -96,7 +96,7 @@ def read_design(path: Path | None) -> "Design":
     Raises:
         ConfigError: missing file, no JSON, or a value out of its range.
     """
-    from models.design_space import BEST_PUBLISHED, numbered_design
+    from models.design.space import BEST_PUBLISHED, numbered_design
     from models.errors import ConfigError
     from models.records import Design
     from models.validation import load_record
@@ -136,7 +136,7 @@ def read_version(lake: Path, version_id: str | None) -> "SimulatorVersion":
     if version_id is None:
         return SimulatorVersion()
     from lake.store import Lake
-    from lake.tables import SimulatorVersionRow
+    from lake.tables.campaign import SimulatorVersionRow
 
     found = Lake.open(lake)
     rows = found.rows(SimulatorVersionRow)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from models.errors import UsageError
-    from models.fem.recording import GraspRecording
     from models.objects.catalogue import RigidObject
     from models.records import Design, GraspSimulation
+    from models.simulation.output.recording import GraspRecording
 
 PIXELS_PER_INCH = 150
 
@@ -79,7 +79,7 @@ def _draw(
     recording: "GraspRecording",
     title: str,
 ) -> None:
-    from flows.report.grasp import five_instants, instants_figure, trace_figure
+    from flows.report.campaign.grasp import five_instants, instants_figure, trace_figure
     from flows.report.style import figure_style
 
     with figure_style():

@@ -15,7 +15,7 @@ from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_te
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from lake.catalogue import Entry
+    from lake.query.catalogue import Entry
 
 _WIDTH = 110
 _STDIN = "-"
@@ -43,7 +43,7 @@ def sql(
     json: AsJson = False,
 ) -> None:
     """Run one SELECT over the lake's tables, views and macros; without a query, list them."""
-    from lake.sql import run_sql
+    from lake.query.sql import run_sql
     from lake.store import Lake
     from models.errors import UsageError
 
@@ -76,7 +76,7 @@ def _format_of(out: Path | None) -> Format:
 
 
 def _list_names(as_json: bool) -> None:
-    from lake.catalogue import catalogue
+    from lake.query.catalogue import catalogue
 
     entries = catalogue()
     groups = [
@@ -97,7 +97,7 @@ def _entry_text(entry: "Entry") -> str:
 
 
 def _formatted(table: "pa.Table", chosen: Format) -> bytes:
-    from lake.csv_text import csv_bytes, plain
+    from lake.query.csv_text import csv_bytes, plain
 
     if chosen == "csv":
         return csv_bytes(table)

@@ -13,7 +13,7 @@ from cyclopts.validators import Number
 from flows.cli.common import AsJson, say
 
 if TYPE_CHECKING:
-    from hardware.tools import MountedTool
+    from hardware.tools.mounted import MountedTool
 
 Designs = Annotated[
     list[Path] | None,
@@ -48,10 +48,10 @@ def start(
     json: AsJson = False,
 ) -> None:
     """Serve a world's gantry, PLC and load cell on a pty and two loopback ports until Ctrl-C."""
-    from flows.launch import read_world
+    from flows.campaign.launch import read_world
     from hardware.bench import open_virtual_servers
     from hardware.clock import ScaledClock
-    from hardware.world.physics import simulate_request
+    from hardware.virtual.world.physics import simulate_request
 
     spec, tools, clock = read_world(world), rack(design), ScaledClock(speed_up)
     faults = [read_fault(text) for text in fault or []]
@@ -94,8 +94,8 @@ def rack(designs: list[Path] | None) -> "dict[int, MountedTool]":
         UsageError: a file that is no design, or more designs than slots.
     """
     from flows.cli.simulate import read_design
-    from hardware.layout import N_SLOTS
-    from hardware.tools import MountedTool
+    from hardware.cell.layout import N_SLOTS
+    from hardware.tools.mounted import MountedTool
     from models.errors import UsageError
     from models.ids import tool_label
 

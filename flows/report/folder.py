@@ -9,10 +9,10 @@ import numpy as np
 import pyarrow as pa
 from matplotlib.figure import Figure
 
-from flows.report.page import Markup, picture, sources
-from flows.report.queries import Result
+from flows.report.campaign.queries import Result
+from flows.report.html import Markup, picture, sources
 from flows.report.style import save_svg
-from lake.csv_text import csv_bytes
+from lake.query.csv_text import csv_bytes
 from models.errors import UsageError
 
 PRINT_DPI = 200

@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 from flows.report.style import FAINT, MUTED
 from flows.viewer.scene import rgb
 from flows.viewer.stream import eye_around
-from hardware.layout import BenchLayout
+from hardware.cell.layout import BenchLayout
 
 HEAD_ROOM_MM = 210.0  # a gripper at the end of its lift
 ROUND_MM = 75.0  # about an object: half of the pitch

@@ -8,17 +8,17 @@ from typing import Literal
 import rerun as rr
 import rerun.blueprint as rrb
 
-from flows.report.content import Content
-from flows.report.facts import Tool
-from flows.report.queries import literal
+from flows.report.campaign.content import Content
+from flows.report.campaign.facts import Tool
+from flows.report.campaign.queries import literal
 from flows.viewer.bench import bench_eye
+from flows.viewer.bench_timeline import Tour
 from flows.viewer.curves import curves_view
 from flows.viewer.stream import recording_to
-from flows.viewer.tour import Tour
-from hardware.layout import N_OBJECTS, BenchLayout
-from lake.handoff_campaign import is_imported
+from hardware.cell.layout import N_OBJECTS, BenchLayout
+from lake.handoff.campaign import is_imported
 from lake.store import Lake
-from models.design_space import PARAMETERS
+from models.design.space import PARAMETERS
 from models.units import unit_of
 
 _LOG = logging.getLogger(__name__)

@@ -11,16 +11,16 @@ from flows.report.style import BEST, COMPLIANT, FAINT, FIRST, INK, RIGID
 from flows.viewer.scene import finger_meshes, finger_translations, flat_mesh, rgb
 from flows.viewer.stream import eye_around, recording_to, stored_design
 from lake.store import Lake
-from lake.tables import DesignRow, ToolRow
-from models.design_space import PARAMETERS
-from models.fem.shape import HEXAHEDRON_EDGES, TETRAHEDRON_EDGES, WEDGE_EDGES
-from models.fem.skin import skin_of
-from models.geometry.finger import FingerBodies, finger_bodies
-from models.geometry.tray import BED_MM, PrintItem, lying, tray_layout
+from lake.tables.campaign import DesignRow, ToolRow
+from models.design.finger import FingerBodies, finger_bodies
+from models.design.space import PARAMETERS
+from models.design.tray import BED_MM, PrintItem, lying, tray_layout
 from models.ids import tool_label
-from models.mesh.build import build_mesh
-from models.mesh.solid import SolidMesh
 from models.records import Design, GraspSetup, MeshSettings, Trace
+from models.simulation.body.shape_functions import HEXAHEDRON_EDGES, TETRAHEDRON_EDGES, WEDGE_EDGES
+from models.simulation.mesh.build import build_mesh
+from models.simulation.mesh.solid import SolidMesh
+from models.simulation.output.surface import skin_of
 from models.units import unit_of
 
 _SIDE = (-0.3, -1.0, 0.2)  # from which the ribs are seen

@@ -7,13 +7,13 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from flows.report.gap_figures import SIM_AFTER, SIM_BEFORE, chosen_cells
+from flows.report.gap.figures import SIM_AFTER, SIM_BEFORE, chosen_cells
 from flows.report.style import MUTED
 from flows.viewer.scene import rgb
 from flows.viewer.stream import recording_to
-from models.calibration.traces.features import STEP_MM
-from models.gap.show.shown import AFTER, BEFORE, Shown
+from models.gap.evaluation.show import AFTER, BEFORE, Shown
 from models.objects.catalogue import get_object
+from models.traces.step_features import STEP_MM
 
 _N_CELLS = 6
 

@@ -9,13 +9,13 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from flows.report.again import Simulated, simulate_again
+from flows.report.campaign.again import Simulated, simulate_again
 from flows.report.style import BEST, SIMULATED
 from flows.viewer.scene import finger_meshes, finger_translations, object_words
 from flows.viewer.simulation import arrow_mm_per_n, curves_over_time, furthest_mm, send_fingers
 from flows.viewer.stream import FRONT_EYE, recording_to, send_object, send_trace, stored_design, times
 from lake.store import Lake
-from lake.tables import GraspRow, SimTraceRow, SimulationRow
+from lake.tables.campaign import GraspRow, SimTraceRow, SimulationRow
 from models.errors import UsageError
 from models.ids import tool_label
 from models.records import Design, GraspSetup, Trace

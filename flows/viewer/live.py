@@ -6,7 +6,7 @@ from pathlib import Path
 
 import rerun as rr
 
-from flows.report.content import Content
+from flows.report.campaign.content import Content
 from flows.viewer.campaign import campaign_blueprint, send_campaign
 from flows.viewer.stream import APPLICATION, writable
 from lake.store import Lake

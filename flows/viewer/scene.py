@@ -6,7 +6,7 @@ import trimesh
 from matplotlib.colors import to_rgb
 
 from flows.report.style import COMPLIANT, OBJECT, RIGID
-from models.geometry.finger import finger_bodies
+from models.design.finger import finger_bodies
 from models.objects.catalogue import get_object
 from models.objects.surface import object_mesh
 from models.records import Design, GraspSetup, Trace

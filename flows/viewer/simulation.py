@@ -8,13 +8,13 @@ import rerun as rr
 import rerun.blueprint as rrb
 from matplotlib import colormaps
 
-from flows.report.grasp import CELL_MM, SIGNS, cell_forces
+from flows.report.campaign.grasp import CELL_MM, SIGNS, cell_forces
 from flows.report.style import FIRST, SIMULATED
 from flows.viewer.scene import mounted_object_mesh, rgb
 from flows.viewer.stream import FRONT_EYE, recording_to, send_trace, times
-from models.fem.recording import SIDES, GraspRecording, Side, Snapshot
-from models.fem.skin import Skin, skin_of
 from models.records import GraspSimulation, Trace
+from models.simulation.output.recording import SIDES, GraspRecording, Side, Snapshot
+from models.simulation.output.surface import Skin, skin_of
 
 LONGEST_ARROW_MM = 60.0
 ARROW_RADIUS_MM = 0.6

@@ -18,7 +18,7 @@ import rerun.blueprint as rrb
 
 from flows.viewer.scene import mounted_object_mesh, rgb
 from lake.store import Lake
-from lake.tables import DesignRow
+from lake.tables.campaign import DesignRow
 from models.errors import UsageError
 from models.records import Design, Trace
 

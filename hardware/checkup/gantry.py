@@ -10,7 +10,7 @@ from hardware.clock import Clock
 from hardware.grbl.messages import Feedback, Setting, StatusReport
 from hardware.grbl.profile import GrblProfile
 from hardware.grbl.session import BOOT_POLL_S, BOOT_WAIT_S, REPLY_TIMEOUT_S, GrblSession
-from hardware.transport import Transport
+from hardware.wire.serial import Transport
 
 _DOING = "looking at the gantry"
 _SETTINGS = "gantry settings"

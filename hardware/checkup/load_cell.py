@@ -5,9 +5,9 @@ The filter cannot be read over Modbus, but it shows: with a slow one the instrum
 
 import statistics
 
+from hardware.cell.force_sensor import FULL_SCALE_N
 from hardware.checkup.findings import Findings
 from hardware.clock import Clock
-from hardware.force_sensor import FULL_SCALE_N
 from hardware.laumas.codec import Reading
 from hardware.laumas.driver import LaumasTransmitter
 from hardware.laumas.source import WeightSource

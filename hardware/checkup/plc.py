@@ -14,7 +14,7 @@ from hardware.click import tags
 from hardware.click.codec import parse_address
 from hardware.click.driver import ClickPlc
 from hardware.clock import Clock
-from hardware.modbus import ModbusLink
+from hardware.wire.modbus import ModbusLink
 
 HIGHEST_COUNT = 30_000  # of the heartbeat
 LOOK_S = 0.7  # longer than a heartbeat: another host shows

@@ -16,8 +16,8 @@ from hardware.click.codec import (
     unpack_value,
 )
 from hardware.clock import Clock
-from hardware.modbus import ModbusLink
-from hardware.transport import LinkLostError
+from hardware.wire.modbus import ModbusLink
+from hardware.wire.serial import LinkLostError
 from models.errors import DeviceError, InterlockError, UsageError
 
 logger = logging.getLogger(__name__)

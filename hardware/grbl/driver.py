@@ -27,7 +27,7 @@ from hardware.grbl.motion import DEADLINE_FACTOR, limit_along, move_deadline_s, 
 from hardware.grbl.profile import GrblProfile
 from hardware.grbl.session import FULL_OVERRIDES, HOLD_POLL_S, HOLD_TIMEOUT_S, GrblSession
 from hardware.grbl.switch_search import SwitchSearch
-from hardware.transport import Transport
+from hardware.wire.serial import Transport
 from models.errors import DeviceError, InterlockError
 
 logger = logging.getLogger(__name__)

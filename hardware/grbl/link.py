@@ -23,7 +23,7 @@ from hardware.grbl.messages import (
     Unknown,
     Vector,
 )
-from hardware.transport import LinkLostError, Transport
+from hardware.wire.serial import LinkLostError, Transport
 
 logger = logging.getLogger(__name__)
 

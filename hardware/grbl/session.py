@@ -19,7 +19,7 @@ from hardware.grbl.errors import (
 from hardware.grbl.link import GrblLink, Ticket
 from hardware.grbl.messages import ErrorReply, Feedback, Message, RealTime, Setting, StatusReport
 from hardware.grbl.profile import GrblProfile
-from hardware.transport import Transport
+from hardware.wire.serial import Transport
 
 logger = logging.getLogger(__name__)
 

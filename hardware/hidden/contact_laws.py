@@ -5,8 +5,8 @@ from typing import ClassVar
 import numpy as np
 
 from hardware.hidden.body_laws import tool_draws
-from models.effects.base import Effect
 from models.objects.catalogue import RigidObject
+from models.simulation.effects.base import Effect
 
 LEAST_RADIUS_MM = 0.5  # contact points cannot resolve a sharper edge
 

@@ -7,11 +7,11 @@ import numpy as np
 from scipy.signal import lfilter
 
 from hardware.hidden.lab_laws import LAB_LAWS, LabLaw, Moment
-from models.calibration.traces.features import LIFT_MM
-from models.design_space import numbered_design
+from models.design.space import numbered_design
 from models.ids import seed_from
 from models.objects.catalogue import get_object
 from models.records import GraspContext, Record, Trace
+from models.traces.step_features import LIFT_MM
 
 TOOLS_PER_BATCH = 7
 TRACE_END_MM = LIFT_MM + 1.0

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hardware.hidden.body_laws import tool_draws
-from models.geometry.profile import planar_profile
+from models.design.profile import planar_profile
 from models.records import Design, GraspContext, Trace
 
 DENSITY_KG_PER_MM3 = 1.13e-6

@@ -13,13 +13,13 @@ import numpy as np
 
 from hardware.hidden import body_laws as body
 from hardware.hidden import contact_laws as contact
-from hardware.world.hidden import DirectionalDilation, LeakyCylinder, RationalSlipFriction
-from models.design_space import numbered_design
-from models.effects.base import Effect
+from hardware.virtual.world.hidden import DirectionalDilation, LeakyCylinder, RationalSlipFriction
+from models.design.space import numbered_design
 from models.errors import MeshingFailed, SimulationFailed, UsageError
 from models.ids import content_id, seed_from
 from models.objects.catalogue import get_object
 from models.records import GraspSetup, GraspSimulation, MeshSettings, Placement, Record, SimulatorVersion, Theta
+from models.simulation.effects.base import Effect
 from models.solver_code import source_id
 from models.validation import closest
 
@@ -29,7 +29,7 @@ MESH = MeshSettings(edge_mm=4.4, fillet_mm=0.4)
 PLACEMENT_SD_MM = 0.2
 TOOL_MODULUS_SD = 0.04
 DEADLINE_S = 300.0
-_MODEL_SOURCES = ("fem", "geometry/profile.py", "mesh", "objects", "effects/base.py")
+_MODEL_SOURCES = ("design/profile.py", "objects", "simulation")
 
 
 class TrueGrasp(Record):
@@ -97,7 +97,7 @@ GRASP_LAWS: Mapping[str, GraspLaw] = {
 def truth_code(law: str) -> str:
     """Id of the code that decides a true grasp under a law: the solver's, this module's, and the law's own class."""
     here = source_id(Path(__file__).parent, ("truth.py",))
-    models = source_id(Path(inspect.getfile(Effect)).parents[1], _MODEL_SOURCES)
+    models = source_id(Path(inspect.getfile(Effect)).parents[2], _MODEL_SOURCES)
     own = "" if not law else content_id("L", {"source": inspect.getsource(hidden_law(law).kind)})
     return f"{models}-{here}{own}"
 
@@ -136,9 +136,9 @@ def solve_truth(grasp: TrueGrasp) -> GraspSimulation:
         SimulationFailed: no solution, or no mesh (reason `mesh_...`).
         UsageError: the law does not exist.
     """
-    from models.fem.contact import ContactLaw  # heavy: compiles on first use
-    from models.fem.grasp import Numerics, simulate_grasp
-    from models.fem.stepping import StepLimits
+    from models.simulation.contact.law import ContactLaw  # heavy: compiles on first use
+    from models.simulation.grasp import Numerics, simulate_grasp
+    from models.simulation.solver.stepping import StepLimits
 
     effects = [hidden_law(grasp.law).build(grasp.parameters, grasp)] if grasp.law else []
     is_other = any(isinstance(effect, body.OtherMaterialLaw) for effect in effects)

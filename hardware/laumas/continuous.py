@@ -13,7 +13,7 @@ from hardware.clock import Clock
 from hardware.laumas.codec import Reading, Scale, Status
 from hardware.laumas.source import NEWTON_PER_UNIT
 from hardware.laumas.strings import StringReader, WeightString
-from hardware.transport import LinkLostError, Transport
+from hardware.wire.serial import LinkLostError, Transport
 from models.errors import DeviceError
 
 logger = logging.getLogger(__name__)

@@ -18,8 +18,8 @@ from hardware.laumas.codec import (
     decode_scale,
 )
 from hardware.laumas.source import NEWTON_PER_UNIT
-from hardware.modbus import ModbusLink
-from hardware.transport import LinkLostError
+from hardware.wire.modbus import ModbusLink
+from hardware.wire.serial import LinkLostError
 from models.errors import DeviceError
 
 logger = logging.getLogger(__name__)

@@ -7,16 +7,16 @@ from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
+from hardware.cell.layout import BenchLayout
 from hardware.clock import Clock
-from hardware.layout import BenchLayout
-from hardware.tools import MountedTool
+from hardware.tools.mounted import MountedTool
 from hardware.virtual.click import VirtualClick
 from hardware.virtual.faults import find_fault
-from hardware.virtual.grbl import VirtualGrbl
+from hardware.virtual.grbl.server import VirtualGrbl
 from hardware.virtual.laumas import VirtualLaumas
-from hardware.world.physics import Physics, PhysicsCache, PhysicsRequest
-from hardware.world.spec import World
-from hardware.world.state import WorldState
+from hardware.virtual.world.file import World
+from hardware.virtual.world.physics import Physics, PhysicsCache, PhysicsRequest
+from hardware.virtual.world.state import WorldState
 from models.errors import SimulationFailed
 from models.records import GraspSimulation
 

@@ -13,9 +13,9 @@ from collections.abc import Callable
 
 from hardware.click import tags
 from hardware.click.codec import BANKS, Space, Value, pack_value, parse_address, unpack_value
-from hardware.virtual.modbus import ModbusServerThread
-from hardware.virtual.pdu import ALL_FUNCTIONS
-from hardware.world.state import WorldState, slots_full
+from hardware.virtual.modbus_pdu import ALL_FUNCTIONS
+from hardware.virtual.modbus_server import ModbusServerThread
+from hardware.virtual.world.state import WorldState, slots_full
 from models.records import GraspSetup
 
 SCAN_PERIOD_S = 0.01

@@ -1,7 +1,7 @@
 """Every fault that the virtual bench can be given, by name: the table of notes/hardware.md 4.1.
 
 A name says what is wrong with the bench, not what the host should do; that is asserted in
-`tests/hardware/test_scenarios.py`, one scenario for each.
+`tests/hardware/safety/test_scenarios.py`, one scenario for each.
 """
 
 import threading
@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hardware.virtual.modbus import ModbusServerThread
+from hardware.virtual.modbus_server import ModbusServerThread
 from models.errors import UsageError
 from models.validation import closest
 

@@ -24,10 +24,10 @@ from hardware.laumas.codec import (
 )
 from hardware.laumas.strings import WeightString, encode_plain
 from hardware.virtual.laumas_strings import StringServerThread
-from hardware.virtual.modbus import ModbusServerThread
-from hardware.virtual.pdu import READ_HOLDING, WRITE_REGISTERS
-from hardware.virtual.rtu import RtuServerThread
-from hardware.world.state import WorldState
+from hardware.virtual.modbus_pdu import READ_HOLDING, WRITE_REGISTERS
+from hardware.virtual.modbus_rtu import RtuServerThread
+from hardware.virtual.modbus_server import ModbusServerThread
+from hardware.virtual.world.state import WorldState
 from models.units import mass_kg_from_n
 
 IDENTITY = (105, 2, 2024, 4711, 1)  # firmware, type, year, serial number, program type

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.calibration.traces.noise import SensorNoise
 from models.records import Design, GraspContext, GraspSetup, Theta
+from models.traces.step_noise import SensorNoise
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,7 +15,7 @@ class Grasps:
 
     tools: names (t); designs: of each tool (t), the measured thicknesses where a person gave them; objects: ids (o).
     tool, obj: n, numbers into these. contexts: n. steps_n: n x 120, mean forces over steps of 0.5 mm of lift
-    (`models.calibration.traces.features.step_means`), as measured. grasp_ids: n, of the lake.
+    (`models.traces.step_features.step_means`), as measured. grasp_ids: n, of the lake.
     """
 
     tools: tuple[str, ...]

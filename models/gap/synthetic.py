@@ -10,16 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.calibration.traces.features import N_STEPS, step_means
-from models.calibration.traces.grid import ThetaGrid
-from models.calibration.traces.noise import SensorNoise
-from models.design_space import numbered_design, to_unit
-from models.effects.catalogue import CATALOGUE, build_effects
-from models.effects.replay import replayed
-from models.gap.plan import AMPLITUDES, CENTRE, NUMERICAL_MESHES, WIDER_MM
+from models.calibration.traces.theta_grid import ThetaGrid
+from models.design.space import numbered_design, to_unit
+from models.gap.bank.plan import AMPLITUDES, CENTRE, NUMERICAL_MESHES, WIDER_MM
+from models.gap.bank.sensor_effects import lead_means
 from models.gap.problem import Bank, Field, GapProblem, Grasps
-from models.gap.sensing import lead_means
 from models.records import Design, EffectValue, GraspContext, GraspSetup, Theta, Trace
+from models.simulation.effects.catalogue import CATALOGUE, build_effects
+from models.simulation.effects.replay import replayed
+from models.traces.step_features import N_STEPS, step_means
+from models.traces.step_noise import SensorNoise
 
 OBJECTS = (1, 3, 6, 10, 14, 21, 22, 25, 28, 30, 32, 34)
 _LIFT_MM = np.linspace(0.0, 60.0, 241)
@@ -79,7 +79,7 @@ def made_up_gap(
 
 
 def made_up_bank(shapes: np.ndarray) -> Bank:
-    """The bank of grasps of these shapes (t x o x 4), as `models.gap.plan` asks for it."""
+    """The bank of grasps of these shapes (t x o x 4), as `models.gap.bank.plan` asks for it."""
     points = ThetaGrid().points
     grid = [CENTRE.model_copy(update={"friction": mu, "poisson_ratio": nu}) for mu, nu in points]
     fields = {

@@ -11,7 +11,7 @@ import numpy as np
 
 from lake.provenance import Provenance
 from lake.store import Lake
-from lake.tables import (
+from lake.tables.campaign import (
     BatchRow,
     CampaignRow,
     DesignRow,
@@ -26,10 +26,10 @@ from lake.tables import (
     TraceRow,
     setup_columns,
 )
-from models.design_space import random_designs, to_unit
-from models.features import initial_force_n, peak_force_n, work_j
+from models.design.space import random_designs, to_unit
 from models.ids import content_id, seed_from, tool_label
 from models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace
+from models.traces import initial_force_n, peak_force_n, work_j
 
 SETUP = GraspSetup()
 STARTED = datetime(2025, 3, 3, 9, 0, tzinfo=UTC)

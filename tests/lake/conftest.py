@@ -7,7 +7,7 @@ import pytest
 
 from lake.provenance import Provenance
 from lake.store import Lake
-from lake.tables import (
+from lake.tables.campaign import (
     BatchRow,
     CampaignRow,
     DesignRow,
@@ -22,8 +22,8 @@ from lake.tables import (
     TraceRow,
     setup_columns,
 )
-from models import features
-from models.design_space import BEST_PUBLISHED
+from models import traces as features
+from models.design.space import BEST_PUBLISHED
 from models.records import GraspSetup, SimulatorVersion, Trace
 
 START = datetime(2026, 3, 1, 8, tzinfo=UTC)

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from tasks.campaign import Campaign
-from tests.tasks.small_campaign import small_campaign
+from tasks.campaign.campaign import Campaign
+from tests.tasks.campaign.small_campaign import small_campaign
 
 
 @pytest.fixture

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.calibration.traces.features import FEATURES, N_STEPS, features_of_steps, step_means
-from models.calibration.traces.noise import SensorNoise, feature_noise
 from models.calibration.traces.problem import TraceProblem, numerical_shares
 from models.errors import UsageError
 from models.records import Trace
+from models.traces.step_features import FEATURES, N_STEPS, features_of_steps, step_means
+from models.traces.step_noise import SensorNoise, feature_noise
 
 Cell = tuple[str, str]  # (tool, object)
 GridPoint = tuple[float, float]  # (friction, Poisson ratio)

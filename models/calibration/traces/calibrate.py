@@ -8,14 +8,14 @@ from typing import Literal, Protocol
 import numpy as np
 from scipy.optimize import minimize
 
-from models.calibration.diagnostics import convergence
-from models.calibration.result import ESS_LIMIT, R_HAT_LIMIT, CalibrationResult
-from models.calibration.sampling import sample
-from models.calibration.settings import CalibrationSettings, ThetaPriors
+from models.calibration.inference.diagnostics import convergence
+from models.calibration.inference.parallel_chains import sample
+from models.calibration.inference.result import ESS_LIMIT, R_HAT_LIMIT, CalibrationResult
+from models.calibration.inference.settings import CalibrationSettings, ThetaPriors
+from models.calibration.traces.covariances import Frame
 from models.calibration.traces.density import NAMES, TraceDensity
-from models.calibration.traces.frame import Frame
 from models.calibration.traces.problem import TraceProblem
-from models.calibration.traces.surface import ResponseSurfaces
+from models.calibration.traces.response_surface import ResponseSurfaces
 from models.errors import UsageError
 
 METHOD = "trace"

@@ -19,10 +19,10 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, logit
 
-from models.calibration.settings import ThetaPriors
-from models.calibration.traces.effects import Cells, Effects
-from models.calibration.traces.frame import Frame
-from models.calibration.traces.surface import ResponseSurfaces
+from models.calibration.inference.settings import ThetaPriors
+from models.calibration.traces.covariances import Frame
+from models.calibration.traces.random_effects import Cells, Effects
+from models.calibration.traces.response_surface import ResponseSurfaces
 from models.errors import UsageError
 
 SCALES = ("tool_sd", "object_sd", "cell_sd")

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.calibration.traces.features import CENTRES_MM
 from models.errors import UsageError
+from models.traces.step_features import CENTRES_MM
 
 MIN_TOOLS = 3
 NEAR_MM = 10.0  # lift over which errors of the simulator are alike: a contact moves so far along the wall

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.calibration.traces.features import FEATURES, features_of_steps, step_means
-from models.calibration.traces.grid import ThetaGrid
-from models.calibration.traces.noise import SensorNoise, feature_noise
 from models.calibration.traces.problem import TraceProblem, numerical_shares
+from models.calibration.traces.theta_grid import ThetaGrid
 from models.records import Trace
+from models.traces.step_features import FEATURES, features_of_steps, step_means
+from models.traces.step_noise import SensorNoise, feature_noise
 
 MODULUS_MPA = 10.0
 LIFT_SPEED_MM_PER_S = 5.0

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from models.design_space import PARAMETERS
-from models.gap.shapes import FAMILIES, object_shape
+from models.design.space import PARAMETERS
+from models.gap.where.object_shape import FAMILIES, object_shape
 from models.gap.where.residuals import Residuals
 
 TOOL_FEATURES = PARAMETERS

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.gap.findings import WhereFinding
-from models.gap.where.hypotheses import TestTree, run_tests
+from models.gap.where.permutation_tests import TestTree, run_tests
 from models.gap.where.residuals import Residuals
 from models.gap.where.sentences import find_where
-from models.gap.where.shares import PhaseShares, variance_shares
-from models.gap.where.theta import ThetaStratum, ThetaTrend, theta_by_stratum, theta_trends
+from models.gap.where.theta_by_stratum import ThetaStratum, ThetaTrend, theta_by_stratum, theta_trends
+from models.gap.where.variance_shares import PhaseShares, variance_shares
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ shows as too much or too little force in a part.
 
 import numpy as np
 
-from models.calibration.traces.features import DIP_MM, NEAR_PEAK, STEP_MM
+from models.traces.step_features import DIP_MM, NEAR_PEAK, STEP_MM
 
 PHASES = ("dip", "rise", "peak", "slip", "tail")
 WORDS = {

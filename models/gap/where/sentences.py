@@ -6,11 +6,11 @@ import numpy as np
 
 from models.gap.findings import WhereFinding
 from models.gap.where.features import FAMILY, OBJECT_FEATURES, TOOL_FEATURES
-from models.gap.where.hypotheses import BY_OBJECT, EVERYWHERE, ORDER, REPEAT, Hypothesis, TestTree
+from models.gap.where.permutation_tests import BY_OBJECT, EVERYWHERE, ORDER, REPEAT, Hypothesis, TestTree
 from models.gap.where.phases import AT, PHASES, WORDS
 from models.gap.where.residuals import Residuals
-from models.gap.where.shares import jackknife
 from models.gap.where.tree import Leaf, honest_tree
+from models.gap.where.variance_shares import jackknife
 from models.gap.where.words import size_words
 from models.objects.catalogue import get_object
 

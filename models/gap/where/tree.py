@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.shapes import FAMILIES
 from models.gap.where.features import FAMILY, OBJECT_FEATURES, TOOL_FEATURES, object_table, tool_table
+from models.gap.where.object_shape import FAMILIES
 from models.gap.where.phases import PHASES
 from models.gap.where.residuals import Residuals
 from models.gap.where.words import condition, stratum_words

@@ -1,0 +1,1 @@
+"""Calibrate the simulator, on demand and on a schedule."""

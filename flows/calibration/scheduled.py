@@ -1,0 +1,39 @@
+"""Recalibration without a person: calibrate again when measurements or simulations are new, else say why not."""
+
+from flows.calibration.calibrate import CalibrationOrder, run_calibration, write_page
+from flows.campaign.launch import Voice
+from flows.server.noted_run import NotedRun
+from lake.store import Lake
+from models.errors import FastError
+from tasks.calibration.mean_data import TooLittleDataError
+
+FLOW = "recalibrate"
+
+
+def recalibrate_lake(lake: Lake, order: CalibrationOrder, flow_run_id: str, voice: Voice) -> str:
+    """Calibrate the lake if anything is new; a sentence says what was done, or why nothing was.
+
+    The run and its sentence are a row of `flow_runs`. A new calibration gets its page, which shows theta over time, in
+    the lake's outputs, and is an event of the Prefect server.
+
+    Raises:
+        FastError: the calibration could not be done, or gave no simulator version.
+    """
+    run = NotedRun(lake, FLOW, flow_run_id, order.campaign_id, order.settings.seed)
+    return run.of(lambda: _recalibrate(lake, order, voice))
+
+
+def _recalibrate(lake: Lake, order: CalibrationOrder, voice: Voice) -> str:
+    from flows.campaign.events import announce_calibrated
+
+    try:
+        outcome = run_calibration(lake, order, voice)
+    except TooLittleDataError as error:
+        return f"nothing to calibrate: {error}"
+    if outcome.row.version_id is None:
+        raise FastError(outcome.sentence)
+    if not outcome.is_new:
+        return outcome.sentence
+    voice.progress(f"page: {write_page(lake, outcome)}")
+    announce_calibrated(lake, outcome.row.calibration_id, outcome.sentence)
+    return " ".join([f"{outcome.sentence}.", *outcome.row.warnings])

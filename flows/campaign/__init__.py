@@ -1,0 +1,1 @@
+"""The campaign: start or continue it, run its bench and simulation loops, ask people, say how far it is."""

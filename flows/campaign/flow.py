@@ -1,0 +1,173 @@
+"""The closed loop: propose, print, measure, simulate meanwhile, learn, propose again.
+
+All state is derived from the lake before each decision, so a killed campaign continues with the same
+command at the missing grasp.
+"""
+
+import contextlib
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import partial
+from queue import Empty
+from typing import Any
+
+from prefect import flow, tags
+from prefect.futures import PrefectFuture
+from prefect.runtime import flow_run
+from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
+
+from flows.campaign.events import announce_measured
+from flows.campaign.loops import BenchLane, RerunLane, Session, SimulationLane
+from flows.campaign.page import CampaignPage
+from flows.server.run_process import RunningProcess
+from lake.maintenance import compact
+from lake.tables.campaign import TABLES
+from models.errors import FastError
+from tasks.campaign import prefect_tasks as steps
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.flow_runs import recorded
+from tasks.campaign.prefect_tasks import opaque
+from tasks.campaign.requests import append_event
+from tasks.campaign.simulator_versions import at_stage, designs_to_rerun
+from tasks.scientist.observe import closed_batches
+
+POLL_S = 2.0  # how often requests of people are looked up while nothing else happens
+
+
+def run_flow(
+    session: Session, finish: Callable[[], None], interrupts: Callable[[], AbstractContextManager[None]]
+) -> bool:
+    """Run the campaign as a Prefect flow; `finish` writes report and recording.
+
+    `interrupts` is entered when the flow has started; it turns signals into requests to stop.
+    Returns True when the schedule is complete, False when someone asked to pause or stop.
+    """
+    campaign = session.campaign
+    task_runner: TaskRunner[Any] = ThreadPoolTaskRunner(max_workers=campaign.config.execution.simulation_workers + 4)
+
+    @flow(
+        name="campaign",
+        flow_run_name=f"campaign {campaign.campaign_id}",
+        task_runner=task_runner,
+    )
+    def campaign_flow(campaign_id: str, config_hash: str, lake: str) -> bool:
+        # Inside the flow, since Prefect sets its own SIGTERM handler when a flow starts.
+        with interrupts():
+            return recorded(
+                campaign.lake,
+                "campaign",
+                campaign_id,
+                str(flow_run.get_id()),
+                partial(_run_stages, session, finish),
+                campaign.provenance(campaign.config.seed),
+            )
+
+    with tags(RunningProcess.own().tag):
+        return campaign_flow(campaign.campaign_id, campaign.config.config_hash, campaign.lake.address)
+
+
+def _run_stages(session: Session, finish: Callable[[], None]) -> bool:
+    campaign = session.campaign
+    page = CampaignPage(campaign)
+    try:
+        for stage in range(campaign.config.schedule.n_stages):
+            if not run_stage(session, stage, page.update):
+                return False
+        finish()
+        return True
+    finally:
+        page.update(now=True)
+
+
+def run_stage(session: Session, stage: int, on_event: Callable[[], None]) -> bool:
+    """One stage: its tools and its simulations, side by side. False when asked to stop before the end.
+
+    Where the simulator version is new, designs of earlier stages are simulated again first.
+    """
+    if session.should_stop():
+        return False
+    campaign = session.campaign = at_stage(session.campaign, stage)
+    if designs := designs_to_rerun(campaign, stage):
+        _run_lanes(session, BenchLane(session, []), RerunLane(session, stage, designs), on_event)
+        if session.should_stop():
+            return False
+    _ensure_proposed(campaign, stage)
+    batches = campaign.config.schedule.batches_of(stage)
+    _run_lanes(session, BenchLane(session, batches), SimulationLane(session, stage), on_event)
+    if not session.should_stop():
+        _close_stage(campaign, stage)
+    return not session.should_stop()
+
+
+def _run_lanes(session: Session, bench: BenchLane, simulations: SimulationLane, on_event: Callable[[], None]) -> None:
+    """Let both lanes work until they are idle; what went wrong is raised then."""
+    try:
+        error = _drive(session, bench, simulations, on_event)
+    except BaseException:
+        # Prefect waits for the tasks that run, so they must hear that this is the end.
+        session.stopping.set()
+        raise
+    if error is not None:
+        raise error
+
+
+def _drive(
+    session: Session, bench: BenchLane, simulations: SimulationLane, on_event: Callable[[], None]
+) -> FastError | None:
+    """Turn the wheel until both lanes are idle; the first failure stops new work and is returned."""
+    error: FastError | None = None
+    while True:
+        try:
+            state = session.campaign.state()
+            is_bench_busy, are_simulations_busy = bench.advance(state), simulations.advance(state)
+        except FastError as fault:
+            if error is not None:
+                raise
+            error = fault
+            session.stopping.set()
+            continue
+        if not (is_bench_busy or are_simulations_busy):
+            return error
+        future = _next_event(session, on_event)
+        try:
+            if not bench.finish(future):
+                simulations.finish(future)
+        except FastError as fault:
+            error = error or fault
+            session.stopping.set()
+
+
+def _next_event(session: Session, on_wait: Callable[[], None]) -> PrefectFuture[Any]:
+    """The next future that is finished; requests of people are heard meanwhile."""
+    while True:
+        on_wait()
+        verb = session.requested_verb()
+        if verb is not None:
+            session.ask(verb)
+        with contextlib.suppress(Empty):
+            return session.events.get(timeout=POLL_S)
+
+
+def _ensure_proposed(campaign: Campaign, stage: int) -> None:
+    """Have the tools of a stage proposed, unless the lake has them already."""
+    schedule, state = campaign.config.schedule, campaign.state()
+    wanted = {(b, slot) for b in schedule.batches_of(stage) for slot in range(schedule.tools_of(b))}
+    if wanted <= {(t.batch, t.slot) for t in state.tools}:
+        return
+    if stage > 0 and not any(state.measured.get(t.tool_id) for t in state.tools):
+        raise FastError(
+            f"campaign {campaign.campaign_id}: none of the {len(state.tools)} tools so far gave a grasp, so there is "
+            "nothing to learn from; look at `fast campaign status` and print the tools again under a new campaign name."
+        )
+    steps.propose_batch(f"B{schedule.batches_of(stage)[-1]:02d}", opaque(campaign), stage)
+
+
+def _close_stage(campaign: Campaign, stage: int) -> None:
+    """Merge the small files of the stage: one per grasp while it ran, few afterwards."""
+    for row_type in TABLES:
+        compact(campaign.lake, row_type)
+    closed = closed_batches(campaign, campaign.state())
+    append_event(
+        campaign.lake, campaign.campaign_id, "stage_closed", f"stage {stage} closed", stage=stage, batches=closed
+    )
+    announce_measured(campaign, closed)

@@ -1,0 +1,82 @@
+"""When a campaign needs a person next, from what is left on the bench and in the simulator and how fast both go."""
+
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.state import CampaignState
+from tasks.scientist.observe import unfinished_tools
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """`batch`: what a person will print next, None when nothing is left to print; `in_s`: 0 now, None not known yet."""
+
+    batch: int | None
+    in_s: float | None
+
+    def in_words(self, now: datetime) -> str:
+        """A sentence for people; `now` in their own time."""
+        if self.batch is None:
+            return "No person is needed any more."
+        if self.in_s is None:
+            return f"A person is needed for B{self.batch:02d}; when is not known yet."
+        if self.in_s == 0:
+            return f"A person is needed now: print and mount B{self.batch:02d}."
+        at = now + timedelta(seconds=self.in_s)
+        day = "" if at.date() == now.date() else f" on {at:%A, %d %B}"
+        return f"Next time a person is needed: {at:%H:%M}{day}, for B{self.batch:02d}."
+
+
+def forecast(
+    campaign: Campaign, state: CampaignState, s_per_grasp: float | None, s_per_simulation: float | None
+) -> Forecast:
+    """The next print, from the state of the lake and the recent seconds per measured and simulated grasp."""
+    schedule = campaign.config.schedule
+    stage = _stage(campaign, state)
+    bench_s = _bench_left_s(campaign, state, stage, s_per_grasp)
+    for batch in schedule.batches_of(stage):
+        if state.tools_of(batch) and not state.is_confirmed(batch):
+            return Forecast(batch, bench_s)
+    if stage + 1 >= schedule.n_stages:
+        return Forecast(None, None)
+    # The next tools are proposed when both the bench and the simulations of this stage are done.
+    simulated_s = _simulations_left_s(campaign, state, stage, s_per_simulation)
+    known = [bench_s, simulated_s]
+    in_s = None if None in known else max(s for s in known if s is not None)
+    return Forecast(schedule.batches_of(stage + 1)[0], in_s)
+
+
+def _stage(campaign: Campaign, state: CampaignState) -> int:
+    """The last stage whose tools are proposed."""
+    proposed = {tool.batch for tool in state.tools}
+    schedule = campaign.config.schedule
+    return max((s for s in range(schedule.n_stages) if proposed & set(schedule.batches_of(s))), default=0)
+
+
+def _bench_left_s(campaign: Campaign, state: CampaignState, stage: int, s_per_grasp: float | None) -> float | None:
+    plan, limit = campaign.config.objects.cells(0), campaign.config.execution.max_grasp_attempts
+    batches = campaign.config.schedule.batches_of(stage)
+    tools = [tool for batch in batches for tool in unfinished_tools(campaign, state, batch)]
+    n_left = sum(len(state.missing_grasps(tool, plan, limit)) for tool in tools)
+    return _time(n_left, s_per_grasp)
+
+
+def _simulations_left_s(
+    campaign: Campaign, state: CampaignState, stage: int, s_per_simulation: float | None
+) -> float | None:
+    schedule, n_objects = campaign.config.schedule, len(campaign.object_ids)
+    batches = schedule.batches_of(stage)
+    proposed = state.simulations_of(batches[-1])
+    designs = [p.design.design_id for p in proposed]
+    if campaign.config.simulator.simulate_tools:
+        designs += [tool.design.design_id for batch in batches for tool in state.tools_of(batch)]
+    n_left = sum(len(state.missing_objects(design_id, campaign.object_ids)) for design_id in designs)
+    n_left += n_objects * (schedule.simulations_of(stage) - len(proposed))
+    return _time(n_left, s_per_simulation)
+
+
+def _time(n_left: int, s_each: float | None) -> float | None:
+    if n_left == 0:
+        return 0.0
+    return None if s_each is None else n_left * s_each

@@ -1,0 +1,140 @@
+"""The campaign's page in Prefect: progress, next time a person is needed, best so far, tools, report, recording."""
+
+import base64
+import io
+import logging
+import time
+from datetime import datetime
+from pathlib import Path
+from typing import Any, cast
+from uuid import UUID
+
+from prefect import get_client
+from prefect.artifacts import create_markdown_artifact, create_progress_artifact
+from prefect.client.schemas.actions import ArtifactUpdate
+
+from flows.campaign.forecast import Forecast, forecast
+from flows.campaign.progress import MOST_CPU, RateEstimate, Workload, workload
+from flows.server.server_process import OUTPUTS
+from lake.query.additions import mark_of
+from lake.query.engine import Mark
+from lake.tables.campaign import GraspRow, ProposalRow, SimulationRow, ToolRow
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.simulator_versions import at_present
+from tasks.campaign.summary import markdown_table, ranked_tools
+
+logger = logging.getLogger(__name__)
+
+INTERVAL_S = 60.0  # each update is two requests, and two events that the server keeps for days
+QUIET_S = 600.0  # between updates while nothing happens: the page says as of when it is
+PICTURE_DPI = 110
+_SHOWN = (ProposalRow, ToolRow, GraspRow, SimulationRow)  # news of these change the page
+
+
+class CampaignPage:
+    """Two artifacts of the flow run, kept up to date: a progress bar and a page. Made inside the flow."""
+
+    def __init__(self, campaign: Campaign) -> None:
+        self._campaign = campaign
+        self._grasps, self._simulations = RateEstimate(), RateEstimate()
+        self._next_s = time.monotonic() + INTERVAL_S
+        self._quiet_until_s = 0.0
+        self._marks: list[Mark] = []
+        self._picture: tuple[int, str] = (0, "")
+        name = campaign.campaign_id
+        # Called from a synchronous flow they return the id, not a coroutine.
+        self._progress = cast(
+            UUID, create_progress_artifact(0.0, f"{name}-progress", "grasps done, measured and simulated")
+        )
+        page = create_markdown_artifact(self.text(with_picture=False), f"{name}-page", f"Campaign {name}")
+        self._page = cast(UUID, page)
+
+    def update(self, *, now: bool = False) -> None:
+        """Write both artifacts again, `now` or if it is time and something happened; seldom, where that costs much."""
+        began_s = time.monotonic()
+        if not now and began_s < self._next_s:
+            return
+        before_s = time.thread_time()
+        try:
+            if now or self._has_news(began_s):
+                self._write()
+                self._quiet_until_s = began_s + QUIET_S
+        except Exception as error:  # whatever a server that restarts makes of it: the campaign goes on without its page
+            logger.warning("the campaign's page was not written: %s", error)
+        pause_s = (time.thread_time() - before_s) / MOST_CPU
+        self._next_s = began_s + min(max(pause_s, INTERVAL_S), QUIET_S)
+
+    def _has_news(self, now_s: float) -> bool:
+        marks = [mark_of(self._campaign.lake, table) for table in _SHOWN]
+        known, self._marks = self._marks, marks
+        return marks != known or now_s > self._quiet_until_s
+
+    def _write(self) -> None:
+        text = self.text()
+        with get_client(sync_client=True) as client:
+            client.update_artifact(self._page, ArtifactUpdate(data=text))
+            client.update_artifact(self._progress, ArtifactUpdate(data=round(100.0 * self._load.fraction, 1)))
+
+    def text(self, *, with_picture: bool = True) -> str:
+        """The page as Markdown, from the lake as it is now."""
+        campaign = at_present(self._campaign)
+        state = campaign.state()
+        self._load = workload(campaign, state)
+        now_s = time.monotonic()
+        self._grasps.update(self._load.grasps_done, now_s)
+        self._simulations.update(self._load.simulated_done, now_s)
+        seen = forecast(campaign, state, self._grasps.seconds_left(1), self._simulations.seconds_left(1))
+        tools = ranked_tools(campaign.lake, campaign.campaign_id)
+        return page_text(campaign, self._load, seen, tools, self._picture_of(tools) if with_picture else "")
+
+    def _picture_of(self, tools: list[dict[str, Any]]) -> str:
+        """Tool quality by batch with the best so far, as an address with the picture in it; drawn when it changed."""
+        n_grasps = sum(tool["n_grasps"] for tool in tools)
+        if n_grasps != self._picture[0]:
+            self._picture = (n_grasps, best_so_far(self._campaign))
+        return self._picture[1]
+
+
+def page_text(campaign: Campaign, load: Workload, seen: Forecast, tools: list[dict[str, Any]], picture: str) -> str:
+    """What the page says."""
+    now = datetime.now().astimezone()
+    lines = [
+        f"# Campaign {campaign.campaign_id}",
+        f"**{seen.in_words(now)}**",
+        f"{load.grasps_done} of {load.grasps_total} grasps measured, {load.simulated_done} of "
+        f"{load.simulated_total} simulated; as of {now:%H:%M, %d %B}.",
+    ]
+    if tools:
+        best = tools[0]
+        lines.append(f"Best so far: **{best['tool_id']}**, {best['tool_quality_n']:.2f} N mean peak pull-off force.")
+    if picture:
+        lines.append(f"![Tool quality by batch, and the best so far]({picture})")
+    if tools:
+        lines.append(markdown_table(tools))
+    lines.append(_links(campaign))
+    return "\n\n".join(lines)
+
+
+def best_so_far(campaign: Campaign) -> str:
+    """The report's figure of tool quality by batch as a `data:` address; empty before the first complete tool."""
+    # Seconds of imports, which a campaign that goes on after a crash does not wait for.
+    from flows.report.campaign.content import Content
+    from flows.report.campaign.figures import quality_figure
+    from flows.report.style import figure_style
+
+    content = Content.load(campaign.lake, campaign.campaign_id)
+    if content.best is None:
+        return ""
+    file = io.BytesIO()
+    with figure_style():
+        quality_figure(content.tools, content.best).savefig(file, format="png", dpi=PICTURE_DPI)
+    return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"
+
+
+def _links(campaign: Campaign) -> str:
+    """Where report, recording and print sheets are; links work on the server that FAST starts."""
+    here, name = campaign.output, campaign.campaign_id
+    found: list[tuple[str, Path]] = [("report", here / "report" / "index.html"), ("recording", here / f"{name}.rrd")]
+    found += [(f"print sheet {sheet.parent.name[:3]}", sheet) for sheet in sorted(here.glob("B*-print/sheet.html"))]
+    links = [f"[{what}]({OUTPUTS}/{name}/{path.relative_to(here)})" for what, path in found if path.exists()]
+    return f"{', '.join(links)} (all in `{here}`)" if links else f"Files will be in `{here}`."

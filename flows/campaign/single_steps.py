@@ -1,0 +1,87 @@
+"""Single steps of a campaign by themselves: measure one batch, or simulate what is owed."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from flows.campaign.launch import read_world, register
+from flows.campaign.session import kept_physics, open_campaign_bench
+from lake.store import Lake
+from models.errors import FastError
+from tasks.campaign import prefect_tasks as steps
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.config import load_config, relative_to
+from tasks.campaign.prefect_tasks import opaque
+from tasks.campaign.requests import exclusive, require_acknowledgement
+from tasks.campaign.simulator_versions import at_present
+from tasks.scientist.observe import proposed_designs, unfinished_tools
+from tasks.simulation.pool import WorkerPool
+
+
+def measure_one_batch(config_path: Path, lake: str, batch: int) -> str:
+    """Make the missing grasps of a confirmed batch on the virtual bench; a sentence says how many.
+
+    Raises:
+        FastError: the campaign runs, the batch is not confirmed, or the bench stopped.
+    """
+    with _held_campaign(config_path, lake) as campaign:
+        state, name = campaign.state(), f"{campaign.campaign_id} B{batch:02d}"
+        if not state.is_confirmed(batch):
+            raise FastError(f"batch {name} is not confirmed; say what became of it with `fast print confirm` first.")
+        tools = unfinished_tools(campaign, state, batch)
+        if not tools:
+            return f"nothing is missing of {name}"
+        world = read_world(relative_to(config_path, campaign.config.bench.world))
+        physics = WorkerPool(campaign.config.execution.physics_workers)
+        try:
+            steps.measure_batch(
+                f"B{batch:02d}",
+                opaque(campaign),
+                opaque(tools),
+                opaque(lambda mounted: open_campaign_bench(campaign, world, kept_physics(campaign, physics), mounted)),
+                world.world_hash,
+                opaque(lambda: False),
+                opaque(lambda tool, grasp: None),
+            )
+        finally:
+            physics.close()
+        return f"{len(tools)} tools of {name} measured"
+
+
+def simulate_missing(config_path: Path, lake: str) -> str:
+    """Simulate the proposed designs of a campaign on the objects they miss; a sentence says how many.
+
+    Raises:
+        FastError: the campaign runs.
+    """
+    with _held_campaign(config_path, lake) as campaign:
+        state = campaign.state()
+        designs = proposed_designs(state)
+        owed = [d for key, d in designs.items() if state.missing_objects(key, campaign.object_ids)]
+        pool = WorkerPool(campaign.config.execution.simulation_workers)
+        try:
+            jobs = [
+                steps.simulate_design.submit(
+                    f"simulated design {number} of {len(owed)}",
+                    opaque(campaign),
+                    opaque(design),
+                    opaque(pool),
+                    opaque(lambda: False),
+                )
+                for number, design in enumerate(owed, start=1)
+            ]
+            n_failed = sum(job.result() for job in jobs)
+        finally:
+            pool.close()
+        return f"{len(owed)} designs of {campaign.campaign_id} simulated, {n_failed} grasps failed"
+
+
+@contextmanager
+def _held_campaign(config_path: Path, lake: str) -> Iterator[Campaign]:
+    """A campaign of the lake that no other process runs meanwhile."""
+    campaign = Campaign(Lake.open(lake), load_config(config_path))
+    name = campaign.campaign_id
+    with exclusive(campaign.lake, f"campaign-{name}", f"campaign {name} is being run"):
+        require_acknowledgement(campaign.lake, name, False)
+        register(campaign, config_path.read_text(encoding="utf-8"))
+        yield at_present(campaign)

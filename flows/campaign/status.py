@@ -1,0 +1,97 @@
+"""Where a campaign stands, in a dictionary for machines and a few lines for people; from the lake alone."""
+
+import tomllib
+from typing import Any
+
+from flows.campaign.progress import workload
+from hardware.safety.safe_state import Verb
+from lake.handoff.campaign import IMPORTED, is_imported
+from lake.handoff.import_folder import importing_campaign
+from lake.store import Lake
+from lake.tables.campaign import CampaignRow, EventRow, GraspRow, SimulationRow, SimulatorVersionRow
+from models.validation import load_record
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.config import CampaignConfig
+from tasks.campaign.requests import is_held, requested_verb
+from tasks.campaign.simulator_versions import at_present
+from tasks.campaign.summary import ranked_tools
+
+_ENDED_BY = {
+    Verb.PAUSE: "paused",
+    Verb.STOP: "stopped",
+    Verb.ABORT: "failed (aborted)",
+    Verb.ESTOP: "emergency stop, waits for a person",
+}
+
+
+def stored_campaign(lake: Lake, campaign_id: str) -> Campaign:
+    """A campaign with the config it was started with, from the lake."""
+    row = lake.rows(CampaignRow, campaign_id=campaign_id)[-1]
+    config = load_record(CampaignConfig, tomllib.loads(row["config_toml"]), f"stored config of {campaign_id}")
+    return Campaign(lake, config)
+
+
+def campaign_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
+    """Counts, best tool and what the campaign is doing or waiting for."""
+    if is_imported(lake.rows(CampaignRow, campaign_id=campaign_id)[-1]["config_toml"]):
+        return _imported_status(lake, campaign_id)
+    campaign = at_present(stored_campaign(lake, campaign_id))
+    state = campaign.state()
+    load = workload(campaign, state)
+    waiting = [batch for batch in sorted({t.batch for t in state.tools}) if not state.is_confirmed(batch)]
+    tools = ranked_tools(lake, campaign_id)
+    events = lake.rows(EventRow, campaign_id=campaign_id)
+    return {
+        "campaign": campaign_id,
+        "state": _state_word(lake, campaign_id, load.fraction >= 1.0),
+        "grasps": f"{load.grasps_done}/{load.grasps_total}",
+        "simulated": f"{load.simulated_done}/{load.simulated_total}",
+        "waiting_for_print": [f"{campaign_id}/B{batch:02d}" for batch in waiting],
+        "best_tool": tools[0]["tool_id"] if tools else None,
+        "best_n": tools[0]["tool_quality_n"] if tools else None,
+        "last_event": events[-1]["message"] if events else None,
+        "output": str(campaign.output),
+    }
+
+
+def _imported_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
+    """The same for imported data, of which all that there is is done."""
+    n_grasps = len(lake.ids(GraspRow, campaign_id=campaign_id))
+    versions = lake.rows(SimulatorVersionRow, tier=IMPORTED)
+    own = [row["version_id"] for row in versions if importing_campaign(row["version_json"]) == campaign_id]
+    n_simulated = len(lake.ids(SimulationRow, version_id=own))
+    tools = ranked_tools(lake, campaign_id)
+    return {
+        "campaign": campaign_id,
+        "state": IMPORTED,
+        "grasps": f"{n_grasps}/{n_grasps}",
+        "simulated": f"{n_simulated}/{n_simulated}",
+        "waiting_for_print": [],
+        "best_tool": tools[0]["tool_id"] if tools else None,
+        "best_n": tools[0]["tool_quality_n"] if tools else None,
+        "last_event": None,
+        "output": str(lake.root / "outputs" / campaign_id),
+    }
+
+
+def status_text(status: dict[str, Any]) -> str:
+    """The status as lines for a person; the last line says what to do."""
+    lines = [
+        f"campaign   {status['campaign']} ({status['state']})",
+        f"grasps     {status['grasps']}",
+        f"simulated  {status['simulated']}",
+    ]
+    if status["best_tool"]:
+        lines.append(f"best tool  {status['best_tool']}  {status['best_n']:.2f} N")
+    for batch in status["waiting_for_print"]:
+        lines.append(f"waiting    for batch {batch}: fast print confirm {batch} --operator NAME")
+    return "\n".join(lines)
+
+
+def _state_word(lake: Lake, campaign_id: str, is_complete: bool) -> str:
+    if is_held(lake, f"campaign-{campaign_id}"):
+        return "running"
+    if is_complete:
+        return "complete"
+    verb = requested_verb(lake, campaign_id)
+    return _ENDED_BY[verb] if verb else "interrupted"

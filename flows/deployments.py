@@ -1,0 +1,119 @@
+"""Flows that a Prefect worker can start from a deployment (see prefect.yaml)."""
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from prefect import flow
+from prefect.runtime import flow_run
+from prefect.states import Completed, Failed, State
+
+from flows.server.run_process import mark_run
+from models.errors import FastError
+
+logger = logging.getLogger(__name__)
+
+
+def ended(work: Callable[[], str]) -> State[Any]:
+    """How a run ends: completed with the sentence of `work`, or failed with the reason, and nothing before it."""
+    mark_run()
+    try:
+        return Completed(message=work())
+    except FastError as error:
+        return Failed(message=str(error))
+
+
+@flow(name="run-campaign", flow_run_name="run {config}")
+def campaign(config: str, lake: str = "lake-data", auto_print: bool = False) -> State[Any]:
+    """Start the campaign of a config file on its virtual bench, or continue it; a real bench needs a terminal."""
+    from flows.campaign.launch import Voice, run_campaign
+
+    def work() -> str:
+        voice = Voice(progress=logger.info, announce=logger.warning)
+        outcome = run_campaign(Path(config), lake, auto_print=auto_print, voice=voice)
+        if not outcome.is_complete:
+            return f"campaign {outcome.campaign_id} was asked to {outcome.ended_by}; run it again to continue."
+        return f"campaign {outcome.campaign_id} is complete; report {outcome.report}"
+
+    return ended(work)
+
+
+@flow(name="run-batch", flow_run_name="run batch {batch} of {config}")
+def run_batch(config: str, batch: int, lake: str = "lake-data") -> State[Any]:
+    """Measure what is missing of a confirmed batch on the virtual bench of its campaign."""
+    from flows.campaign.single_steps import measure_one_batch
+
+    return ended(lambda: measure_one_batch(Path(config), lake, batch))
+
+
+@flow(name="simulate", flow_run_name="simulate {config}")
+def simulate(config: str, lake: str = "lake-data") -> State[Any]:
+    """Simulate the proposed designs of a campaign on the objects that they miss."""
+    from flows.campaign.single_steps import simulate_missing
+
+    return ended(lambda: simulate_missing(Path(config), lake))
+
+
+@flow(name="report", flow_run_name="report {campaign}")
+def report(campaign: str, lake: str = "lake-data") -> State[Any]:
+    """Write the report of a campaign; the state of the run says where its page is."""
+    from flows.report.campaign.page import write_report
+    from lake.store import Lake
+
+    def work() -> str:
+        found = Lake.open(lake)
+        return f"report {write_report(found, campaign, found.root / 'outputs' / campaign / 'report')}"
+
+    return ended(work)
+
+
+@flow(name="recalibrate", flow_run_name="recalibrate {lake}")
+def recalibrate(
+    lake: str = "lake-data",
+    campaign: str | None = None,
+    simulate: int = 100,
+    chains: int = 4,
+    draws: int = 1000,
+    tune: int = 1000,
+    workers: int = 2,
+    print_scatter: float = 0.0,
+) -> State[Any]:
+    """Calibrate the simulator of a lake again if anything is new; the state of the run says what was done.
+
+    `simulate`: points of the Latin hypercube, simulated once. `campaign`: None is all measurements of the lake.
+    """
+    from flows.calibration.calibrate import CalibrationOrder
+    from flows.calibration.scheduled import recalibrate_lake
+    from flows.campaign.launch import Voice
+    from lake.store import Lake
+    from models.calibration.inference.settings import CalibrationSettings
+    from models.calibration.means.hypercube import HypercubePlan
+
+    settings = CalibrationSettings(chains=chains, draws=draws, tune=tune, workers=workers, print_scatter=print_scatter)
+    order = CalibrationOrder(settings, campaign, hypercube=HypercubePlan(n=simulate) if simulate else None)
+    voice = Voice(progress=logger.info, announce=logger.warning)
+    return ended(lambda: recalibrate_lake(Lake.open(lake), order, str(flow_run.get_id()), voice))
+
+
+@flow(name="close-gap", flow_run_name="close gap {lake}")
+def close_gap(
+    lake: str = "lake-data",
+    campaign: str | None = None,
+    rounds: int = 4,
+    seed: int = 0,
+    budget_minutes: float | None = None,
+    workers: int = 2,
+) -> State[Any]:
+    """Search a lake for what its simulator misses, if anything is new; the state of the run says what was found.
+
+    `budget_minutes`: of simulating; what is left is simulated by the next run. `campaign`: None is all measurements.
+    """
+    from flows.campaign.launch import Voice
+    from flows.gap.scheduled import watch_gap
+    from flows.gap.search import GapOrder
+    from lake.store import Lake
+
+    order = GapOrder(campaign, seed, rounds, budget_minutes).with_workers(workers)
+    voice = Voice(progress=logger.info, announce=logger.warning)
+    return ended(lambda: watch_gap(Lake.open(lake), order, str(flow_run.get_id()), voice))

@@ -1,0 +1,1 @@
+"""Search for what the simulator lacks, on demand and after a recalibration."""

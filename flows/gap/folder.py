@@ -1,0 +1,86 @@
+"""The folder of a gap search: its page, `findings.json`, and the recording of held-out grasps."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flows.gap.search import GapOutcome
+from lake.store import Lake
+from lake.tables.campaign import GraspRow
+
+if TYPE_CHECKING:
+    from flows.report.gap.evidence import GapEvidence, ThetaRow
+    from tasks.gap.model import GapModel
+
+RECORDING = "held_out.rrd"
+
+
+def write_folder(lake: Lake, outcome: GapOutcome, out: Path | None = None) -> Path:
+    """Write the page of a search, by default in the lake's outputs; returns its path.
+
+    Of a search that is only told again, a page that is there stays; elsewhere it has the answer without its evidence.
+
+    Raises:
+        UsageError: the folder cannot be written.
+    """
+    from flows.report.gap.page import PAGE, write_gap_report
+
+    run = outcome.run
+    folder = out or lake.root / "outputs" / run.gap_id
+    if not outcome.is_new and (folder / PAGE).is_file():
+        return folder / PAGE
+    of = f"{run.campaign_id or lake.address}, {run.n_grasps} grasps"
+    page = write_gap_report(_evidence(lake, outcome), folder, run.gap_id, of)
+    if outcome.comparison is not None:
+        from flows.viewer.gap import write_gap_recording
+
+        write_gap_recording(outcome.comparison.shown, folder / RECORDING)
+    return page
+
+
+def _evidence(lake: Lake, outcome: GapOutcome) -> "GapEvidence":
+    from flows.report.gap.evidence import GapEvidence
+
+    turns, comparison = outcome.turns, outcome.comparison
+    if not turns or comparison is None:
+        return GapEvidence(outcome.run.findings, assumed=_assumed(outcome))
+    return GapEvidence(
+        findings=outcome.run.findings,
+        where=tuple(turn.where for turn in turns),
+        residuals=comparison.residuals,
+        shown=comparison.shown,
+        theta=_theta_rows(turns[0].before, turns[-1].after, _is_real(lake, outcome.run.campaign_id)),
+        isolated=turns[0].name.isolability,
+        assumed=_assumed(outcome),
+    )
+
+
+def _theta_rows(before: "GapModel", after: "GapModel", is_real: bool) -> "tuple[ThetaRow, ...]":
+    """Constants before and after; no instrument has measured the material of a virtual bench."""
+    from flows.report.gap.evidence import INDEPENDENT, ThetaRow
+    from models.calibration.means.problem import THETA
+
+    known = INDEPENDENT if is_real else {}
+    return tuple(ThetaRow(name, _interval(before, name), _interval(after, name), known.get(name)) for name in THETA)
+
+
+def _is_real(lake: Lake, campaign_id: str | None) -> bool:
+    """Whether any grasp that was searched is of a real bench."""
+    wanted = {} if campaign_id is None else {"campaign_id": campaign_id}
+    return any(row["bench"] == "real" for row in lake.rows(GraspRow, **wanted))
+
+
+def _interval(model: "GapModel", name: str) -> tuple[float, float, float]:
+    """Median and 90 % interval."""
+    low, median, high = np.quantile(model.draws[:, model.names.index(name)], [0.05, 0.5, 0.95])
+    return float(median), float(low), float(high)
+
+
+def _assumed(outcome: GapOutcome) -> tuple[str, ...]:
+    run = outcome.run
+    return (
+        f"Held out, chosen from seed {run.seed} before any force was read: split {run.split_id}.",
+        f"Simulator before: {run.before_version_id}; after: {run.after_version_id}; campaigns' own: "
+        f"{run.base_version_id}.",
+    )

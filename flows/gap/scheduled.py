@@ -1,0 +1,78 @@
+"""Gap discovery without a person: search again when measurements are new, and tell people what was found."""
+
+import tomllib
+
+from prefect.artifacts import create_markdown_artifact
+
+from flows.campaign.events import announce_gap
+from flows.campaign.launch import Voice
+from flows.campaign.notify import KINDS, SILENT, Notifier, notifier
+from flows.gap.folder import write_folder
+from flows.gap.search import GapOrder, GapOutcome, run_gap
+from flows.server.noted_run import NotedRun
+from lake.handoff.campaign import is_imported
+from lake.store import Lake
+from lake.tables.campaign import CampaignRow, GraspRow
+from models.validation import load_record
+from tasks.calibration.mean_data import TooLittleDataError
+from tasks.campaign.config import CampaignConfig
+
+FLOW = "close-gap"
+
+
+def watch_gap(lake: Lake, order: GapOrder, flow_run_id: str, voice: Voice) -> str:
+    """Search the lake for its gap if anything is new; a sentence says what was found, or why nothing was done.
+
+    A new answer gets its page in the lake's outputs, and is an artifact and an event of the Prefect server. If it found
+    anything, the addresses in FAST_NOTIFY are told.
+
+    Raises:
+        FastError: the search could not be done; what it simulated is in the lake.
+    """
+    return NotedRun(lake, FLOW, flow_run_id, order.campaign_id, order.seed).of(lambda: _search(lake, order, voice))
+
+
+def _search(lake: Lake, order: GapOrder, voice: Voice) -> str:
+    try:
+        outcome = run_gap(lake, order, voice)
+    except TooLittleDataError as error:
+        return f"nothing to search: {error}"
+    if not outcome.is_new:
+        return outcome.sentence
+    page = write_folder(lake, outcome)
+    create_markdown_artifact(markdown(outcome, str(page)), key="gap", description="what the simulator misses")
+    announce_gap(lake, outcome.run.gap_id, outcome.sentence, outcome.run.findings.alarm)
+    if outcome.run.findings.alarm:
+        title = f"FAST found a gap: {order.campaign_id or lake.address}"
+        _notifier(lake, order.campaign_id).send("gap", title, markdown(outcome, str(page)))
+    return f"{outcome.sentence}; page {page}"
+
+
+def _notifier(lake: Lake, campaign_id: str | None) -> Notifier:
+    """Speaks if any campaign that was searched would: one of a real bench, or a virtual one that asks for it."""
+    wanted = {} if campaign_id is None else {"campaign_id": campaign_id}
+    measured = {(row["campaign_id"], row["bench"]) for row in lake.rows(GraspRow, **wanted)}
+    configs = {row.campaign_id: row.config_toml for row in lake.records(CampaignRow)}
+    found = (_notifier_of(name, configs.get(name), bench == "virtual") for name, bench in sorted(measured))
+    return next((speaker for speaker in found if "gap" in speaker.kinds), SILENT)
+
+
+def _notifier_of(campaign_id: str, config_toml: str | None, is_virtual: bool) -> Notifier:
+    """As a campaign's config says; one that was imported has none and speaks unless its bench was virtual."""
+    if config_toml is None or is_imported(config_toml):
+        return notifier(is_virtual, KINDS)
+    config = load_record(CampaignConfig, tomllib.loads(config_toml), f"stored config of {campaign_id}")
+    return notifier(is_virtual, config.execution.notify, config.execution.notify_virtual)
+
+
+def markdown(outcome: GapOutcome, page: str) -> str:
+    """The answer for the page of a flow run."""
+    findings = outcome.run.findings
+    lines = [f"# {outcome.sentence}", ""]
+    for number, found in enumerate(findings.rounds, start=1):
+        lines.append(f"- round {number}, {found.named.kind}: {found.named.sentence}")
+        lines += [f"  - {where.sentence}" for where in found.where[:3]]
+    if findings.next_experiment is not None:
+        lines.append(f"- next experiment: {findings.next_experiment.sentence}")
+    lines += [f"- warning: {sentence}" for sentence in findings.warnings]
+    return "\n".join([*lines, "", f"Page: `{page}`"])

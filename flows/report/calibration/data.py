@@ -1,0 +1,222 @@
+"""A calibration as the lake has it: its row, draws, history, and the data it learned from."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cached_property
+
+import numpy as np
+
+from flows.report.calibration.agreement import Cloud, Panel
+from flows.report.campaign.queries import Result, fetch
+from lake.store import Lake
+from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow
+from models.calibration.inference.diagnostics import convergence
+from models.calibration.inference.result import CalibrationResult
+from models.calibration.inference.settings import CalibrationSettings
+from models.calibration.inference.summary import ParameterSummary, summary_of
+from models.calibration.means.leave_one_out import CalibrationChecks, check_calibration
+from models.calibration.means.parameters import Layout
+from models.calibration.means.predict import N_DRAWS, predict_measured, predict_simulated
+from models.calibration.means.problem import THETA, CalibrationProblem, Standardised
+from models.design.space import PARAMETERS
+from models.errors import UsageError
+from models.validation import closest
+from tasks.calibration.drift import PastCalibration
+from tasks.calibration.means import regather
+
+CALIBRATION = """
+SELECT * EXCLUDE (parents) FROM calibrations WHERE calibration_id = {calibration}"""
+
+DRAWS = """
+SELECT parameter, unit, count(*) AS n_chains, sum(len(draws))::BIGINT AS n_draws
+FROM posterior_draws WHERE calibration_id = {calibration} GROUP BY ALL ORDER BY parameter"""
+
+HISTORY = """
+WITH this AS (SELECT * FROM calibrations WHERE calibration_id = {calibration})
+SELECT c.calibration_id, c.created_at,
+       c.young_modulus_q05_mpa, c.young_modulus_median_mpa, c.young_modulus_q95_mpa,
+       c.friction_q05, c.friction_median, c.friction_q95,
+       c.poisson_ratio_q05, c.poisson_ratio_median, c.poisson_ratio_q95
+FROM calibrations c, this
+WHERE c.campaign_id IS NOT DISTINCT FROM this.campaign_id AND c.base_version_id = this.base_version_id
+  AND c.data = this.data AND c.status = 'ok' AND c.created_at <= this.created_at
+ORDER BY c.created_at, c.calibration_id"""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What a calibration learned from, and the measured designs that it never saw.
+
+    theta_before: 3, of the simulator that was calibrated. x_held_out: m x 9. y_held_out: m, N. variance_held_out: m,
+    N^2.
+    """
+
+    fitted: CalibrationProblem
+    theta_before: np.ndarray
+    x_held_out: np.ndarray
+    y_held_out: np.ndarray
+    variance_held_out: np.ndarray
+
+    @staticmethod
+    def of(lake: Lake, calibration_id: str) -> "Evidence | None":
+        """What a stored calibration was fitted to; None where the lake does not have it any more."""
+        data = regather(lake, calibration_id)
+        if data is None:
+            return None
+        held_out, problem = data.held_out, data.problem
+        return Evidence(
+            fitted=data.fitted,
+            theta_before=np.array(list(data.base.theta.model_dump().values())),
+            x_held_out=problem.x_real[held_out],
+            y_held_out=problem.y_real[held_out],
+            variance_held_out=problem.variance_real[held_out],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class StoredCalibration:
+    """A calibration with everything that its figures need. `evidence` is None where its data cannot be found again."""
+
+    row: CalibrationRow
+    made_at: datetime
+    result: CalibrationResult
+    queries: dict[str, Result]
+    evidence: Evidence | None = None
+    n_predicted: int = N_DRAWS
+
+    @staticmethod
+    def load(
+        lake: Lake, calibration_id: str, evidence: Evidence | None = None, n_predicted: int = N_DRAWS
+    ) -> "StoredCalibration":
+        """Read row, draws and history. `n_predicted` draws are used for predictions.
+
+        Raises:
+            UsageError: there is no such calibration, or its draws are not there.
+        """
+        rows = lake.rows(CalibrationRow, calibration_id=calibration_id)
+        if not rows:
+            known = sorted(lake.ids(CalibrationRow))
+            hint = (
+                closest(calibration_id, known) if known else "the lake has none yet; start one with `fast calibrate`."
+            )
+            raise UsageError(f"There is no calibration `{calibration_id}` in {lake.address}; {hint}")
+        row = CalibrationRow.model_validate({name: rows[-1][name] for name in CalibrationRow.model_fields})
+        results = {
+            name: fetch(lake, name, sql, row.campaign_id or "", {"calibration": calibration_id})
+            for name, sql in (("calibration", CALIBRATION), ("posterior_draws", DRAWS), ("history", HISTORY))
+        }
+        found = Evidence.of(lake, calibration_id) if evidence is None else evidence
+        return StoredCalibration(row, rows[-1]["created_at"], _result(lake, row), results, found, n_predicted)
+
+    @cached_property
+    def summary(self) -> dict[str, ParameterSummary]:
+        """Statistics of every parameter."""
+        return summary_of(self.result, self.force_scale_n)
+
+    @property
+    def simulations(self) -> str:
+        """What was simulated, in words: designs as means over the objects, or each grasp by itself."""
+        return f"{self.row.n_simulations} simulated {'grasps' if self.row.data == 'trace' else 'designs'}"
+
+    @property
+    def force_scale_n(self) -> float | None:
+        """Unit of the priors of discrepancy and noise; None where the data cannot be found again."""
+        return None if self.evidence is None else Standardised.of(self.evidence.fitted).force_scale_n
+
+    @property
+    def past(self) -> list[PastCalibration]:
+        """This calibration and those before it, of the same simulator and campaign, oldest first."""
+        return [
+            PastCalibration(row["calibration_id"], row["created_at"], {name: _interval(row, name) for name in THETA})
+            for row in self.queries["history"].rows
+        ]
+
+    @cached_property
+    def checks(self) -> CalibrationChecks | None:
+        """Designs left out one by one, and relevance of inputs."""
+        if self.evidence is None:
+            return None
+        return check_calibration(self.evidence.fitted, self.result, self.evidence.theta_before, self.n_predicted)
+
+    @cached_property
+    def held_out_panels(self) -> list[Panel]:
+        """Fig. 3 on the designs that the calibration never saw; empty where there are none."""
+        evidence = self.evidence
+        if evidence is None or not len(evidence.y_held_out):
+            return []
+        fitted, x, n = evidence.fitted, evidence.x_held_out, self.n_predicted
+        before = predict_simulated(fitted, self.result, x, evidence.theta_before, n)
+        after = predict_simulated(fitted, self.result, x, None, n)
+        predicted = predict_measured(fitted, self.result, x, evidence.variance_held_out, n)
+        return _panels([Cloud("held out", mixture, evidence.y_held_out) for mixture in (before, after, predicted)])
+
+    @cached_property
+    def panels(self) -> list[Panel]:
+        """Fig. 3: `held_out_panels` with the designs that it learned from, each left out in turn."""
+        if self.evidence is None or self.checks is None:
+            return []
+        y = self.evidence.fitted.y_real
+        mixtures = (self.checks.before, self.checks.after, self.checks.predicted)
+        others = _panels([Cloud("each left out", mixture, y) for mixture in mixtures])
+        if not self.held_out_panels:
+            return others
+        return [
+            Panel(held.title, held.x_label, [*held.clouds, *other.clouds], held.has_intervals)
+            for held, other in zip(self.held_out_panels, others, strict=True)
+        ]
+
+
+def _panels(clouds: Sequence[Cloud]) -> list[Panel]:
+    before, after, predicted = clouds
+    return [
+        Panel("before calibration", "simulated", [before]),
+        Panel("after calibration", "simulated", [after]),
+        Panel("with what the simulator misses", "predicted, 90 %", [predicted], has_intervals=True),
+    ]
+
+
+def _result(lake: Lake, row: CalibrationRow) -> CalibrationResult:
+    rows = lake.records(PosteriorDrawsRow, calibration_id=row.calibration_id)
+    draws = {(stored.parameter, stored.chain): stored.draws for stored in rows}
+    names = _ordered({parameter for parameter, _ in draws})
+    chains = sorted({chain for _, chain in draws})
+    missing = [f"{name} (chain {chain})" for name in names for chain in chains if (name, chain) not in draws]
+    if not draws or missing:
+        what = f"draws of {missing[0]}" if missing else "any draws"
+        raise UsageError(f"Calibration {row.calibration_id} is stored without {what}; run `fast calibrate` again.")
+    values = np.array([[draws[name, chain] for name in names] for chain in chains]).swapaxes(1, 2)
+    r_hat, ess_bulk, ess_tail = convergence(names, values)
+    return CalibrationResult(
+        names=names,
+        draws=values,
+        settings=_settings(row.settings_json),
+        method=row.sampler,
+        r_hat=r_hat,
+        ess_bulk=ess_bulk,
+        ess_tail=ess_tail,
+        n_divergences=row.n_divergences or 0,
+        k_hat=row.k_hat,
+        warnings=row.warnings,
+        cpu_s=row.cpu_s,
+    )
+
+
+def _ordered(parameters: set[str]) -> tuple[str, ...]:
+    """The order of `Layout.names`; parameters that it does not know follow by name."""
+    settings = CalibrationSettings()
+    n_inputs = len(PARAMETERS) + (3 if "lengthscale_h.young_modulus_mpa" in parameters else 2)
+    known = Layout(n_inputs, "rho" in parameters, settings.priors).names
+    return (*(name for name in known if name in parameters), *sorted(parameters.difference(known)))
+
+
+def _settings(settings_json: str) -> CalibrationSettings:
+    stored = json.loads(settings_json)
+    return CalibrationSettings(**{name: stored[name] for name in CalibrationSettings.model_fields if name in stored})
+
+
+def _interval(row: dict[str, float], name: str) -> tuple[float, float, float]:
+    stem, unit = name.removesuffix("_mpa"), "_mpa" if name.endswith("_mpa") else ""
+    q05, median, q95 = (float(row[f"{stem}_{column}{unit}"]) for column in ("q05", "median", "q95"))
+    return q05, median, q95

@@ -1,0 +1,115 @@
+"""The page of one calibration, and the newest calibration as a section of its campaign's report."""
+
+import logging
+from pathlib import Path
+
+from flows.report.calibration.archive import write_archive
+from flows.report.calibration.data import Evidence, StoredCalibration
+from flows.report.calibration.pairs import Markers, pairs_figure
+from flows.report.calibration.sections import (
+    agreement_columns,
+    agreement_section,
+    chains_section,
+    drift_section,
+    headline,
+    provenance_section,
+    scores_table,
+    supplement_section,
+    theta_section,
+    theta_table,
+    warnings_of,
+)
+from flows.report.campaign.content import Content
+from flows.report.folder import Folder
+from flows.report.html import Markup, columns, moment, page, paragraph, section, text
+from flows.report.style import figure_style
+from lake.store import Lake
+from models.calibration.means.predict import N_DRAWS
+from models.errors import UsageError
+
+_LOG = logging.getLogger(__name__)
+_N_SECTION_DRAWS = 60  # a campaign's report is written often; its page has all
+
+NAV = {
+    "theta": "Theta",
+    "agreement": "Before and after",
+    "supplement": "Sensitivities",
+    "chains": "Chains",
+    "drift": "Over time",
+    "provenance": "Provenance",
+}
+
+NEWEST = """
+SELECT calibration_id, campaign_id, status, created_at FROM calibrations
+WHERE campaign_id = {campaign} OR campaign_id IS NULL
+ORDER BY created_at DESC, calibration_id LIMIT 1"""
+
+
+def write_calibration_report(
+    lake: Lake,
+    calibration_id: str,
+    out: Path,
+    *,
+    evidence: Evidence | None = None,
+    markers: Markers | None = None,
+    n_predicted: int = N_DRAWS,
+) -> Path:
+    """Write the page of a calibration into the folder `out`, with figures, numbers and `data/posterior.nc`.
+
+    `evidence` is what it learned from; by default it is read from the lake. `markers` are named points for the pair
+    plot, of some or all of theta. `n_predicted` draws are used for predictions. Returns the path of `out/index.html`.
+
+    Raises:
+        UsageError: there is no such calibration, or the folder cannot be written.
+    """
+    calibration = StoredCalibration.load(lake, calibration_id, evidence, n_predicted)
+    folder = Folder(Path(out))
+    data = calibration.evidence.fitted if calibration.evidence else None
+    write_archive(folder.root / "data" / "posterior.nc", calibration.result, calibration_id, data)
+    with figure_style():
+        body = theta_section(calibration, folder, markers) + "".join(
+            build(calibration, folder)
+            for build in (agreement_section, supplement_section, chains_section, drift_section, provenance_section)
+        )
+        top = headline(calibration)
+    row = calibration.row
+    footer = text(f"Calibration {calibration_id}, made {moment(calibration.made_at)} UTC. Units: mm, N, MPa.")
+    kicker = f"FAST campaign {row.campaign_id}" if row.campaign_id else "FAST, all measurements of the lake"
+    index = folder.root / "index.html"
+    index.write_text(page(f"Calibration {calibration_id}", kicker, top, NAV, body, footer), encoding="utf-8")
+    _LOG.info("report of %s written to %s", calibration_id, index)
+    return index
+
+
+def calibration_section(content: Content, folder: Folder) -> Markup:
+    """The newest calibration with this campaign's measurements: Table 2, Figs. 3 and 4, sensitivities."""
+    newest = content.result("calibrations", NEWEST)
+    if not newest.rows:
+        said = (
+            "Figs. 3b and 4, Table 2 and the sensitivities: the simulator has not been calibrated with these "
+            "measurements yet; <code>fast calibrate</code> does it."
+        )
+        return section("calibration", "Calibration", paragraph(Markup(said)))
+    calibration_id = newest.rows[0]["calibration_id"]
+    try:
+        calibration = StoredCalibration.load(content.lake, calibration_id, n_predicted=_N_SECTION_DRAWS)
+    except UsageError as error:  # the rest of the campaign's report is worth having without it
+        return section("calibration", "Calibration", paragraph(str(error)))
+    pairs = folder.figure("calibration_pairs", pairs_figure(calibration.result), "Joint posterior of theta")
+    panels = calibration.held_out_panels or calibration.panels
+    agreement = agreement_columns(panels, folder) + scores_table(panels) if panels else ""
+    words = paragraph(
+        "Table 2 of the paper above, Fig. 4 on the left, Fig. 3 below: before (a) and after (b) the calibration. "
+        f"Calibration {calibration_id} of {moment(calibration.made_at)} UTC, {calibration.row.n_designs} measured "
+        f"designs and {calibration.simulations}. All of it: fast report {calibration_id}.", "note",
+    )  # fmt: skip
+    shown = section(
+        "calibration",
+        "Calibration",
+        warnings_of(calibration),
+        theta_table(calibration),
+        columns(pairs, words),
+        agreement,
+        folder.sources(newest, calibration.queries["calibration"]),
+    )
+    return Markup(shown + supplement_section(calibration, folder))

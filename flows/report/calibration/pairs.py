@@ -1,0 +1,115 @@
+"""Fig. 4 of the paper: joint posterior of theta with its margins, the prior behind them."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, new_figure
+from models.calibration.inference.density_plot import density_map_of, density_of
+from models.calibration.inference.result import CalibrationResult
+from models.calibration.inference.summary import prior_of, rank_correlations
+from models.calibration.means.problem import THETA
+
+Markers = Mapping[str, Mapping[str, float]]
+
+LABELS = {"young_modulus_mpa": "Young's modulus (MPa)", "friction": "friction", "poisson_ratio": "Poisson's ratio"}
+SHARES = (0.9, 0.5)  # of the draws inside the contours
+_SHOWN = (0.001, 0.995)  # quantiles of the draws at the ends of an axis
+_N_DOTS = 1500
+_MARKERS = (("X", FIRST), ("D", SIMULATED), ("s", MUTED))
+
+
+def pairs_figure(result: CalibrationResult, markers: Markers | None = None) -> Figure:
+    """Margins on the diagonal, contours of highest density below it, rank correlations above.
+
+    `markers` are named points, of some or all of theta: a hidden truth, values measured in another way.
+    """
+    figure = new_figure(5.6, 5.4)
+    axes = figure.subplots(len(THETA), len(THETA))
+    limits = {name: _limits(result.of(name), markers, name) for name in THETA}
+    for row, y_name in enumerate(THETA):
+        for column, x_name in enumerate(THETA):
+            panel = axes[row, column]
+            if row == column:
+                _margin(panel, result, x_name, limits[x_name])
+            elif column < row:
+                _joint(panel, result, x_name, y_name)
+                panel.set_ylim(*limits[y_name])
+            else:
+                _correlation(panel, result, x_name, y_name)
+                continue
+            panel.set_xlim(*limits[x_name])
+            _mark(panel, markers or {}, x_name, None if row == column else y_name)
+            _label(panel, row, column, x_name, y_name)
+    _legend(figure, axes[0, 0], axes[1, 0])
+    return figure
+
+
+def _limits(draws: np.ndarray, markers: Markers | None, name: str) -> tuple[float, float]:
+    low, high = np.quantile(draws, _SHOWN)
+    marked = [point[name] for point in (markers or {}).values() if name in point]
+    low, high = min(low, *marked, high), max(high, *marked, low)
+    margin = 0.04 * (high - low)
+    return float(low - margin), float(high + margin)
+
+
+def _margin(axes: Axes, result: CalibrationResult, name: str, limits: tuple[float, float]) -> None:
+    grid, density = density_of(result.of(name))
+    axes.fill_between(grid, density, color=BEST, alpha=0.25, linewidth=0)
+    axes.plot(grid, density, color=BEST, label="posterior")
+    prior = prior_of(name, result.settings.priors)
+    if prior is not None:
+        points = np.linspace(*limits, 400)
+        axes.plot(points, prior.pdf(points), color=MUTED, linewidth=1.1, linestyle=(0, (4, 2)), label="prior")
+    axes.set_ylim(bottom=0)
+    axes.set_yticks([])
+    axes.spines["left"].set_visible(False)
+
+
+def _joint(axes: Axes, result: CalibrationResult, x_name: str, y_name: str) -> None:
+    draws = result.flat(x_name, y_name)
+    dots = draws[:: max(1, len(draws) // _N_DOTS)]
+    axes.plot(*dots.T, ".", color=FAINT, markersize=1.6, markeredgewidth=0, rasterized=True)
+    joint = density_map_of(*draws.T)
+    levels = joint.levels(*SHARES)
+    axes.contourf(joint.x, joint.y, joint.density, [*levels, np.inf], colors=[BEST, BEST], alpha=0.22)
+    axes.contour(joint.x, joint.y, joint.density, levels, colors=[BEST], linewidths=[0.9, 1.4])
+
+
+def _correlation(axes: Axes, result: CalibrationResult, x_name: str, y_name: str) -> None:
+    names, correlations = rank_correlations(result)
+    value = correlations[names.index(x_name), names.index(y_name)]
+    axes.text(0.5, 0.5, f"{value:+.2f}".replace("-", "\u2212"), transform=axes.transAxes, ha="center", va="center",
+              fontsize=9 + 6 * abs(value), color=MUTED)  # fmt: skip
+    axes.text(0.5, 0.24, "rank correlation", transform=axes.transAxes, ha="center", fontsize=7.5, color=MUTED)
+    axes.set_axis_off()
+
+
+def _mark(axes: Axes, markers: Markers, x_name: str, y_name: str | None) -> None:
+    for (name, point), (marker, colour) in zip(markers.items(), _MARKERS, strict=False):
+        if y_name is None and x_name in point:
+            axes.axvline(point[x_name], color=colour, linewidth=1.3, label=name)
+        elif y_name is not None and x_name in point and y_name in point:
+            axes.plot(point[x_name], point[y_name], marker, color=colour, markersize=6.5, markeredgecolor="white",
+                      markeredgewidth=0.8, label=name)  # fmt: skip
+
+
+def _label(axes: Axes, row: int, column: int, x_name: str, y_name: str) -> None:
+    if row == len(THETA) - 1:
+        axes.set_xlabel(LABELS[x_name])
+    else:
+        axes.tick_params(labelbottom=False)
+    if column == 0 and row:
+        axes.set_ylabel(LABELS[y_name])
+    elif row != column:
+        axes.tick_params(labelleft=False)
+
+
+def _legend(figure: Figure, margin: Axes, joint: Axes) -> None:
+    lines, labels = margin.get_legend_handles_labels()
+    for line, label in zip(*joint.get_legend_handles_labels(), strict=True):
+        if label in labels:
+            lines[labels.index(label)] = line
+    figure.legend(lines, labels, loc="outside upper left", ncols=4, handlelength=1.6)

@@ -1,0 +1,103 @@
+"""Pictures of one finger: its printed body in 3-D, and its planar profile with dimensions."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
+from shapely.geometry import Polygon, box
+
+from flows.report.rasteriser import Body, render
+from flows.report.style import BEST, COMPLIANT, INK, MUTED, RIGID, new_axes
+from models.design.finger import finger_bodies
+from models.design.profile import APEX_EXTRA_MM, BASE_HEIGHT_MM, planar_profile
+from models.records import Design
+
+PICTURE_PX = 1100
+PROFILE_SIZE_IN = (2.9, 5.0)
+
+
+def finger_picture(design: Design, mark: str) -> np.ndarray:
+    """Shaded RGBA picture of the two bodies of a finger, seen past its ribs and half from above."""
+    bodies = finger_bodies(design, mark)
+    return render(
+        [Body(bodies.compliant, COMPLIANT), Body(bodies.rigid, RIGID)],
+        azimuth_deg=-24.0,
+        elevation_deg=20.0,
+        height_px=PICTURE_PX,
+    )
+
+
+def profile_figure(design: Design) -> Figure:
+    """Planar profile in mm, front wall on the left, with the dimensions that make the design."""
+    figure, axes = new_axes(*PROFILE_SIZE_IN, grid="")
+    base = box(0, 0, design.length_mm, BASE_HEIGHT_MM)
+    axes.add_patch(PathPatch(_outline(base), facecolor=RIGID, edgecolor=INK, linewidth=0.8))
+    axes.add_patch(PathPatch(_outline(planar_profile(design)), facecolor=COMPLIANT, edgecolor=INK, linewidth=0.8))
+    _overall_dimensions(axes, design)
+    _wall_labels(axes, design)
+    axes.set_xlim(-17, design.length_mm + 26)
+    axes.set_ylim(-12, design.height_mm + 3)
+    axes.set_aspect("equal")
+    axes.axis("off")
+    return figure
+
+
+def _outline(polygon: Polygon) -> Outline:
+    """Compound path of a polygon with its holes."""
+    rings = [polygon.exterior, *polygon.interiors]
+    return Outline.make_compound_path(*(Outline(np.asarray(ring.coords), closed=True) for ring in rings))
+
+
+def _overall_dimensions(axes: Axes, design: Design) -> None:
+    height, length = design.height_mm, design.length_mm
+    _dimension(axes, (-7, 0), (-7, height), f"H {height:.1f}", rotation=90)
+    _dimension(axes, (0, -5), (length, -5), f"L {length:.1f}", below=True)
+    right = design.front_thickness_mm + 9
+    _dimension(axes, (right, height - design.tip_length_mm), (right, height), f"L$_{{tip}}$ {design.tip_length_mm:.1f}")
+    for z in (height - design.tip_length_mm, height):
+        axes.plot([design.front_thickness_mm + 1, right + 2], [z, z], color=MUTED, linewidth=0.6)
+
+
+def _dimension(
+    axes: Axes,
+    start: tuple[float, float],
+    end: tuple[float, float],
+    text: str,
+    rotation: float = 0,
+    below: bool = False,
+) -> None:
+    """Double arrow with its text: left of an upright one when rotated, below a level one, else right of it."""
+    arrow = {"arrowstyle": "<|-|>", "color": MUTED, "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 6}
+    axes.annotate("", start, end, arrowprops=arrow)
+    x, z = (start[0] + end[0]) / 2, (start[1] + end[1]) / 2
+    shift = (-1.5, 0) if rotation else (0, -1.5) if below else (1.5, 0)
+    alignment = ("right", "center") if rotation else ("center", "top") if below else ("left", "center")
+    axes.text(x + shift[0], z + shift[1], text, rotation=rotation, ha=alignment[0], va=alignment[1], fontsize=10)
+
+
+def _wall_labels(axes: Axes, design: Design) -> None:
+    """Leaders to the back wall, the front wall and the middle rib, with thickness (mm), number and angle."""
+    cavity_mm = design.height_mm - design.tip_length_mm - BASE_HEIGHT_MM
+    rib = (design.rib_count + 1) // 2
+    rib_z = BASE_HEIGHT_MM + cavity_mm * rib / (design.rib_count + 1)
+    low_z, wall_z = BASE_HEIGHT_MM + 0.12 * cavity_mm, BASE_HEIGHT_MM + 0.26 * cavity_mm
+    inner = (design.front_thickness_mm + _back_x(design, rib_z) - design.back_thickness_mm) / 2
+    right = design.length_mm + 4
+    _leader(axes, (_back_x(design, low_z) - design.back_thickness_mm / 2, low_z), (right, low_z),
+            f"T$_b$ {design.back_thickness_mm:.2f}")  # fmt: skip
+    _leader(axes, (design.front_thickness_mm / 2, wall_z), (right, wall_z), f"T$_f$ {design.front_thickness_mm:.2f}")
+    _leader(axes, (inner, rib_z), (right, max(rib_z, wall_z + 10)),
+            f"T$_r$ {design.rib_thickness_mm:.2f}\nN {design.rib_count}\nα {design.rib_angle_deg:.1f}°")  # fmt: skip
+
+
+def _back_x(design: Design, z_mm: float) -> float:
+    """Outer surface of the back wall at height z, in mm."""
+    apex_x = design.front_thickness_mm + APEX_EXTRA_MM
+    return design.length_mm + (apex_x - design.length_mm) * z_mm / design.height_mm
+
+
+def _leader(axes: Axes, point: tuple[float, float], text_at: tuple[float, float], text: str) -> None:
+    axes.plot([point[0], text_at[0] - 1], [point[1], text_at[1]], color=BEST, linewidth=0.8)
+    axes.plot(*point, "o", color=BEST, markersize=3)
+    axes.text(*text_at, text, ha="left", va="center", fontsize=10, linespacing=1.3)

@@ -1,0 +1,99 @@
+"""Builds the report of a campaign: `index.html`, `figures/`, `data/`, nothing from the network."""
+
+import logging
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from flows.report.calibration.page import calibration_section
+from flows.report.campaign.account import cost_section, provenance_section, tools_section
+from flows.report.campaign.comparison import agreement_section, traces_section
+from flows.report.campaign.content import Content
+from flows.report.campaign.moments import moments_section
+from flows.report.campaign.paper import paper_section
+from flows.report.campaign.results import best_section, headline, progress_section
+from flows.report.campaign.rivals import rivals_section
+from flows.report.campaign.shapes import shapes_section
+from flows.report.campaign.surrogate import surrogate_section
+from flows.report.campaign.tool_traces import tool_traces_section
+from flows.report.campaign.work import work_section
+from flows.report.folder import Folder
+from flows.report.html import moment, page, text
+from flows.report.style import figure_style
+from lake.store import Lake
+from models.errors import UsageError
+from tasks.traces.anomalies import update_anomalies
+from tasks.traces.features import update_features
+
+_LOG = logging.getLogger(__name__)
+
+NAV = {
+    "best": "Best finger",
+    "moments": "A grasp",
+    "progress": "Tool quality",
+    "rivals": "Approaches",
+    "traces": "Traces",
+    "batches": "Batches",
+    "shapes": "Shapes",
+    "work": "Grasp work",
+    "agreement": "Simulation",
+    "calibration": "Calibration",
+    "supplement": "Sensitivities",
+    "tools": "Tools",
+    "surrogate": "Surrogate",
+    "cost": "Cost",
+    "paper": "Paper",
+    "provenance": "Provenance",
+}
+
+
+def write_report(lake: Lake, campaign_id: str, out: Path, against: Sequence[Lake] = ()) -> Path:
+    """Write the report of a campaign as it stands, finished or not, into the folder `out`.
+
+    Everything is read from the lake; campaigns of the lakes `against` are drawn beside it. Returns the path of
+    `out/index.html`; files of an earlier report in the same folder are replaced.
+
+    Raises:
+        UsageError: there is no such campaign, or the folder cannot be written.
+    """
+    content = Content.load(lake, campaign_id, against)
+    folder = Folder(Path(out))
+    with figure_style():
+        body = "".join(
+            build(content, folder)
+            for build in (
+                best_section,
+                moments_section,
+                progress_section,
+                rivals_section,
+                traces_section,
+                tool_traces_section,
+                shapes_section,
+                work_section,
+                agreement_section,
+                calibration_section,
+                tools_section,
+                surrogate_section,
+                cost_section,
+            )
+        )
+        body += paper_section(body) + provenance_section(content, folder)
+        top = headline(content)
+    campaign = content.campaign
+    written = moment(datetime.now(UTC))
+    footer = text(f"Campaign {campaign.campaign_id}. Written {written} UTC from the lake. Units: mm, N, J, s, MPa.")
+    index = folder.root / "index.html"
+    title = campaign.name or campaign.campaign_id
+    nav = {anchor: name for anchor, name in NAV.items() if f'<section id="{anchor}"' in body}
+    index.write_text(page(title, f"FAST campaign {campaign.campaign_id}", top, nav, body, footer), encoding="utf-8")
+    _LOG.info("report of %s written to %s", campaign.campaign_id, index)
+    return index
+
+
+def add_features(lake: Lake, campaign_id: str) -> None:
+    """Features and flags of traces that lack them, as by `fast features`; without any trace, nothing happens."""
+    try:
+        update_features(lake, campaign_id)
+        update_anomalies(lake, campaign_id)
+    except UsageError as error:  # the report says itself what has not been measured
+        _LOG.info("report of %s without features: %s", campaign_id, error)

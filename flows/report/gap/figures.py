@@ -1,0 +1,213 @@
+"""Figures of a gap search: where, by what name, and what it changed."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from flows.report.gap.words import probability_words, words
+from flows.report.style import BEST, FAINT, FIRST, INK, MUTED, SIMULATED, WIDTH_IN, new_axes
+from models.gap.evaluation.show import AFTER, BEFORE, Shown
+from models.gap.findings import Candidate, Named
+from models.gap.naming.isolability import LEAST_NATS, Isolability
+from models.gap.where.phases import AT, PHASES
+from models.gap.where.residuals import Residuals
+from models.gap.where.variance_shares import SOURCES, PhaseShares
+from models.objects.catalogue import get_object
+from models.traces.step_features import STEP_MM
+
+MEASURED, SIM_BEFORE, SIM_AFTER = INK, FIRST, BEST
+_SOURCE_COLOURS = dict(
+    zip(SOURCES, (FIRST, BEST, SIMULATED, "#cc79a7", "#e69f00", "#56b4e9", FAINT), strict=True)
+)  # Okabe and Ito 2008
+_FEWEST_NAMES, _MOST_NAMES = 4, 8
+_LEAST_SHARE = 2.0  # per cent that the colours of a map always span
+
+
+def error_figure(shown: Shown) -> Figure:
+    """Bars of the held-out error: before, after, what peers without a name reach, and the floor as a line."""
+    labels = [p.label for p in shown.predictions]
+    values = [shown.of(label).rmse_n for label in labels]
+    figure, axes = new_axes(WIDTH_IN, 0.9 + 0.42 * len(labels), grid="x")
+    colours = [SIM_BEFORE if x == BEFORE else SIM_AFTER if x == AFTER else FAINT for x in labels]
+    places = np.arange(len(labels))
+    axes.barh(places, values, height=0.62, color=colours)
+    for place, value in enumerate(values):
+        axes.text(value, place, f" {value:.2f} N", va="center", fontsize=8.5)
+    floor = shown.gap.rmse_floor_n
+    axes.axvline(floor, color=MUTED, linewidth=1.2, linestyle=(0, (4, 2)))
+    axes.text(floor, -0.62, f"noise floor {floor:.2f} N", ha="center", va="bottom", fontsize=8, color=MUTED)
+    axes.set_yticks(places, labels)
+    axes.set_ylim(len(labels) - 0.5, -0.95)
+    axes.set_xlim(0.0, 1.22 * max(values))
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlabel("root mean square error on held-out grasps (N)")
+    return figure
+
+
+def map_figure(residuals: Residuals, phase: str) -> Figure:
+    """Tools by objects: how much force is missing in a phase, in per cent of the predicted peak."""
+    table, tools, objects = _table(residuals, PHASES.index(phase))
+    rows, columns = _by_mean(table)
+    shown = 100.0 * table[np.ix_(rows, columns)]
+    figure, axes = new_axes(WIDTH_IN, 1.6 + 0.19 * len(objects), grid="")
+    top = max(float(np.nanquantile(np.abs(shown), 0.98)), _LEAST_SHARE)
+    # Objects go down, where their names can be read; tools across.
+    image = axes.imshow(shown.T, cmap="PuOr", vmin=-top, vmax=top, aspect="auto")
+    axes.set_yticks(range(len(objects)), [get_object(objects[c]).name for c in columns], fontsize=7.8)
+    axes.set_xticks(range(len(tools)), [tools[r] for r in rows], rotation=90, fontsize=7.2)
+    axes.tick_params(length=0)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_visible(False)
+    bar = figure.colorbar(image, ax=axes, location="top", shrink=0.7, aspect=28, pad=0.02)
+    bar.set_label(f"measured less simulated force {AT[phase]},\n% of the peak", fontsize=8.5)
+    bar.outline.set_visible(False)
+    return figure
+
+
+def _table(residuals: Residuals, place: int) -> tuple[np.ndarray, list[str], list[int]]:
+    """Mean relative residual by tool and object, with those that have any; NaN where there is none."""
+    t, o = len(residuals.tools), len(residuals.objects)
+    u = residuals.relative[:, place]
+    is_there = np.isfinite(u)
+    cell = residuals.tool[is_there] * o + residuals.obj[is_there]
+    counts = np.bincount(cell, minlength=t * o)
+    table = np.where(counts > 0, np.bincount(cell, u[is_there], minlength=t * o) / np.maximum(counts, 1), np.nan)
+    table = table.reshape(t, o)
+    rows, columns = (np.flatnonzero(np.isfinite(table).any(axis=axis)) for axis in (1, 0))
+    names = [residuals.tools[r] for r in rows], [residuals.objects[c] for c in columns]
+    return table[np.ix_(rows, columns)], *names
+
+
+def _by_mean(table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns in the order of their means, so that what belongs together lies together."""
+    return np.argsort(np.nanmean(table, axis=1)), np.argsort(np.nanmean(table, axis=0))
+
+
+def shares_figure(shares: Sequence[PhaseShares]) -> Figure:
+    """What the squares of the gap go with, phase by phase, as bars of root mean squares."""
+    figure, axes = new_axes(WIDTH_IN, 1.5 + 0.36 * len(shares), grid="x")
+    places = np.arange(len(shares))
+    left = np.zeros(len(shares))
+    for source in SOURCES:
+        part = np.array([s.parts[source] for s in shares])
+        total = np.maximum([sum(s.parts.values()) for s in shares], 1e-12)
+        width = 100.0 * np.sqrt([s.mean_square for s in shares]) * part / total
+        axes.barh(places, width, left=left, height=0.62, color=_SOURCE_COLOURS[source], label=source)
+        left = left + width
+    floor = 100.0 * np.sqrt([s.numerical for s in shares])
+    axes.vlines(
+        floor, places - 0.4, places + 0.4, color=INK, linewidth=1.4, linestyle=(0, (2, 1)), label="other meshes"
+    )
+    axes.set_yticks(places, [s.phase for s in shares])
+    axes.invert_yaxis()
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlabel("root mean square residual (% of the peak), parted by variance")
+    figure.legend(loc="outside upper left", ncols=4, columnspacing=1.0, handlelength=1.2, fontsize=8)
+    return figure
+
+
+def names_figure(candidates: Sequence[Candidate], named: Named) -> Figure:
+    """Probabilities of names, the answer's in blue; `none` and `unknown` are among them."""
+    ranked = sorted(candidates, key=lambda c: -c.probability)
+    n_likely = sum(c.probability >= 0.005 or c.effect in named.effects for c in ranked)
+    chosen = ranked[: min(max(n_likely, _FEWEST_NAMES), _MOST_NAMES)]
+    figure, axes = new_axes(WIDTH_IN, 0.8 + 0.32 * len(chosen), grid="x")
+    answer = set(named.effects) or {named.kind}
+    places = np.arange(len(chosen))
+    colours = [BEST if c.effect in answer else FAINT for c in chosen]
+    axes.barh(places, [c.probability for c in chosen], height=0.62, color=colours)
+    for place, c in enumerate(chosen):
+        axes.text(c.probability, place, f" {probability_words(c.probability)}", va="center", fontsize=8.5)
+    axes.set_yticks(places, [words(c.effect) for c in chosen])
+    axes.invert_yaxis()
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlim(0.0, 1.12)
+    axes.set_xlabel("probability")
+    return figure
+
+
+def isolability_figure(isolated: Isolability) -> Figure:
+    """Which effects these designs and objects could tell apart: dark is sure, white is not at all."""
+    n = len(isolated.effects)
+    apart = np.minimum(isolated.nats, isolated.nats.T)
+    figure, axes = new_axes(WIDTH_IN, 1.2 + 0.185 * n, grid="")
+    shown = np.log10(np.clip(np.where(np.eye(n) > 0, np.nan, apart), 0.1, 1000.0))
+    image = axes.imshow(shown, cmap="Greys", vmin=-1.0, vmax=3.0, aspect="auto")
+    for i, j in zip(*np.nonzero((apart < LEAST_NATS) & ~np.eye(n, dtype=bool)), strict=True):
+        axes.plot(j, i, marker="x", color=FIRST, markersize=3.5, markeredgewidth=1.1)
+    axes.set_yticks(range(n), [words(e) for e in isolated.effects], fontsize=7.2)
+    axes.set_xticks(range(n), [str(i + 1) for i in range(n)], fontsize=6.5)
+    axes.set_yticklabels([f"{words(e)}  {i + 1}" for i, e in enumerate(isolated.effects)], fontsize=7.2)
+    axes.tick_params(length=0)
+    bar = figure.colorbar(image, ax=axes, location="top", shrink=0.7, aspect=28, pad=0.02, ticks=[-1, 0, 1, 2, 3])
+    bar.ax.set_xticklabels(["0.1", "1", "10", "100", "1000"], fontsize=8)
+    bar.set_label("evidence that these data would give (nats)", fontsize=8.5)
+    return figure
+
+
+def trace_figure(shown: Shown, rows: Sequence[int], title: str) -> Figure:
+    """One held-out tool on one object: measured repeats, and the simulator before and after with its 90 % interval."""
+    figure, axes = new_axes(WIDTH_IN, 2.5, grid="both")
+    by_label = {p.label: p for p in shown.predictions}
+    lift_mm = STEP_MM * (np.arange(shown.held_out.measured_n.shape[1]) + 0.5)
+    axes.axhline(0.0, color=MUTED, linewidth=0.8)
+    after = by_label[AFTER]
+    first = rows[0]
+    if after.sd_n is not None:
+        half = 1.645 * after.sd_n[first]
+        low, high = after.steps_n[first] - half, after.steps_n[first] + half
+        axes.fill_between(lift_mm, low, high, color=SIM_AFTER, alpha=0.15, linewidth=0)
+    for row in rows:
+        axes.plot(lift_mm, shown.held_out.measured_n[row], color=MEASURED, linewidth=1.0, alpha=0.75)
+    axes.plot(lift_mm, by_label[BEFORE].steps_n[first], color=SIM_BEFORE, linewidth=1.7, linestyle=(0, (4, 1.5)))
+    axes.plot(lift_mm, after.steps_n[first], color=SIM_AFTER, linewidth=1.7)
+    held = np.abs(shown.held_out.measured_n[list(rows)]).max(axis=0)
+    still = np.flatnonzero(held > 0.05 * held.max())
+    axes.set_xlim(0.0, min(lift_mm[still[-1]] + 5.0, lift_mm[-1]) if still.size else lift_mm[-1])
+    axes.set_title(title, loc="left")
+    axes.set_xlabel("lift (mm)")
+    axes.set_ylabel("force (N)")
+    return figure
+
+
+def class_figure(shown: Shown) -> Figure:
+    """Held-out error by class of the object, before and after."""
+    before, after = shown.by_class[BEFORE], shown.by_class[AFTER]
+    names = sorted(before, key=lambda name: before[name])
+    figure, axes = new_axes(WIDTH_IN, 0.9 + 0.24 * len(names), grid="x")
+    places = np.arange(len(names))
+    axes.hlines(places, [after[n] for n in names], [before[n] for n in names], color=FAINT, linewidth=2.0)
+    axes.plot([before[n] for n in names], places, "o", color=SIM_BEFORE, markersize=5, label="before")
+    axes.plot([after[n] for n in names], places, "D", color=SIM_AFTER, markersize=5, label="after")
+    axes.set_yticks(places, names)
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlim(left=0.0)
+    axes.set_xlabel("root mean square error (N)")
+    axes.legend(loc="lower right")
+    return figure
+
+
+def chosen_cells(shown: Shown, n: int = 6) -> list[list[int]]:
+    """Rows of n held-out cells to show: of other objects and tools in turn, from the middle of the errors before."""
+    held_out = shown.held_out
+    before = next(p for p in shown.predictions if p.label == BEFORE)
+    squares = ((held_out.measured_n - before.steps_n) ** 2).mean(axis=1)
+    cells = np.unique(held_out.cell)
+    rows = {int(c): np.flatnonzero(held_out.cell == c).tolist() for c in cells}
+    error = {c: float(squares[r].mean()) for c, r in rows.items()}
+    middle = float(np.median(list(error.values())))
+    is_new = {c: bool(held_out.is_new_tool[r[0]] and held_out.is_new_object[r[0]]) for c, r in rows.items()}
+    order = sorted(rows, key=lambda c: (not is_new[c], abs(np.log(max(error[c], 1e-12) / max(middle, 1e-12)))))
+    found: list[list[int]] = []
+    seen: dict[str, set[Any]] = {"tool": set(), "obj": set()}
+    for is_strict in (True, False):
+        for c in order:
+            tool, obj = held_out.tool[rows[c][0]], held_out.obj[rows[c][0]]
+            is_fresh = obj not in seen["obj"] or (not is_strict and tool not in seen["tool"])
+            if len(found) < n and is_fresh and rows[c] not in found:
+                found.append(rows[c])
+                seen["tool"].add(tool)
+                seen["obj"].add(obj)
+    return found

@@ -1,0 +1,110 @@
+"""HTML parts of the report. Every text that comes from data is escaped here; callers pass `Markup` for HTML."""
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from html import escape
+from importlib.resources import files
+
+from flows.report.campaign.queries import Result
+
+DASH = "–"
+
+
+class Markup(str):
+    """Text that is already HTML."""
+
+    __slots__ = ()
+
+
+def text(value: object) -> Markup:
+    """HTML of a value: escaped, a dash where there is none."""
+    if isinstance(value, Markup):
+        return value
+    return Markup(DASH if value is None or value == "" else escape(str(value)))
+
+
+def number(value: float | None, digits: int = 1, unit: str = "") -> str:
+    """Number with fixed digits, thousands apart, and its unit; a dash where there is none."""
+    if value is None or value != value:
+        return DASH
+    return f"{value:,.{digits}f}".replace(",", "\u202f").replace("-", "\u2212") + (f"\u00a0{unit}" if unit else "")
+
+
+def moment(value: datetime | None) -> str:
+    """Date and time to the minute, as stored (UTC)."""
+    return DASH if value is None else value.strftime("%Y-%m-%d %H:%M")
+
+
+def paragraph(content: object, css: str = "") -> Markup:
+    """A paragraph."""
+    return Markup(f"<p{_class(css)}>{text(content)}</p>")
+
+
+def section(anchor: str, title: str, *parts: str) -> Markup:
+    """A section of the page; parts are HTML."""
+    return Markup(f'<section id="{anchor}"><h2>{escape(title)}</h2>{"".join(parts)}</section>')
+
+
+def columns(*parts: str, css: str = "two") -> Markup:
+    """Parts side by side where there is room."""
+    return Markup(f'<div class="{css}">{"".join(f"<div>{part}</div>" for part in parts)}</div>')
+
+
+def tiles(items: Sequence[tuple[str, str]]) -> Markup:
+    """Key numbers with a line under each."""
+    cells = "".join(f'<div class="tile"><b>{text(value)}</b><span>{text(label)}</span></div>' for value, label in items)
+    return Markup(f'<div class="tiles">{cells}</div>')
+
+
+def picture(source: str, alternative: str, caption: object = "") -> Markup:
+    """A figure from a file of the report's folder."""
+    under = f"<figcaption>{text(caption)}</figcaption>" if caption else ""
+    return Markup(f'<figure><img src="{source}" alt="{escape(alternative)}">{under}</figure>')
+
+
+def sources(*results: Result) -> Markup:
+    """Folded: the SQL that was executed, and the CSV of its result."""
+    blocks = "".join(
+        f'<p class="note"><a href="data/{r.name}.csv">data/{r.name}.csv</a>, {r.table.num_rows} rows, '
+        f'is the answer of <a href="data/{r.name}.sql">this query</a>:</p><pre>{escape(r.sql)}</pre>'
+        for r in results
+    )
+    return Markup(f"<details><summary>Data and SQL</summary>{blocks}</details>")
+
+
+def table(
+    headings: Sequence[str],
+    rows: Sequence[Sequence[object]],
+    numeric: Sequence[int] = (),
+    best_row: int | None = None,
+    empty: str = "Nothing yet.",
+) -> Markup:
+    """A table; `numeric` columns are right-aligned, `best_row` is marked, `empty` stands where there are no rows."""
+    if not rows:
+        return paragraph(empty)
+    marks = [_class("number") if i in numeric else "" for i in range(len(headings))]
+    head = "".join(f"<th{mark}>{text(h)}</th>" for h, mark in zip(headings, marks, strict=True))
+    body = "".join(
+        f"<tr{_class('best') if i == best_row else ''}>"
+        + "".join(f"<td{mark}>{text(cell)}</td>" for cell, mark in zip(row, marks, strict=True))
+        + "</tr>"
+        for i, row in enumerate(rows)
+    )
+    return Markup(f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>')
+
+
+def page(title: str, kicker: str, header: str, nav: Mapping[str, str], body: str, footer: str) -> str:
+    """The whole document, with its style inside."""
+    css = files("flows.report").joinpath("page.css").read_text(encoding="utf-8")
+    links = "".join(f'<a href="#{anchor}">{escape(name)}</a>' for anchor, name in nav.items())
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(title)}</title><style>{css}</style></head><body>"
+        f'<header><p class="kicker">{text(kicker)}</p><h1>{escape(title)}</h1>{header}<nav>{links}</nav></header>'
+        f"<main>{body}</main><footer>{footer}</footer></body></html>\n"
+    )
+
+
+def _class(css: str) -> str:
+    return f' class="{css}"' if css else ""

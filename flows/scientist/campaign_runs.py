@@ -1,0 +1,241 @@
+"""Strategies as whole campaigns on a virtual bench: a lake for each strategy and seed, one thing after the other.
+
+The rows are those of `fast campaign run`, by the same tasks, and every report works on them. Only the order is fixed:
+the tools of a stage are chosen, its simulations run, then the tools are measured. So nothing depends on how fast the
+machine is, and a killed comparison goes on where its lakes stand. Simulation alone simulates everything first.
+"""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from flows.campaign.launch import register
+from flows.scientist.strategies import Strategy
+from hardware.bench import Bench, open_virtual_bench
+from hardware.cell.cell import MeasuredGrasp
+from hardware.tools.mounted import MountedTool
+from hardware.virtual.world.file import World
+from hardware.virtual.world.physics import PhysicsCache, PhysicsRequest, simulate_request
+from hardware.virtual.world.physics_cache import PhysicsFiles
+from lake.store import Lake
+from models.records import Design, GraspSimulation
+from tasks.bench.measure import measure_batch, measure_tool
+from tasks.bench.print import PrintConfirmation, confirm_print
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.config import CampaignConfig
+from tasks.campaign.state import ProposedTool
+from tasks.campaign.summary import ranked_tools
+from tasks.scientist import propose as proposing
+from tasks.scientist import simulation_only
+from tasks.scientist.observe import means_of_simulations, proposed_designs, unfinished_tools
+from tasks.simulation.pool import WorkerPool
+from tasks.simulation.simulate import simulate_design
+
+_WORD = PrintConfirmation(operator="nobody (comparison)", confirmed_by="auto")
+
+
+@dataclass(frozen=True)
+class BenchRace:
+    """One strategy with one seed; `config` is the one that all strategies share, `folder` holds all lakes."""
+
+    strategy: Strategy
+    seed: int
+    config: CampaignConfig
+    world: World
+    folder: Path
+
+    @property
+    def lake_folder(self) -> Path:
+        """Where the campaign of this race is kept."""
+        words = "".join(c if c.isalnum() else " " for c in self.strategy.name.lower()).split()
+        return self.folder / f"{'-'.join(words)}-{self.seed}"
+
+    @property
+    def own_config(self) -> CampaignConfig:
+        """The config of this strategy: names and seeds are shared, so that all begin with the same designs."""
+        schedule, scientist, simulator = self.config.schedule, self.config.scientist, self.config.simulator
+        if self.strategy.simulations is None:
+            schedule = schedule.model_copy(update={"initial_simulations": 0, "simulations_per_batch": 0})
+            simulator = simulator.model_copy(update={"simulate_tools": False})
+        elif self.strategy.tools is None:
+            n_later = schedule.guided_batches * schedule.simulations_per_batch
+            schedule = schedule.model_copy(update={"guided_batches": 1, "simulations_per_batch": n_later})
+            simulator = simulator.model_copy(update={"simulate_tools": False})
+        else:
+            scientist = scientist.model_copy(update={"simulation_acquisition": self.strategy.simulations})
+        if self.strategy.tools is not None:
+            scientist = scientist.model_copy(update={"acquisition": self.strategy.tools})
+        changes = {"seed": self.seed, "schedule": schedule, "scientist": scientist, "simulator": simulator}
+        return self.config.model_copy(update=changes)
+
+    @property
+    def own_world(self) -> World:
+        """The bench's truth is that of the config; scatter and noise are drawn anew for each seed."""
+        return self.world.model_copy(update={"seed": self.world.seed + self.seed})
+
+
+@dataclass(frozen=True)
+class BenchCourse:
+    """What a campaign measured: mean peak force of every tool in N, by batch; designs simulated, and their CPU time."""
+
+    strategy: str
+    seed: int
+    batches_n: tuple[tuple[float, ...], ...]
+    n_simulated: int
+    simulation_cpu_s: float
+
+    @property
+    def n_measured(self) -> int:
+        """Measured tools."""
+        return sum(len(batch) for batch in self.batches_n)
+
+    @property
+    def best_n(self) -> tuple[float, ...]:
+        """Best tool so far after each batch, N."""
+        return tuple(max(max(batch) for batch in self.batches_n[: n + 1]) for n in range(len(self.batches_n)))
+
+
+def run_races(races: Sequence[BenchRace], tell: Callable[[str], None]) -> list[BenchCourse]:
+    """Run or continue the campaigns, one after the other, with one worker process."""
+    pool = WorkerPool(1)
+    try:
+        return [_run(race, pool, tell) for race in races]
+    finally:
+        pool.close()
+
+
+def _run(race: BenchRace, pool: WorkerPool, tell: Callable[[str], None]) -> BenchCourse:
+    campaign = Campaign(Lake.open(race.lake_folder, create=True), race.own_config)
+    try:
+        register(campaign, toml_of(campaign.config))
+        runner = _Runner(race, campaign, pool, tell)
+        if race.strategy.tools is None:
+            runner.search_in_simulation()
+        else:
+            for stage in range(campaign.config.schedule.n_stages):
+                runner.run_stage(stage)
+        course = course_of(race, campaign)
+    finally:
+        campaign.lake.close()
+    tell(f"{race.strategy.name}, seed {race.seed}: best {course.best_n[-1]:.2f} N of {course.n_measured} tools")
+    return course
+
+
+class _Runner:
+    """Drives one campaign; every step asks the lake what is missing."""
+
+    def __init__(self, race: BenchRace, campaign: Campaign, pool: WorkerPool, tell: Callable[[str], None]) -> None:
+        self._campaign, self._pool = campaign, pool
+        self._world = race.own_world
+        self._schedule = campaign.config.schedule
+        # All races share the world's solved grasps: the initial tools are the same.
+        files = PhysicsFiles(race.folder / "physics")
+        self._physics = PhysicsCache(partial(_solve, pool), files)
+        self._say = lambda what: tell(f"{race.strategy.name}, seed {race.seed}: {what}")
+
+    def run_stage(self, stage: int) -> None:
+        """Choose tools, simulate, measure."""
+        batches = self._schedule.batches_of(stage)
+        if stage == 0 and len(self._campaign.state().tools) < self._schedule.initial_tools:
+            proposing.propose_initial(self._campaign)
+        if stage > 0 and not self._campaign.state().tools_of(batches[0]):
+            proposing.propose_guided(self._campaign, batches[0])
+        self._simulate(batches[-1], self._schedule.simulations_of(stage), proposing.propose_simulated)
+        if self._campaign.config.simulator.simulate_tools:
+            for batch in batches:
+                self._simulate_missing([tool.design for tool in self._campaign.state().tools_of(batch)])
+        for batch in batches:
+            self._measure(batch)
+
+    def search_in_simulation(self) -> None:
+        """All simulations, then one batch of the best."""
+        initial, last = self._schedule.batches_of(0)[-1], self._schedule.batches_of(1)[0]
+        if len(self._campaign.state().simulations) < self._schedule.initial_simulations:
+            proposing.propose_initial_simulations(self._campaign)
+        self._simulate_missing([s.design for s in self._campaign.state().simulations_of(initial)])
+        self._simulate(last, self._schedule.simulations_of(1), simulation_only.propose_improvement)
+        if not self._campaign.state().tools_of(last):
+            simulation_only.propose_best_simulated(self._campaign, last, self._campaign.state())
+        self._measure(last)
+
+    def _simulate(self, batch: int, budget: int, propose_next: Callable[..., None]) -> None:
+        """The proposals that are there, then new ones up to the budget, each knowing all before."""
+        while True:
+            state = self._campaign.state()
+            proposed = state.simulations_of(batch)
+            self._simulate_missing([proposal.design for proposal in proposed])
+            if len(proposed) >= budget:
+                return
+            propose_next(self._campaign, batch, len(proposed), self._campaign.state())
+
+    def _simulate_missing(self, designs: Sequence[Design]) -> None:
+        state = self._campaign.state()
+        for design in designs:
+            if state.missing_objects(design.design_id, self._campaign.object_ids):
+                simulate_design(self._campaign, design, pool=self._pool)
+
+    def _measure(self, batch: int) -> None:
+        campaign = self._campaign
+        if not campaign.state().is_confirmed(batch):
+            confirm_print(campaign.lake, campaign.campaign_id, batch, _WORD)
+        tools = unfinished_tools(campaign, campaign.state(), batch)
+        if not tools:
+            return
+        self._say(f"measuring {len(tools)} tools of B{batch:02d}")
+        measure_batch(campaign, tools, self._open_bench, self._measure_tool, should_stop=_never, on_grasp=_ignore)
+
+    def _measure_tool(self, bench: Bench, tool: ProposedTool, on_grasp: Callable[[MeasuredGrasp], None]) -> None:
+        world_hash = self._world.world_hash
+        measure_tool(self._campaign, bench, tool, world_hash=world_hash, should_stop=_never, on_grasp=on_grasp)
+
+    @contextmanager
+    def _open_bench(self, tools: Sequence[ProposedTool]) -> Iterator[Bench]:
+        mounted = {tool.rack_slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
+        with open_virtual_bench(self._world, mounted, physics=self._physics, wires="memory") as bench:
+            yield bench
+
+
+def course_of(race: BenchRace, campaign: Campaign) -> BenchCourse:
+    """What the lake of a race has by now."""
+    state = campaign.state()
+    tools = ranked_tools(campaign.lake, campaign.campaign_id)
+    batches = sorted({tool["batch"] for tool in tools})
+    done = means_of_simulations(campaign, campaign.version, proposed_designs(state))
+    sql = "SELECT coalesce(sum(cpu_s), 0) AS cpu_s FROM simulations"
+    return BenchCourse(
+        strategy=race.strategy.name,
+        seed=race.seed,
+        batches_n=tuple(tuple(t["tool_quality_n"] for t in tools if t["batch"] == batch) for batch in batches),
+        n_simulated=len(done.ids),
+        simulation_cpu_s=campaign.lake.query(sql).column("cpu_s")[0].as_py(),
+    )
+
+
+def toml_of(config: CampaignConfig) -> str:
+    """A config as TOML, a line a section; only what was set, since a default of 70 and a read 70.0 give two ids."""
+    data = config.model_dump(mode="json", exclude_unset=True)
+    return "".join(f"{key} = {_toml(value)}\n" for key, value in data.items())
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_toml(v)}" for key, v in value.items() if v is not None) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(_toml(v) for v in value) + "]"
+    return json.dumps(value)
+
+
+def _solve(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulation:
+    return pool.call(simulate_request, request)
+
+
+def _never() -> bool:
+    return False
+
+
+def _ignore(tool: ProposedTool, grasp: MeasuredGrasp) -> None:
+    pass

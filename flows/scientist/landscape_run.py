@@ -1,0 +1,168 @@
+"""One strategy on one landscape through the schedule of the paper."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flows.scientist.landscape import N_DIMS, Landscape
+from flows.scientist.strategies import Strategy
+from models.design.space import random_unit, to_unit
+from models.records import Record
+from models.scientist.propose import propose
+from models.scientist.surrogate.fit import fit_surrogate
+from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from models.scientist.surrogate.posterior import Surrogate
+
+
+class RaceSchedule(Record):
+    """How much is measured and simulated; the defaults are the paper's.
+
+    Simulations of a round are chosen `simulations_at_once` at a time, each given the others that are under way.
+    """
+
+    initial_tools: int = 30
+    initial_simulations: int = 50
+    rounds: int = 8
+    tools_per_round: int = 10
+    simulations_per_round: int = 100
+    simulations_at_once: int = 25
+
+
+class Course(Record):
+    """What a strategy reached, in N, after the initial designs and after each round.
+
+    `best_n`: largest true force of the designs measured so far. `batch_mean_n`: mean true force of the round's tools.
+    """
+
+    landscape: str
+    strategy: str
+    seed: int
+    optimum_n: float
+    best_n: tuple[float, ...]
+    batch_mean_n: tuple[float, ...]
+    n_measured: int
+    n_simulated: int
+    schedule: RaceSchedule = RaceSchedule()
+    cpu_s: float = 0.0
+
+    @property
+    def mean_regret_n(self) -> float:
+        """Optimum less the best found, mean over the rounds."""
+        return self.optimum_n - float(np.mean(self.best_n[1:]))
+
+    def rounds_to(self, share: float) -> float:
+        """First round in which the best found reaches this share of the optimum; infinity when none does."""
+        reached = np.flatnonzero(np.array(self.best_n) >= share * self.optimum_n)
+        return float(reached[0]) if len(reached) else float("inf")
+
+
+def run_race(landscape: Landscape, strategy: Strategy, schedule: RaceSchedule, seed: int) -> Course:
+    """Run one strategy; all strategies of a landscape and seed begin with the same designs and noise."""
+    race = _Race(landscape, strategy, schedule, seed)
+    for _ in range(schedule.rounds):
+        if strategy.simulations is not None:
+            race.simulate()
+        if strategy.tools is not None:
+            race.measure()
+    if strategy.tools is None:
+        race.verify()
+    return race.course(seed)
+
+
+@dataclass(eq=False)
+class _Known:
+    """Designs with their outcomes at one fidelity; failed simulations are known but have no outcome."""
+
+    x: np.ndarray
+    y: np.ndarray
+
+    def add(self, x: np.ndarray, y: np.ndarray) -> None:
+        self.x, self.y = np.concatenate([self.x, x]), np.concatenate([self.y, y])
+
+
+class _Race:
+    def __init__(self, landscape: Landscape, strategy: Strategy, schedule: RaceSchedule, seed: int) -> None:
+        self._landscape, self._strategy, self._schedule = landscape, strategy, schedule
+        self._rng = np.random.default_rng([seed, 1])
+        initial = np.random.default_rng([seed, 0])
+        self._tools = _Known(np.zeros((0, N_DIMS)), np.zeros(0))
+        self._simulated = _Known(np.zeros((0, N_DIMS)), np.zeros(0))
+        self._surrogate: Surrogate | None = None
+        tools, simulations = random_unit(schedule.initial_tools, initial), random_unit(80, initial)
+        self._best: list[float] = []
+        self._batch_means: list[float] = []
+        if strategy.tools is not None:
+            self._record(tools, initial)
+        if strategy.simulations is not None:
+            self._run_simulations(simulations[: schedule.initial_simulations])
+
+    def simulate(self) -> None:
+        """The simulations of one round, in parts; the model is fitted once and updated between the parts."""
+        rule = self._strategy.simulations or ""
+        self._surrogate = self._fit()
+        left = self._schedule.simulations_per_round
+        while left > 0:
+            n = min(left, self._schedule.simulations_at_once)
+            self._run_simulations(self._propose(rule, SIM, n))
+            self._surrogate = self._surrogate.updated(self._data())
+            left -= n
+
+    def measure(self) -> None:
+        """One round of tools."""
+        rule = self._strategy.tools or ""
+        self._surrogate = None if rule == "random" else self._fit()
+        self._record(self._propose(rule, REAL, self._schedule.tools_per_round), self._rng)
+
+    def verify(self) -> None:
+        """Measure the designs with the best simulated forces."""
+        order = np.argsort(-np.nan_to_num(self._simulated.y, nan=-np.inf))
+        self._record(self._simulated.x[order[: self._schedule.tools_per_round]], self._rng)
+
+    def course(self, seed: int) -> Course:
+        """What was reached."""
+        return Course(
+            landscape=self._landscape.name,
+            strategy=self._strategy.name,
+            seed=seed,
+            optimum_n=self._landscape.best_n,
+            best_n=tuple(self._best),
+            batch_mean_n=tuple(self._batch_means),
+            n_measured=len(self._tools.y),
+            n_simulated=len(self._simulated.y),
+            schedule=self._schedule,
+        )
+
+    def _propose(self, rule: str, fidelity: int, n: int) -> np.ndarray:
+        # Simulation alone is its own target: its outcomes stand in the model's place of the real ones.
+        stands_for = REAL if rule == "ei" else fidelity
+        failed = self._simulated.x[np.isnan(self._simulated.y)]
+        pending = np.column_stack([failed, np.full(len(failed), stands_for if rule == "ei" else SIM)])
+        proposals = propose(
+            self._surrogate,
+            stands_for,
+            n,
+            pending,
+            self._rng,
+            min_distance=0.05 if fidelity == REAL else 0.0,
+            acquisition="nei" if rule == "ei" else rule,
+        )
+        return to_unit([proposal.design for proposal in proposals])
+
+    def _fit(self) -> Surrogate:
+        return fit_surrogate(self._data(), self._surrogate.parameters if self._surrogate else None)
+
+    def _data(self) -> ObservationSet:
+        usable = ~np.isnan(self._simulated.y)
+        x = np.concatenate([self._simulated.x[usable], self._tools.x])
+        y = np.concatenate([self._simulated.y[usable], self._tools.y])
+        s = np.repeat([SIM if self._strategy.tools is not None else REAL, REAL], [usable.sum(), len(self._tools.y)])
+        return ObservationSet(x, s, y, np.zeros(len(y)))
+
+    def _run_simulations(self, x: np.ndarray) -> None:
+        self._simulated.add(x, np.where(self._landscape.fails(x), np.nan, self._landscape.simulated(x)))
+
+    def _record(self, x: np.ndarray, rng: np.random.Generator) -> None:
+        true_n = self._landscape.real(x)
+        self._tools.add(x, true_n + self._landscape.noise_sd_n * rng.normal(size=len(x)))
+        self._best.append(max([float(true_n.max()), *self._best[-1:]]))
+        self._batch_means.append(float(true_n.mean()))

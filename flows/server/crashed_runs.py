@@ -1,0 +1,163 @@
+"""Flow runs whose process is gone: said so in the pages, and campaigns of them started again.
+
+Prefect learns of the end of a run from the process that does it, or from the worker that started that. When both are
+killed, or the machine goes down, nobody tells it: the run stays Running for good, and holds the slot of its deployment.
+The sweeper asks the operating system instead.
+"""
+
+import logging
+import urllib.error
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+from flows.server.run_process import RunningProcess, is_process_alive
+from flows.server.server import ask_server
+
+logger = logging.getLogger(__name__)
+
+OURS = ("campaign", "run-campaign", "print", "run-batch", "simulate", "report", "recalibrate", "close-gap")  # flows
+CONTINUED = "run-campaign"  # the flow that goes on by itself: the lake says where it stands
+CONTINUES = "continues-a-crashed-run"
+ACTIVE = ("RUNNING", "PENDING", "CANCELLING")
+UNMARKED_LIMIT_S = 300.0  # a run marks itself when its process has started, on a busy machine after a minute
+ORPHAN_LIMIT_S = 15.0  # after the start of a worker: what the one before it had started is marked, or has ended with it
+MOST_PER_HOUR = 20  # continuations of one campaign: it may be the campaign that kills its process
+FORGOTTEN_AFTER = timedelta(days=1)  # a crash that nobody minded for so long is left to people
+_AT_ONCE = 200  # runs per question; the server gives no more
+
+Run = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Swept:
+    """What a sweep did, a sentence for each run."""
+
+    crashed: list[str] = field(default_factory=list)
+    continued: list[str] = field(default_factory=list)
+
+    @property
+    def sentences(self) -> list[str]:
+        """All of them."""
+        return [*self.crashed, *self.continued]
+
+
+def sweep(
+    api_url: str,
+    *,
+    and_continue: bool = False,
+    hour_limit: int = MOST_PER_HOUR,
+    worker_since: datetime | None = None,
+) -> Swept:
+    """Declare crashed every run of ours whose process is gone; with `and_continue`, start campaigns of them again.
+
+    `worker_since`: start of the worker, where it is the only one. A server that does not answer is asked again next
+    time.
+    """
+    try:
+        names = _flow_names(api_url)
+        crashed = [sentence for run in _active(api_url, names) if (sentence := _declare(api_url, run, worker_since))]
+        continued = _continue_campaigns(api_url, names, hour_limit) if and_continue else []
+    except (OSError, ValueError) as error:
+        logger.warning("flow runs were not swept: %s", error)
+        return Swept()
+    return Swept(crashed, continued)
+
+
+def reason_of_death(run: Run, now: datetime, worker_since: datetime | None = None) -> str | None:
+    """Why a run that the server holds for active is not, in one sentence; None when it may be.
+
+    `worker_since`: start of the only worker; what the one before it was about to start, nobody will.
+    """
+    process = RunningProcess.of_tags(run["tags"])
+    if process is not None:
+        if not process.is_here or process.is_alive():
+            return None
+        return f"its process {process.pid} on {process.host} is gone: killed, or the machine went down"
+    if str(run.get("infrastructure_pid") or "").isdecimal() and is_process_alive(int(run["infrastructure_pid"])):
+        return None
+    since = _time(run["state"]["timestamp"])
+    if run["state"]["type"] == "PENDING" and worker_since is not None and _is_orphaned(since, worker_since, now):
+        return "the worker that was to start it is gone: killed, or the machine went down"
+    age_s = (now - since).total_seconds()
+    if age_s < UNMARKED_LIMIT_S:
+        return None
+    return f"no process has said for {age_s:.0f} s that it does this run"
+
+
+def _is_orphaned(since: datetime, worker_since: datetime, now: datetime) -> bool:
+    """Whether the worker that took a run at `since` is gone, and all that it had started with it."""
+    return since < worker_since and (now - worker_since).total_seconds() > ORPHAN_LIMIT_S
+
+
+def _flow_names(api_url: str) -> dict[str, str]:
+    """Ids and names of the flows that are ours."""
+    wanted = {"flows": {"name": {"any_": list(OURS)}}}
+    return {flow["id"]: flow["name"] for flow in ask_server(api_url, "/flows/filter", wanted)}
+
+
+def _active(api_url: str, names: Iterable[str]) -> list[Run]:
+    if not (flow_ids := list(names)):
+        return []
+    question = {
+        "flow_runs": {"state": {"type": {"any_": list(ACTIVE)}}},
+        "flows": {"id": {"any_": flow_ids}},
+        "limit": _AT_ONCE,
+    }
+    return list(ask_server(api_url, "/flow_runs/filter", question))
+
+
+def _declare(api_url: str, run: Run, worker_since: datetime | None) -> str | None:
+    """Set a run whose process is gone, and its tasks, to Crashed; returns the sentence about it."""
+    reason = reason_of_death(run, datetime.now(UTC), worker_since)
+    if reason is None:
+        return None
+    _set_crashed(api_url, "flow_runs", run["id"], reason)
+    question = {
+        "task_runs": {"state": {"type": {"any_": list(ACTIVE)}}},
+        "flow_runs": {"id": {"any_": [run["id"]]}},
+        "limit": _AT_ONCE,
+    }
+    for task_run in ask_server(api_url, "/task_runs/filter", question):
+        _set_crashed(api_url, "task_runs", task_run["id"], reason)
+    return f"run {run['name']} has crashed: {reason}"
+
+
+def _set_crashed(api_url: str, kind: str, run_id: str, reason: str) -> None:
+    state = {"type": "CRASHED", "name": "Crashed", "message": reason}
+    ask_server(api_url, f"/{kind}/{run_id}/set_state", {"state": state, "force": True})
+
+
+def _continue_campaigns(api_url: str, names: dict[str, str], hour_limit: int) -> list[str]:
+    """Start again every campaign whose last run from a deployment has crashed; a person's stop is no crash."""
+    flow_ids = [flow_id for flow_id, name in names.items() if name == CONTINUED]
+    if not flow_ids:
+        return []
+    question = {"flows": {"id": {"any_": flow_ids}}, "sort": "EXPECTED_START_TIME_DESC", "limit": _AT_ONCE}
+    by_campaign: dict[str, list[Run]] = {}
+    for run in ask_server(api_url, "/flow_runs/filter", question):
+        if run["deployment_id"] and not run["auto_scheduled"]:
+            by_campaign.setdefault(f"{run['deployment_id']} {sorted(run['parameters'].items())}", []).append(run)
+    return [sentence for runs in by_campaign.values() if (sentence := _continue(api_url, runs, hour_limit))]
+
+
+def _continue(api_url: str, runs: list[Run], hour_limit: int) -> str | None:
+    """A new run with the parameters of the last, newest first, if that has crashed."""
+    last, now = runs[0], datetime.now(UTC)
+    if last["state"]["type"] != "CRASHED" or _time(last["state"]["timestamp"]) < now - FORGOTTEN_AFTER:
+        return None
+    recent = [run for run in runs if CONTINUES in run["tags"] and _time(run["created"]) > now - timedelta(hours=1)]
+    if len(recent) >= hour_limit:
+        logger.warning("%s has crashed and was continued %d times within an hour: no more", last["name"], len(recent))
+        return None
+    new = {"parameters": last["parameters"], "tags": [CONTINUES], "idempotency_key": f"continues-{last['id']}"}
+    try:
+        ask_server(api_url, f"/deployments/{last['deployment_id']}/create_flow_run", new)
+    except urllib.error.HTTPError as error:
+        return f"run {last['name']} has crashed and its deployment starts no other: {error.reason}"
+    return f"run {last['name']} has crashed and is continued"
+
+
+def _time(text: str) -> datetime:
+    return datetime.fromisoformat(text)

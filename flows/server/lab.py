@@ -1,0 +1,142 @@
+"""What stands while a lab works: the Prefect server, a worker, and the deployments of prefect.yaml."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from flows.server.child_process import StandingProcess
+from flows.server.crashed_runs import sweep
+from flows.server.server import (
+    LOOPBACK,
+    address_for_others,
+    api_url_of,
+    ask_server,
+    client_environment,
+    is_healthy,
+    note_server,
+    start_server,
+    state_folder,
+    stop_server,
+)
+from flows.server.worker_process import POOL
+from lake.store import Lake
+from models.errors import FastError
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+POOL_LIMIT_S = 300.0
+DEPLOY_LIMIT_S = 600.0
+SWEEP_S = 5.0  # between looks for flow runs whose process is gone
+WORKER_POLL_S = "5"  # between the worker's looks for runs to start, where Prefect waits 10 s
+
+
+@dataclass(frozen=True)
+class LabPlan:
+    """How the lab is to stand. `host`: where the server listens; `n_runs`: flow runs of the worker at once."""
+
+    port: int
+    host: str = LOOPBACK
+    n_runs: int = 4
+
+
+class Lab:
+    """Server and worker of a lake, both watched."""
+
+    def __init__(self, lake: Lake, plan: LabPlan) -> None:
+        self._lake = lake
+        self._swept_s = 0.0
+        self._server: StandingProcess | None = None
+        named = os.environ.get("PREFECT_API_URL")
+        if named is None:
+            self._server = start_server(lake.root, plan.port, plan.host)
+            self.api_url = api_url_of(self._server)
+        elif is_healthy(named):
+            self.api_url = named
+        else:
+            raise FastError(f"PREFECT_API_URL is {named}, which does not answer; start that server or unset it.")
+        self._environment = {
+            **os.environ,
+            **client_environment(self.api_url),
+            "PREFECT_HOME": str(state_folder(lake.root)),
+            "PYTHONPATH": os.pathsep.join(filter(None, [str(CHECKOUT), os.environ.get("PYTHONPATH")])),
+            "FAST_CHECKOUT": str(CHECKOUT),
+            "FAST_LAKE": address_for_others(lake),
+        }
+        self._environment.setdefault("PREFECT_WORKER_QUERY_SECONDS", WORKER_POLL_S)
+        log = state_folder(lake.root) / "worker.log"
+        arguments = [str(plan.n_runs), str(os.getpid())]
+        self._worker = StandingProcess("flows.server.worker_process", arguments, self._environment, log)
+        self._worker.start()
+
+    def deploy(self) -> list[str]:
+        """Apply prefect.yaml; returns the names of the deployments.
+
+        Raises:
+            FastError: the worker made no pool, or Prefect refused a deployment.
+        """
+        self.wait_for_pool()
+        command = [sys.executable, "-m", "prefect", "--no-prompt", "deploy", "--all"]
+        done = subprocess.run(
+            command, cwd=CHECKOUT, env=self._environment, capture_output=True, text=True, timeout=DEPLOY_LIMIT_S
+        )
+        if done.returncode:
+            last = " ".join((done.stderr or done.stdout).strip().splitlines()[-3:])
+            raise FastError(f"the deployments of {CHECKOUT / 'prefect.yaml'} were not accepted: {last}")
+        return sorted(found["name"] for found in ask_server(self.api_url, "/deployments/filter", {}))
+
+    def tend(self, tell: Callable[[str], None]) -> None:
+        """Start again what died, and campaigns whose process did; what they need is in the database and in the lake."""
+        if self._server is not None and self._server.restart_if_dead():
+            note_server(self._lake.root, self._server)
+            tell(f"the Prefect server had died and was started again; its log is {self._server.log_path}")
+        if self._worker.restart_if_dead():
+            tell(f"the worker had died and was started again; its log is {self._worker.log_path}")
+        # A server that is still starting would hold this up, and with it the start of the worker.
+        if time.monotonic() - self._swept_s > SWEEP_S and is_healthy(self.api_url):
+            self._swept_s = time.monotonic()
+            only_worker_since = None if self._server is None else self._worker.since
+            for sentence in sweep(self.api_url, and_continue=True, worker_since=only_worker_since).sentences:
+                tell(sentence)
+
+    def close(self) -> None:
+        """Stop worker, then server."""
+        self._worker.stop()
+        if self._server is not None:
+            stop_server(self._lake.root, self._server)
+
+    @property
+    def pids(self) -> tuple[int, int]:
+        """Process ids of the server (0: it is not ours) and of the worker."""
+        return self._server.pid if self._server else 0, self._worker.pid
+
+    def wait_for_pool(self) -> None:
+        """Wait until the worker has made its pool.
+
+        Raises:
+            FastError: it does not.
+        """
+        deadline = time.monotonic() + POOL_LIMIT_S
+        while True:
+            try:
+                ask_server(self.api_url, f"/work_pools/{POOL}")
+                return
+            except OSError as error:
+                if time.monotonic() > deadline or not self._worker.is_alive():
+                    raise FastError(
+                        f"the worker did not start within {POOL_LIMIT_S:.0f} s; its log is {self._worker.log_path}."
+                    ) from error
+            time.sleep(0.5)
+
+
+@contextmanager
+def open_lab(lake: Lake, plan: LabPlan) -> Iterator[Lab]:
+    """A lab that stands as long as the `with` block lasts."""
+    lab = Lab(lake, plan)
+    try:
+        yield lab
+    finally:
+        lab.close()

@@ -1,0 +1,74 @@
+"""Body of the server's own process: Prefect's pages, and the lake's output folder read-only beside them.
+
+Arguments: number of the listening socket that the parent hands on, process id of the parent, output folder.
+"""
+
+import base64
+import binascii
+import hmac
+import os
+import socket
+import sys
+from collections.abc import Awaitable, Callable, MutableMapping
+from pathlib import Path
+from typing import Any
+
+OUTPUTS = "/outputs"
+
+Scope = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
+Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+
+def with_outputs(pages: App, folder: Path, login: str | None) -> App:
+    """Prefect's application with reports and recordings of the lake under `/outputs/`, behind the same password."""
+    from starlette.applications import Starlette
+    from starlette.responses import PlainTextResponse
+    from starlette.routing import Mount
+    from starlette.staticfiles import StaticFiles
+
+    folder.mkdir(parents=True, exist_ok=True)
+    # It does not follow links, nor leave the folder.
+    files = Starlette(routes=[Mount(OUTPUTS, StaticFiles(directory=folder, html=True))])
+    refusal = PlainTextResponse("Password needed.", 401, {"WWW-Authenticate": 'Basic realm="FAST"'})
+
+    async def app(scope: Scope, receive: Receive, send: Send) -> None:
+        is_output = scope["type"] == "http" and scope["path"].startswith(f"{OUTPUTS}/")
+        if not is_output:
+            await pages(scope, receive, send)
+        elif login is not None and not _knows(scope, login):
+            await refusal(scope, receive, send)
+        else:
+            await files(scope, receive, send)
+
+    return app
+
+
+def _knows(scope: Scope, login: str) -> bool:
+    """Whether the request carries the login."""
+    sent = dict(scope["headers"]).get(b"authorization", b"").decode("latin-1")
+    kind, _, code = sent.partition(" ")
+    try:
+        return kind == "Basic" and hmac.compare_digest(base64.b64decode(code, validate=True), login.encode())
+    except (binascii.Error, ValueError):
+        return False
+
+
+def serve(listener: socket.socket, parent_pid: int, folder: Path) -> None:
+    """Serve what comes to a listening socket until the parent is gone."""
+    import uvicorn
+    from prefect.server.api.server import create_app
+
+    from flows.server.background import calm_down
+    from tasks.simulation.pool import follow_parent
+
+    follow_parent(parent_pid)
+    calm_down()
+    login = os.environ.get("PREFECT_SERVER_API_AUTH_STRING")
+    config = uvicorn.Config(with_outputs(create_app(), folder, login), log_level="warning")
+    uvicorn.Server(config).run(sockets=[listener])
+
+
+if __name__ == "__main__":
+    serve(socket.socket(fileno=int(sys.argv[1])), int(sys.argv[2]), Path(sys.argv[3]))

@@ -1,0 +1,105 @@
+"""`fast simulate --export-calculix`: a folder that CalculiX can run, with our own numbers beside it."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flows.cli.simulate_output import unwritable
+from models.errors import UsageError
+from models.objects.catalogue import RigidObject
+from models.objects.distance import distance_and_normal
+from models.objects.surface import object_mesh
+from models.records import Design, GraspSetup, SimulatorVersion
+from models.simulation.grasp import Numerics, simulate_grasp
+from models.simulation.mesh.build import build_mesh
+from models.simulation.output.export_calculix import ClosingDeck, ObjectSurface
+from models.simulation.output.recording import GraspRecording, Snapshot
+from models.simulation.solver.stepping import StepLimits
+
+N_LEVELS = 4
+OBJECT_SPACING_MM = 1.0
+# Fine steps, because the forces at the levels are read between them; the law is CalculiX's for *ELASTIC.
+NUMERICS = Numerics(limits=StepLimits(closing_mm=0.5), material_law="st_venant_kirchhoff")
+SHORTEST_LIFT_MM = 0.01
+
+_README = """# Closing of one finger in CalculiX
+
+    ccx closing
+
+runs `closing.inp` (CalculiX 2.20 or later) and prints, in `closing.dat`, the force of the clamp on the modelled finger
+at {n} levels of closing. `expected.json` holds our own forces at the same levels: {share}.
+
+One finger (+x) of design {design} closes on object {object_id}, {name}. Units mm, N, MPa; frame of the object (z up,
+x closing). The deck starts at the first touch, when the jaw has travelled {touch:.3f} mm, and moves the base by
+{stroke:.3f} mm in -x. The object is a layer of wedges with every node held.
+
+Same in both codes: mesh, St.Venant-Kirchhoff law, linear penalty contact and stick stiffness, friction. Different:
+contact integration, facets instead of the smooth object, and our smooth onset of pressure (which delays the force by
+about 0.03 mm of travel, so the first level differs most). The mirror plane of the other finger is not in the deck;
+in our run the finger came within {mirror:.1f} mm of it (it matters when this is below 0).
+"""
+
+
+def write_calculix(
+    folder: Path, design: Design, obj: RigidObject, version: SimulatorVersion, setup: GraspSetup
+) -> list[Path]:
+    """Write `closing.inp`, `expected.json` and `README.md`; returns the files.
+
+    Raises:
+        UsageError: the version has effects, the finger never touches the object, or the folder cannot be written.
+        MeshingFailed, SimulationFailed: the grasp cannot be solved.
+    """
+    if version.effects:
+        raise UsageError("--export-calculix writes the simulator without effects; use a version that has none.")
+    mesh = build_mesh(design, version.mesh, full_width=not obj.mirror_y)
+    recording = GraspRecording()
+    closing_only = setup.model_copy(update={"max_lift_mm": SHORTEST_LIFT_MM})
+    simulate_grasp(design, obj, version, closing_only, mesh=mesh, numerics=NUMERICS, recorder=recording.add)
+    closing = [snapshot for snapshot in recording.of("right") if snapshot.phase == "closing"]
+    if not closing[-1].pressure.size:
+        raise UsageError(
+            f"The finger never touches object {obj.object_id}, so there is nothing to compute in CalculiX."
+        )
+    stroke = closing[-1].travel_mm - closing[0].travel_mm
+    travels = [stroke * level / N_LEVELS for level in range(1, N_LEVELS + 1)]
+    law = NUMERICS.contact
+    deck = ClosingDeck(mesh, closing[0].rest_nodes, _surface(obj), version.theta, law, travels)
+    expected = {"design_id": design.design_id, "object_id": obj.object_id, "version_id": version.version_id}
+    expected |= {"setup": setup.model_dump(), "mesh_id": mesh.mesh_id, "levels": _levels(closing, travels)}
+    readme = _README.format(
+        n=N_LEVELS,
+        share="of the modelled half, as CalculiX prints them" if mesh.is_half else "of the finger",
+        design=design.design_id,
+        object_id=obj.object_id,
+        name=obj.name,
+        touch=closing[0].travel_mm,
+        stroke=stroke,
+        mirror=min(float(snapshot.nodes[:, 0].min()) for snapshot in closing),
+    )
+    texts = {"closing.inp": deck.text(), "expected.json": json.dumps(expected, indent=2) + "\n", "README.md": readme}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in texts.items():
+            (folder / name).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise unwritable("--export-calculix", folder, error) from error
+    return [folder / name for name in texts]
+
+
+def _surface(obj: RigidObject) -> ObjectSurface:
+    mesh = object_mesh(obj, spacing_mm=OBJECT_SPACING_MM)
+    vertices = np.asarray(mesh.vertices)
+    return ObjectSurface(vertices, distance_and_normal(obj.primitives, vertices)[1], np.asarray(mesh.faces))
+
+
+def _levels(closing: list[Snapshot], travels_mm: list[float]) -> list[dict[str, Any]]:
+    """Force of the clamp on the modelled finger (half of it for a half mesh) at each travel since the first touch."""
+    share = 2.0 if closing[0].mesh.is_half else 1.0
+    travel = np.array([snapshot.travel_mm - closing[0].travel_mm for snapshot in closing])
+    force = np.array([snapshot.clamp_force * snapshot.scale / share for snapshot in closing])
+    return [
+        {"travel_mm": at, "force_n": [float(np.interp(at, travel, force[:, axis])) for axis in range(3)]}
+        for at in travels_mm
+    ]

@@ -1,0 +1,385 @@
+"""The grasp cell: measures a tool on a plan of objects, and leaves the bench safe whatever happens."""
+
+import logging
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Literal
+
+import numpy as np
+
+from hardware.cell.diagnostics import NO_OBJECT, Cell, DiagnosticRun
+from hardware.cell.force_sensor import Baseline, ForceSensor, OverloadError, SensorFaultError
+from hardware.cell.gantry import Gantry
+from hardware.cell.layout import BenchLayout
+from hardware.cell.pneumatics import Pneumatics
+from hardware.cell.recorder import GraspRecorder
+from hardware.cell.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
+from hardware.clock import Clock
+from hardware.safety.supervisor import Supervisor
+from hardware.safety.watches import GraspFaultError, GraspWatch
+from hardware.tools.changer import ToolChanger
+from hardware.tools.mounted import MountedTool
+from models.errors import DeviceError, FastError, InterlockError, UsageError
+from models.objects.catalogue import get_object
+from models.records import BENCH_FAULT, GraspSetup, Trace
+
+logger = logging.getLogger(__name__)
+
+SETTLE_S = 0.3  # after travelling, before the tare: the tool swings
+BASELINE_S = 0.6  # longer than the time after which identical readings mean a frozen transmitter
+RELEASE_CHECK_S = 0.15  # 12 readings: their mean is ten times better than NOT_RELEASED_N asks
+DEAD_WEIGHT_S = 2.0  # readings with the weight on, and after it was taken off
+CLOSED_SETTLE_S = 0.2  # between the end of closing and the lift
+POSITION_PERIOD_S = 0.1  # 10 Hz, what GRBL answers reliably in motion
+LATE_S = 0.05  # a position whose time is less sure is not recorded: at 5 mm/s it is 0.25 mm
+CARRYING_CHECK_PERIOD_S = 0.5
+CONTACT_SDS = 3.0  # of one reading: five of the mean that is looked at, with the noise of a filter
+OVERLOAD_LOWER_MM = 5.0
+SAME_PLACE_MM = 0.5
+LIFT_MARGIN_S = 5.0
+
+Hang = Callable[[float], None]
+"""Called with a mass in kg: returns when it hangs still on the open gripper (0: when nothing hangs there)."""
+
+
+@dataclass(frozen=True)
+class MeasuredGrasp:
+    """One grasp as the bench measured it.
+
+    `tare_force_n`: gross force of the free-hanging gripper that was taken as zero. A failed grasp keeps what was
+    recorded until then. `setup` is the one it was made with. `diagnostic`: the experiment it belongs to (`object_id` is
+    then `NO_OBJECT` if it needs none), None for an ordinary grasp.
+    """
+
+    object_id: int
+    repeat: int
+    started_at: datetime
+    trace: Trace
+    status: Literal["ok", "failed"]
+    reason: str
+    tare_force_n: float
+    details: dict[str, float | str] = field(default_factory=dict)
+    setup: GraspSetup = GraspSetup()
+    diagnostic: DiagnosticRun | None = None
+
+
+class GraspCell:
+    """Runs grasps on the devices of one bench. Between grasps the gripper is open and the head at travel height.
+
+    `recorded`: settings of the bench that are kept with every grasp's details.
+    """
+
+    def __init__(
+        self,
+        gantry: Gantry,
+        supervisor: Supervisor,
+        watch: GraspWatch,
+        pneumatics: Pneumatics,
+        changer: ToolChanger,
+        force: ForceSensor,
+        clock: Clock,
+        layout: BenchLayout,
+        recorded: Mapping[str, float | str] | None = None,
+    ) -> None:
+        self._gantry = gantry
+        self._supervisor = supervisor
+        self._watch = watch
+        self._pneumatics = pneumatics
+        self._changer = changer
+        self._force = force
+        self._clock = clock
+        self._layout = layout
+        self._recorded = dict(recorded or {})
+        self._stroke: GraspSetup | None = None
+
+    def measure_tool(
+        self,
+        slot: int,
+        plan: Sequence[Cell | DiagnosticRun],
+        setup: GraspSetup,
+        on_grasp: Callable[[MeasuredGrasp], None],
+        should_stop: Callable[[], bool],
+        hang: Hang | None = None,
+    ) -> None:
+        """Pick the tool of `slot`, measure the planned (object, repeat) grasps in order, park the tool.
+
+        `on_grasp` gets each grasp as soon as it is measured; `should_stop` is asked before each grasp and ends the
+        plan early, with the tool parked. A grasp that fails by itself (load cell fault, overload) is reported as failed
+        and the plan goes on. Diagnostic runs may stand anywhere in the plan; dead weights need `hang`.
+
+        Raises:
+            UsageError: plan or setup cannot be carried out; nothing has moved.
+            DeviceError: the bench cannot go on; it is in the safe state and the tool may still be on the head.
+        """
+        tool = self._check_plan(slot, plan, setup, hang)
+        if not plan or should_stop():
+            return
+        with self._supervisor.guard():
+            self._check_at_rest()
+            self._pneumatics.open_supply()
+            self._stroke = None
+            self._changer.pick(slot)
+            for item in plan:
+                if should_stop():
+                    logger.info("Stop asked: parking tool %s", tool.tool_id)
+                    break
+                self._watch.before_grasp()
+                self._measure(tool, self._begin(item, setup), on_grasp, hang)
+            self.park()
+
+    def park(self) -> None:
+        """Dock the tool on the head (if any) and close the air supply."""
+        with self._supervisor.guard():
+            self._gantry.move_to(z_mm=self._layout.top_z_mm)
+            self._changer.dock()
+            self._pneumatics.close_supply()
+
+    def recover(self) -> None:
+        """End the safe state after a person looked: drop what is left of the motion, lower, vent, raise."""
+        self._supervisor.end_safe_state("the person who asked to recover")
+        self._gantry.move_to(z_mm=self._layout.top_z_mm)
+
+    def _check_plan(
+        self, slot: int, plan: Sequence[Cell | DiagnosticRun], setup: GraspSetup, hang: Hang | None
+    ) -> MountedTool:
+        tool = self._changer.tools.get(slot)
+        if tool is None:
+            raise UsageError(f"Slot {slot} has no tool; mounted are slots {sorted(self._changer.tools)}.")
+        self._layout.grasp_z_mm(tool.design, setup)
+        for item in plan:
+            grasp = self._begin(item, setup)
+            self._place_mm(grasp)
+            if grasp.run is not None and grasp.run.mass_kg is not None and hang is None:
+                raise UsageError(
+                    "The plan has dead weights, which a person hangs on the gripper; use `fast gantry diagnose`."
+                )
+        return tool
+
+    def _check_at_rest(self) -> None:
+        if self._pneumatics.is_gripping():
+            raise InterlockError(
+                "The gripper is closed from an earlier grasp; an object may hang in it. Look, then run "
+                "`fast gantry park --vent` to vent, raise and park."
+            )
+
+    def _begin(self, item: Cell | DiagnosticRun, setup: GraspSetup) -> "_GraspInProgress":
+        if isinstance(item, DiagnosticRun):
+            return _GraspInProgress(item.object_id, item.repeat, item.setup_of(setup), item, dict(self._recorded))
+        return _GraspInProgress(*item, setup, None, dict(self._recorded))
+
+    def _measure(
+        self, tool: MountedTool, grasp: "_GraspInProgress", on_grasp: Callable[[MeasuredGrasp], None], hang: Hang | None
+    ) -> None:
+        """One grasp, reported whatever its end; re-raises what the bench cannot go on with."""
+        grasp.details["wire_from_s"] = round(time.monotonic(), 3)  # the clock of the wire logs
+        try:
+            self._approach(tool, grasp)
+            try:
+                if grasp.run is not None and grasp.run.mass_kg is not None and hang is not None:
+                    self._weigh(grasp, grasp.run.mass_kg, hang)
+                else:
+                    self._grip_and_lift(tool, grasp)
+            except (SensorFaultError, OverloadError, GraspFaultError) as fault:
+                grasp.reason = str(fault)
+                self._back_off(fault, grasp)
+            self._retreat(tool, grasp)
+        except (FastError, KeyboardInterrupt, SystemExit) as error:
+            self._supervisor.trip(error)  # before the data is kept, which may take its time
+            grasp.reason, grasp.end = grasp.reason or self._supervisor.cause, BENCH_FAULT
+            on_grasp(grasp.result())
+            raise
+        on_grasp(grasp.result())
+
+    def _place_mm(self, grasp: "_GraspInProgress") -> tuple[float, float]:
+        if grasp.object_id == NO_OBJECT:
+            return self._layout.free_xy_mm
+        return self._layout.object_xy_mm(grasp.object_id)
+
+    def _approach(self, tool: MountedTool, grasp: "_GraspInProgress") -> None:
+        """Travel over the object, unless the head is there from the last repeat, and tare hanging free."""
+        x_mm, y_mm = self._place_mm(grasp)
+        here_x_mm, here_y_mm, _ = self._gantry.position_mm()
+        if math.hypot(x_mm - here_x_mm, y_mm - here_y_mm) > SAME_PLACE_MM:
+            self._raise(tool)
+            self._gantry.move_to(x_mm=x_mm, y_mm=y_mm)
+            self._clock.sleep(SETTLE_S)
+        self._changer.check_carrying()
+        self._prepare_air(grasp)
+        self._pneumatics.label_job(grasp.object_id, grasp.repeat)
+        self._force.tare()
+        grasp.baseline = self._force.baseline(BASELINE_S)
+        step_n = self._watch.zero.check(tool.tool_id, grasp.baseline)
+        grasp.details["zero_step_n"] = step_n
+        # The lighter of two looks: one alone is off by the weight of a lost part once in ten thousand grasps.
+        grasp.free_n = grasp.baseline.net_n - max(step_n, 0.0)
+
+    def _prepare_air(self, grasp: "_GraspInProgress") -> None:
+        """Stroke recipe and supply pressure of this grasp, where they differ from those of the last one."""
+        if grasp.setup != self._stroke:
+            self._pneumatics.set_stroke(grasp.setup)
+            self._stroke = grasp.setup
+        psi = grasp.run.supply_pressure_psi if grasp.run is not None else None
+        self._pneumatics.set_supply_pressure(psi)
+        grasp.details["supply_pressure_psi"] = self._pneumatics.supply_pressure_psi
+
+    def _weigh(self, grasp: "_GraspInProgress", mass_kg: float, hang: Hang) -> None:
+        """Readings with a known weight on the open gripper, and after it was taken off."""
+        hang(mass_kg)
+        self._force.forget()
+        recorder = grasp.recorder = GraspRecorder(self._clock.now_s(), self._gantry.position_mm()[2], grasp.baseline)
+        self._record_until(recorder, self._clock.now_s() + DEAD_WEIGHT_S)
+        grasp.details["dead_weight_n"] = float(recorder.recent_force_n(DEAD_WEIGHT_S).mean())
+        hang(0.0)
+        self._record_until(recorder, self._clock.now_s() + DEAD_WEIGHT_S)
+        grasp.end = "weighed"
+
+    def _grip_and_lift(self, tool: MountedTool, grasp: "_GraspInProgress") -> None:
+        setup = grasp.setup
+        self._gantry.move_to(z_mm=self._layout.grasp_z_mm(tool.design, setup))
+        z_mm = self._gantry.position_mm()[2]
+        self._force.forget()
+        self._supervisor.rest_z_mm = z_mm
+        self._force.watch_peak()
+        self._pneumatics.grip()
+        recorder = grasp.recorder = GraspRecorder(self._clock.now_s(), z_mm, grasp.baseline)
+        self._record_until(recorder, self._clock.now_s() + closing_s(setup) + CLOSED_SETTLE_S + grasp.dwell_s)
+        self._pneumatics.check_pressure()
+        self._watch.air.begin()
+        recorder.add_position(self._clock.now_s(), z_mm)
+        self._gantry.start_lift(setup.max_lift_mm, setup.lift_speed_mm_per_s)
+        grasp.end = self._record_lift(recorder, grasp)
+        self._gantry.stop_lift()
+        sample = self._gantry.sample()
+        recorder.add_position(sample.time_s, sample.z_mm)
+        grasp.details.update(self._force.peak_details())
+        least_contact_n = max(FORCE_BACK_N, CONTACT_SDS * grasp.baseline.sd_n)
+        if grasp.object_id != NO_OBJECT and not recorder.is_contact_seen(least_contact_n):
+            grasp.reason = (
+                f"No force above {FORCE_BACK_N:g} N on object {grasp.object_id}: it is missing or moved. The grasp is "
+                "not counted; look at the mount."
+            )
+
+    def _record_until(self, recorder: GraspRecorder, end_s: float) -> None:
+        """Read the force at the transmitter's rate until a time."""
+        period_s = 1.0 / self._force.rate_hz
+        next_s = max(recorder.last_force_s + period_s, self._clock.now_s())
+        while next_s <= end_s + 1e-9:
+            self._clock.sleep(next_s - self._clock.now_s())
+            for reading in self._force.read_new():
+                recorder.add_force(reading)
+            next_s = max(next_s + period_s, self._clock.now_s())
+
+    def _record_lift(self, recorder: GraspRecorder, grasp: "_GraspInProgress") -> str:
+        """Read force and position until the fingers have left the object; says how it ended."""
+        setup = grasp.setup
+        speed = setup.lift_speed_mm_per_s
+        least_mm = least_lift_mm(grasp.object_id, setup, self._layout)
+        start_s = check_s = self._clock.now_s()
+        deadline_s = start_s + setup.max_lift_mm / speed + LIFT_MARGIN_S
+        while self._clock.now_s() < deadline_s:
+            sample = self._gantry.sample()
+            lift_mm = sample.z_mm - recorder.z_mm
+            if sample.late_s <= LATE_S:
+                recorder.add_position(sample.time_s, sample.z_mm)
+            if lift_mm >= setup.max_lift_mm - 0.01:
+                return "max_lift"
+            is_over = lift_mm >= least_mm
+            if is_over and is_free(recorder.recent_force_n(WINDOW_MM / speed), grasp.baseline.sd_n):
+                return "separated"
+            if self._clock.now_s() - check_s >= CARRYING_CHECK_PERIOD_S:
+                self._changer.check_carrying()
+                self._watch.lifting()
+                check_s = self._clock.now_s()
+            self._record_until(recorder, self._clock.now_s() + POSITION_PERIOD_S)
+        raise DeviceError(
+            f"The lift reached {recorder.lift_mm:.1f} of {setup.max_lift_mm:g} mm in {deadline_s - start_s:.0f} s "
+            "and was held; check the Z axis."
+        )
+
+    def _back_off(self, fault: FastError, grasp: "_GraspInProgress") -> None:
+        """After a failed grasp: stop and lower, so that nothing falls when the gripper opens."""
+        logger.warning("Grasp on object %d failed: %s", grasp.object_id, fault)
+        self._gantry.stop_lift()
+        if grasp.recorder is None:
+            return
+        rest_z_mm = grasp.recorder.z_mm
+        if isinstance(fault, OverloadError):
+            rest_z_mm = max(self._gantry.position_mm()[2] - OVERLOAD_LOWER_MM, rest_z_mm)
+        self._gantry.move_to(z_mm=rest_z_mm)
+
+    def _retreat(self, tool: MountedTool, grasp: "_GraspInProgress") -> None:
+        """Open, go up if the tips are not over the object yet, and make sure that nothing came along."""
+        grasp.details["pressure_psi"] = self._pneumatics.pressure_psi()
+        if self._pneumatics.is_gripping():
+            self._pneumatics.vent()
+        self._supervisor.rest_z_mm = None
+        if grasp.end != "separated":
+            self._raise(tool)
+        left_n = self._force.baseline(RELEASE_CHECK_S).net_n - grasp.free_n
+        grasp.details["after_release_n"] = self._watch.release.check(grasp.object_id, left_n, grasp.free_n)
+
+    def _raise(self, tool: MountedTool) -> None:
+        z_mm = self._layout.travel_z_mm(tool.design)
+        if self._gantry.position_mm()[2] < z_mm - 0.01:
+            self._gantry.move_to(z_mm=z_mm)
+
+
+@dataclass
+class _GraspInProgress:
+    """What is known of a grasp while it is made."""
+
+    object_id: int
+    repeat: int
+    setup: GraspSetup
+    run: DiagnosticRun | None
+    details: dict[str, float | str]
+    started_at: datetime = field(default_factory=lambda: datetime.now(UTC))
+    baseline: Baseline = Baseline(0.0, 0.0, 0.0)
+    free_n: float = 0.0  # net force of the open gripper, against which it is judged after the release
+    recorder: GraspRecorder | None = None
+    reason: str = ""
+    end: str = ""
+
+    @property
+    def dwell_s(self) -> float:
+        """Wait between closing and lift, on top of what every grasp waits."""
+        return (self.run.dwell_s or 0.0) if self.run is not None else 0.0
+
+    def result(self) -> MeasuredGrasp:
+        """The grasp as measured; failed when a reason was noted."""
+        empty = np.zeros(0)
+        trace = self.recorder.trace() if self.recorder is not None else Trace(empty, empty, empty)
+        self.details.update(end=self.end, baseline_sd_n=self.baseline.sd_n, baseline_net_n=self.baseline.net_n)
+        separation = find_separation(trace, self.baseline.sd_n) if self.end == "separated" else None
+        if separation is not None:
+            self.details.update(separation_mm=separation.lift_mm, zero_drift_n=separation.zero_drift_n)
+        self.details["wire_until_s"] = round(time.monotonic(), 3)  # the clock of the wire logs
+        return MeasuredGrasp(
+            object_id=self.object_id,
+            repeat=self.repeat,
+            started_at=self.started_at,
+            trace=trace,
+            status="failed" if self.reason else "ok",
+            reason=self.reason,
+            tare_force_n=self.baseline.gross_n,
+            details=self.details,
+            setup=self.setup,
+            diagnostic=self.run,
+        )
+
+
+def closing_s(setup: GraspSetup) -> float:
+    """Time the jaws take to their stop."""
+    return max(setup.open_gap_mm - setup.closed_gap_mm, 0.0) / 2 / setup.close_speed_mm_per_s
+
+
+def least_lift_mm(object_id: int, setup: GraspSetup, layout: BenchLayout) -> float:
+    """Lift at which the tips have passed the top of an object, without one of the tallest.
+
+    Before that a lift is not over: a waisted object lets go in between.
+    """
+    height_mm = layout.object_height_mm if object_id == NO_OBJECT else get_object(object_id).height_mm
+    return min(setup.tip_below_mm + height_mm + TOP_MARGIN_MM, setup.max_lift_mm)

@@ -1,0 +1,202 @@
+"""How long a plan takes on the bench, part by part: speeds, accelerations, settling, lift distance, tool change.
+
+Checked against the clock of the lockstep virtual bench to 2 %. A lift is taken to end when the tips have passed the
+object's top; an object that holds longer costs its extra millimetres at the lift's speed.
+"""
+
+import math
+import statistics
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from hardware.cell.cell import (
+    BASELINE_S,
+    CLOSED_SETTLE_S,
+    DEAD_WEIGHT_S,
+    POSITION_PERIOD_S,
+    RELEASE_CHECK_S,
+    SETTLE_S,
+    closing_s,
+    least_lift_mm,
+)
+from hardware.cell.diagnostics import NO_OBJECT, Cell, DiagnosticRun
+from hardware.cell.layout import BenchLayout
+from hardware.grbl.motion import limit_along, move_duration_s
+from hardware.grbl.profile import GrblProfile
+from hardware.tools import changer as tool_changer
+from hardware.tools.mounted import MountedTool
+from models.records import GraspSetup
+
+PAPER_GRASP_S = 15.0  # "one grasp every 15 s", 240 an hour
+
+_MOVE_S = 0.06  # of every move on top of its trapezoid: planner, dwell, and the poll that finds it done
+_GRIP_S = 0.14  # valve, and pressure up to the switch
+_VENT_S = 0.34  # valve, pressure down, rest of the air
+_LOCK_S = 0.18  # valve, travel of the lock, and the poll that finds it
+_STOP_LIFT_S = 0.05
+_HANG_S = 20.0  # a person hangs a weight on, or takes it off
+
+Point = tuple[float, float, float]
+
+
+class Parts(defaultdict[str, float]):
+    """Time by what it is spent on, in s."""
+
+    def __init__(self, **parts: float) -> None:
+        super().__init__(float, **parts)
+
+    def add(self, other: Mapping[str, float]) -> None:
+        """Add part by part."""
+        for name, spent_s in other.items():
+            self[name] += spent_s
+
+    @property
+    def total_s(self) -> float:
+        """All parts."""
+        return sum(self.values())
+
+    def longest_first(self) -> dict[str, float]:
+        """What dominates comes first; nothing is listed that takes no time."""
+        return {name: self[name] for name in sorted(self, key=lambda name: -self[name]) if self[name] > 0}
+
+
+@dataclass(frozen=True)
+class PlanTime:
+    """Time of one tool's plan: of the tool change, of each item in order, and of all by part, in s."""
+
+    tool_change_s: float
+    item_s: tuple[float, ...]
+    parts_s: dict[str, float]
+
+    @property
+    def total_s(self) -> float:
+        """Tool change and all items."""
+        return self.tool_change_s + sum(self.item_s)
+
+    @property
+    def mean_grasp_s(self) -> float:
+        """Of one item, with its share of the tool change; 0 for an empty plan."""
+        return self.total_s / len(self.item_s) if self.item_s else 0.0
+
+    @property
+    def grasps_per_hour(self) -> float:
+        """Theoretical rate: nothing fails, nobody waits."""
+        return 3600.0 / self.mean_grasp_s if self.item_s else 0.0
+
+
+def plan_time(
+    tool: MountedTool,
+    slot: int,
+    items: Sequence[Cell | DiagnosticRun],
+    setup: GraspSetup,
+    layout: BenchLayout | None = None,
+    profile: GrblProfile | None = None,
+    from_slot: int | None = None,
+) -> PlanTime:
+    """Time to pick a tool, make the items in order, and dock it.
+
+    Starts over the slot of the tool before (`from_slot`), or over its own, and ends over its own.
+    """
+    if not items:
+        return PlanTime(0.0, (), {})
+    model = _Model(tool, layout or BenchLayout(), profile or GrblProfile())
+    change_s = model.pick(slot, slot if from_slot is None else from_slot)
+    spent = [model.item(item, setup) for item in items]
+    change_s += model.dock(slot)
+    total = Parts(tool_change=change_s)
+    for parts in spent:
+        total.add(parts)
+    return PlanTime(change_s, tuple(parts.total_s for parts in spent), total.longest_first())
+
+
+def remaining_s(modelled_s: Sequence[float], measured_s: Sequence[float]) -> float:
+    """Time that the rest of a plan takes: the model's, times how much slower the first grasps really were.
+
+    `modelled_s`: of all items; `measured_s`: of those made so far. The median ratio does not mind a pause.
+    """
+    ratios = [real / model for model, real in zip(modelled_s, measured_s, strict=False) if model > 0]
+    factor = statistics.median(ratios) if ratios else 1.0
+    return factor * sum(modelled_s[len(measured_s) :])
+
+
+def total_parts(times: Iterable[PlanTime]) -> dict[str, float]:
+    """Parts of several tools together, longest first."""
+    total = Parts()
+    for time in times:
+        total.add(time.parts_s)
+    return total.longest_first()
+
+
+class _Model:
+    """Follows the head through a plan."""
+
+    def __init__(self, tool: MountedTool, layout: BenchLayout, profile: GrblProfile) -> None:
+        self._design, self._layout, self._profile = tool.design, layout, profile
+        self._at: Point = (0.0, 0.0, layout.top_z_mm)
+
+    def pick(self, slot: int, from_slot: int) -> float:
+        """From over another slot, or the same, with an empty head."""
+        self._at = (*self._layout.dock_xy_mm(from_slot), self._layout.top_z_mm)
+        travel_s = self._to_xy(self._layout.dock_xy_mm(slot))
+        weigh_s = tool_changer.WEIGH_S + tool_changer.SWING_S
+        down_and_up_s = self._to_z(self._layout.dock_z_mm) + self._to_z(self._layout.top_z_mm)
+        return travel_s + 2 * weigh_s + down_and_up_s + _LOCK_S + 2 * tool_changer.SENSOR_S
+
+    def dock(self, slot: int) -> float:
+        """From the last grasp."""
+        spent_s = self._to_z(self._layout.top_z_mm)
+        spent_s += self._to_xy(self._layout.dock_xy_mm(slot))
+        spent_s += self._to_z(self._layout.dock_z_mm) + self._to_z(self._layout.top_z_mm)
+        return spent_s + _LOCK_S + 2 * tool_changer.SENSOR_S
+
+    def item(self, item: Cell | DiagnosticRun, setup: GraspSetup) -> Parts:
+        """One grasp or diagnostic run."""
+        run = item if isinstance(item, DiagnosticRun) else None
+        object_id = item.object_id if isinstance(item, DiagnosticRun) else item[0]
+        setup = run.setup_of(setup) if run is not None else setup
+        parts = self._approach(object_id)
+        if run is not None and run.mass_kg is not None:
+            parts["dead_weight"] += 2 * (DEAD_WEIGHT_S + _HANG_S)
+        else:
+            parts.add(self._grip_and_lift(object_id, setup, (run.dwell_s or 0.0) if run is not None else 0.0))
+        parts["release_check"] += RELEASE_CHECK_S
+        return parts
+
+    def _approach(self, object_id: int) -> Parts:
+        layout = self._layout
+        place = layout.free_xy_mm if object_id == NO_OBJECT else layout.object_xy_mm(object_id)
+        parts = Parts(tare=BASELINE_S)
+        if place != self._at[:2]:
+            travel_z_mm = layout.travel_z_mm(self._design)
+            parts["travel"] += self._to_z(max(travel_z_mm, self._at[2])) + self._to_xy(place)
+            parts["settle"] += SETTLE_S
+        return parts
+
+    def _grip_and_lift(self, object_id: int, setup: GraspSetup, dwell_s: float) -> Parts:
+        grasp_z_mm = self._layout.grasp_z_mm(self._design, setup)
+        down_s = self._to_z(grasp_z_mm)
+        lift_mm = least_lift_mm(object_id, setup, self._layout)
+        speed, acceleration = setup.lift_speed_mm_per_s, self._profile.acceleration_mm_per_s2[2]
+        ideal_s = lift_mm / speed + speed / acceleration / 2
+        lift_s = math.ceil(ideal_s / POSITION_PERIOD_S) * POSITION_PERIOD_S
+        self._at = (*self._at[:2], grasp_z_mm + min(lift_s * speed, setup.max_lift_mm))
+        closed_s = math.ceil((closing_s(setup) + CLOSED_SETTLE_S) / 0.0125) * 0.0125
+        return Parts(descend=down_s, air=_GRIP_S + _VENT_S, close=closed_s, dwell=dwell_s, lift=lift_s + _STOP_LIFT_S)
+
+    def _to_z(self, z_mm: float) -> float:
+        return self._move((*self._at[:2], z_mm))
+
+    def _to_xy(self, place: tuple[float, float]) -> float:
+        return self._move((*place, self._at[2]))
+
+    def _move(self, target: Point) -> float:
+        way = [b - a for a, b in zip(self._at, target, strict=True)]
+        distance_mm = math.hypot(*way)
+        self._at = target
+        if distance_mm < 1e-3:
+            return 0.0
+        direction = [part / distance_mm for part in way]
+        speed = limit_along(direction, self._profile.max_speed_mm_per_s)
+        acceleration = limit_along(direction, self._profile.acceleration_mm_per_s2)
+        return move_duration_s(distance_mm, speed, acceleration) + _MOVE_S

@@ -1,0 +1,1 @@
+"""What keeps people and machine safe: safe state, supervisor, watches."""

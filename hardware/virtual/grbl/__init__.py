@@ -1,0 +1,1 @@
+"""A virtual GRBL controller that answers as the firmware does."""

@@ -1,0 +1,155 @@
+"""Wires in memory: the bytes of pty and TCP, handed over in the caller's thread.
+
+Sockets, ptys and the switching between threads cost ten times what a grasp in lockstep costs else, and there is nobody
+to share the time with: the devices only move while the host waits. Drivers, codecs, device code and wire log are the
+same as on real lines. What a line can do wrong (late or lost bytes, hang-ups) needs a real one.
+"""
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import cast
+
+from pymodbus.exceptions import ConnectionException
+
+from hardware.virtual.grbl.server import VirtualGrbl
+from hardware.virtual.modbus_pdu import unpack_bits
+from hardware.virtual.modbus_server import ModbusServerThread
+from hardware.wire.log import WireLog
+from hardware.wire.modbus import Client, ModbusLink, Tracer
+from hardware.wire.serial import LinkLostError
+
+_HEADER = struct.Struct(">HHHB")
+_READ = struct.Struct(">BHH")
+_WRITE_MANY = struct.Struct(">BHHB")
+
+
+@dataclass(slots=True)
+class Answer:
+    """What a Modbus device answered, with the names that pymodbus gives it."""
+
+    bits: list[bool] = field(default_factory=list)
+    registers: list[int] = field(default_factory=list)
+    exception_code: int = 0
+
+    def isError(self) -> bool:
+        """Whether the device refused."""
+        return self.exception_code != 0
+
+
+class MemoryModbusClient:
+    """A Modbus TCP client without a socket: takes the place of pymodbus' in a `ModbusLink`.
+
+    The server's faults `is_silent`, `n_to_swallow` and `n_to_leave` end in a time-out that takes no time.
+    """
+
+    def __init__(self, server: ModbusServerThread, trace: Tracer) -> None:
+        self._server = server
+        self._trace = trace
+        self._transaction = 0
+        self._frame = b""
+
+    def connect(self) -> bool:
+        """There is always a line."""
+        return True
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+    def send(self, answer: bytes) -> None:
+        """Called by the server: the frame of its answer."""
+        self._frame = answer
+
+    def read_coils(self, address: int, *, count: int, device_id: int) -> Answer:
+        """FC01."""
+        return self._ask(_READ.pack(1, address, count), device_id)
+
+    def read_discrete_inputs(self, address: int, *, count: int, device_id: int) -> Answer:
+        """FC02."""
+        return self._ask(_READ.pack(2, address, count), device_id)
+
+    def read_holding_registers(self, address: int, *, count: int, device_id: int) -> Answer:
+        """FC03."""
+        return self._ask(_READ.pack(3, address, count), device_id)
+
+    def read_input_registers(self, address: int, *, count: int, device_id: int) -> Answer:
+        """FC04."""
+        return self._ask(_READ.pack(4, address, count), device_id)
+
+    def write_coil(self, address: int, value: bool, *, device_id: int) -> Answer:
+        """FC05."""
+        return self._ask(_READ.pack(5, address, 0xFF00 if value else 0), device_id)
+
+    def write_registers(self, address: int, values: list[int], *, device_id: int) -> Answer:
+        """FC16."""
+        n = len(values)
+        return self._ask(_WRITE_MANY.pack(16, address, n, 2 * n) + struct.pack(f">{n}H", *values), device_id)
+
+    def _ask(self, pdu: bytes, unit: int) -> Answer:
+        """Send a frame, take the answer apart."""
+        self._transaction = transaction = (self._transaction + 1) & 0xFFFF
+        self._frame = b""
+        self._trace(True, _HEADER.pack(transaction, 0, len(pdu) + 1, unit) + pdu)
+        self._server.handle(self, transaction, unit, pdu)
+        if not self._frame:
+            raise ConnectionException("no answer")
+        self._trace(False, self._frame)
+        return _decoded(self._frame[_HEADER.size :])
+
+
+def memory_link(name: str, server: ModbusServerThread) -> ModbusLink:
+    """A link to a virtual device of this process."""
+    return ModbusLink(name, lambda trace: cast(Client, MemoryModbusClient(server, trace)))
+
+
+def _decoded(pdu: bytes) -> Answer:
+    function = pdu[0]
+    if function & 0x80:
+        return Answer(exception_code=pdu[1])
+    if function in (1, 2):
+        return Answer(bits=unpack_bits(pdu[2:], 8 * pdu[1]))
+    if function in (3, 4):
+        return Answer(registers=list(struct.unpack_from(f">{pdu[1] // 2}H", pdu, 2)))
+    return Answer()
+
+
+class MemoryTransport:
+    """The line to a virtual GRBL of this process; what it says is heard in the thread that moves it."""
+
+    name = "virtual GRBL in memory"
+
+    def __init__(self, controller: VirtualGrbl) -> None:
+        self.log = WireLog()
+        self._controller = controller
+        self._is_open = False
+
+    @property
+    def is_open(self) -> bool:
+        """Whether bytes can be sent."""
+        return self._is_open
+
+    def open(self, on_bytes: Callable[[bytes], None], on_lost: Callable[[str], None]) -> None:
+        """Listen to the controller."""
+
+        def hear(data: bytes) -> None:
+            self.log.record("received", data)
+            on_bytes(data)
+
+        self._is_open = True
+        self._controller.listen(hear)
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`; what it makes the controller say is heard before this returns.
+
+        Raises:
+            LinkLostError: the line is closed.
+        """
+        if not self._is_open:
+            raise LinkLostError(f"The line to the {self.name} is closed; connect before sending.")
+        self.log.record("sent", data)
+        self._controller.receive(data)
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._is_open = False
+        self._controller.listen(None)

@@ -1,0 +1,99 @@
+"""The world file: what a virtual bench hides (design.md 5.4)."""
+
+import math
+import tomllib
+from typing import Any
+
+from pydantic import Field, field_validator, model_validator
+
+from hardware.virtual.world.hidden import check_hidden
+from models.errors import ConfigError
+from models.ids import content_id
+from models.records import EffectValue, Record, Theta
+from models.validation import load_record
+
+
+class WorldMesh(Record):
+    """How finely the world computes its truth."""
+
+    edge_mm: float = Field(default=5.0, ge=1.0, le=20)
+
+
+class Scatter(Record):
+    """What differs between prints, mountings and grasps that should be alike."""
+
+    tool_modulus_sd: float = Field(default=0.0, ge=0, le=0.5, description="print to print, relative")
+    placement_sd_mm: float = Field(default=0.0, ge=0, le=5, description="object position, per mounting")
+    repeat_sd: float = Field(default=0.0, ge=0, le=0.5, description="grasp to grasp, relative")
+
+
+class Sensor(Record):
+    """The load-cell chain."""
+
+    rate_hz: float = Field(default=80.0, ge=5, le=300, description="readings of the transmitter")
+    noise_sd_n: float = Field(default=0.0, ge=0, le=5, description="per reading, AR(1)")
+    noise_correlation_s: float = Field(default=0.05, ge=0, le=10)
+
+
+class World(Record):
+    """Hidden truth of a virtual bench: theta, mesh, scatter, sensor and hidden effects."""
+
+    seed: int = Field(default=0, ge=0)
+    theta: Theta = Theta()
+    mesh: WorldMesh = WorldMesh()
+    scatter: Scatter = Scatter()
+    sensor: Sensor = Sensor()
+    hidden: tuple[EffectValue, ...] = ()
+
+    @field_validator("hidden", mode="before")
+    @classmethod
+    def _fold_parameters(cls, tables: Any) -> Any:
+        """A `[[hidden]]` table names its effect and lists the parameters beside it."""
+        return tuple(_fold(table) for table in tables) if isinstance(tables, list | tuple) else tables
+
+    @model_validator(mode="after")
+    def _check_hidden(self) -> "World":
+        check_hidden(self.hidden, "world")
+        return self
+
+    @property
+    def world_hash(self) -> str:
+        """Id derived from the whole content, `W` and 12 hex digits."""
+        return content_id("W", self.model_dump(mode="json"))
+
+
+def load_world(text: str, source: str) -> World:
+    """World from the text of its TOML file; `source` names the file in messages.
+
+    Raises:
+        ConfigError: no TOML, an unknown key or effect, or a value outside its limits.
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{source} is not valid TOML: {error}; correct the file.") from error
+    tables = data.get("hidden", [])
+    if not isinstance(tables, list):
+        raise ConfigError(f"{source}: `hidden` is one table; write it as [[hidden]], once per effect.")
+    for table in tables:
+        _check_table(table, source)
+    check_hidden([EffectValue.model_validate(_fold(table)) for table in tables], source)
+    return load_record(World, data, source)
+
+
+def _check_table(table: Any, source: str) -> None:
+    if not isinstance(table, dict) or not isinstance(table.get("effect"), str):
+        raise ConfigError(f"{source}: a [[hidden]] table has no effect; add effect = with one of its names.")
+    for name, value in table.items():
+        is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        if name != "effect" and not is_number:
+            raise ConfigError(
+                f"{source}: `{name}` of hidden effect `{table['effect']}` is {value!r}, it must be a finite number; "
+                "change it."
+            )
+
+
+def _fold(table: Any) -> Any:
+    if not isinstance(table, dict) or "parameters" in table:
+        return table
+    return {"effect": table.get("effect"), "parameters": {k: v for k, v in table.items() if k != "effect"}}

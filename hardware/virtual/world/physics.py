@@ -1,0 +1,285 @@
+"""What a grasp in a world would really measure: the request to the solver, its scatter, and the sensor chain.
+
+The solver is injected (`Physics`), so a caller may run it in a process pool or replace it in tests. Every random number
+is drawn from (world seed, tool, object, repeat), so a resumed bench measures what an uninterrupted one would.
+"""
+
+import math
+import threading
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from hardware.virtual.world.file import World
+from hardware.virtual.world.hidden import build_hidden
+from models.errors import MeshingFailed, SimulationFailed
+from models.ids import content_id, seed_from
+from models.records import (
+    Design,
+    EffectValue,
+    GraspSetup,
+    GraspSimulation,
+    MeshSettings,
+    Placement,
+    Record,
+    SimulatorVersion,
+    Theta,
+)
+
+NEGLIGIBLE_OFFSET_X_MM = 0.75
+SOLVER_DEADLINE_S = 900.0
+NOISE_BLOCK = 256
+
+
+class PhysicsRequest(Record):
+    """One grasp for the solver: picklable, and the same for every repeat of a tool on an object."""
+
+    tool_id: str
+    design: Design
+    object_id: int
+    setup: GraspSetup
+    placement: Placement
+    theta: Theta
+    mesh_edge_mm: float
+    hidden: tuple[EffectValue, ...]
+    tool_seed: int
+
+    @property
+    def request_id(self) -> str:
+        """Id derived from the whole content, `P` and 12 hex digits."""
+        return content_id("P", self.model_dump(mode="json"))
+
+
+Physics = Callable[[PhysicsRequest], GraspSimulation]
+
+
+def build_request(world: World, tool_id: str, design: Design, object_id: int, setup: GraspSetup) -> PhysicsRequest:
+    """The request of a world for one tool on one object, with the object's placement drawn."""
+    draws = _rng(world, "placement", tool_id, object_id).standard_normal(2)
+    offsets_mm = world.scatter.placement_sd_mm * np.clip(draws, -3, 3)
+    offset_x_mm, offset_z_mm = (float(value) + 0.0 for value in offsets_mm)  # no -0.0, which would be another request
+    # Off-centre grasps break the mirror symmetry and cost the solver two fingers instead of one, while the force
+    # changes only in second order (0.3 % per mm, notes/gap.md G4).
+    if abs(offset_x_mm) < NEGLIGIBLE_OFFSET_X_MM:
+        offset_x_mm = 0.0
+    return PhysicsRequest(
+        tool_id=tool_id,
+        design=design,
+        object_id=object_id,
+        setup=setup,
+        placement=Placement(offset_x_mm=offset_x_mm, offset_z_mm=offset_z_mm),
+        theta=_tool_theta(world, tool_id),
+        mesh_edge_mm=world.mesh.edge_mm,
+        hidden=world.hidden,
+        tool_seed=seed_from(world.seed, "tool", tool_id),
+    )
+
+
+def simulate_request(request: PhysicsRequest) -> GraspSimulation:
+    """The default `Physics`: the finite-element grasp with the world's theta, mesh and hidden laws.
+
+    Raises:
+        SimulationFailed: the solver found no solution, or no mesh (reason `mesh_...`).
+    """
+    from models.objects.catalogue import get_object
+    from models.simulation.contact.law import ContactLaw
+    from models.simulation.grasp import Numerics, simulate_grasp  # heavy: compiles on first use
+
+    # The truth must share neither the simulator's mesh nor its regularisation of contact. Softer than 4 N/mm3 it would
+    # differ by an artefact: rims sink in and hook (`models.simulation.contact.law.ContactLaw`).
+    mesh = MeshSettings(edge_mm=request.mesh_edge_mm, layers=2)
+    version = SimulatorVersion(theta=request.theta, mesh=mesh)
+    contact = ContactLaw(normal_n_per_mm3=6.0, tangential_n_per_mm3=3.0, smoothing_mm=0.04)
+    try:
+        return simulate_grasp(
+            request.design,
+            get_object(request.object_id),
+            version,
+            request.setup,
+            placement=request.placement,
+            effects=build_hidden(request.hidden, request.tool_seed),
+            numerics=Numerics(contact=contact),
+            deadline_s=SOLVER_DEADLINE_S,
+        )
+    except MeshingFailed as failure:
+        raise SimulationFailed(str(failure), f"mesh_{failure.reason}") from failure
+
+
+class PhysicsStore(Protocol):
+    """Where results outlive the process, such as `hardware.virtual.world.physics_cache`."""
+
+    def get(self, request: PhysicsRequest) -> GraspSimulation | None:
+        """The kept result of a request, or None."""
+
+    def put(self, request: PhysicsRequest, result: GraspSimulation) -> None:
+        """Keep the result of a request."""
+
+
+class PhysicsCache:
+    """A `Physics` that solves each request once; thread-safe. Failures are remembered too, but only here.
+
+    `put` takes results that were computed ahead; `store` keeps results for the next process.
+    """
+
+    def __init__(self, physics: Physics, store: PhysicsStore | None = None) -> None:
+        self._physics = physics
+        self._store = store
+        self._results: dict[str, GraspSimulation | SimulationFailed] = {}
+        self._lock = threading.Lock()
+
+    def __call__(self, request: PhysicsRequest) -> GraspSimulation:
+        """Result of the request, solved now unless known.
+
+        Raises:
+            SimulationFailed: as the physics behind the cache.
+        """
+        key = request.request_id
+        with self._lock:
+            result = self._results.get(key)
+        if result is None:
+            result = self._solve(request)
+            self.put(request, result)
+        if isinstance(result, SimulationFailed):
+            raise SimulationFailed(str(result), result.reason) from result
+        return result
+
+    def put(self, request: PhysicsRequest, result: GraspSimulation | SimulationFailed) -> None:
+        """Store a result that was computed elsewhere."""
+        with self._lock:
+            self._results[request.request_id] = result
+
+    def missing(self, requests: Iterable[PhysicsRequest]) -> list[PhysicsRequest]:
+        """Those requests that are not known yet, in order and without duplicates."""
+        unique = {request.request_id: request for request in requests}
+        with self._lock:
+            return [request for key, request in unique.items() if key not in self._results]
+
+    def _solve(self, request: PhysicsRequest) -> GraspSimulation | SimulationFailed:
+        kept = self._store.get(request) if self._store is not None else None
+        if kept is not None:
+            return kept
+        try:
+            result = self._physics(request)
+        except SimulationFailed as failure:
+            return failure
+        if self._store is not None:
+            self._store.put(request, result)
+        return result
+
+
+@dataclass(frozen=True)
+class GraspCurve:
+    """Force on the load cell by closing progress and by lift, as the world answers the bench.
+
+    `closing_share` (n, 0 to 1) with `closing_force_n` (n); `lift_mm` (m, increasing) with `lift_force_n` (m).
+    """
+
+    closing_share: np.ndarray
+    closing_force_n: np.ndarray
+    lift_mm: np.ndarray
+    lift_force_n: np.ndarray
+    release_lift_mm: float
+    """From here on the fingers have left the object; infinite if they never do."""
+
+    def closing_force_at(self, share: float) -> float:
+        """Force in N when the jaws have made this share of their stroke."""
+        return float(np.interp(share, self.closing_share, self.closing_force_n))
+
+    def lift_force_at(self, lift_mm: float) -> float:
+        """Force in N at a lift; the end values hold outside the curve."""
+        lifts_mm, forces_n = self._lift_points
+        after = bisect_right(lifts_mm, lift_mm)
+        if after == 0 or after == len(lifts_mm):
+            return forces_n[max(after - 1, 0)]
+        slope = (forces_n[after] - forces_n[after - 1]) / (lifts_mm[after] - lifts_mm[after - 1])
+        return slope * (lift_mm - lifts_mm[after - 1]) + forces_n[after - 1]
+
+    @cached_property
+    def _lift_points(self) -> tuple[list[float], list[float]]:
+        """The lift as lists: `np.interp` takes ten times as long for one point, and every reading asks for one."""
+        return self.lift_mm.tolist(), self.lift_force_n.tolist()
+
+
+def grasp_curve(simulation: GraspSimulation, world: World, request: PhysicsRequest, repeat: int) -> GraspCurve:
+    """Curve of one grasp: the solver's trace times the scatter from grasp to grasp."""
+    trace = simulation.trace
+    force_n = trace.force_n * _repeat_factor(world, request, repeat)
+    lift = trace.is_lift
+    closing_s, closing_n = trace.time_s[~lift], force_n[~lift]
+    lift_mm, lift_n = trace.lift_mm[lift], force_n[lift]
+    if lift_mm.size == 0:
+        lift_mm, lift_n = np.zeros(1), force_n[-1:] if force_n.size else np.zeros(1)
+    closing_end_s = float(trace.time_s[lift][0]) if lift.any() else float(trace.time_s[-1])
+    elapsed_s = closing_s - trace.time_s[0]
+    return GraspCurve(
+        closing_share=np.append(elapsed_s / max(closing_end_s - float(trace.time_s[0]), 1e-9), 1.0),
+        closing_force_n=np.append(closing_n, lift_n[0]),
+        lift_mm=lift_mm,
+        lift_force_n=lift_n,
+        release_lift_mm=_release_lift_mm(lift_mm, lift_n, request.setup.max_lift_mm),
+    )
+
+
+def _release_lift_mm(lift_mm: np.ndarray, force_n: np.ndarray, max_lift_mm: float) -> float:
+    """Lift after which the force stays zero. A solver that stops before the longest lift saw the fingers come free."""
+    if lift_mm[-1] < max_lift_mm - 1e-6:
+        return float(lift_mm[-1])
+    touching = np.flatnonzero(np.abs(force_n) > 1e-6)
+    if touching.size == 0:
+        return float(lift_mm[0])
+    return float(lift_mm[touching[-1] + 1]) if touching[-1] + 1 < len(lift_mm) else float("inf")
+
+
+def _tool_theta(world: World, tool_id: str) -> Theta:
+    """Theta of one printed tool. Solved with its own modulus: some hidden laws break the scaling of force with E."""
+    modulus_mpa = world.theta.young_modulus_mpa * tool_modulus_factor(world, tool_id)
+    return world.theta.model_copy(update={"young_modulus_mpa": modulus_mpa})
+
+
+def tool_modulus_factor(world: World, tool_id: str) -> float:
+    """True modulus of a printed tool over the world's theta."""
+    draw = float(_rng(world, "tool", tool_id).standard_normal())
+    return float(np.exp(world.scatter.tool_modulus_sd * np.clip(draw, -3, 3)))
+
+
+def _repeat_factor(world: World, request: PhysicsRequest, repeat: int) -> float:
+    draw = float(_rng(world, "repeat", request.tool_id, request.object_id, repeat).standard_normal())
+    return float(np.exp(world.scatter.repeat_sd * np.clip(draw, -3, 3)))
+
+
+class SensorNoise:
+    """AR(1) noise of the transmitter's readings, drawn for one grasp.
+
+    x(k) = rho x(k-1) + sqrt(1 - rho^2) sd e(k), rho = exp(-1 / (rate * correlation time)); skipped readings are
+    drawn in one step, so the statistics do not depend on how often somebody looks.
+    """
+
+    def __init__(self, world: World, tool_id: str, object_id: int, repeat: int) -> None:
+        self._sd_n = world.sensor.noise_sd_n
+        correlation_s = world.sensor.noise_correlation_s
+        self._rho = float(np.exp(-1.0 / (world.sensor.rate_hz * correlation_s))) if correlation_s > 0 else 0.0
+        self._draws = _normal_draws(_rng(world, "noise", tool_id, object_id, repeat))
+        self._value_n = self._sd_n * next(self._draws)
+
+    def advance(self, n_readings: int) -> float:
+        """Noise in N, `n_readings` after the last call."""
+        if self._sd_n == 0.0:
+            return 0.0
+        rho = self._rho**n_readings
+        step = math.sqrt(1.0 - rho * rho) * self._sd_n
+        self._value_n = rho * self._value_n + step * next(self._draws)
+        return self._value_n
+
+
+def _normal_draws(rng: np.random.Generator) -> Iterator[float]:
+    """Standard normal numbers without end, the same as one at a time; in blocks, since a call costs what 100 do."""
+    while True:
+        yield from rng.standard_normal(NOISE_BLOCK).tolist()
+
+
+def _rng(world: World, purpose: str, *parts: str | int) -> np.random.Generator:
+    return np.random.default_rng(seed_from(world.seed, purpose, *parts))

@@ -1,0 +1,165 @@
+"""Byte transport over a serial port or a pty, with an always-on wire log and one background reader.
+
+A transport moves bytes and knows nothing of their meaning. The log answers "what was really said" after a fault.
+"""
+
+import logging
+import threading
+from collections.abc import Callable
+from typing import Protocol
+
+import serial
+
+from hardware.wire.log import CLOSED, OPENED, WireLog
+from models.errors import DeviceError
+
+logger = logging.getLogger(__name__)
+
+
+class LinkLostError(DeviceError):
+    """The line to a device is gone: unplugged, powered off, or closed at the other end."""
+
+
+class Transport(Protocol):
+    """What a driver needs from a line."""
+
+    @property
+    def name(self) -> str:
+        """Port name for messages."""
+        ...
+
+    @property
+    def log(self) -> WireLog:
+        """Traffic so far."""
+        ...
+
+    @property
+    def is_open(self) -> bool:
+        """Whether bytes can be sent."""
+        ...
+
+    def open(self, on_bytes: Callable[[bytes], None], on_lost: Callable[[str], None]) -> None:
+        """Open the line and start reading. Both callbacks come from the reader's thread; raises `LinkLostError`."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`; raises `LinkLostError`."""
+        ...
+
+    def close(self) -> None:
+        """Stop the reader and close the line. Does nothing when closed."""
+        ...
+
+
+class SerialTransport:
+    """A real serial port or a pty through pyserial; 8N1, no flow control. Can be reopened after `close`.
+
+    Args:
+        port: device path, such as `/dev/ttyACM0`.
+        baudrate: bits per second.
+        log: wire log to use; a fresh one in memory by default.
+        write_timeout_s: real seconds after which a blocked write counts as a lost link.
+    """
+
+    def __init__(
+        self, port: str, baudrate: int = 115_200, log: WireLog | None = None, write_timeout_s: float = 2.0
+    ) -> None:
+        self._port = port
+        self._baudrate = baudrate
+        self._log = log if log is not None else WireLog()
+        self._write_timeout_s = write_timeout_s
+        self._write_lock = threading.Lock()
+        self._serial: serial.Serial | None = None
+        self._reader: threading.Thread | None = None
+        self._is_closing = threading.Event()
+
+    @property
+    def name(self) -> str:
+        """Port path."""
+        return self._port
+
+    @property
+    def log(self) -> WireLog:
+        """Traffic so far, across reopenings."""
+        return self._log
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is open; a lost link still counts as open until `close`."""
+        return self._serial is not None
+
+    def open(self, on_bytes: Callable[[bytes], None], on_lost: Callable[[str], None]) -> None:
+        """Open the port without raising DTR (an Arduino would reset) and start the reader thread.
+
+        Raises:
+            LinkLostError: the port is missing, busy or not permitted, or is open already.
+        """
+        if self._serial is not None:
+            raise LinkLostError(f"Port {self._port} is open already; close it before opening it again.")
+        port = serial.Serial(baudrate=self._baudrate, timeout=None, write_timeout=self._write_timeout_s, exclusive=True)
+        port.port = self._port
+        port.dtr = False
+        try:
+            port.open()
+        except (OSError, ValueError) as error:
+            port.close()
+            raise LinkLostError(
+                f"Port {self._port} did not open ({error}); check the cable, the port name and who else uses it."
+            ) from error
+        self._is_closing.clear()
+        self._log.note(OPENED)
+        self._serial = port
+        self._reader = threading.Thread(
+            target=self._read, args=(port, on_bytes, on_lost), name=f"reader {self._port}", daemon=True
+        )
+        self._reader.start()
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`; one writer at a time.
+
+        Raises:
+            LinkLostError: the port is closed, gone, or did not take the bytes in time.
+        """
+        with self._write_lock:
+            if self._serial is None:
+                raise LinkLostError(f"Port {self._port} is closed; connect before sending.")
+            self._log.record("sent", data)
+            try:
+                self._serial.write(data)
+            except OSError as error:
+                raise LinkLostError(
+                    f"Port {self._port} is gone: it took no bytes ({error}); check the cable and reconnect."
+                ) from error
+
+    def close(self) -> None:
+        """Stop the reader, wait for it to end and close the port."""
+        port, reader = self._serial, self._reader
+        if port is None or reader is None:
+            return
+        self._is_closing.set()
+        port.cancel_read()
+        if reader is not threading.current_thread():
+            reader.join()
+        with self._write_lock:
+            self._serial = None
+            self._reader = None
+            port.close()
+            self._log.note(CLOSED)
+
+    def _read(self, port: serial.Serial, on_bytes: Callable[[bytes], None], on_lost: Callable[[str], None]) -> None:
+        """Reader thread: pass bytes on until closed or lost. Never raises."""
+        while not self._is_closing.is_set():
+            try:
+                data = port.read(1)
+                if data and port.in_waiting:
+                    data += port.read(port.in_waiting)
+            except (OSError, TypeError, ValueError) as error:
+                # pyserial turns a hang-up into SerialException (an OSError), or trips over its own closed handle.
+                if not self._is_closing.is_set():
+                    logger.warning("port %s is lost: %s", self._port, error)
+                    self._log.note(f"lost: {error}")
+                    on_lost(f"port {self._port} is gone ({error})")
+                return
+            if data:
+                self._log.record("received", data)
+                on_bytes(data)

@@ -1,0 +1,1 @@
+"""Hand-off folders: import and export of grasps as CSV and Parquet."""

@@ -1,0 +1,164 @@
+"""Export in the hand-off format: designs, grasps and traces for another lab or simulator."""
+
+import csv
+import json
+import os
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from lake.handoff.files import (
+    DESIGN_COLUMNS,
+    FILE_NAMES,
+    GRASP_COLUMNS,
+    SIMULATION_COLUMNS,
+    THETA_COLUMNS,
+    TRACE_COLUMNS,
+)
+from lake.handoff.import_folder import HandoffCounts, importing_campaign
+from lake.storage.files import TEMPORARY_PREFIX, discard, make_folder, publish, writing_failed
+from lake.store import Lake
+from lake.tables.campaign import DesignRow, GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow, TraceRow
+from models.errors import LakeError, UsageError
+
+_TRACE_SCHEMA = pa.schema([(TRACE_COLUMNS[0], pa.string()), *((name, pa.float64()) for name in TRACE_COLUMNS[1:])])
+_TRACES_AT_ONCE = 512  # traces held in memory while exporting
+
+
+def export_handoff(
+    lake: Lake,
+    directory: Path,
+    *,
+    campaign_id: str | None = None,
+    traces: Literal["parquet", "csv"] = "parquet",
+) -> HandoffCounts:
+    """Export the successful grasps and simulations that have traces, and all designs; or those of one campaign.
+
+    Of a campaign, the simulations of its designs and those imported with it are exported, and the designs of
+    what is exported. `directory` is made if missing and must hold no hand-off files yet.
+
+    Raises:
+        UsageError: the folder already holds files of this name, or cannot be written.
+    """
+    directory = Path(directory)
+    there = [name for name in FILE_NAMES if (directory / name).exists()]
+    if there:
+        raise UsageError(f"{directory} already holds {', '.join(there)}; nothing was written: give a new folder.")
+    real, sim = _exported_real(lake, campaign_id), _exported_sim(lake, campaign_id)
+    wanted = {row["design_id"] for row in real} | {row["design_id"] for row in sim}
+    designs = [row for row in lake.rows(DesignRow) if campaign_id is None or row["design_id"] in wanted]
+    write_traces = _write_traces_parquet if traces == "parquet" else _write_traces_csv
+    n_samples = [0]
+    blocks = _counted(_sample_blocks(lake, real, sim), n_samples)
+    files: list[tuple[str, Callable[[Path], None]]] = [
+        ("designs.csv", lambda path: _write_csv(path, DESIGN_COLUMNS, designs)),
+        ("grasps.csv", lambda path: _write_csv(path, GRASP_COLUMNS, real + sim)),
+        (f"traces.{traces}", lambda path: write_traces(path, blocks)),
+    ]
+    if sim:
+        files.append(("simulations.csv", lambda path: _write_csv(path, SIMULATION_COLUMNS, sim)))
+    _write_all(directory, files)
+    return HandoffCounts(len(designs), len(real), len(sim), n_samples[0])
+
+
+def _exported_real(lake: Lake, campaign_id: str | None) -> list[dict[str, Any]]:
+    filters = {"campaign_id": campaign_id} if campaign_id else {}
+    traced = lake.ids(TraceRow)
+    rows = lake.rows(GraspRow, status="ok", **filters)
+    return [_as_text(row) for row in rows if row["grasp_id"] in traced]
+
+
+def _exported_sim(lake: Lake, campaign_id: str | None) -> list[dict[str, Any]]:
+    traced = lake.ids(SimTraceRow)
+    versions = {row["version_id"]: row for row in lake.rows(SimulatorVersionRow)}
+    nothing = {"repeat": 0, "tool_id": "", "started_at": "", "order": None}
+    rows = [row for row in lake.rows(SimulationRow, status="ok") if row["simulation_id"] in traced]
+    if campaign_id:
+        of_campaign = "SELECT design_id FROM {} WHERE campaign_id = $id"
+        sql = f"{of_campaign.format('grasps')} UNION {of_campaign.format('proposals')}"
+        designs = set(lake.query(sql, {"id": campaign_id}).column(0).to_pylist())
+        imported = {name for name, row in versions.items() if importing_campaign(row["version_json"]) == campaign_id}
+        rows = [row for row in rows if row["design_id"] in designs or row["version_id"] in imported]
+    return [
+        _as_text(
+            row
+            | nothing
+            | {"grasp_id": row["simulation_id"], "fidelity": "sim"}
+            | {name: versions.get(row["version_id"], {}).get(name) for name in THETA_COLUMNS}
+            | {k: v for k, v in json.loads(row["details_json"]).items() if k in nothing}
+        )
+        for row in rows
+    ]
+
+
+def _as_text(row: dict[str, Any]) -> dict[str, Any]:
+    started_at = row["started_at"]
+    return row | {
+        "started_at": started_at.isoformat() if started_at and not isinstance(started_at, str) else started_at
+    }
+
+
+def _sample_blocks(lake: Lake, real: list[dict[str, Any]], sim: list[dict[str, Any]]) -> Iterable[pa.Table]:
+    """Samples as long tables in the order of the grasps, some hundred traces at a time."""
+    for rows, table in ((real, TraceRow), (sim, SimTraceRow)):
+        key = table.id_column()
+        for start in range(0, len(rows), _TRACES_AT_ONCE):
+            ids = [row["grasp_id"] for row in rows[start : start + _TRACES_AT_ONCE]]
+            yield lake.query(
+                f"SELECT {key} AS grasp_id, unnest(time_s) AS time_s, unnest(lift_mm) AS lift_mm, "
+                f"unnest(force_n) AS force_n FROM (SELECT * FROM {table.table} WHERE {key} IN (SELECT unnest($ids)) "
+                f"ORDER BY list_position($ids, {key}))",
+                {"ids": ids},
+            )
+
+
+def _counted(blocks: Iterable[pa.Table], n_rows: list[int]) -> Iterable[pa.Table]:
+    for block in blocks:
+        n_rows[0] += block.num_rows
+        yield block
+
+
+def _write_all(directory: Path, files: Sequence[tuple[str, Callable[[Path], None]]]) -> None:
+    """Write all files under temporary names, then name them all; after an error none is there."""
+    staged: list[tuple[Path, Path]] = []
+    try:
+        make_folder(directory)
+        for name, write in files:
+            temporary = directory / f"{TEMPORARY_PREFIX}{os.getpid()}-{name}"
+            staged.append((temporary, directory / name))
+            write(temporary)
+            _sync_file(temporary)
+        for temporary, final in staged:
+            publish(temporary, final)
+    except (OSError, LakeError) as error:
+        discard([path for pair in staged for path in pair])
+        raise error if isinstance(error, LakeError) else writing_failed(directory, error) from error
+
+
+def _sync_file(path: Path) -> None:
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
+
+
+def _write_csv(path: Path, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows([row[column] for column in columns] for row in rows)
+
+
+def _write_traces_csv(path: Path, blocks: Iterable[pa.Table]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(TRACE_COLUMNS)
+        for block in blocks:
+            writer.writerows(zip(*(block[name].to_pylist() for name in TRACE_COLUMNS), strict=True))
+
+
+def _write_traces_parquet(path: Path, blocks: Iterable[pa.Table]) -> None:
+    with pq.ParquetWriter(path, _TRACE_SCHEMA, compression="zstd") as writer:
+        for block in blocks:
+            writer.write_table(block.select(list(TRACE_COLUMNS)).cast(_TRACE_SCHEMA))

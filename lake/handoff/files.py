@@ -1,0 +1,387 @@
+"""Reading and checking the hand-off format: every fault with file, row, column, value and limit.
+
+`read_handoff` only looks at the files; what must agree with rows already in a lake is checked in
+`lake.handoff.import_folder`. Rows are counted as a spreadsheet shows them: the header is row 1.
+"""
+
+import csv
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pydantic import ValidationError
+
+from lake.handoff.cells import (
+    design_number,
+    fidelity,
+    integer,
+    limits,
+    number_or_nan,
+    one_of_designs,
+    optional_number,
+    time,
+)
+from models.design.space import PARAMETERS
+from models.errors import UsageError
+from models.records import Design, Theta, Trace
+from models.units import unit_of
+
+DESIGN_COLUMNS = ("design_id", *PARAMETERS)
+GRASP_COLUMNS = ("grasp_id", "design_id", "object_id", "repeat", "fidelity", "tool_id", "started_at", "order")
+CHANNELS = ("time_s", "lift_mm", "force_n")
+TRACE_COLUMNS = ("grasp_id", *CHANNELS)
+THETA_COLUMNS = tuple(Theta.model_fields)
+SIMULATION_COLUMNS = ("grasp_id", *THETA_COLUMNS, "contact_force_n")
+FILE_NAMES = ("designs.csv", "grasps.csv", "simulations.csv", "traces.csv", "traces.parquet")
+N_OBJECTS = 36
+_SHOWN_PER_COLUMN = 20  # of one fault in one column; the rest is counted
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong; `row` is None when it is the whole file or column."""
+
+    file: str
+    row: int | None
+    column: str | None
+    value: str | None
+    limit: str
+
+    def __str__(self) -> str:
+        place = self.file if self.row is None else f"{self.file} row {self.row}"
+        if self.column is not None:
+            place += f", {self.column}"
+        if self.value is not None:
+            place += f" = {self.value!r}"
+        return f"{place}: {self.limit}"
+
+
+class HandoffError(UsageError):
+    """The files cannot be imported; `faults` are all that is wrong with them."""
+
+    def __init__(self, directory: Path, faults: Sequence[Fault]) -> None:
+        self.faults = tuple(faults)
+        lines = "\n".join(f"  {fault}" for fault in self.faults)
+        noun = "fault" if len(faults) == 1 else "faults"
+        super().__init__(
+            f"{directory} was not imported, nothing was written: {len(faults)} {noun} to correct.\n{lines}"
+        )
+
+
+@dataclass(frozen=True)
+class HandoffGrasp:
+    """One row of grasps.csv with its samples and, if simulated, its row of simulations.csv."""
+
+    grasp_id: str
+    design_id: str
+    object_id: int
+    repeat: int
+    fidelity: str
+    tool_id: str
+    started_at: datetime | None
+    order: int | None
+    trace: Trace
+    simulation: dict[str, float | None] | None
+
+
+@dataclass(frozen=True)
+class Handoff:
+    """Everything in a hand-off folder, checked."""
+
+    designs: dict[str, Design]
+    grasps: list[HandoffGrasp]
+
+
+@dataclass
+class _Table:
+    """Cells of a CSV file as text, by column, and the row number of each."""
+
+    name: str
+    columns: dict[str, list[str]]
+    rows: list[int]
+
+
+@dataclass
+class _Reader:
+    """Collects faults while the files are read, so that all are named at once."""
+
+    directory: Path
+    faults: list[Fault] = field(default_factory=list)
+
+    def fault(self, file: str, row: int | None, column: str | None, value: object, limit: str) -> None:
+        shown = None if value is None else str(value)
+        self.faults.append(Fault(file, row, column, shown, limit))
+
+    def cell(self, table: _Table, column: str, place: int, read: Callable[[str], Any]) -> Any:
+        """The value of a cell, or None and a fault."""
+        text = table.columns[column][place]
+        try:
+            return read(text)
+        except ValueError as error:
+            self.fault(table.name, table.rows[place], column, text, str(error))
+            return None
+
+
+def read_handoff(directory: Path, known_designs: set[str]) -> Handoff:
+    """Read a hand-off folder.
+
+    `known_designs` are ids that grasps may name without a row in designs.csv.
+
+    Raises:
+        HandoffError: something is wrong; all faults are in it.
+    """
+    if not directory.is_dir():
+        raise UsageError(f"{directory} is not a folder; give the folder that holds designs.csv and grasps.csv.")
+    reader = _Reader(directory)
+    designs = _read_designs(reader)
+    grasps = _read_grasps(reader, set(designs) | known_designs)
+    traces = _read_traces(reader, set(grasps))
+    simulations = _read_simulations(reader, grasps)
+    _check_samples(reader, grasps, traces)
+    if reader.faults:
+        raise HandoffError(directory, reader.faults)
+    complete = [
+        HandoffGrasp(**values, trace=traces[grasp_id][1], simulation=simulations.get(grasp_id))
+        for grasp_id, (_, values) in grasps.items()
+    ]
+    return Handoff({design_id: design for design_id, design in designs.items() if design}, complete)
+
+
+def _read_designs(reader: _Reader) -> dict[str, Design | None]:
+    table = _read_csv(reader, "designs.csv", DESIGN_COLUMNS)
+    designs: dict[str, Design | None] = {}
+    for place in range(len(table.rows)):
+        design_id = _new_id(reader, table, "design_id", place, designs)
+        values = {name: reader.cell(table, name, place, design_number(name)) for name in PARAMETERS}
+        given = {name: value for name, value in values.items() if value is not None}
+        design = _design(reader, table, place, given) if len(given) == len(PARAMETERS) else None
+        if design_id:
+            designs[design_id] = design
+    return designs
+
+
+def _design(reader: _Reader, table: _Table, place: int, values: dict[str, float]) -> Design | None:
+    try:
+        return Design.model_validate(values)
+    except ValidationError as error:
+        for wrong in error.errors():
+            name = str(wrong["loc"][0])
+            reader.fault(table.name, table.rows[place], name, table.columns[name][place], limits(Design, name))
+        return None
+
+
+def _read_grasps(reader: _Reader, design_ids: set[str]) -> dict[str, tuple[int, dict[str, Any]]]:
+    """Row number and cells of each grasp, by id."""
+    table = _read_csv(reader, "grasps.csv", GRASP_COLUMNS)
+    grasps: dict[str, tuple[int, dict[str, Any]]] = {}
+    readers: dict[str, Callable[[str], Any]] = {
+        "design_id": one_of_designs(design_ids),
+        "object_id": integer(0, N_OBJECTS - 1),
+        "repeat": integer(0, None),
+        "fidelity": fidelity,
+        "tool_id": str,
+        "started_at": time,
+        "order": lambda text: integer(None, None)(text) if text else None,
+    }
+    for place in range(len(table.rows)):
+        grasp_id = _new_id(reader, table, "grasp_id", place, grasps)
+        values = {name: reader.cell(table, name, place, read) for name, read in readers.items()}
+        if values["fidelity"] == "real" and not values["tool_id"]:
+            reader.fault(table.name, table.rows[place], "tool_id", "", "must name the tool of a measured grasp.")
+        if grasp_id:
+            grasps[grasp_id] = table.rows[place], {"grasp_id": grasp_id, **values}
+    return grasps
+
+
+def _read_simulations(
+    reader: _Reader, grasps: dict[str, tuple[int, dict[str, Any]]]
+) -> dict[str, dict[str, float | None]]:
+    if not (reader.directory / "simulations.csv").exists():
+        return {}
+    table = _read_csv(reader, "simulations.csv", SIMULATION_COLUMNS, optional=SIMULATION_COLUMNS[1:])
+    found: dict[str, dict[str, float | None]] = {}
+    for place, row in enumerate(table.rows):
+        grasp_id = _new_id(reader, table, "grasp_id", place, found)
+        if grasp_id and grasps.get(grasp_id, (0, {}))[1].get("fidelity") != "sim":
+            reader.fault(table.name, row, "grasp_id", grasp_id, "must be a grasp of grasps.csv with fidelity sim.")
+        present = [name for name in SIMULATION_COLUMNS[1:] if name in table.columns]
+        values = {name: reader.cell(table, name, place, optional_number(name)) for name in present}
+        found[grasp_id or f"row {row}"] = values
+    return found
+
+
+def _read_traces(reader: _Reader, grasp_ids: set[str]) -> dict[str, tuple[list[int], Trace]]:
+    """Row numbers and samples of each grasp, by id, in the order of the file."""
+    name = "traces.parquet" if (reader.directory / "traces.parquet").exists() else "traces.csv"
+    if name == "traces.parquet" and (reader.directory / "traces.csv").exists():
+        reader.fault("traces.csv", None, None, None, "there is a traces.parquet too; remove one of the two.")
+    ids, channels, rows = (_samples_of_parquet if name == "traces.parquet" else _samples_of_csv)(reader, name)
+    if not ids:
+        return {}
+    unknown = dict.fromkeys(grasp_id for grasp_id in ids if grasp_id not in grasp_ids)
+    for grasp_id in unknown:
+        row = rows[ids.index(grasp_id)]
+        reader.fault(name, row, "grasp_id", grasp_id, "must be a grasp of grasps.csv.")
+    return _split(reader, name, ids, channels, rows)
+
+
+def _split(
+    reader: _Reader, name: str, ids: list[str], channels: list[np.ndarray], rows: list[int]
+) -> dict[str, tuple[list[int], Trace]]:
+    codes, inverse = np.unique(np.array(ids, dtype=object).astype(str), return_inverse=True)
+    order = np.argsort(inverse, kind="stable")
+    edges = np.flatnonzero(np.diff(inverse[order])) + 1
+    traces = {}
+    for places in np.split(order, edges):
+        time_s, lift_mm, force_n = (channel[places] for channel in channels)
+        back = np.flatnonzero(np.diff(time_s) < 0)
+        own_rows = [rows[place] for place in places]
+        if back.size:
+            at = int(back[0]) + 1
+            limit = f"must not be before the sample above it ({time_s[at - 1]} s); samples are in order of time."
+            reader.fault(name, own_rows[at], "time_s", time_s[at], limit)
+        traces[str(codes[inverse[places[0]]])] = own_rows, Trace(time_s=time_s, lift_mm=lift_mm, force_n=force_n)
+    return traces
+
+
+def _check_samples(
+    reader: _Reader,
+    grasps: dict[str, tuple[int, dict[str, Any]]],
+    traces: dict[str, tuple[list[int], Trace]],
+) -> None:
+    if not traces:
+        return
+    for grasp_id, (row, _) in grasps.items():
+        if grasp_id not in traces:
+            reader.fault("grasps.csv", row, "grasp_id", grasp_id, "must have samples in the traces file, it has none.")
+            continue
+        lift_mm = traces[grasp_id][1].lift_mm
+        if not (lift_mm > 0).any() and not np.isnan(lift_mm).any():
+            limit = f"must rise above 0 mm during the grasp `{grasp_id}`, its largest value is {lift_mm.max()} mm."
+            reader.fault("traces", traces[grasp_id][0][0], "lift_mm", lift_mm.max(), limit)
+
+
+def _samples_of_csv(reader: _Reader, name: str) -> tuple[list[str], list[np.ndarray], list[int]]:
+    table = _read_csv(reader, name, TRACE_COLUMNS)
+    if not table.rows:
+        return [], [], []
+    channels = [_channel(reader, table, column) for column in CHANNELS]
+    return table.columns["grasp_id"], channels, table.rows
+
+
+def _channel(reader: _Reader, table: _Table, column: str) -> np.ndarray:
+    """Numbers of a column; NaN and a fault where there is none."""
+    cells = table.columns[column]
+    try:
+        values = np.array(cells, dtype=np.float64)
+    except ValueError:
+        values = np.array([number_or_nan(cell) for cell in cells])
+    _name_bad_samples(reader, table.name, column, values, cells, table.rows)
+    return values
+
+
+def _samples_of_parquet(reader: _Reader, name: str) -> tuple[list[str], list[np.ndarray], list[int]]:
+    nothing: tuple[list[str], list[np.ndarray], list[int]] = [], [], []
+    try:
+        table = pq.read_table(reader.directory / name)
+    except (OSError, pa.ArrowException) as error:
+        reader.fault(name, None, None, None, f"is not a readable Parquet file ({error}).")
+        return nothing
+    if not _has_columns(reader, name, table.column_names, TRACE_COLUMNS, ()):
+        return nothing
+    wrong = [field for field in table.schema if field.name in CHANNELS and not _is_number(field.type)]
+    for column in wrong:
+        reader.fault(name, None, column.name, str(column.type), "must be a column of numbers, one sample a row.")
+    if wrong or not table.num_rows:
+        if not wrong:
+            reader.fault(name, None, None, None, "has no rows.")
+        return nothing
+    rows = list(range(1, table.num_rows + 1))
+    channels = []
+    for column in CHANNELS:
+        values = table[column].cast(pa.float64()).to_numpy()
+        _name_bad_samples(reader, name, column, values, values, rows)
+        channels.append(values)
+    return [str(value) for value in table["grasp_id"].to_pylist()], channels, rows
+
+
+def _name_bad_samples(
+    reader: _Reader, name: str, column: str, values: np.ndarray, cells: Sequence[object], rows: list[int]
+) -> None:
+    bad = np.flatnonzero(~np.isfinite(values))
+    unit = unit_of(column)
+    for place in bad[:_SHOWN_PER_COLUMN]:
+        reader.fault(name, rows[place], column, cells[place], f"must be a finite number, in {unit}.")
+    if bad.size > _SHOWN_PER_COLUMN:
+        more = bad.size - _SHOWN_PER_COLUMN
+        reader.fault(name, None, column, None, f"{more} more values are not finite numbers, in {unit}.")
+
+
+def _read_csv(reader: _Reader, name: str, columns: tuple[str, ...], optional: tuple[str, ...] = ()) -> _Table:
+    """Cells of a CSV file; an empty table and faults where it cannot be used."""
+    empty = _Table(name, {column: [] for column in columns}, [])
+    try:
+        with (reader.directory / name).open(encoding="utf-8-sig", newline="") as file:
+            lines = csv.reader(file, strict=True)
+            header = [cell.strip() for cell in next(lines, [])]
+            if not _has_columns(reader, name, header, columns, optional):
+                return empty
+            return _cells(reader, name, header, lines)
+    except FileNotFoundError:
+        reader.fault(name, None, None, None, "is missing; add it to the folder.")
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reader.fault(name, None, None, None, f"is not a readable CSV file in UTF-8 ({error}).")
+    return empty
+
+
+def _cells(reader: _Reader, name: str, header: list[str], lines: Any) -> _Table:
+    rows, body = [], []
+    for row, line in enumerate(lines, start=2):
+        if not line:
+            continue
+        if len(line) != len(header):
+            reader.fault(name, row, None, None, f"has {len(line)} cells, the header has {len(header)}.")
+            continue
+        rows.append(row)
+        body.append(line)
+    if not body:
+        reader.fault(name, None, None, None, "has no usable rows.")
+    cells: list[tuple[str, ...]] = list(zip(*body, strict=True)) if body else [()] * len(header)
+    return _Table(
+        name, {column: [c.strip() for c in values] for column, values in zip(header, cells, strict=True)}, rows
+    )
+
+
+def _has_columns(
+    reader: _Reader, name: str, header: Sequence[str], columns: tuple[str, ...], optional: tuple[str, ...]
+) -> bool:
+    missing = [column for column in columns if column not in header and column not in optional]
+    for column in missing:
+        reader.fault(name, None, column, None, f"the column is missing; the columns are {', '.join(columns)}.")
+    for column in dict.fromkeys(header):
+        if column not in columns:
+            reader.fault(name, None, column, None, f"unknown column; the columns are {', '.join(columns)}.")
+        elif list(header).count(column) > 1:
+            reader.fault(name, None, column, None, "the column is there twice.")
+            missing.append(column)
+    return not missing
+
+
+def _new_id(reader: _Reader, table: _Table, column: str, place: int, taken: dict[str, Any]) -> str | None:
+    row_id = table.columns[column][place]
+    if not row_id:
+        reader.fault(table.name, table.rows[place], column, "", "must not be empty.")
+        return None
+    if row_id in taken:
+        reader.fault(table.name, table.rows[place], column, row_id, "must be unique, an earlier row has the same.")
+        return None
+    return row_id
+
+
+def _is_number(data_type: pa.DataType) -> bool:
+    return bool(pa.types.is_floating(data_type) or pa.types.is_integer(data_type))

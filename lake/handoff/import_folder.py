@@ -1,0 +1,244 @@
+"""Import of the hand-off format: designs, grasps and traces of another lab or simulator.
+
+A folder with `designs.csv`, `grasps.csv`, `traces.parquet` (or `traces.csv`) and, for simulated grasps,
+optionally `simulations.csv`. Import writes everything or nothing and keeps every id and number; peak,
+work and initial force are computed from the traces, in the frame of `GraspSetup`. Export is in
+`lake.handoff.export_folder`, files of another format in `lake.handoff.readers`.
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lake.handoff.campaign import Place, bench_rows, campaign_row, source_hash, tool_places
+from lake.handoff.files import CHANNELS, THETA_COLUMNS, Fault, Handoff, HandoffError, HandoffGrasp, read_handoff
+from lake.provenance import Provenance
+from lake.store import Lake
+from lake.tables.campaign import (
+    DesignRow,
+    GraspRow,
+    Row,
+    SimTraceRow,
+    SimulationRow,
+    SimulatorVersionRow,
+    TraceRow,
+    setup_columns,
+)
+from models import traces as features
+from models.ids import canonical_json, content_id
+from models.records import GraspSetup, Trace
+
+_TRACES_AT_ONCE = 512  # traces of the lake held in memory while they are compared
+
+
+class HandoffCounts(NamedTuple):
+    """How much was imported or exported."""
+
+    n_designs: int
+    n_real: int
+    n_sim: int
+    n_samples: int
+
+
+def import_handoff(
+    lake: Lake,
+    directory: Path,
+    provenance: Provenance,
+    *,
+    campaign_id: str | None = None,
+    setup: GraspSetup | None = None,
+    source: str | None = None,
+) -> HandoffCounts:
+    """Import a hand-off folder; importing it again changes nothing.
+
+    Measured grasps become `grasps` and `traces` of the campaign `campaign_id` (default
+    `import-<source>`), simulated ones `simulations` and `sim_traces`. Grasps that the lake has as part of
+    another campaign, or simulated itself, stay as they are. `setup` is how the grasps were made, by default
+    the one of the format (open gap 70, closed gap 16, tips 5 mm below the object); `source` names where the
+    data come from, by default the folder.
+
+    Raises:
+        HandoffError: something is wrong; every fault is named and nothing was written.
+        UsageError: the campaign exists and was not imported; nothing was written.
+    """
+    directory = Path(directory)
+    known_designs = lake.ids(DesignRow)
+    handoff = read_handoff(directory, known_designs)
+    source = source or directory.resolve().name
+    campaign = campaign_id or f"import-{source}"
+    grasps = _new_grasps(lake, directory, handoff, campaign)
+    rows: list[Row] = [
+        DesignRow.of(design, design_id)
+        for design_id, design in handoff.designs.items()
+        if design_id not in known_designs
+    ]
+    content_hash = source_hash(directory)
+    if grasps:
+        places = tool_places(lake, campaign, [grasp.tool_id for grasp in grasps if grasp.fidelity == "real"])
+        rows += [
+            campaign_row(lake, campaign, source, content_hash),
+            *bench_rows(lake, campaign, source, grasps, places),
+        ]
+        rows += _grasp_rows(grasps, campaign, setup_columns(setup or GraspSetup()), places)
+    if rows:
+        lake.append(_unique(rows), _with_config(provenance, content_hash))
+    return _counts(len(handoff.designs), handoff.grasps)
+
+
+def importing_campaign(version_json: str) -> str | None:
+    """Campaign with which simulations of this version were imported, None if they were computed here."""
+    imported = json.loads(version_json).get("imported")
+    return None if imported is None else str(imported)
+
+
+def _with_config(provenance: Provenance, content_hash: str) -> Provenance:
+    """Provenance whose config is the imported files, unless it names another."""
+    return provenance if provenance.config_hash else provenance.model_copy(update={"config_hash": content_hash})
+
+
+def _grasp_rows(
+    grasps: Sequence[HandoffGrasp], campaign_id: str, setup: dict[str, Any], places: dict[str, Place]
+) -> list[Row]:
+    rows: list[Row] = []
+    for grasp in grasps:
+        if grasp.fidelity == "real":
+            rows += _real_rows(grasp, campaign_id, setup, places[grasp.tool_id])
+        else:
+            rows += _sim_rows(grasp, campaign_id, setup)
+    return rows
+
+
+def _new_grasps(lake: Lake, directory: Path, handoff: Handoff, campaign_id: str) -> list[HandoffGrasp]:
+    """Grasps that are not in the lake already as something else's than this import's.
+
+    Raises:
+        HandoffError: an id of the lake is used for something else.
+    """
+    faults = []
+    known = {row.design_id: row.design for row in lake.records(DesignRow, design_id=list(handoff.designs))}
+    for design_id, design in handoff.designs.items():
+        if known.get(design_id, design) != design:
+            limit = "is a design of the lake with other parameters; give it another id."
+            faults.append(Fault("designs.csv", None, "design_id", design_id, limit))
+    used = _used_ids(lake, [grasp.grasp_id for grasp in handoff.grasps])
+    others = []
+    for grasp in handoff.grasps:
+        identity = (grasp.fidelity, grasp.design_id, grasp.object_id)
+        there, owner = used.get(grasp.grasp_id, (identity, campaign_id))
+        if there != identity:
+            limit = "is in the lake for another design, object or fidelity; give it another id."
+            faults.append(Fault("grasps.csv", None, "grasp_id", grasp.grasp_id, limit))
+        elif owner != campaign_id:
+            others.append(grasp)
+    faults += _changed_samples(lake, others)
+    if faults:
+        raise HandoffError(directory, faults)
+    left_alone = {grasp.grasp_id for grasp in others}
+    return [grasp for grasp in handoff.grasps if grasp.grasp_id not in left_alone]
+
+
+def _used_ids(lake: Lake, grasp_ids: list[str]) -> dict[str, tuple[tuple[str, str, int], str | None]]:
+    """What the lake has under these ids: (fidelity, design, object), and the campaign it belongs to."""
+    table = lake.query(
+        "SELECT grasp_id AS id, 'real' AS fidelity, design_id, object_id, campaign_id, NULL AS version_json "
+        "FROM grasps WHERE grasp_id IN (SELECT unnest($ids)) UNION ALL "
+        "SELECT simulation_id, 'sim', design_id, object_id, NULL, version_json "
+        "FROM simulations LEFT JOIN simulator_versions USING (version_id) "
+        "WHERE simulation_id IN (SELECT unnest($ids))",
+        {"ids": grasp_ids},
+    )
+    return {
+        row["id"]: (
+            (row["fidelity"], row["design_id"], row["object_id"]),
+            row["campaign_id"] or importing_campaign(row["version_json"] or "{}"),
+        )
+        for row in table.to_pylist()
+    }
+
+
+def _changed_samples(lake: Lake, grasps: Sequence[HandoffGrasp]) -> list[Fault]:
+    """A fault for each grasp that the lake has with other samples."""
+    faults = []
+    tables: tuple[tuple[str, type[TraceRow] | type[SimTraceRow]], ...] = (("real", TraceRow), ("sim", SimTraceRow))
+    for fidelity, table in tables:
+        wanted = [grasp for grasp in grasps if grasp.fidelity == fidelity]
+        for start in range(0, len(wanted), _TRACES_AT_ONCE):
+            some = wanted[start : start + _TRACES_AT_ONCE]
+            rows = lake.rows(table, **{table.id_column(): [grasp.grasp_id for grasp in some]})
+            there = {row[table.id_column()]: row for row in rows}
+            for grasp in some:
+                if not _same_samples(there.get(grasp.grasp_id), grasp.trace):
+                    limit = "is in the lake with other samples, and not from this import; give it another id."
+                    faults.append(Fault("grasps.csv", None, "grasp_id", grasp.grasp_id, limit))
+    return faults
+
+
+def _same_samples(row: dict[str, Any] | None, trace: Trace) -> bool:
+    return row is not None and all(np.array_equal(row[name], getattr(trace, name)) for name in CHANNELS)
+
+
+def _real_rows(grasp: HandoffGrasp, campaign_id: str, setup: dict[str, Any], place: Place) -> list[Row]:
+    row = GraspRow(
+        grasp_id=grasp.grasp_id,
+        campaign_id=campaign_id,
+        tool_id=grasp.tool_id,
+        batch=place[0],
+        slot=place[1],
+        design_id=grasp.design_id,
+        object_id=grasp.object_id,
+        repeat=grasp.repeat,
+        order=grasp.order,
+        status="ok",
+        started_at=grasp.started_at,
+        peak_force_n=features.peak_force_n(grasp.trace),
+        work_j=features.work_j(grasp.trace),
+        initial_force_n=features.initial_force_n(grasp.trace),
+        bench="real",
+        **setup,
+    )
+    return [row, TraceRow.of(grasp.grasp_id, grasp.trace)]
+
+
+def _sim_rows(grasp: HandoffGrasp, campaign_id: str, setup: dict[str, Any]) -> list[Row]:
+    simulation = grasp.simulation or {}
+    version = _version_row(campaign_id, {name: simulation.get(name) for name in THETA_COLUMNS})
+    started_at = grasp.started_at.isoformat() if grasp.started_at else ""
+    details = {"repeat": grasp.repeat, "tool_id": grasp.tool_id, "started_at": started_at, "order": grasp.order}
+    row = SimulationRow(
+        simulation_id=grasp.grasp_id,
+        design_id=grasp.design_id,
+        object_id=grasp.object_id,
+        version_id=version.version_id,
+        status="ok",
+        peak_force_n=features.peak_force_n(grasp.trace),
+        contact_force_n=simulation.get("contact_force_n"),
+        work_j=features.work_j(grasp.trace),
+        details_json=canonical_json(details),
+        **setup,
+    )
+    return [version, row, SimTraceRow.of(grasp.grasp_id, grasp.trace)]
+
+
+def _version_row(campaign_id: str, theta: dict[str, float | None]) -> SimulatorVersionRow:
+    """The other lab's simulator, as far as it told."""
+    content = {"imported": campaign_id, "theta": theta}
+    return SimulatorVersionRow(
+        version_id=content_id("V", content),
+        version_json=canonical_json(content),
+        tier="imported",
+        effects_json="[]",
+        **theta,
+    )
+
+
+def _unique(rows: Sequence[Row]) -> list[Row]:
+    return list({(row.table, row.__dict__[row.id_column()]): row for row in rows}.values())
+
+
+def _counts(n_designs: int, grasps: Sequence[HandoffGrasp]) -> HandoffCounts:
+    n_real = sum(grasp.fidelity == "real" for grasp in grasps)
+    n_samples = sum(len(grasp.trace.time_s) for grasp in grasps)
+    return HandoffCounts(n_designs, n_real, len(grasps) - n_real, n_samples)

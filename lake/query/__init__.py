@@ -1,0 +1,1 @@
+"""DuckDB over the lake: views, read-only SQL, lineage."""

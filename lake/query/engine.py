@@ -1,0 +1,409 @@
+"""An in-memory DuckDB kept in step with the files of a lake.
+
+Scalar tables are held in memory; of the tables of traces only the index (id, time, file, row) is, the
+samples are read in place. `sync` looks at the names, sizes and times of the files and reads only what is
+new, so asking again costs milliseconds however many files there are.
+
+Rows that a later row with the same id supersedes are listed per table in `superseded_<table>` and left
+out of the view `<table>`, which is what queries see. Files without such rows are read as they are: leaving rows out
+hides from DuckDB how many there are, and a join then holds all samples instead of the few rows it should.
+"""
+
+import logging
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.resources import files
+from itertools import count
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import duckdb
+import pyarrow as pa
+
+from lake.storage.files import FILE_PREFIX, FILE_SUFFIX, fault_of
+from lake.tables.campaign import TABLE_BY_NAME, TABLES, Row
+from lake.tables.schema import has_samples, schema_of, sql_columns
+from lake.tables.upgrades import Upgrades
+from models.errors import LakeError
+
+_LOG = logging.getLogger(__name__)
+_READ_ATTEMPTS = 50  # a file may be merged into another between listing and reading
+_LOOSE_ROWS = 50_000  # a tenth of a second to compress
+_MEMORY_LIMIT = "1500MB"  # tables held and queries at work; what is over goes to temporary files
+_TIMES_VIEW = {"traces": "trace_times"}  # views.sql says what it is for
+Signature = tuple[int, int, int]  # time, size, inode
+
+
+_ENGINES = count()  # numbers of engines: their file numbers are their own
+
+
+class Mark(NamedTuple):
+    """How far an engine has read a table: files by number, and how often some that it had read went away."""
+
+    engine: int
+    next_number: int
+    n_losses: int
+
+    def follows(self, earlier: "Mark") -> bool:
+        """True when files only came since."""
+        return (self.engine, self.n_losses) == (earlier.engine, earlier.n_losses)
+
+
+@dataclass
+class _TableFiles:
+    """What the engine has read of one table."""
+
+    signatures: dict[str, Signature] = field(default_factory=dict)
+    numbers: dict[str, int] = field(default_factory=dict)
+    next_number: int = 0
+    copies: dict[str, Path] = field(default_factory=dict)  # what is read in place of older files
+    partial: set[str] = field(default_factory=set)  # of traces: files that lack a column
+    n_losses: int = 0
+
+    def paths(self, folder: Path, names: Iterable[str]) -> list[Path]:
+        """Where to read these files."""
+        return [self.copies.get(name, folder / name) for name in names]
+
+
+class Engine:
+    """One DuckDB connection over one lake folder. Not thread-safe; `lake.store` holds the lock."""
+
+    def __init__(self, root: Path) -> None:
+        self._root, self._number = root, next(_ENGINES)
+        self._upgrades = Upgrades(root)
+        self._files = {row_type.table: _TableFiles() for row_type in TABLES}
+        self._old_views: set[str] = set()  # tables whose view does not show all that was read
+        self._n_loose = 0  # rows held that are not compressed yet
+        self.connection = duckdb.connect(":memory:")
+        self.connection.execute("ATTACH ':memory:' AS held (COMPRESS)")
+        self.connection.execute("USE held")
+        self.connection.execute("SET TimeZone = 'UTC'")
+        self.connection.execute("SET parquet_metadata_cache = true")
+        self.connection.execute(f"SET memory_limit = '{_MEMORY_LIMIT}'")
+        self.connection.execute(f"SET temp_directory = {_quote(self._upgrades.temporary / 'spilled')}")
+        for row_type in TABLES:
+            self._create_table(row_type)
+        load_views(self.connection)
+        for row_type in TABLES:
+            self._point_views(row_type)
+        self.connection.execute(f"SET allowed_directories = {_quoted_list([root.resolve(), self._upgrades.temporary])}")
+        self.connection.execute("SET enable_external_access = false")
+        self.connection.execute("SET lock_configuration = true")
+
+    def sync(self, tables: Iterable[str], *, with_views: bool = True) -> None:
+        """Read what is new or changed in these tables, forget what is gone.
+
+        Without views, only `raw_` tables are up to date: a view of traces names all its files, a millisecond for 50.
+
+        Raises:
+            LakeError: a file cannot be read; the message names it.
+        """
+        for table in tables:
+            self._sync_table(TABLE_BY_NAME[table], with_views)
+
+    def read(self, sql: str, params: Sequence[Any] | dict[str, Any] | None = None) -> pa.Table:
+        """Result of a query over what was last synced, in a read-only transaction."""
+        self.connection.execute("BEGIN TRANSACTION READ ONLY")
+        try:
+            return self.connection.sql(sql, params=params).to_arrow_table()
+        finally:
+            self.connection.execute("ROLLBACK")
+
+    def files(self, table: str) -> list[Path]:
+        """Files of a table as of the last `sync`."""
+        known = self._files[table]
+        return known.paths(self._root / table, sorted(known.signatures))
+
+    def mark(self, table: str) -> Mark:
+        """How far a table was read by the last `sync`."""
+        known = self._files[table]
+        return Mark(self._number, known.next_number, known.n_losses)
+
+    def place_of(self, row_type: type[Row], row_id: str) -> tuple[Path, int] | None:
+        """File of the valid row with this id in a table of traces, and the row's number in it; of the last `sync`."""
+        table, key = row_type.table, row_type.id_column()
+        found = self.connection.execute(
+            f"SELECT _file, _row FROM raw_{table} WHERE _hash = hash($1) AND {key} = $1 "
+            "ORDER BY created_at DESC, _file DESC, _row DESC LIMIT 1",
+            [row_id],
+        ).fetchall()
+        if not found:
+            return None
+        ((file_number, row),) = found
+        names = {number: name for name, number in self._files[table].numbers.items()}
+        (path,) = self._files[table].paths(self._root / table, [names[file_number]])
+        return path, row
+
+    def has_superseded(self, table: str) -> bool:
+        """True when some row of the table has been superseded, as of the last `sync`."""
+        return bool(self.connection.execute(f"SELECT 1 FROM superseded_{table} LIMIT 1").fetchall())
+
+    def _create_table(self, row_type: type[Row]) -> None:
+        table, key, columns = row_type.table, row_type.id_column(), sql_columns(row_type)
+        # Of a table of traces only the first two are read here: a file of something else must not pass for one.
+        held = {name: f"{columns[name]} NOT NULL" for name in (key, "created_at")}
+        held = held | {"_hash": "UBIGINT"} if has_samples(row_type) else columns | held
+        place = {"_file": "INTEGER", "_row": "BIGINT"}
+        for name, own in {
+            f"raw_{table}": held | place,
+            f"superseded_{table}": {"_id": columns[key]} | place | {"_name": "VARCHAR"},
+            f"empty_{table}": columns,
+        }.items():
+            self.connection.execute(create_table(name, own))
+        self.connection.execute(f"CREATE VIEW {table} AS SELECT * FROM empty_{table}")  # for views.sql to look at
+
+    def _point_views(self, row_type: type[Row]) -> None:
+        """Define what queries see of a table: the rows read, but for those that are superseded."""
+        table = row_type.table
+        old = self.connection.execute(f"SELECT DISTINCT _name FROM superseded_{table}").fetchall()
+        without_old = f"ANTI JOIN superseded_{table} USING (_file, _row)" if old else ""
+        if not has_samples(row_type):
+            rows = f"SELECT * EXCLUDE (_file, _row) FROM raw_{table} {without_old}"
+            self.connection.execute(f"CREATE OR REPLACE VIEW {table} AS {rows}")
+            return
+        rows = self._sql_of_samples(table, {name for (name,) in old})
+        self.connection.execute(f"CREATE OR REPLACE VIEW {table} AS {rows}")
+        if table in _TIMES_VIEW:
+            times = f"SELECT {row_type.id_column()}, created_at FROM raw_{table} {without_old}"
+            self.connection.execute(f"CREATE OR REPLACE VIEW {_TIMES_VIEW[table]} AS {times}")
+
+    def _sql_of_samples(self, table: str, with_old: set[str]) -> str:
+        """SELECT of the rows of a table of traces; the files in `with_old` hold superseded rows too."""
+        known, folder = self._files[table], self._root.resolve() / table
+        special = with_old | known.partial
+        parts = [f"SELECT * FROM empty_{table}"]
+        if plain := known.paths(folder, sorted(set(known.signatures) - special)):
+            parts.append(f"SELECT * FROM read_parquet({_quoted_list(plain)})")
+        if special:
+            paths = _quoted_list(known.paths(folder, sorted(special)))
+            parts.append(
+                "SELECT * EXCLUDE (_name, file_row_number) FROM (SELECT * REPLACE (parse_filename(_name) AS _name) "
+                f"FROM read_parquet({paths}, union_by_name = true, filename = '_name', file_row_number = true)) AS new "
+                f"ANTI JOIN superseded_{table} AS old ON new._name = old._name AND new.file_row_number = old._row"
+            )
+        return " UNION ALL BY NAME ".join(parts)
+
+    def _sync_table(self, row_type: type[Row], with_views: bool) -> None:
+        """Bring one table up to date; the same listing failing twice is a fault, another one is tried."""
+        table = row_type.table
+        failed: dict[str, Signature] | None = None
+        for attempt in range(_READ_ATTEMPTS):
+            known = self._files[table]
+            found = _settled_listing(self._root / table, known.signatures)
+            is_new, is_view_old = found != known.signatures, with_views and table in self._old_views
+            if not is_new and not is_view_old:
+                return
+            self.connection.execute("BEGIN TRANSACTION")
+            try:
+                if is_new:
+                    self._files[table] = self._take_in(row_type, known, found)
+                    self._find_superseded(row_type, known)
+                    self._old_views.add(table)
+                if with_views:
+                    self._point_views(row_type)
+                self.connection.execute("COMMIT")
+                if with_views:
+                    self._old_views.discard(table)
+                self._compress()
+                return
+            except (duckdb.Error, FileNotFoundError, LakeError) as error:
+                self.connection.execute("ROLLBACK")
+                self._files[table] = known
+                if isinstance(error, LakeError):
+                    raise
+                if found == failed or attempt + 1 == _READ_ATTEMPTS:
+                    raise _unreadable(self._root / table, error) from error
+                failed = found
+                _LOG.debug("reading %s again: %s", table, error)
+
+    def _take_in(self, row_type: type[Row], known: _TableFiles, found: dict[str, Signature]) -> _TableFiles:
+        """Read the new files, forget the rows of those that are gone or were written again."""
+        changed = sorted(name for name, signature in found.items() if known.signatures.get(name) != signature)
+        stale = [known.numbers[name] for name, signature in known.signatures.items() if found.get(name) != signature]
+        numbers = {name: known.next_number + place for place, name in enumerate(changed)}
+        table, key = row_type.table, row_type.id_column()
+        gone = f"FROM raw_{table} WHERE _file IN (SELECT unnest(?))"
+        self.connection.execute(f"CREATE OR REPLACE TEMP TABLE touched AS SELECT {key} AS _id {gone}", [stale])
+        if stale:
+            self.connection.execute(f"DELETE {gone}", [stale])
+        kept = {name: number for name, number in known.numbers.items() if name in found}
+        copies = {name: copy for name, copy in known.copies.items() if name in found and name not in numbers}
+        if changed:
+            folder = self._root.resolve() / row_type.table
+            copies |= self._upgrades.copies(self.connection, row_type, [folder / name for name in changed])
+        partial = known.partial & set(found) - set(numbers)
+        n_losses = known.n_losses + bool(stale)
+        taken = _TableFiles(found, kept | numbers, known.next_number + len(changed), copies, partial, n_losses)
+        if changed:
+            self._read_rows(row_type, taken, numbers)
+        return taken
+
+    def _read_rows(self, row_type: type[Row], taken: _TableFiles, numbers: dict[str, int]) -> None:
+        """Add the rows (of traces: the index, and which files lack a column) of the files with these numbers."""
+        table = row_type.table
+        self.connection.register("new_files", _number_table(numbers))
+        paths = _quoted_list(taken.paths(self._root.resolve() / table, numbers))
+        held = "rows.* EXCLUDE (filename, file_row_number)"
+        if has_samples(row_type):
+            key = row_type.id_column()
+            held = f"{key}, created_at, hash({key}) AS _hash"
+            taken.partial |= self._partial_files(row_type, taken.paths(self._root.resolve() / table, numbers))
+        inserted = self.connection.execute(
+            f"INSERT INTO raw_{table} BY NAME SELECT {held}, _file, file_row_number AS _row "
+            f"FROM read_parquet({paths}, union_by_name = true, filename = true, file_row_number = true) AS rows "
+            "JOIN new_files ON new_files._name = parse_filename(rows.filename)"
+        )
+        self._n_loose += inserted.fetchall()[0][0]
+        self.connection.unregister("new_files")
+
+    def _partial_files(self, row_type: type[Row], paths: list[Path]) -> set[str]:
+        """Names of the files that lack a column: only for their sake need DuckDB compare the columns of all files."""
+        columns = schema_of(row_type).names
+        found = self.connection.execute(
+            "SELECT parse_filename(file_name) FROM parquet_schema(?) GROUP BY file_name "
+            "HAVING count(DISTINCT name) FILTER (list_contains(?, name)) < ?",
+            [[str(path) for path in paths], columns, len(columns)],
+        )
+        return {name for (name,) in found.fetchall()}
+
+    def _compress(self) -> None:
+        """Compress what is held once there is much of it: a seventh of the memory, and faster to group."""
+        if self._n_loose >= _LOOSE_ROWS:
+            self.connection.execute("CHECKPOINT held")
+            self._n_loose = 0
+
+    def _find_superseded(self, row_type: type[Row], known: _TableFiles) -> None:
+        """Bring the list of superseded rows up to date: it can have changed for ids of rows that came or went."""
+        table, key = row_type.table, row_type.id_column()
+        came = f"SELECT {key} FROM raw_{table} WHERE _file >= ?"
+        if self._files[table].n_losses == known.n_losses and self._are_new(row_type, known):
+            return
+        self.connection.execute(f"INSERT INTO touched {came}", [known.next_number])
+        self.connection.execute(f"DELETE FROM superseded_{table} WHERE _id IN (SELECT _id FROM touched)")
+        self.connection.register("new_files", _number_table(self._files[table].numbers))
+        repeated = (
+            f"SELECT {key} FROM raw_{table} WHERE {key} IN (SELECT _id FROM touched) GROUP BY {key} HAVING count(*) > 1"
+        )
+        self.connection.execute(
+            f"INSERT INTO superseded_{table} SELECT {key}, _file, _row, _name FROM ("
+            f"SELECT {key}, _file, _row FROM raw_{table} WHERE {key} IN ({repeated}) "
+            f"QUALIFY row_number() OVER (PARTITION BY {key} ORDER BY created_at DESC, _file DESC, _row DESC) > 1"
+            ") JOIN new_files USING (_file)"
+        )
+        self.connection.unregister("new_files")
+
+    def _are_new(self, row_type: type[Row], known: _TableFiles) -> bool:
+        """True when no id of the rows that came was there before, nor twice among them: nothing is superseded."""
+        table, key = row_type.table, row_type.id_column()
+        rows = f"FROM raw_{table} WHERE _file"
+        sql = f"""SELECT count(*) = count(DISTINCT {key})
+            AND NOT bool_or({key} IN (SELECT {key} {rows} < $1)) {rows} >= $1"""
+        found = self.connection.execute(sql, [known.next_number]).fetchall()
+        return bool(found[0][0])
+
+
+def list_files(folder: Path) -> dict[str, Signature]:
+    """Files of a table that readers look at, with what tells a rewritten one (time, size, inode).
+
+    Raises:
+        LakeError: the folder cannot be read.
+    """
+    found = {}
+    try:
+        with os.scandir(folder) as entries:
+            for entry in entries:
+                if entry.name.startswith(FILE_PREFIX) and entry.name.endswith(FILE_SUFFIX):
+                    status = entry.stat()
+                    found[entry.name] = status.st_mtime_ns, status.st_size, status.st_ino
+    except FileNotFoundError:
+        return found  # the table has no rows yet, or a file was merged while we looked: the caller looks again
+    except OSError as error:
+        raise LakeError(
+            f"{folder} cannot be read ({error.strerror}): change its permissions or repair the disk."
+        ) from error
+    return found
+
+
+def load_views(connection: duckdb.DuckDBPyConnection) -> None:
+    """Create the views and macros of `views.sql` on a connection that has the tables."""
+    connection.execute(_view_text())
+
+
+def tables_used(sql: str) -> set[str]:
+    """Tables that a query may read, directly or through a view: every table whose name is a word of it."""
+    used: set[str] = set()
+    words = _words(sql)
+    while words:
+        used |= words & set(TABLE_BY_NAME)
+        words = set().union(*(_view_words()[name] for name in words & set(_view_words())))
+    return used
+
+
+@cache
+def _view_text() -> str:
+    return files("lake").joinpath("views.sql").read_text(encoding="utf-8")
+
+
+@cache
+def _view_words() -> dict[str, set[str]]:
+    """Words in the definition of each view and macro."""
+    found = {}
+    for statement in _view_text().split(";"):
+        match = re.search(r"CREATE (?:VIEW|MACRO) (\w+)", statement)
+        if match:
+            found[match[1]] = _words(statement) - {match[1]}
+    return found
+
+
+def _words(sql: str) -> set[str]:
+    return {word.removeprefix("raw_").removeprefix("superseded_") for word in re.findall(r"\w+", sql.lower())}
+
+
+def _settled_listing(folder: Path, known: dict[str, Signature]) -> dict[str, Signature]:
+    """A listing that misses no row.
+
+    One scan may miss a merged file that appears while it passes, and the small ones that then go; two
+    equal scans in a row cannot have. One that equals what is known is at worst a moment old.
+    """
+    found = list_files(folder)
+    before = known
+    while found != before:
+        found, before = list_files(folder), found
+    return found
+
+
+def _number_table(numbers: dict[str, int]) -> pa.Table:
+    columns = {"_name": pa.array(numbers, type=pa.string()), "_file": pa.array(numbers.values(), type=pa.int32())}
+    return pa.table(columns)
+
+
+def create_table(name: str, columns: Mapping[str, str]) -> str:
+    """Statement that makes an empty table with columns of these types."""
+    listed = ", ".join(f'"{column}" {sql_type}' for column, sql_type in columns.items())
+    return f"CREATE TABLE {name} ({listed})"
+
+
+def _quoted_list(paths: list[Path]) -> str:
+    return "[" + ", ".join(_quote(path) for path in paths) + "]"
+
+
+def _quote(path: Path) -> str:
+    return "'" + str(path).replace("'", "''") + "'"
+
+
+def _unreadable(folder: Path, error: Exception) -> LakeError:
+    """The sentence for a table that cannot be read, naming the file at fault."""
+    for name in sorted(list_files(folder)):
+        fault = fault_of(folder / name, TABLE_BY_NAME[folder.name], whole=False)
+        if fault:
+            return LakeError(
+                f"{folder / name} {fault.sentence}, so the table `{folder.name}` cannot be read: {fault.remedy}."
+            )
+    first_line = str(error).splitlines()[0]
+    return LakeError(
+        f"The table `{folder.name}` in {folder.parent} cannot be read ({first_line}): "
+        "run `fast lake check` to find the file at fault."
+    )

@@ -1,0 +1,264 @@
+"""Whole files or none: Parquet files are written under a temporary name, synced and renamed."""
+
+import errno
+import fcntl
+import hashlib
+import os
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from lake.tables.campaign import TABLE_BY_NAME, Row
+from lake.tables.migrations import file_version, migrated, table_version
+from lake.tables.schema import has_samples, schema_of
+from models.errors import FastError, LakeError, UsageError
+
+FILE_PREFIX = "rows-"  # what readers look at; temporary and foreign files are named otherwise
+FILE_SUFFIX = ".parquet"
+TEMPORARY_PREFIX = ".writing-"
+LOCK_NAME = ".lock"
+LEFTOVER_AGE_S = 3600.0  # a temporary file this old belongs to a process that died
+NOT_CONTENT = frozenset({"created_at", "code_version", "code_dirty"})  # how rows came, not what they say
+_ROW_GROUP_OF_TRACES = 512  # dictionaries of samples are shared by many grasps, one trace is still decoded in 15 ms
+_ROW_GROUP = 122_880  # of scalars: what one thread of DuckDB takes at a time
+_FALSE_HITS = 1e-3  # rows are in the order of time: an id is found by Bloom filter, a kilobyte for 512 of them
+_ZSTD_LEVEL = 3
+FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST, errno.ENOENT}
+
+
+def file_name(table: pa.Table, ignore: frozenset[str] = frozenset()) -> str:
+    """Name derived from the content of the columns not in `ignore`: the same rows give the same file."""
+    kept = table.select([name for name in table.column_names if name not in ignore])
+    digest = hashlib.sha256()
+    with pa.ipc.new_stream(_Hasher(digest), kept.schema.remove_metadata()) as stream:
+        stream.write_table(kept)
+    return f"{FILE_PREFIX}{digest.hexdigest()[:24]}{FILE_SUFFIX}"
+
+
+def stage(folder: Path, table: pa.Table, table_name: str) -> Path:
+    """Write `table` to a synced temporary file in `folder`, which is made if missing.
+
+    Raises:
+        UsageError: the folder cannot be written.
+        LakeError: the disk is full or broken; the partial file is removed.
+    """
+    temporary = folder / f"{TEMPORARY_PREFIX}{os.getpid()}-{uuid.uuid4().hex}"
+    try:
+        make_folder(folder)
+        with temporary.open("xb") as file:
+            _write_parquet(table, file, table_name)
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        discard([temporary])
+        raise writing_failed(folder, error) from error
+    return temporary
+
+
+def publish(staged: Path, final: Path) -> None:
+    """Give a staged file its name, at once for every reader, and make that last.
+
+    Raises:
+        LakeError: the rename failed, and the staged file is removed; or it may not survive a power cut.
+    """
+    try:
+        os.replace(staged, final)
+        sync_folder(final.parent)
+    except OSError as error:
+        discard([staged])
+        raise LakeError(
+            f"A file of {final.parent} could not be given its name for good ({error.strerror}); earlier rows are "
+            "untouched, those of this call may be missing: free disk space or repair the disk, then run the same "
+            "command again, which duplicates nothing."
+        ) from error
+
+
+@contextmanager
+def locked(root: Path, *, exclusive: bool) -> Iterator[None]:
+    """Hold the lake's lock: shared while files are named, exclusive while merged files are removed.
+
+    It keeps a compaction from removing a file that is being written again under the same name. Readers
+    never take it. The system frees it when a process dies.
+    """
+    with ExitStack() as held:
+        try:
+            file = held.enter_context((root / LOCK_NAME).open("a"))
+            fcntl.flock(file, fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH)
+        except OSError as error:
+            raise writing_failed(root, error) from error
+        yield
+
+
+def read_row(path: Path, row: int, columns: list[str]) -> dict[str, Any] | None:
+    """Columns of one row of a file, of which only the row group is read; None if the file has fewer rows.
+
+    Raises:
+        OSError: the file is gone or cannot be read.
+    """
+    with pq.ParquetFile(path) as file:
+        for group in range(file.num_row_groups):
+            n_rows = file.metadata.row_group(group).num_rows
+            if row < n_rows:
+                rows = file.read_row_group(group, columns=columns, use_threads=False)
+                (found,) = rows.slice(row, 1).to_pylist()
+                return dict(found)
+            row -= n_rows
+    return None
+
+
+FaultKind = Literal["torn", "unreadable", "wrong_schema", "newer"]
+_REMEDIES: Mapping[FaultKind, str] = {
+    "torn": "run `fast lake check --quarantine` to set the file aside",
+    "unreadable": "change its permissions or repair the disk",
+    "wrong_schema": "run `fast lake check --quarantine` to set the file aside",
+    "newer": "update the program",
+}
+
+
+class Fault(NamedTuple):
+    """What is wrong with a file; `sentence` follows its path."""
+
+    kind: FaultKind
+    sentence: str
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        return _REMEDIES[self.kind]
+
+
+def fault_of(path: Path, row_type: type[Row], *, whole: bool) -> Fault | None:
+    """What is wrong with a file of a table, or None.
+
+    Looks at the footer alone, or with `whole` at every page and its checksum.
+    """
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            schema = file.schema_arrow
+            if whole:
+                for _ in file.iter_batches(batch_size=_ROW_GROUP_OF_TRACES):
+                    continue
+    except FileNotFoundError:
+        return None  # merged into another file since it was listed
+    except (OSError, pa.ArrowException) as error:
+        return reading_fault(error)
+    return schema_fault(schema, row_type)
+
+
+def reading_fault(error: OSError | pa.ArrowException) -> Fault:
+    """The fault behind an error of reading: the system refused, or what is there is no whole file."""
+    first_line = str(error).splitlines()[0]
+    if isinstance(error, OSError) and error.errno is not None:
+        return Fault("unreadable", f"cannot be read ({os.strerror(error.errno)})")
+    return Fault("torn", f"is not a whole Parquet file ({first_line})")
+
+
+def schema_fault(schema: pa.Schema, row_type: type[Row]) -> Fault | None:
+    """How the schema of a file differs from its table's, or None; a nullable column may be missing."""
+    version, today = file_version(schema), table_version(row_type.table)
+    if version > today:
+        return Fault(
+            "newer", f"has schema version {version} of the table `{row_type.table}`, this program reads up to {today}"
+        )
+    try:
+        held = migrated(schema.empty_table(), row_type.table).schema
+    except (KeyError, ValueError, pa.ArrowException) as error:
+        return Fault("wrong_schema", f"says it has schema version {version}, but its columns do not ({error})")
+    sentence = _column_fault(held, schema_of(row_type))
+    return Fault("wrong_schema", sentence) if sentence else None
+
+
+def _column_fault(held: pa.Schema, wanted: pa.Schema) -> str | None:
+    for field in wanted:
+        if field.name not in held.names and not field.nullable:
+            return f"lacks the column `{field.name}`"
+        if field.name in held.names and held.field(field.name).type != field.type:
+            return f"has `{field.name}` as {held.field(field.name).type}, it must be {field.type}"
+    unknown = [name for name in held.names if name not in wanted.names]
+    return f"has the unknown column `{unknown[0]}`" if unknown else None
+
+
+def discard(files: list[Path]) -> None:
+    """Remove files that may not exist; one that cannot be removed is left for `fast lake check`."""
+    for file in files:
+        try:
+            file.unlink(missing_ok=True)
+        except OSError:
+            continue
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and its parents, durably."""
+    if folder.is_dir():
+        return
+    make_folder(folder.parent)
+    folder.mkdir(exist_ok=True)
+    sync_folder(folder.parent)
+
+
+def write_synced(path: Path, text: str) -> None:
+    """Write a text file durably, or none."""
+    try:
+        with path.open("w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError:
+        discard([path])
+        raise
+
+
+def sync_folder(folder: Path) -> None:
+    """Force the names in a folder to disk."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def writing_failed(folder: Path, error: OSError) -> FastError:
+    """The sentence for a folder that could not be written."""
+    if error.errno in FORBIDDEN:
+        return UsageError(
+            f"{folder} cannot be written ({error.strerror}); nothing was written: "
+            "give another folder with --lake, or change its permissions."
+        )
+    return LakeError(
+        f"Writing to {folder} failed ({error.strerror}); no row of this call is visible, earlier rows are "
+        "untouched: free disk space or repair the disk, then run the same command again."
+    )
+
+
+def _write_parquet(table: pa.Table, file: object, table_name: str) -> None:
+    row_type = TABLE_BY_NAME[table_name]
+    layout: dict[str, Any] = {"row_group_size": _ROW_GROUP}
+    if has_samples(row_type):
+        n_ids = max(min(table.num_rows, _ROW_GROUP_OF_TRACES), 1)
+        bloom_filter = {row_type.id_column(): {"ndv": n_ids, "fpp": _FALSE_HITS}}
+        layout = {"row_group_size": _ROW_GROUP_OF_TRACES, "bloom_filter_options": bloom_filter}
+    pq.write_table(table, file, compression="zstd", compression_level=_ZSTD_LEVEL, write_page_checksum=True, **layout)
+
+
+class _Hasher:
+    """File-like object that hashes what is written to it."""
+
+    closed = False
+
+    def __init__(self, digest: "hashlib._Hash") -> None:
+        self._digest = digest
+
+    def write(self, data: bytes) -> int:
+        self._digest.update(data)
+        return len(data)
+
+    def flush(self) -> None:
+        return
+
+    def close(self) -> None:
+        return

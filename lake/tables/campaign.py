@@ -1,0 +1,399 @@
+"""Row records of the lake: one frozen class per table, the only place where a column is typed.
+
+The first column of a table is its id. Units are in the names (mm, N, MPa, s, J). `lake.tables.schema` derives
+the Parquet schemas, `lake.store` adds the columns of `lake.provenance` to every row.
+"""
+
+from collections.abc import Mapping
+from datetime import datetime
+from typing import Any, ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from lake.tables.features import AnomalyFlagRow, TraceFeaturesRow
+from lake.tables.inference import CalibrationRow, EffectRow, GapFindingRow, PosteriorDrawsRow
+from lake.tables.row import Channel, Row, Status
+from models.design.space import PARAMETERS
+from models.ids import canonical_json, content_id
+from models.records import Design, GraspSetup, SimulatorVersion, Trace
+
+
+class CampaignRow(Row):
+    """One optimisation and the config it runs with."""
+
+    table: ClassVar[str] = "campaigns"
+    campaign_id: str
+    name: str
+    config_toml: str
+
+
+class DesignRow(Row):
+    """The nine parameters of a finger; ranges are those of `models.records.Design`."""
+
+    table: ClassVar[str] = "designs"
+    design_id: str
+    length_mm: float
+    width_mm: float
+    height_mm: float
+    tip_length_mm: float
+    front_thickness_mm: float
+    back_thickness_mm: float
+    rib_thickness_mm: float
+    rib_count: int
+    rib_angle_deg: float
+
+    @classmethod
+    def of(cls, design: Design, design_id: str | None = None) -> Self:
+        """Row of a design; `design_id` only where another lab named it."""
+        return cls(design_id=design_id or design.design_id, **design.model_dump())
+
+    @property
+    def design(self) -> Design:
+        """The design of this row, checked against the ranges."""
+        return Design.model_validate(self.model_dump(include=set(PARAMETERS)))
+
+
+class ObjectRow(Row):
+    """One of the 36 test objects."""
+
+    table: ClassVar[str] = "objects"
+    object_id: int
+    name: str
+    object_class: str
+    orientation: str
+    parameters_json: str
+
+
+class BatchRow(Row):
+    """A set of tools printed and measured together; `batch_id` is `<campaign_id>/B01`."""
+
+    table: ClassVar[str] = "batches"
+    batch_id: str
+    campaign_id: str
+    batch: int
+    kind: Literal["random", "guided", "imported"]
+    n_tools: int
+
+    @staticmethod
+    def make_id(campaign_id: str, batch: int) -> str:
+        """`<campaign_id>/B01` of batch 1."""
+        return f"{campaign_id}/B{batch:02d}"
+
+
+class ProposalRow(Row):
+    """A design that the scientist asked for, and what was known when it did."""
+
+    table: ClassVar[str] = "proposals"
+    proposal_id: str
+    campaign_id: str
+    batch: int | None = None
+    slot: int | None = None
+    index: int
+    fidelity: Literal["sim", "real"]
+    design_id: str
+    acquisition: str
+    acquisition_value: float | None = None
+    n_real: int
+    n_sim: int
+    n_pending: int
+
+
+class ToolRow(Row):
+    """What was really mounted in a slot; `tool_id` is `<campaign_id>/B01T0`."""
+
+    table: ClassVar[str] = "tools"
+    tool_id: str
+    campaign_id: str
+    batch: int
+    slot: int = Field(ge=0, le=9)
+    design_id: str
+    status: Literal["printed", "rejected"]
+    reason: str = ""
+    operator: str = ""
+    material_lot: str = ""
+    rack_slot: int | None = None
+    measured_front_thickness_mm: float | None = None
+    measured_back_thickness_mm: float | None = None
+    measured_rib_thickness_mm: float | None = None
+    hardness_shore_a: float | None = None
+    confirmed_by: Literal["person", "auto"]
+
+    @staticmethod
+    def make_id(campaign_id: str, batch: int, slot: int) -> str:
+        """`<campaign_id>/B01T0` of batch 1, slot 0."""
+        return f"{campaign_id}/B{batch:02d}T{slot}"
+
+
+class SimulatorVersionRow(Row):
+    """A simulator version, so that every simulated number names what it came from.
+
+    Of an imported simulation (tier `imported`) only theta is known, if that; `version` is then an error.
+    """
+
+    table: ClassVar[str] = "simulator_versions"
+    version_id: str
+    version_json: str
+    young_modulus_mpa: float | None = None
+    friction: float | None = None
+    poisson_ratio: float | None = None
+    tier: str
+    effects_json: str
+
+    @classmethod
+    def of(cls, version: SimulatorVersion) -> Self:
+        """Row of a simulator version."""
+        return cls(
+            version_id=version.version_id,
+            version_json=canonical_json(version.model_dump()),
+            tier=version.tier,
+            effects_json=canonical_json([effect.model_dump() for effect in version.effects]),
+            **version.theta.model_dump(),
+        )
+
+    @property
+    def version(self) -> SimulatorVersion:
+        """The simulator version of this row."""
+        return SimulatorVersion.model_validate_json(self.version_json)
+
+
+class SimulationRow(Row):
+    """Scalars of one simulated grasp (design x object); a failed one says why."""
+
+    table: ClassVar[str] = "simulations"
+    simulation_id: str
+    design_id: str
+    object_id: int
+    version_id: str
+    setup_id: str
+    setup_json: str
+    status: Status
+    reason: str = ""
+    peak_force_n: float | None = None
+    contact_force_n: float | None = None
+    work_j: float | None = None
+    n_dof: int | None = None
+    n_newton: int | None = None
+    cpu_s: float = 0.0
+    details_json: str = "{}"
+
+    @staticmethod
+    def make_id(design_id: str, object_id: int, version_id: str, setup_id: str) -> str:
+        """Id derived from what decides the result."""
+        return content_id("S", [design_id, object_id, version_id, setup_id])
+
+
+class _TraceColumns(Row):
+    time_s: Channel
+    lift_mm: Channel
+    force_n: Channel
+
+    @model_validator(mode="after")
+    def _equal_lengths(self) -> Self:
+        lengths = len(self.time_s), len(self.lift_mm), len(self.force_n)
+        if len(set(lengths)) > 1:
+            raise ValueError(f"trace channels differ in length: time_s, lift_mm, force_n have {lengths} samples")
+        return self
+
+    @property
+    def trace(self) -> Trace:
+        """The samples as a trace."""
+        return Trace(time_s=self.time_s, lift_mm=self.lift_mm, force_n=self.force_n)
+
+
+class SimTraceRow(_TraceColumns):
+    """Samples of one simulated grasp."""
+
+    table: ClassVar[str] = "sim_traces"
+    simulation_id: str
+
+    @classmethod
+    def of(cls, simulation_id: str, trace: Trace) -> Self:
+        """Row of a trace."""
+        return cls(simulation_id=simulation_id, time_s=trace.time_s, lift_mm=trace.lift_mm, force_n=trace.force_n)
+
+    @classmethod
+    def id_column(cls) -> str:
+        """The field after the inherited channels."""
+        return "simulation_id"
+
+
+class GraspRow(Row):
+    """Scalars of one measured grasp (tool, object, repeat, attempt); a failed one says why."""
+
+    table: ClassVar[str] = "grasps"
+    grasp_id: str
+    campaign_id: str
+    tool_id: str
+    batch: int | None = None
+    slot: int | None = None
+    design_id: str
+    object_id: int
+    repeat: int
+    attempt: int = 0
+    order: int | None = None
+    fidelity: Literal["real"] = "real"
+    status: Status
+    reason: str = ""
+    started_at: datetime | None = None
+    peak_force_n: float | None = None
+    work_j: float | None = None
+    initial_force_n: float | None = None
+    tare_force_n: float | None = None
+    setup_id: str
+    setup_json: str
+    bench: Literal["virtual", "real"]
+    world_hash: str | None = None
+    details_json: str = "{}"
+
+    @staticmethod
+    def make_id(tool_id: str, object_id: int, repeat: int, attempt: int = 0) -> str:
+        """Id derived from which grasp it is, so that redoing it duplicates nothing."""
+        return content_id("K", [tool_id, object_id, repeat, attempt])
+
+
+class TraceRow(_TraceColumns):
+    """Samples of one measured grasp, as the instrument gave them."""
+
+    table: ClassVar[str] = "traces"
+    grasp_id: str
+
+    @classmethod
+    def of(cls, grasp_id: str, trace: Trace) -> Self:
+        """Row of a trace."""
+        return cls(grasp_id=grasp_id, time_s=trace.time_s, lift_mm=trace.lift_mm, force_n=trace.force_n)
+
+    @classmethod
+    def id_column(cls) -> str:
+        """The field after the inherited channels."""
+        return "grasp_id"
+
+
+class DiagnosticRow(_TraceColumns):
+    """One diagnostic run with its samples; a table of its own, so that no query of grasps can take it for one."""
+
+    table: ClassVar[str] = "diagnostics"
+    diagnostic_id: str
+    campaign_id: str
+    tool_id: str
+    batch: int | None = None
+    slot: int | None = None
+    design_id: str
+    kind: str = Field(description="dwell, lift_speed, supply_pressure, closed_empty, dead_weight or reference")
+    parameters_json: str = Field(description="the knobs that were turned, with their values")
+    object_id: int | None = Field(default=None, description="empty where no object was gripped")
+    repeat: int
+    n_grasps_before: int = Field(description="ordinary grasps the tool had made")
+    status: Status
+    reason: str = ""
+    started_at: datetime
+    tare_force_n: float | None = None
+    setup_id: str
+    setup_json: str
+    bench: Literal["virtual", "real"]
+    world_hash: str | None = None
+    details_json: str = "{}"
+
+    @classmethod
+    def id_column(cls) -> str:
+        """The field after the inherited channels."""
+        return "diagnostic_id"
+
+    @staticmethod
+    def make_id(tool_id: str, kind: str, started_at: datetime) -> str:
+        """Id of a run: every one is a measurement of its own."""
+        return content_id("D", [tool_id, kind, started_at.isoformat()])
+
+
+class FitRow(Row):
+    """Hyperparameters and health of the surrogate when tools or simulations were decided (`purpose`)."""
+
+    table: ClassVar[str] = "fits"
+    fit_id: str
+    campaign_id: str
+    batch: int
+    n_real: int
+    n_sim: int
+    rho: float
+    noise_sd_n: float
+    log_posterior: float
+    loo_rmse_n: float | None = None
+    lengthscales_h: tuple[float, ...]
+    lengthscales_e: tuple[float, ...]
+    sd_h: float
+    sd_e: float
+    seed: int
+    purpose: Literal["tools", "simulations"] | None = None
+    nugget_n: float | None = None
+    mean_sim_n: float | None = None
+    mean_real_n: float | None = None
+    loo_coverage_90: float | None = None
+    loo_q2: float | None = None
+    sim_loo_rmse_n: float | None = None
+    sim_loo_coverage_90: float | None = None
+    sim_loo_q2: float | None = None
+    shared_variance: float | None = None
+    measured_only_loo_rmse_n: float | None = None
+    n_outliers: int | None = None
+
+
+class EventRow(Row):
+    """Something worth keeping that is not a measurement: pause, fault, confirmation."""
+
+    table: ClassVar[str] = "events"
+    event_id: str
+    campaign_id: str
+    kind: str
+    message: str
+    payload_json: str = "{}"
+
+
+class FlowRunRow(Row):
+    """One process's run of a flow: written when it starts, again with the same id when it ends.
+
+    A run that was killed stays `running` until the next run of the flow finds it, and calls it `died`.
+    """
+
+    table: ClassVar[str] = "flow_runs"
+    flow_run_id: str = Field(description="id of the run in Prefect")
+    flow: str
+    name: str
+    campaign_id: str | None = None
+    status: Literal["running", "completed", "interrupted", "failed", "died"]
+    reason: str = ""
+    started_at: datetime
+    ended_at: datetime | None = None
+    host: str
+    process_id: int
+
+
+# Samples are written before the scalars that announce them: a crash in between leaves a trace without
+# a grasp, which redoing the grasp replaces, never a grasp without its trace.
+TABLES: tuple[type[Row], ...] = (
+    TraceRow,
+    SimTraceRow,
+    DiagnosticRow,
+    PosteriorDrawsRow,
+    CampaignRow,
+    ObjectRow,
+    DesignRow,
+    EffectRow,
+    SimulatorVersionRow,
+    BatchRow,
+    ProposalRow,
+    ToolRow,
+    SimulationRow,
+    GraspRow,
+    TraceFeaturesRow,
+    AnomalyFlagRow,
+    FitRow,
+    CalibrationRow,
+    GapFindingRow,
+    EventRow,
+    FlowRunRow,
+)
+TABLE_BY_NAME: Mapping[str, type[Row]] = {row_type.table: row_type for row_type in TABLES}
+
+
+def setup_columns(setup: GraspSetup) -> dict[str, Any]:
+    """`setup_id` and `setup_json` of a row."""
+    return {"setup_id": setup.setup_id, "setup_json": canonical_json(setup.model_dump())}

@@ -1,0 +1,1 @@
+"""Sampling of a posterior: NUTS chains in processes, diagnostics, importance weights."""

@@ -1,0 +1,270 @@
+"""The joint posterior at thousands of simulations in minutes: mode, NUTS on a stand-in, exact weights.
+
+1. Mode of the emulator's parameters phi, then of all parameters. 2. Normal approximation of phi there. 3. The
+measurements' likelihood at that phi as a cheap function of psi (`theta_surrogate`), NUTS on it. 4. Draws of psi paired
+with draws of phi, weighted by the exact joint density, the weights Pareto smoothed; k-hat says whether they hold.
+Steps 1 to 3 only choose where to look: the weights make the result that of the joint posterior (Eq. 12).
+"""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.stats import gamma, norm
+
+from models.blas import one_blas_thread
+from models.calibration.inference.diagnostics import diagnose
+from models.calibration.inference.importance import effective_size, resample
+from models.calibration.inference.optimise import Optimum, climb, climb_scaled, laplace_covariance, starts_around
+from models.calibration.inference.parallel_chains import Progress, Samples, sample
+from models.calibration.inference.result import K_HAT_LIMIT, CalibrationResult
+from models.calibration.inference.settings import CalibrationSettings
+from models.calibration.means import conditional_density as conditional
+from models.calibration.means import emulator
+from models.calibration.means.conditional_density import Setting
+from models.calibration.means.joint_density import JointDensity
+from models.calibration.means.joint_nuts import first_guesses
+from models.calibration.means.laplace import approximate_phi
+from models.calibration.means.level import Level, level_of
+from models.calibration.means.parameters import Layout
+from models.calibration.means.problem import CalibrationProblem, Standardised
+from models.calibration.means.reweight import Weighted, weigh
+from models.calibration.means.ridge import Straightened
+from models.calibration.means.theta_surrogate import Box, ThetaSurrogate, build_accurate
+from models.errors import FastError
+
+N_WEIGHTED = 2800  # draws that are weighted exactly, at most
+MOST_DRAWS, MOST_TUNE = 1400, 600  # per chain: of more draws, more would be left out of the weighting
+TRIAL_DRAWS, TRIAL_TUNE = 100, 150  # per chain, to find the box
+BOX_SD = 5.0  # half width of the first box of theta, posterior standard deviations
+CONTACT_LIMIT = 0.005  # share of draws outside the box at which it is grown
+MAX_GROWTH = 4
+_PRIOR_TAIL = 1e-7  # the box ends where the prior leaves that much
+_RIDGE_TAIL = 1e-4  # the same for friction, where the first box takes all that is likely
+
+
+@dataclass
+class Steps:
+    """CPU seconds by step, of this process and of those it started."""
+
+    tell: Progress
+    cpu_s: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        """Count the CPU time of this process during a step."""
+        start, wall = time.process_time(), time.monotonic()
+        yield
+        self.add(name, time.process_time() - start)
+        self.tell(f"{name}: done, {self.cpu_s[name]:.1f} s of CPU, {time.monotonic() - wall:.1f} s")
+
+    def add(self, name: str, cpu_s: float) -> None:
+        """Add CPU seconds to a step."""
+        self.cpu_s[name] = self.cpu_s.get(name, 0.0) + cpu_s
+
+
+@dataclass(frozen=True, eq=False)
+class Peak:
+    """Mode of the joint posterior: vector (n_phi + n_psi), covariance of psi there given phi (n_psi x n_psi)."""
+
+    vector: np.ndarray
+    factor: emulator.Factor
+    psi_covariance: np.ndarray
+    optima: list[Optimum]  # of psi, given phi
+
+
+def calibrate_factorised(
+    problem: CalibrationProblem, settings: CalibrationSettings, progress: Progress | None = None, length: int = 1
+) -> CalibrationResult:
+    """Posterior of every parameter (Eq. 12), as draws resampled by weight into `settings.chains` chains.
+
+    NUTS draws as many psi as `settings` ask for, at most `MOST_DRAWS` a chain; at most `N_WEIGHTED` of them, evenly
+    spaced, are weighted, and as many are returned; `length` times as many of both. `k_hat` of the result must be below
+    `K_HAT_LIMIT`, or the result must not be used.
+    """
+    data = Standardised.of(problem)
+    setting = Setting.of(data, Layout.of(data, settings))
+    steps = Steps(progress or (lambda line: None))
+    rng = np.random.default_rng([settings.seed, 2])
+    with one_blas_thread():
+        peak = find_peak(setting, settings, steps)
+        with steps("curvature"):
+            density = JointDensity(data, setting.layout)
+            normal_phi, cpu_s = approximate_phi(density, peak.vector, settings.workers, progress)
+            steps.add("curvature", cpu_s)
+        sampled, samples = sample_psi(setting, settings, peak, steps, rng, length)
+        with steps("weights"):
+            weighted = weigh(samples.draws, sampled, normal_phi, length * N_WEIGHTED, settings.workers, rng, progress)
+            steps.add("weights", weighted.cpu_s)
+    return _result(problem, setting, settings, samples, weighted, steps, rng)
+
+
+def find_peak(setting: Setting, settings: CalibrationSettings, steps: Steps) -> Peak:
+    """Mode of the joint posterior, found from those of phi alone and of psi given phi."""
+    data, layout = setting.data, setting.layout
+    with steps("emulator"):
+        phi = emulator.find_mode(data, layout, settings.seed, steps.tell)
+    with steps("optimum"):
+        factor = factor_at(phi.values, setting)
+        guesses = [guess[layout.n_phi :] for guess in first_guesses(layout)]
+        optima = climb(lambda v: conditional.log_posterior(v, factor, setting), guesses, tolerance=1e-7)
+        psi = optima[0].vector
+        covariance = laplace_covariance(lambda v: conditional.log_posterior(v, factor, setting), psi)
+        root = np.zeros((layout.n_phi + layout.n_psi,) * 2)
+        root[: layout.n_phi, : layout.n_phi] = phi.root
+        root[layout.n_phi :, layout.n_phi :] = np.linalg.cholesky(covariance)
+        start = np.concatenate([phi.values, psi])
+        vector = climb_scaled(JointDensity(data, layout), start, root, 40, emulator.TOLERANCE).vector
+        factor = factor_at(vector[: layout.n_phi], setting)
+        covariance = laplace_covariance(lambda v: conditional.log_posterior(v, factor, setting), vector[layout.n_phi :])
+    return Peak(vector, factor, covariance, optima)
+
+
+def factor_at(phi: np.ndarray, setting: Setting) -> emulator.Factor:
+    """Factor of the emulator at a phi in vector form.
+
+    Raises:
+        FastError: the covariance is singular there.
+    """
+    factor = emulator.factorise(setting.layout.phi(phi), setting.data)
+    if factor is None:
+        raise FastError(
+            "the covariance of the simulations is singular at the emulator's best fit; look for repeated designs."
+        )
+    return factor
+
+
+def sample_psi(
+    setting: Setting,
+    settings: CalibrationSettings,
+    peak: Peak,
+    steps: Steps,
+    rng: np.random.Generator,
+    length: int = 1,
+) -> tuple[Straightened, Samples]:
+    """NUTS on psi at the mode's phi, in a box of theta that grows until short trial chains stay inside."""
+    psi = peak.vector[setting.layout.n_phi :]
+    box = first_box(setting, psi, peak.psi_covariance)
+    for attempt in range(MAX_GROWTH + 1):
+        with steps("theta surrogate"):
+            surrogate = build_accurate(peak.factor, setting, box, psi, peak.psi_covariance, rng)
+            orders = " x ".join(str(n) for n in surrogate.orders)
+            steps.tell(f"theta surrogate: {orders} nodes, {len(surrogate.basis)} matrices, error {surrogate.error:.3f}")
+        with steps("passes of the ridge"):
+            density = Straightened(surrogate, _level(surrogate, psi))
+        starts = starts_around(surrogate, [Optimum(psi, surrogate(psi)[0])], peak.psi_covariance, settings.chains, rng)
+        covariance = density.covariance(peak.psi_covariance, psi)
+        fewer = _at_most(settings, TRIAL_DRAWS, TRIAL_TUNE)
+        trial = _run(density, density.from_psi(starts), covariance, fewer, "trial chains", steps)
+        outside = _outside(density.to_psi(trial.flat), surrogate)
+        if outside.sum() <= CONTACT_LIMIT or attempt == MAX_GROWTH:
+            break
+        steps.tell(f"{outside.sum():.1%} of the draws are outside the box of theta: trying again in a larger one")
+        box = box.grown(outside > 0.1 * CONTACT_LIMIT)
+    n, weight = len(trial.flat), len(psi) + 10.0  # the trial's covariance is shrunk: it may have few draws
+    covariance = (n * np.cov(trial.flat.T) + weight * covariance) / (n + weight)
+    full = _at_most(settings, length * MOST_DRAWS, MOST_TUNE)
+    samples = _run(density, trial.draws[:, -1], covariance, full, "sampling", steps)
+    draws = density.to_psi(samples.draws)
+    outside = _outside(draws.reshape(-1, draws.shape[2]), surrogate)
+    steps.tell(f"{outside.sum():.1%} of the draws are outside the box of theta")
+    return density, replace(samples, draws=draws, n_gradients=samples.n_gradients + trial.n_gradients)
+
+
+def _level(surrogate: ThetaSurrogate, psi: np.ndarray) -> Level | None:
+    """What is taken off along friction, where E is a factor and the ridge has summits with deep passes."""
+    if not surrogate.setting.data.scales_with_modulus:
+        return None
+    low, high = _prior_range(surrogate.setting, _RIDGE_TAIL)
+    return level_of(surrogate, psi, (float(low[1]), float(high[1])))
+
+
+def _run(
+    density: Straightened,
+    starts: np.ndarray,
+    covariance: np.ndarray,
+    settings: CalibrationSettings,
+    step: str,
+    steps: Steps,
+) -> Samples:
+    with steps(step):
+        samples = sample(density, starts, settings, scale=covariance, progress=steps.tell)
+        steps.add(step, samples.cpu_s if settings.workers > 1 else 0.0)
+    return samples
+
+
+def _at_most(settings: CalibrationSettings, draws: int, tune: int) -> CalibrationSettings:
+    return settings.model_copy(update={"draws": min(settings.draws, draws), "tune": min(settings.tune, tune)})
+
+
+def _outside(draws: np.ndarray, surrogate: ThetaSurrogate) -> np.ndarray:
+    """Share of draws (n x n_psi) outside the box by side and input, 2 x k."""
+    setting = surrogate.setting
+    t = np.array([setting.inputs(theta) for theta in setting.layout.theta(draws[:, -3:])])
+    return np.asarray(surrogate.box.is_outside(t).mean(axis=0))
+
+
+def first_box(setting: Setting, psi: np.ndarray, covariance: np.ndarray) -> Box:
+    """Box of the inputs t around the mode, within what the prior of theta allows.
+
+    The Poisson ratio keeps its whole range: it is short, and posteriors lean against its ends. Where E is a factor,
+    friction has all that is likely before: the ridge may run along it, which the curvature at the mode does not tell.
+    """
+    reach = BOX_SD * np.sqrt(np.diag(covariance)[-3:])
+    reach[-1] = np.inf
+    lower, upper = _prior_range(setting, _PRIOR_TAIL)
+    ends = (np.maximum(psi[-3:] - reach, lower), np.minimum(psi[-3:] + reach, upper))
+    if setting.data.scales_with_modulus:
+        for end, likely in zip(ends, _prior_range(setting, _RIDGE_TAIL), strict=True):
+            end[1] = likely[1]
+    low, high = (setting.inputs(theta) for theta in setting.layout.theta(np.array(ends)))
+    return Box(low, high)
+
+
+def _prior_range(setting: Setting, tail: float) -> tuple[np.ndarray, np.ndarray]:
+    """Unconstrained theta (3) between which the prior has all but `tail` of its mass on either side."""
+    priors = setting.layout.priors
+    reach = norm.isf(tail) * priors.young_modulus_log_sd
+    modulus = np.log(priors.young_modulus_median_mpa)
+    friction = np.log(gamma.ppf([tail, 1.0 - tail], priors.friction_shape) / priors.friction_rate)
+    poisson = -np.log(tail)
+    return np.array([modulus - reach, friction[0], -poisson]), np.array([modulus + reach, friction[1], poisson])
+
+
+def _result(
+    problem: CalibrationProblem,
+    setting: Setting,
+    settings: CalibrationSettings,
+    samples: Samples,
+    weighted: Weighted,
+    steps: Steps,
+    rng: np.random.Generator,
+) -> CalibrationResult:
+    layout, weights = setting.layout, weighted.smoothed.weights
+    with steps("diagnosis"):
+        rows = resample(weights, len(weights) // settings.chains * settings.chains, rng)
+        draws = layout.constrain(weighted.draws[rows], setting.data.force_scale_n)
+        draws = draws.reshape(settings.chains, -1, draws.shape[1])
+        found = diagnose(problem, layout.names, draws, settings, samples.n_divergences, samples.n_deepest)
+    k_hat = weighted.smoothed.k_hat
+    steps.tell(
+        f"k-hat {k_hat:.2f} (limit {K_HAT_LIMIT:g}), {effective_size(weights):.0f} effective of {len(weights)} "
+        f"weighted draws, {samples.n_gradients:,} gradients, {samples.n_divergences} divergences"
+    )
+    return CalibrationResult(
+        names=layout.names,
+        draws=draws,
+        settings=settings,
+        method="factorised",
+        r_hat=found.r_hat,
+        ess_bulk=found.ess_bulk,
+        ess_tail=found.ess_tail,
+        n_divergences=samples.n_divergences,
+        n_gradients=samples.n_gradients,
+        k_hat=k_hat,
+        warnings=found.warnings,
+        cpu_s=sum(steps.cpu_s.values()),
+        steps=steps.cpu_s,
+    )

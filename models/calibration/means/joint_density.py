@@ -1,0 +1,134 @@
+"""The joint log posterior of all calibration parameters (Eq. 12) with a hand-written gradient.
+
+y_S = g(z) + nugget,   y_R = c (mean + g([x_R, t])) + eps(x_R) + noise,   c = a tau   (`problem.Standardised`), so that
+
+    K = [[H_SS, c' H_SR], [c H_RS, c c' H_RR + E_RR]] + diag(v_S + nugget^2 | v_R + noise_sd^2)
+    r = (y_S, y_R - c mean)
+
+with Matern-5/2 covariances H (12 or 11 inputs) and E (9 inputs). With alpha = K^-1 r, W = (alpha alpha' - K^-1) / 2,
+c = 1 for simulations, the slope G of H (`models.gaussian_process.matern`) and M = W * G * c c':
+
+    d/dlog l_h  as in `gaussian.lengthscale_gradient`        d/dlog s = 2 <W, its covariance>
+    d/dt_k = -(2 / l_k^2) sum_{i in R, j in S} M_ij (t_k - z_jk)
+    d/da   = sum_{i in R} tau_i (2 sum_j W_ij c_j H_ij + mean alpha_i)
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.calibration.means.parameters import N_DESIGN, Layout, Phi, Psi
+from models.calibration.means.problem import Standardised, unit_theta, unit_theta_slopes
+from models.gaussian_process.density import Factored, half_weights, lengthscale_gradient, log_normal
+from models.gaussian_process.matern import MaternWithSlope, matern52_with_slope
+
+
+@dataclass(frozen=True, eq=False)
+class JointDensity:
+    """Log posterior density of the unconstrained vector (phi, psi), for samplers and optimisers."""
+
+    data: Standardised
+    layout: Layout
+
+    def __call__(self, values: np.ndarray) -> tuple[float, np.ndarray]:
+        """Value, without the priors' constants, and gradient (n_phi + n_psi).
+
+        Minus infinity (gradient zero) where the covariance is numerically singular.
+        """
+        n_phi = self.layout.n_phi
+        with np.errstate(over="ignore", invalid="ignore"):
+            phi, psi = self.layout.phi(values[:n_phi]), self.layout.psi(values[n_phi:])
+            terms = _Terms.of(self.data, phi, psi)
+            factored = terms.density()
+        if factored is None or not np.isfinite(factored.value):
+            return -np.inf, np.zeros_like(values)
+        prior_phi, slope_phi = self.layout.log_prior_phi(values[:n_phi])
+        prior_psi, slope_psi = self.layout.log_prior_psi(values[n_phi:])
+        by_phi, by_psi = terms.gradient(factored, self.layout)
+        value = factored.value + prior_phi + prior_psi
+        return value, np.concatenate([by_phi + slope_phi, by_psi + slope_psi])
+
+    def draw_outputs(self, values: np.ndarray, rng: np.random.Generator) -> Standardised:
+        """The same designs with outputs drawn from the model at a vector."""
+        n_phi, n_sim = self.layout.n_phi, len(self.data.y_sim)
+        terms = _Terms.of(self.data, self.layout.phi(values[:n_phi]), self.layout.psi(values[n_phi:]))
+        y = np.linalg.cholesky(terms.covariance()) @ rng.standard_normal(len(terms.z))
+        return replace(self.data, y_sim=y[:n_sim], y_real=y[n_sim:] + terms.c[n_sim:] * self.data.mean)
+
+
+@dataclass(frozen=True, eq=False)
+class _Terms:
+    """Covariances of one vector. z: (n + m) x d, inputs of simulations, then of measurements at theta."""
+
+    data: Standardised
+    phi: Phi
+    psi: Psi
+    amplitude: float
+    z: np.ndarray
+    h: MaternWithSlope
+    e: MaternWithSlope
+
+    @staticmethod
+    def of(data: Standardised, phi: Phi, psi: Psi) -> "_Terms":
+        t = unit_theta(psi.theta[None, :], data.scales_with_modulus)
+        at_theta = np.column_stack([data.x_real, np.repeat(t, len(data.y_real), axis=0)])
+        z = np.concatenate([data.z_sim, at_theta])
+        h = matern52_with_slope(z, phi.lengthscales, phi.sd)
+        e = matern52_with_slope(data.x_real, psi.lengthscales, psi.sd)
+        return _Terms(data, phi, psi, data.amplitude(psi.theta, psi.rho), z, h, e)
+
+    @property
+    def c(self) -> np.ndarray:
+        """Factor of the emulated process in every output, n + m."""
+        return np.concatenate([np.ones(len(self.data.y_sim)), self.amplitude * self.data.trend_real])
+
+    def covariance(self) -> np.ndarray:
+        """K of all outputs, in Fortran order."""
+        data, n_sim = self.data, len(self.data.y_sim)
+        K = np.multiply(self.h.covariance, self.c[:, None] * self.c[None, :], order="F")
+        K[n_sim:, n_sim:] += self.e.covariance
+        sim, real = data.variance_sim + self.phi.nugget**2, data.variance_real + self.psi.noise_sd**2
+        K[np.diag_indices_from(K)] += np.concatenate([sim, real])
+        return K
+
+    def density(self) -> Factored | None:
+        """Density of all outputs."""
+        in_simulator = self.c[len(self.data.y_sim) :] * self.data.mean
+        residual = np.concatenate([self.data.y_sim, self.data.y_real - in_simulator])
+        return log_normal(self.covariance(), residual)
+
+    def gradient(self, factored: Factored, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
+        """By phi (n_phi) and psi (n_psi) in their unconstrained form."""
+        n_sim, c = len(self.data.y_sim), self.c
+        W = half_weights(factored)
+        noise, W_real = np.diagonal(W).copy(), W[n_sim:, n_sim:].copy()
+        by_row = (W * self.h.covariance) @ c
+        W *= self.h.slope
+        W *= c[:, None]
+        W *= c[None, :]  # this is M now
+        by_phi = np.concatenate(
+            [
+                lengthscale_gradient(W, self.z, self.phi.lengthscales),
+                [2.0 * c @ by_row, 2.0 * self.phi.nugget**2 * noise[:n_sim].sum()],
+            ]
+        )
+        by_amplitude = float(self.data.trend_real @ (2.0 * by_row[n_sim:] + self.data.mean * factored.alpha[n_sim:]))
+        per_rho = self.data.amplitude(self.psi.theta, 1.0)
+        by_psi = np.concatenate(
+            [
+                lengthscale_gradient(W_real * self.e.slope, self.data.x_real, self.psi.lengthscales),
+                [2.0 * np.vdot(W_real, self.e.covariance), 2.0 * self.psi.noise_sd**2 * noise[n_sim:].sum()],
+                [by_amplitude * per_rho] if layout.has_rho else [],
+                self._by_theta(W[n_sim:, :n_sim].sum(axis=0), by_amplitude, layout),
+            ]
+        )
+        return by_phi, by_psi
+
+    def _by_theta(self, M: np.ndarray, by_amplitude: float, layout: Layout) -> np.ndarray:
+        """By the unconstrained theta (3); `M` is summed over the measurements, n."""
+        z_theta = self.data.z_sim[:, N_DESIGN:]
+        t, lengthscales = self.z[-1, N_DESIGN:], self.phi.lengthscales[N_DESIGN:]
+        by_unit = -2.0 / lengthscales**2 * (t * M.sum() - M @ z_theta)
+        by_theta = by_amplitude * self.amplitude * self.data.amplitude_slopes(self.psi.theta)
+        by_theta[-len(t) :] += by_unit * unit_theta_slopes(self.psi.theta, self.data.scales_with_modulus)
+        return np.asarray(by_theta * layout.theta_slopes(self.psi.theta))

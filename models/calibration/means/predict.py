@@ -1,0 +1,244 @@
+"""What a calibration predicts: forces of designs, simulated and measured, at posterior draws (Eq. 12).
+
+At one joint draw everything is a Gaussian process conditioned on the simulations and then on the measurements:
+
+    g | y_S:    m(z) = k_h(z, Z) alpha,  V(z, z') = k_h(z, z') - k_h(z, Z) (K_SS)^-1 k_h(Z, z')
+    Q           = a a' V + k_e(X_R, X_R) + diag(v_R + noise^2),     b = Q^-1 (y_R - a (mean + m))
+    measured(x) = a (mean + m(x)) + C b,  variance a^2 V(x, x) + k_e(x, x) - C Q^-1 C' + noise^2
+    C           = a a' V(x, X_R) + k_e(x, X_R)
+
+with the names of `problem.Standardised`; a is the amplitude times the trend of each design. A prediction of the
+calibration is the mixture over draws.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+
+from models.blas import one_blas_thread
+from models.calibration.inference.result import CalibrationResult
+from models.calibration.means.mixture import Mixture
+from models.calibration.means.parameters import N_DESIGN, Phi, Psi
+from models.calibration.means.problem import CalibrationProblem, Standardised, unit_theta
+from models.errors import FastError
+from models.gaussian_process.matern import matern52
+
+N_DRAWS = 200  # enough for a 5 % quantile to 1.5 %; each costs a Cholesky factor of the simulations
+_JITTERS = (0.0, 1e-10, 1e-8)
+
+
+@dataclass(frozen=True, eq=False)
+class Emulator:
+    """The simulator's process g at one phi, conditioned on the simulations.
+
+    factor: lower Cholesky factor of K_SS, n x n. weights: K_SS^-1 y_S, n.
+    """
+
+    data: Standardised
+    phi: Phi
+    factor: np.ndarray
+    weights: np.ndarray
+
+    @staticmethod
+    def condition(data: Standardised, phi: Phi) -> "Emulator":
+        """Condition on the simulations of `data`.
+
+        Raises:
+            FastError: the covariance stays singular even with jitter.
+        """
+        K = matern52(data.z_sim, data.z_sim, phi.lengthscales, phi.sd)
+        diagonal = np.diag_indices_from(K)
+        K[diagonal] += data.variance_sim + phi.nugget**2
+        factor = _factor(K, "simulations")
+        return Emulator(data, phi, factor, cho_solve((factor, True), data.y_sim, check_finite=False))
+
+    def inputs(self, x: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Inputs z of designs x (m x 9, unit cube) at theta (3, or m x 3, physical), m x d."""
+        every = np.broadcast_to(theta, (len(x), 3))
+        return np.column_stack([x, unit_theta(every, self.data.scales_with_modulus)])
+
+    def mean(self, z: np.ndarray) -> np.ndarray:
+        """Posterior mean of g at z (m x d), m."""
+        return np.asarray(matern52(z, self.data.z_sim, self.phi.lengthscales, self.phi.sd) @ self.weights)
+
+    def whitened(self, z: np.ndarray) -> np.ndarray:
+        """L^-1 k_h(Z, z), n x m: its Gram matrix is the covariance that the simulations explain."""
+        cross = matern52(self.data.z_sim, z, self.phi.lengthscales, self.phi.sd)
+        return np.asarray(solve_triangular(self.factor, cross, lower=True, check_finite=False))
+
+    def simulated(self, x: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (N) and variance (N^2) of the simulator's force for designs x (m x 9, unit cube) at theta (3, physical).
+
+        Learned from the simulations alone, without rho; the nugget is part of the variance.
+        """
+        z = self.inputs(x, theta)
+        a = self.data.amplitude(theta, 1.0) * self.data.trend.of_designs(x)
+        variance = a**2 * (self.phi.sd**2 - _squares(self.whitened(z)) + self.phi.nugget**2)
+        return _in_newton(self.data, a * (self.data.mean + self.mean(z)), variance)
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnModel:
+    """All processes at one joint draw, conditioned on all data. Public results are in N and N^2.
+
+    z_real, whitened_real: inputs (m x d) and L^-1 k_h(Z, z_real) of the measured designs at the draw's theta.
+    factor: lower Cholesky factor of Q. weights: b. factor and weights are m x m and m.
+    """
+
+    emulator: Emulator
+    psi: Psi
+    z_real: np.ndarray
+    whitened_real: np.ndarray
+    factor: np.ndarray
+    weights: np.ndarray
+
+    @staticmethod
+    def condition(emulator: Emulator, psi: Psi) -> "DrawnModel":
+        """Condition on the measurements too.
+
+        Raises:
+            FastError: the covariance stays singular even with jitter.
+        """
+        data, phi = emulator.data, emulator.phi
+        z = emulator.inputs(data.x_real, psi.theta)
+        whitened = emulator.whitened(z)
+        a = data.amplitude(psi.theta, psi.rho) * data.trend_real
+        Q = np.outer(a, a) * (matern52(z, z, phi.lengthscales, phi.sd) - whitened.T @ whitened)
+        Q += matern52(data.x_real, data.x_real, psi.lengthscales, psi.sd)
+        Q[np.diag_indices_from(Q)] += data.variance_real + psi.noise_sd**2
+        factor = _factor(Q, "measurements")
+        residual = data.y_real - a * (data.mean + emulator.mean(z))
+        return DrawnModel(emulator, psi, z, whitened, factor, cho_solve((factor, True), residual, check_finite=False))
+
+    def measured(self, x: np.ndarray, variance: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and variance of a new measurement of designs x (m x 9); `variance` of missing objects (m, N^2)."""
+        data, phi, psi = self.emulator.data, self.emulator.phi, self.psi
+        amplitude = data.amplitude(psi.theta, psi.rho)
+        a = amplitude * data.trend.of_designs(x)
+        z = self.emulator.inputs(x, psi.theta)
+        A = self.emulator.whitened(z)
+        cross = np.outer(a, amplitude * data.trend_real)
+        cross *= matern52(z, self.z_real, phi.lengthscales, phi.sd) - A.T @ self.whitened_real
+        cross += matern52(x, data.x_real, psi.lengthscales, psi.sd)
+        mean = a * (data.mean + self.emulator.mean(z)) + cross @ self.weights
+        prior = a**2 * (phi.sd**2 - _squares(A)) + psi.sd**2 + psi.noise_sd**2
+        return _in_newton(self.emulator.data, mean, prior - self._explained(cross), variance)
+
+    def simulated(self, x: np.ndarray, theta: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """`Emulator.simulated` at theta (3) or at the draw's own."""
+        return self.emulator.simulated(x, self.psi.theta if theta is None else np.asarray(theta, dtype=float))
+
+    def discrepancy(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and variance of what the calibrated simulator misses at designs x (m x 9)."""
+        cross = matern52(x, self.emulator.data.x_real, self.psi.lengthscales, self.psi.sd)
+        scale = self.emulator.data.force_scale_n
+        return scale * (cross @ self.weights), scale**2 * (self.psi.sd**2 - self._explained(cross))
+
+    def discrepancy_mean(self, x: np.ndarray) -> np.ndarray:
+        """Mean of `discrepancy` alone."""
+        return self.discrepancy(x)[0]
+
+    def leave_one_out(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and variance of each measurement given all others and this draw (Rasmussen and Williams, Eq. 5.12)."""
+        inverse = cho_solve((self.factor, True), np.eye(len(self.weights)), check_finite=False)
+        precision = np.diagonal(inverse)
+        return _in_newton(self.emulator.data, self.emulator.data.y_real - self.weights / precision, 1.0 / precision)
+
+    def _explained(self, cross: np.ndarray) -> np.ndarray:
+        """Diagonal of C Q^-1 C' for cross covariances C (p x m), p."""
+        return _squares(solve_triangular(self.factor, cross.T, lower=True, check_finite=False))
+
+
+def drawn_models(problem: CalibrationProblem, result: CalibrationResult, n: int = N_DRAWS) -> Iterator[DrawnModel]:
+    """The model at n draws spread evenly over the chains; draws that share phi share its Cholesky factor.
+
+    The order is by phi, not by draw.
+    """
+    data = Standardised.of(problem)
+    draws = thinned(result, n)
+    n_phi = n_emulator_parameters(result)
+    phis, group = np.unique(draws[:, :n_phi], axis=0, return_inverse=True)
+    for number, phi in enumerate(phis):
+        with one_blas_thread():
+            emulator = Emulator.condition(data, Phi(phi[:-2], float(phi[-2]), float(phi[-1])))
+        for row in draws[group == number]:
+            with one_blas_thread():
+                model = DrawnModel.condition(emulator, _psi(row[n_phi:], data.force_scale_n))
+            yield model
+
+
+def predict_measured(
+    problem: CalibrationProblem,
+    result: CalibrationResult,
+    x: np.ndarray,
+    variance: np.ndarray | float = 0.0,
+    n_draws: int = N_DRAWS,
+) -> Mixture:
+    """Forces that would be measured with designs x (m x 9, unit cube): simulator, discrepancy and noise.
+
+    `problem` is what was calibrated, without the designs that are predicted. `variance` (m, N^2): of objects that
+    were missing in the measurements to compare with.
+    """
+    parts = [model.measured(x, variance) for model in drawn_models(problem, result, n_draws)]
+    return Mixture.equal(*_stacked(parts))
+
+
+def predict_simulated(
+    problem: CalibrationProblem,
+    result: CalibrationResult,
+    x: np.ndarray,
+    theta: np.ndarray | None = None,
+    n_draws: int = N_DRAWS,
+) -> Mixture:
+    """Forces that the simulator would give for designs x (m x 9, unit cube), at theta (3) or at each draw's theta."""
+    parts = [model.simulated(x, theta) for model in drawn_models(problem, result, n_draws)]
+    return Mixture.equal(*_stacked(parts))
+
+
+def thinned(result: CalibrationResult, n: int) -> np.ndarray:
+    """Joint draws spread evenly over all chains (at most n, all where there are fewer), n x len(names)."""
+    flat = result.draws.reshape(-1, result.draws.shape[2])
+    rows = np.unique(np.linspace(0, len(flat) - 1, n).round().astype(int))
+    return np.asarray(flat[rows])
+
+
+def n_emulator_parameters(result: CalibrationResult) -> int:
+    """How many of the leading names belong to the emulator: its lengthscales, sd and nugget."""
+    return sum(name.startswith("lengthscale_h.") for name in result.names) + 2
+
+
+def _psi(row: np.ndarray, force_scale_n: float) -> Psi:
+    """Psi of constrained values in the order of `Layout.names`; sd and noise in N become standardised."""
+    rho = float(row[N_DESIGN + 2]) if len(row) == N_DESIGN + 6 else 1.0
+    sd, noise = row[N_DESIGN] / force_scale_n, row[N_DESIGN + 1] / force_scale_n
+    return Psi(row[:N_DESIGN], float(sd), float(noise), rho, row[-3:])
+
+
+def _stacked(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    means, variances = zip(*parts, strict=True)
+    return np.array(means), np.array(variances)
+
+
+def _in_newton(
+    data: Standardised, mean: np.ndarray, variance: np.ndarray, extra: np.ndarray | float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    return data.center_n + data.force_scale_n * mean, data.force_scale_n**2 * variance + extra
+
+
+def _factor(K: np.ndarray, what: str) -> np.ndarray:
+    largest = float(np.diagonal(K).max())
+    for jitter in _JITTERS:
+        try:
+            return np.asarray(cholesky(K + jitter * largest * np.eye(len(K)), lower=True, check_finite=False))
+        except np.linalg.LinAlgError:
+            continue
+    raise FastError(
+        f"The covariance of {len(K)} {what} at a posterior draw is singular even with jitter {_JITTERS[-1]:g}; "
+        "look for duplicated designs with different forces."
+    )
+
+
+def _squares(columns: np.ndarray) -> np.ndarray:
+    return np.asarray(np.einsum("ij,ij->j", columns, columns))

@@ -1,0 +1,1 @@
+"""The finger: its parameters, geometry, printability, print tray."""

@@ -1,0 +1,59 @@
+"""What a printer and the person who cleans its prints ask of a finger, as rules that a design keeps or breaks."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from pydantic import Field
+
+from models.design.profile import BASE_HEIGHT_MM, cavities, outline_area_mm2
+from models.design.space import from_unit
+from models.records import Design, Record
+
+
+class PrintingRules(Record):
+    """Limits of what is printed; both are checked on sharp corners, as drawn."""
+
+    min_cavity_mm: float = Field(
+        default=3.0, ge=0, le=20, description="circle that must fit into every cavity: what removes support reaches in"
+    )
+    max_mass_g: float | None = Field(
+        default=None, gt=0, description="of one finger with its base, without support: material and time"
+    )
+
+
+def broken_rules(design: Design, rules: PrintingRules) -> list[str]:
+    """What is wrong with a design, one phrase for each rule it breaks; nothing when it can be printed.
+
+    A cavity without room for the circle, such as the wedge between a steep rib and the tip, keeps its support or is
+    filled (`models.design.profile` fills what a printer cannot resolve): the finger is not the one that was meant.
+
+    Example:
+        >>> from models.design.space import BEST_PUBLISHED
+        >>> broken_rules(BEST_PUBLISHED, PrintingRules(max_mass_g=20.0))
+        ['mass 32.7 g, limit 20 g']
+    """
+    broken = []
+    voids = cavities(design)
+    is_tight = shapely.is_empty(shapely.buffer(voids, -rules.min_cavity_mm / 2, join_style="mitre"))
+    if is_tight.any():
+        count = int(is_tight.sum())
+        broken.append(f"{count} of {len(voids)} cavities narrower than {rules.min_cavity_mm:g} mm")
+    if rules.max_mass_g is not None:
+        mass_g = _mass_g(design, voids)
+        if mass_g > rules.max_mass_g:
+            broken.append(f"mass {mass_g:.1f} g, limit {rules.max_mass_g:g} g")
+    return broken
+
+
+def printable(points: np.ndarray, rules: PrintingRules) -> np.ndarray:
+    """Mask of the unit-cube points (n x 9) whose designs break no rule; a millisecond each."""
+    return np.array([not broken_rules(design, rules) for design in from_unit(points)], dtype=bool)
+
+
+def _mass_g(design: Design, voids: Sequence[shapely.Polygon]) -> float:
+    from models.design.finger import DENSITY_G_PER_MM3  # trimesh takes half a second to import
+
+    area_mm2 = outline_area_mm2(design) - float(np.sum(shapely.area(voids)))
+    base_mm3 = design.length_mm * design.width_mm * BASE_HEIGHT_MM
+    return DENSITY_G_PER_MM3 * (area_mm2 * design.width_mm + base_mm3)

@@ -1,8 +1,0 @@
-"""What a measured or simulated grasp's trace says in numbers: docs/features.md.
-
-The scalars of one trace are here; the features of many traces at once, compiled, in `models.features.batch`.
-"""
-
-from models.features.scalars import initial_force_n, peak_force_n, work_j
-
-__all__ = ["initial_force_n", "peak_force_n", "work_j"]

@@ -1,0 +1,1 @@
+"""The bank: simulations around the measured grasps, with and without effects."""

@@ -1,0 +1,176 @@
+"""What effects that act on finished traces do to step means, for all grasps at once.
+
+In front of step means lie `N_LEAD` forces, the end of closing up to the start of the lift, a step apart in time: a late
+clock or a slow transmitter brings them into the lift. In its first steps the force turns round and rises by more than
+it ever does again, so there the force is read in fifths of a step, straight from one end of a step to the other; later
+step means are taken as the force at the middle of their steps. Laws that are simple on such a lattice are written out
+for n grasps; any other effect of the catalogue is replayed grasp by grasp. Either way it is the change that counts, so
+that an effect of amplitude zero leaves the prediction alone to the last bit.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from models.records import GraspSetup, Trace
+from models.simulation.effects.base import Effect
+from models.simulation.effects.lift_misalignment import LiftMisalignment
+from models.simulation.effects.lift_start_error import LiftStartError
+from models.simulation.effects.load_cell_drift import LoadCellDrift
+from models.simulation.effects.load_cell_lag import LoadCellLag
+from models.simulation.effects.load_cell_offset import LoadCellOffset
+from models.simulation.effects.object_post_compliance import ObjectPostCompliance
+from models.simulation.effects.stress_relaxation import StressRelaxation
+from models.simulation.effects.tool_weight import ToolWeight
+from models.traces.step_features import N_STEPS, STEP_MM, step_means
+
+N_LEAD = 12
+_N_FINE, _PARTS = 3, 5  # steps that are read in parts
+_PART = (np.arange(_PARTS) + 0.5) / _PARTS
+# Lift of every force; before the lift, time at its speed.
+_AT_MM = STEP_MM * np.concatenate(
+    [np.arange(1 - N_LEAD, 1), (np.arange(_N_FINE)[:, None] + _PART).ravel(), np.arange(_N_FINE, N_STEPS) + 0.5]
+)
+_IS_LIFT = _AT_MM > 0
+
+Law = Callable[[Sequence[Effect], np.ndarray, GraspSetup], np.ndarray]
+
+
+def sensed(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    """Step means with their lead (n x 132) with one effect, as it acts in each of n grasps (`Effect.in_grasp`)."""
+    law = _LAWS.get(type(effects[0]))
+    if law is None:
+        return _replayed(effects, steps_n, setup)
+    fine_n = _fine(steps_n)
+    change_n = law(effects, fine_n, setup) - fine_n
+    end = N_LEAD + _N_FINE * _PARTS
+    of_steps = change_n[:, N_LEAD:end].reshape(len(steps_n), _N_FINE, _PARTS).mean(axis=2)
+    return steps_n + np.concatenate([change_n[:, :N_LEAD], of_steps, change_n[:, end:]], axis=1)
+
+
+def acts_on_traces(effect: Effect) -> bool:
+    """Whether the effect changes finished traces."""
+    return type(effect).modify_trace is not Effect.modify_trace
+
+
+def lead_means(trace: Trace, setup: GraspSetup) -> np.ndarray:
+    """Forces (12) in N before the lift, the last where it starts; before the trace, its first force."""
+    start_s = float(trace.time_s[trace.is_lift][0])
+    at_s = start_s + _AT_MM[:N_LEAD] / setup.lift_speed_mm_per_s
+    return np.interp(at_s, trace.time_s, trace.force_n)
+
+
+def trace_of_steps(steps_n: np.ndarray, setup: GraspSetup) -> Trace:
+    """A trace with these step means and their lead (132), to first order: closed, then lifted at the setup's speed."""
+    at_mm, force_n = np.append(_AT_MM, _AT_MM[-1] + 0.5 * STEP_MM), np.append(_fine(steps_n[None])[0], steps_n[-1])
+    time_s = _closing_s(setup) + at_mm / setup.lift_speed_mm_per_s
+    return Trace(time_s, np.maximum(at_mm, 0.0), force_n)
+
+
+def _fine(steps_n: np.ndarray) -> np.ndarray:
+    """Forces on the lattice (n x 144) of step means with their lead (n x 132)."""
+    ends = [steps_n[:, N_LEAD - 1]]
+    for step in range(_N_FINE):
+        ends.append(2.0 * steps_n[:, N_LEAD + step] - ends[-1])
+    known = np.stack(ends, axis=1)[:, :, None]
+    parts = known[:, :-1] + _PART * (known[:, 1:] - known[:, :-1])
+    first, later = steps_n[:, :N_LEAD], steps_n[:, N_LEAD + _N_FINE :]
+    return np.concatenate([first, parts.reshape(len(steps_n), -1), later], axis=1)
+
+
+def _replayed(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    traces = [trace_of_steps(row, setup) for row in steps_n]
+    changes = [
+        step_means(effect.modify_trace(trace)) - step_means(trace)
+        for effect, trace in zip(effects, traces, strict=True)
+    ]
+    return steps_n + np.pad(np.array(changes), ((0, 0), (N_LEAD, 0)))
+
+
+def _offset(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    return steps_n + _column(effects, "offset_n")
+
+
+def _weight(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    return steps_n + _column(effects, "share") * _column(effects, "weight_n")
+
+
+def _drift(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    time_s = _column(effects, "clock_s") + _closing_s(setup) + _AT_MM / setup.lift_speed_mm_per_s
+    return steps_n + _column(effects, "drift_per_hour_n") * time_s / 3600.0
+
+
+def _relaxation(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    held_s = np.maximum(_AT_MM, 0.0) / setup.lift_speed_mm_per_s
+    lost = _column(effects, "relaxed_share") * np.expm1(-held_s / _column(effects, "time_constant_s"))
+    return np.asarray(steps_n + lost * steps_n)
+
+
+def _lag(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    """The recursion of `models.simulation.effects.load_cell_lag`, step by step for all grasps."""
+    tau_s = _column(effects, "time_constant_s")[:, 0]
+    steps_s = np.diff(_AT_MM) / setup.lift_speed_mm_per_s
+    decays = np.exp(-steps_s / np.where(tau_s > 0, tau_s, 1.0)[:, None]) * (tau_s > 0)[:, None]
+    behind = np.zeros(len(steps_n))  # reported less true
+    reported = steps_n.copy()
+    for i in range(1, steps_n.shape[1]):
+        lag = tau_s / steps_s[i - 1] * (steps_n[:, i] - steps_n[:, i - 1])
+        behind = (behind + lag) * decays[:, i - 1] - lag
+        reported[:, i] += behind
+    return reported
+
+
+def _shift(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    from_mm = _AT_MM - _column(effects, "shift_mm")
+    return _read_at(from_mm, steps_n)
+
+
+def _late_start(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    """Forces at the true lift, which a slow start and a backlash leave behind; the same in every grasp."""
+    effect = effects[0]
+    assert isinstance(effect, LiftStartError)
+    time_s = _AT_MM[_IS_LIFT] / setup.lift_speed_mm_per_s
+    true_mm = np.maximum(_AT_MM[_IS_LIFT] - effect.behind_mm(time_s, setup.lift_speed_mm_per_s), 0.0)
+    found = steps_n.copy()
+    found[:, _IS_LIFT] = _read_at(np.broadcast_to(true_mm, found[:, _IS_LIFT].shape), steps_n)
+    return found
+
+
+def _compliance(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    """Force over the lift of the gantry; where that goes back, the system has jumped."""
+    start = N_LEAD - 1
+    lift_n, centres_mm = steps_n[:, start:], _AT_MM[start:]
+    seen_mm = centres_mm + _column(effects, "compliance_mm_per_n") * (lift_n - lift_n[:, :1])
+    ahead = np.maximum.accumulate(seen_mm, axis=1)
+    rows = zip(ahead, seen_mm, lift_n, strict=True)
+    found = np.array([np.interp(centres_mm, at[at <= own], force[at <= own]) for at, own, force in rows])
+    return np.concatenate([steps_n[:, :start], found], axis=1)
+
+
+def _read_at(from_mm: np.ndarray, steps_n: np.ndarray) -> np.ndarray:
+    """Forces at lifts (n x 144) of forces on the lattice (n x 144), constant beyond its ends."""
+    places = np.arange(len(_AT_MM))
+    place = np.interp(from_mm, _AT_MM, places)
+    low = np.minimum(place.astype(int), places[-2])
+    before, after = (np.take_along_axis(steps_n, at, axis=1) for at in (low, low + 1))
+    return np.asarray(before + (place - low) * (after - before))
+
+
+def _column(effects: Sequence[Effect], name: str) -> np.ndarray:
+    return np.array([[getattr(effect, name)] for effect in effects])
+
+
+def _closing_s(setup: GraspSetup) -> float:
+    return 0.5 * (setup.open_gap_mm - setup.closed_gap_mm) / setup.close_speed_mm_per_s
+
+
+_LAWS: Mapping[type[Effect], Law] = {
+    LoadCellOffset: _offset,
+    ToolWeight: _weight,
+    LoadCellDrift: _drift,
+    StressRelaxation: _relaxation,
+    LoadCellLag: _lag,
+    LiftMisalignment: _shift,
+    LiftStartError: _late_start,
+    ObjectPostCompliance: _compliance,
+}

@@ -1,0 +1,190 @@
+"""Grasps that were kept for the end, what was predicted for them, and how well."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm, spearmanr
+
+from models.errors import UsageError
+from models.gap.problem import GapProblem
+from models.gap.where.phases import peaks
+from models.records import Design, Record, Theta
+from models.traces.step_features import STEP_MM
+
+BLOCKS = ("all held out", "new designs", "new objects", "both new")
+_N_MM_PER_J = 1e3
+_Z90 = float(norm.ppf(0.95))
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """m grasps that touch a design or an object kept for the end.
+
+    tool, obj: m. measured_n: m x steps. is_new_tool, is_new_object: m. numerical_n: m, root mean square of what other
+    meshes change in each. rows: m, their place among all grasps of the problem.
+    """
+
+    tools: tuple[str, ...]
+    designs: tuple[Design, ...]
+    objects: tuple[int, ...]
+    tool: np.ndarray
+    obj: np.ndarray
+    measured_n: np.ndarray
+    is_new_tool: np.ndarray
+    is_new_object: np.ndarray
+    numerical_n: np.ndarray
+    rows: np.ndarray
+
+    @staticmethod
+    def of(problem: GapProblem, theta: Theta, is_usable: np.ndarray | None = None) -> "HeldOut":
+        """The held-out grasps of a problem; is_usable: which grasps could be predicted (n).
+
+        Raises:
+            UsageError: nothing is held out.
+        """
+        grasps, bank = problem.grasps, problem.bank
+        chosen = problem.is_held_out if is_usable is None else problem.is_held_out & is_usable
+        rows = np.flatnonzero(chosen)
+        if not len(rows):
+            raise UsageError("no grasp is held out, so nothing can be shown; hold out two designs and two objects.")
+        tool, obj = grasps.tool[rows], grasps.obj[rows]
+        scale = theta.young_modulus_mpa / bank.centre.young_modulus_mpa
+        change = scale * (bank.numerical_steps_n - bank.centre_steps_n[:, :, None])[tool, obj]
+        return HeldOut(
+            tools=grasps.tools,
+            designs=grasps.designs,
+            objects=grasps.objects,
+            tool=tool,
+            obj=obj,
+            measured_n=grasps.steps_n[rows],
+            is_new_tool=np.asarray(problem.held_out_tools[tool]),
+            is_new_object=np.asarray(problem.held_out_objects[obj]),
+            numerical_n=np.sqrt(np.nan_to_num(change**2).mean(axis=(1, 2))),
+            rows=rows,
+        )
+
+    @property
+    def cell(self) -> np.ndarray:
+        """Number of the tool and object of each grasp, m."""
+        return np.asarray(self.tool * len(self.objects) + self.obj)
+
+    @property
+    def blocks(self) -> Mapping[str, np.ndarray]:
+        """Which grasps are of a new design, of a new object, of both (masks of m)."""
+        masks = (np.ones(len(self.tool), dtype=bool), self.is_new_tool & ~self.is_new_object,
+                 self.is_new_object & ~self.is_new_tool, self.is_new_tool & self.is_new_object)  # fmt: skip
+        return {name: mask for name, mask in zip(BLOCKS, masks, strict=True) if mask.any()}
+
+    @property
+    def repeat_squares(self) -> np.ndarray:
+        """Mean square by which each grasp differs from its cell, without bias, m; NaN without a second repeat."""
+        _, cell = np.unique(self.cell, return_inverse=True)
+        counts = np.bincount(cell)
+        means = np.zeros((len(counts), self.measured_n.shape[1]))
+        np.add.at(means, cell, self.measured_n)
+        left = self.measured_n - (means / counts[:, None])[cell]
+        n = counts[cell]
+        return np.where(n > 1, (left**2).mean(axis=1) * n / np.maximum(n - 1, 1), np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What a model says of the held-out grasps: means, and standard deviations if it knows them (m x steps, N)."""
+
+    label: str
+    steps_n: np.ndarray
+    sd_n: np.ndarray | None = None
+
+
+class Metrics(Record):
+    """How well held-out grasps were predicted; None where the data cannot say.
+
+    `peak_bias_*`: measured minus predicted. `rank_by_design`: of mean peaks over designs; `rank_by_object`: over
+    designs within an object, mean over objects. `work_error_j`: mean absolute error of the area under force over lift.
+    """
+
+    label: str
+    block: str
+    n_grasps: int
+    rmse_n: float
+    peak_bias_n: float
+    peak_bias_share: float
+    peak_mae_n: float
+    rank_by_design: float | None
+    rank_by_object: float | None
+    work_error_j: float
+    coverage_90: float | None
+    width_90_n: float | None
+
+
+def metrics(held_out: HeldOut, prediction: Prediction, block: str = BLOCKS[0]) -> Metrics:
+    """Metrics of a prediction over a block of the held-out grasps."""
+    rows = held_out.blocks[block]
+    measured, predicted = held_out.measured_n[rows], prediction.steps_n[rows]
+    tool, obj = held_out.tool[rows], held_out.obj[rows]
+    peak, of_model = peaks(measured), peaks(predicted)
+    work = STEP_MM * (measured - predicted).sum(axis=1) / _N_MM_PER_J
+    coverage, width = _intervals(measured, predicted, None if prediction.sd_n is None else prediction.sd_n[rows])
+    return Metrics(
+        label=prediction.label,
+        block=block,
+        n_grasps=int(rows.sum()),
+        rmse_n=float(np.sqrt(np.mean((measured - predicted) ** 2))),
+        peak_bias_n=float(np.mean(peak - of_model)),
+        peak_bias_share=float(np.mean(peak - of_model) / max(abs(float(np.mean(peak))), 1e-9)),
+        peak_mae_n=float(np.mean(np.abs(peak - of_model))),
+        rank_by_design=_rank(_means(peak, tool), _means(of_model, tool)),
+        rank_by_object=_rank_within(peak, of_model, tool, obj),
+        work_error_j=float(np.mean(np.abs(work))),
+        coverage_90=coverage,
+        width_90_n=width,
+    )
+
+
+def class_errors(held_out: HeldOut, prediction: Prediction, names: Mapping[int, str]) -> dict[str, float]:
+    """Root mean square error (N) by the class of the object; names: class of every object id."""
+    of_grasp = np.array([names[held_out.objects[o]] for o in held_out.obj])
+    squares = ((held_out.measured_n - prediction.steps_n) ** 2).mean(axis=1)
+    return {str(name): float(np.sqrt(squares[of_grasp == name].mean())) for name in np.unique(of_grasp)}
+
+
+def scattered(
+    label: str, draws_n: np.ndarray, held_out: HeldOut, scatter: Mapping[str, float], noise_sd_n: float
+) -> Prediction:
+    """Prediction with intervals from posterior draws (d x m x steps) and what no simulator knows of a single grasp.
+
+    scatter: relative sds `tool_sd` (for tools that are new), `cell_sd`, `repeat_sd`. noise_sd_n: of a step's mean.
+    """
+    mean = draws_n.mean(axis=0)
+    relative = scatter.get("cell_sd", 0.0) ** 2 + scatter.get("repeat_sd", 0.0) ** 2
+    by_grasp = relative + np.where(held_out.is_new_tool, scatter.get("tool_sd", 0.0) ** 2, 0.0)
+    variance = draws_n.var(axis=0) + by_grasp[:, None] * mean**2
+    variance = variance + (noise_sd_n**2 + held_out.numerical_n**2)[:, None]
+    return Prediction(label, mean, np.sqrt(variance))
+
+
+def _intervals(measured: np.ndarray, predicted: np.ndarray, sd: np.ndarray | None) -> tuple[float | None, float | None]:
+    """Share of steps inside 90 % intervals and their mean width, where there is force."""
+    if sd is None:
+        return None, None
+    holds = np.abs(predicted) > 0.05 * np.abs(predicted).max(axis=1, keepdims=True)
+    inside = np.abs(measured - predicted) <= _Z90 * sd
+    return float(inside[holds].mean()), float(2.0 * _Z90 * sd[holds].mean())
+
+
+def _means(values: np.ndarray, group: np.ndarray) -> np.ndarray:
+    names = np.unique(group)
+    return np.array([values[group == name].mean() for name in names])
+
+
+def _rank(a: np.ndarray, b: np.ndarray) -> float | None:
+    if len(a) < 3 or np.ptp(a) == 0 or np.ptp(b) == 0:
+        return None
+    return float(spearmanr(a, b).statistic)
+
+
+def _rank_within(a: np.ndarray, b: np.ndarray, tool: np.ndarray, obj: np.ndarray) -> float | None:
+    found = [_rank(_means(a[obj == o], tool[obj == o]), _means(b[obj == o], tool[obj == o])) for o in np.unique(obj)]
+    known = [r for r in found if r is not None]
+    return float(np.mean(known)) if known else None

@@ -1,0 +1,1 @@
+"""Fit of theta and effects to measured traces."""

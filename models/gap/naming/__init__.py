@@ -1,0 +1,1 @@
+"""From fits to a name: rank effects, score them on held-out groups, decide."""

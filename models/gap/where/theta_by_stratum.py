@@ -1,0 +1,178 @@
+"""Theta refitted stratum by stratum: a constant that varies is the most readable clue to what is missing.
+
+Measured less predicted force of a stratum is regressed on the prediction (a change of Young's modulus, which is a
+factor on the force) and on its slope by friction (Atamturktur and Brown 2015: state-aware calibration).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.gap.where.features import FAMILY, TOOL_FEATURES, family_numbers, tool_table
+from models.gap.where.object_shape import FAMILIES
+from models.gap.where.phases import PHASES, WORDS, phase_windows
+from models.gap.where.residuals import Residuals
+from models.gap.where.variance_shares import jackknife
+
+LEVEL = 0.99  # of trends that are called clues: about a dozen are looked at
+LEAST_CHANGE = 0.03
+
+# What a trend of the fitted constant is typical of; effects by their names in the catalogue.
+_CLUES = {
+    ("young_modulus_mpa", "walls"): "wall_thickness_offset, base_compliance or force_limited_closing",
+    ("young_modulus_mpa", "repeat"): "mullins_softening",
+    ("young_modulus_mpa", "order"): "temperature_softening, pressure_droop or friction_wear",
+    ("young_modulus_mpa", "force"): "force_limited_closing, base_compliance or hyperelastic_stiffening",
+    ("friction", "order"): "friction_wear",
+    ("friction", "repeat"): "friction_wear",
+    ("friction", "force"): "pressure_dependent_friction or shear_adhesion",
+    ("friction", "walls"): "pressure_dependent_friction",
+}
+_WORDS = {"young_modulus_mpa": "Young's modulus", "friction": "Friction"}
+_AGAINST = {
+    "walls": "from tools with thin walls to tools with thick ones",
+    "repeat": "from the first to the last repeat",
+    "order": "from early to late grasps",
+    "force": "from weak to strong grasps",
+}
+
+
+@dataclass(frozen=True)
+class ThetaStratum:
+    """Relative change of a constant that fits a stratum best, with its 90 % interval."""
+
+    parameter: str
+    kind: str
+    stratum: str
+    change: float
+    interval: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class ThetaTrend:
+    """Relative change of a fitted constant between the ends of what it was plotted against."""
+
+    parameter: str
+    against: str
+    change: float
+    interval: tuple[float, float]
+    is_clue: bool
+    sentence: str
+
+
+def theta_by_stratum(residuals: Residuals, friction_slope_n: np.ndarray | None = None) -> tuple[ThetaStratum, ...]:
+    """Changes of the modulus, and of friction if `friction_slope_n` is given, by tool, object shape, repeat and phase.
+
+    friction_slope_n: n x steps, the prediction's slope by the logarithm of friction. Changes are over the common theta;
+    those of a tool hold its own modulus (`tool_factor`) too.
+    """
+    regression = _Regression.of(residuals, friction_slope_n)
+    family = family_numbers(residuals)[residuals.obj]
+    groups: list[tuple[str, str, np.ndarray]] = [
+        *(("tool", residuals.tools[t], residuals.tool == t) for t in np.unique(residuals.tool)),
+        *((FAMILY, FAMILIES[f], family == f) for f in np.unique(family)),
+        *(("repeat", str(r + 1), residuals.repeat == r) for r in np.unique(residuals.repeat)),
+    ]
+    found = [s for kind, name, rows in groups for s in _stratum(regression, kind, name, rows, None)]
+    windows = phase_windows(residuals.predicted_n)
+    every = np.ones(len(residuals.tool), dtype=bool)
+    for place, phase in enumerate(PHASES):
+        if windows[:, place].any():
+            found += _stratum(regression, "phase", WORDS[phase], every, windows[:, place])
+    return tuple(found)
+
+
+def theta_trends(residuals: Residuals, friction_slope_n: np.ndarray | None = None) -> tuple[ThetaTrend, ...]:
+    """Trends of the fitted constants against wall thickness, repeat, order and predicted force."""
+    regression = _Regression.of(residuals, friction_slope_n)
+    walls = tool_table(residuals)[:, [TOOL_FEATURES.index(f"{w}_thickness_mm") for w in ("front", "back", "rib")]]
+    covariates = {
+        "walls": walls.mean(axis=1)[residuals.tool],
+        "repeat": residuals.repeat.astype(float),
+        "order": residuals.order,
+        "force": np.log(residuals.amplitude_n),
+    }
+    found = []
+    for against, x in covariates.items():
+        low, high = np.quantile(x, (0.1, 0.9)) if against != "repeat" else (x.min(), x.max())
+        if high > low:
+            found += _trend(regression, against, (x - 0.5 * (low + high)) / (high - low))
+    return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class _Regression:
+    """Residuals (n x steps) and regressors (p of n x steps) over the amplitude; the tool's own modulus is left in."""
+
+    names: tuple[str, ...]
+    tool: np.ndarray
+    obj: np.ndarray
+    left: np.ndarray
+    regressors: np.ndarray
+
+    @staticmethod
+    def of(residuals: Residuals, friction_slope_n: np.ndarray | None) -> "_Regression":
+        factor = residuals.tool_factor[residuals.tool][:, None]
+        common_n = residuals.predicted_n / factor
+        over = residuals.amplitude_n[:, None]
+        regressors = [common_n / over]
+        if friction_slope_n is not None:
+            regressors.append(friction_slope_n / factor / over)
+        names = ("young_modulus_mpa", "friction")[: len(regressors)]
+        left = (residuals.measured_n - common_n) / over
+        return _Regression(names, residuals.tool, residuals.obj, left, np.stack(regressors))
+
+    def moments(self, columns: Sequence[np.ndarray], window: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Normal equations grasp by grasp: n x p x p and n x p, of which any group is a sum."""
+        X = np.stack(columns)
+        y = self.left
+        if window is not None:
+            X, y = X * window, y * window
+        return np.einsum("pns,qns->npq", X, X), np.einsum("pns,ns->np", X, y)
+
+
+def _solve(squares: np.ndarray, products: np.ndarray) -> np.ndarray:
+    """Least squares with a whiff of ridge: a stratum without slip says nothing of friction."""
+    scale = np.sqrt(np.maximum(np.diag(squares), 1e-12))
+    return np.asarray(
+        np.linalg.solve(squares / np.outer(scale, scale) + 1e-6 * np.eye(len(scale)), products / scale) / scale
+    )
+
+
+def _stratum(
+    regression: _Regression, kind: str, name: str, rows: np.ndarray, window: np.ndarray | None
+) -> list[ThetaStratum]:
+    squares, products = regression.moments(list(regression.regressors), window)
+    squares, products = squares[rows], products[rows]
+
+    def fitted(mask: np.ndarray) -> np.ndarray:
+        return _solve(squares[mask].sum(axis=0), products[mask].sum(axis=0))
+
+    value, low, high = jackknife(fitted, regression.tool[rows], regression.obj[rows])
+    return [
+        ThetaStratum(parameter, kind, name, float(v), (float(a), float(b)))
+        for parameter, v, a, b in zip(regression.names, value, low, high, strict=True)
+    ]
+
+
+def _trend(regression: _Regression, against: str, x: np.ndarray) -> list[ThetaTrend]:
+    """Change of each constant over a range of 1 of the covariate (n), which is centred."""
+    plain = list(regression.regressors)
+    squares, products = regression.moments([*plain, *(column * x[:, None] for column in plain)], None)
+
+    def fitted(mask: np.ndarray) -> np.ndarray:
+        return _solve(squares[mask].sum(axis=0), products[mask].sum(axis=0))[len(plain) :]
+
+    value, low, high = jackknife(fitted, regression.tool, regression.obj, LEVEL)
+    found = []
+    for parameter, v, a, b in zip(regression.names, value, low, high, strict=True):
+        is_clue = bool(a * b > 0 and abs(v) >= LEAST_CHANGE)
+        verb = "rises" if v > 0 else "falls"
+        ends = sorted(np.sign(v) * 100 * np.array([a, b]))
+        size = f"{abs(100 * v):.0f} % [{ends[0]:.0f}, {ends[1]:.0f}]"
+        sentence = f"{_WORDS[parameter]} that fits {verb} by {size} {_AGAINST[against]}"
+        hint = _CLUES.get((parameter, against), "").replace("_", " ") if is_clue else ""
+        sentence += f", as with {hint}." if hint else "."
+        found.append(ThetaTrend(parameter, against, float(v), (float(a), float(b)), is_clue, sentence))
+    return found

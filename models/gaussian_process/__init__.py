@@ -1,0 +1,1 @@
+"""What every Gaussian process here shares: Matern covariance and the Gaussian density."""

@@ -1,1 +1,0 @@
-"""Bodies made of the nine design parameters: planar profile, finger, print tray, batch sheet."""

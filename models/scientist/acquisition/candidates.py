@@ -1,0 +1,94 @@
+"""Candidate points of the mixed design space: never relaxed and rounded, the rib count is always on a level.
+
+Random points cover the space; local points surround incumbents (climbed posterior means of the real outcome
+and the best measured designs) at several scales, each incumbent with every rib count.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.design.space import N_RIB_LEVELS, RIB_COUNT_COLUMN, random_unit, snap
+from models.scientist.surrogate.observations import REAL
+from models.scientist.surrogate.posterior import Surrogate
+
+_CLIMB_SCALES = (0.2, 0.12, 0.08, 0.05, 0.03, 0.02)  # unit-cube lengths, one step each
+_LOCAL_SCALES = np.array([0.02, 0.05, 0.1, 0.2])
+_MOVE_SHARE = 0.5  # of the continuous coordinates, so that steps follow the axes of the lengthscales
+_RIB_MOVE_SHARE = 0.3
+
+
+@dataclass(frozen=True)
+class CandidateSettings:
+    """How many candidates, and how hard to climb for incumbents."""
+
+    n_random: int = 500
+    n_local: int = 700
+    n_lineages: int = 8
+    n_children: int = 24
+    n_best_measured: int = 4
+
+
+def candidate_points(surrogate: Surrogate, rng: np.random.Generator, settings: CandidateSettings) -> np.ndarray:
+    """Candidates in the unit cube, (n_random + n_local) x 9; the incumbents themselves are among them."""
+    random_points = random_unit(settings.n_random, rng)
+    incumbents = np.concatenate(
+        [climb_mean(surrogate, random_points, rng, settings), _best_measured(surrogate, settings.n_best_measured)]
+    )
+    local = np.concatenate([incumbents, with_all_rib_counts(incumbents)])[: settings.n_local]
+    n_more = settings.n_local - len(local)
+    parents = incumbents[rng.integers(0, len(incumbents), n_more)]
+    scales = rng.choice(_LOCAL_SCALES, n_more)
+    return np.concatenate([random_points, local, mutate(parents, scales, rng)])
+
+
+def climb_mean(
+    surrogate: Surrogate, pool: np.ndarray, rng: np.random.Generator, settings: CandidateSettings
+) -> np.ndarray:
+    """Hill-climbed maxima of the real outcome's posterior mean, n_lineages x 9.
+
+    Starts from the best of `pool` (m x 9) and the data. Every lineage keeps its own best point, so separate
+    hills survive; each step tries mutations and all rib counts.
+    """
+    starts = np.concatenate([pool, snap(surrogate.data.x)])
+    order = np.argsort(-surrogate.mean(starts, REAL), kind="stable")
+    best = starts[order[: settings.n_lineages]]
+    for scale in _CLIMB_SCALES:
+        parents = np.repeat(best, settings.n_children, axis=0)
+        children = mutate(parents, np.full(len(parents), scale), rng)
+        litter = np.concatenate(
+            [
+                best[:, None, :],
+                children.reshape(len(best), settings.n_children, -1),
+                with_all_rib_counts(best).reshape(len(best), N_RIB_LEVELS, -1),
+            ],
+            axis=1,
+        )
+        means = surrogate.mean(litter.reshape(-1, best.shape[1]), REAL).reshape(len(best), -1)
+        best = litter[np.arange(len(best)), np.argmax(means, axis=1)]
+    return best
+
+
+def mutate(points: np.ndarray, scales: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Neighbours of `points` (n x 9) at distances of about `scales` (n), reflected at the bounds, ribs on a level."""
+    moves = rng.random(points.shape) < _MOVE_SHARE
+    moved = points + rng.normal(size=points.shape) * scales[:, None] * moves
+    moved = np.abs(moved)
+    moved = np.clip(np.where(moved > 1.0, 2.0 - moved, moved), 0.0, 1.0)
+    levels = rng.integers(0, N_RIB_LEVELS, len(points)) / (N_RIB_LEVELS - 1)
+    jumps = rng.random(len(points)) < _RIB_MOVE_SHARE
+    moved[:, RIB_COUNT_COLUMN] = np.where(jumps, levels, points[:, RIB_COUNT_COLUMN])
+    return snap(moved)
+
+
+def with_all_rib_counts(points: np.ndarray) -> np.ndarray:
+    """Each of n points with each rib count, point by point, (10 n) x 9."""
+    repeated = np.repeat(points, N_RIB_LEVELS, axis=0)
+    repeated[:, RIB_COUNT_COLUMN] = np.tile(np.arange(N_RIB_LEVELS) / (N_RIB_LEVELS - 1), len(points))
+    return repeated
+
+
+def _best_measured(surrogate: Surrogate, n: int) -> np.ndarray:
+    real = surrogate.data.s == REAL
+    x, y = snap(surrogate.data.x[real]), surrogate.data.y[real]
+    return x[np.argsort(-y, kind="stable")[:n]]

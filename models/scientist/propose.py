@@ -1,0 +1,147 @@
+"""The Bayesian scientist: which designs to simulate or print next."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.blas import one_blas_thread
+from models.design.printability import PrintingRules, printable
+from models.design.space import PARAMETERS, from_unit, random_unit
+from models.errors import UsageError
+from models.records import Design
+from models.scientist.acquisition.candidates import CandidateSettings, candidate_points
+from models.scientist.acquisition.catalogue import ACQUISITIONS, Selection
+from models.scientist.acquisition.spacing import Spacing
+from models.scientist.surrogate.observations import REAL, SIM
+from models.scientist.surrogate.posterior import Surrogate
+from models.validation import closest
+
+RANDOM = "random"
+NO_PENDING = np.zeros((0, len(PARAMETERS) + 1))
+NO_POINTS = np.zeros((0, len(PARAMETERS)))
+# One proposal at a time deserves fewer candidates than a batch that is printed.
+BATCH_CANDIDATES = CandidateSettings()
+SINGLE_CANDIDATES = CandidateSettings(n_random=250, n_local=350)
+_MAX_ROUNDS = 20
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A design to evaluate. `value` is the acquisition value it was chosen for (MES: nats; random: 0)."""
+
+    design: Design
+    value: float
+
+
+def propose(
+    surrogate: Surrogate | None,
+    fidelity: int,
+    n: int,
+    pending: np.ndarray,
+    rng: np.random.Generator,
+    *,
+    min_distance: float = 0.05,
+    acquisition: str = "mes",
+    taken: np.ndarray = NO_POINTS,
+    rejected: np.ndarray = NO_POINTS,
+    printing: PrintingRules | None = None,
+) -> list[Proposal]:
+    """The next n designs for one fidelity (0 sim, 1 real), best first.
+
+    pending: m x 10, unit-cube points under way and their fidelity in the last column; their outcomes are
+    conditioned on. The proposals keep `min_distance` (Euclidean, unit cube) from each other, from pending
+    points of the same fidelity and from `rejected` ones (k x 9), and never repeat data of the same fidelity or what was
+    proposed before (`taken`, k x 9), whatever became of it. What is known at one fidelity may be proposed at the other.
+    Candidates that break a rule of `printing` are left out before anything is chosen, so that the optimum looked for is
+    that of what can be printed. Deterministic given the arguments and the state of `rng`. `surrogate` may be None for
+    `acquisition="random"` only.
+
+    Raises:
+        UsageError: unknown acquisition or fidelity, wrong shape of pending, no surrogate, or no room for n designs.
+
+    Example:
+        >>> proposals = propose(None, 1, 3, NO_PENDING, np.random.default_rng(0), acquisition="random")
+        >>> len({proposal.design.design_id for proposal in proposals})
+        3
+    """
+    _check(surrogate, fidelity, n, pending, acquisition)
+    known = np.concatenate([_known(surrogate, fidelity), taken])
+    neighbours = np.concatenate([pending[pending[:, -1] == fidelity, :-1], rejected])
+    spacing = Spacing(known, neighbours, min_distance)
+    if surrogate is None or acquisition == RANDOM:
+        return _propose_random(n, spacing, rng, printing)
+    with one_blas_thread():
+        return _propose_by(ACQUISITIONS[acquisition], surrogate, fidelity, n, pending, spacing, rng, printing)
+
+
+def _propose_by(
+    select: Selection,
+    surrogate: Surrogate,
+    fidelity: int,
+    n: int,
+    pending: np.ndarray,
+    spacing: Spacing,
+    rng: np.random.Generator,
+    printing: PrintingRules | None,
+) -> list[Proposal]:
+    """Choose from fresh candidates until n are found; what is already chosen counts as pending."""
+    settings = SINGLE_CANDIDATES if n == 1 else BATCH_CANDIDATES
+    proposals: list[Proposal] = []
+    for _ in range(_MAX_ROUNDS):
+        points = _printable(candidate_points(surrogate, rng, settings), printing)
+        if not len(points):
+            continue
+        chosen = select(surrogate, points, fidelity, n - len(proposals), pending, spacing, rng)
+        rows = [row for row, _ in chosen]
+        designs = from_unit(points[rows])
+        proposals += [Proposal(design, value) for design, (_, value) in zip(designs, chosen, strict=True)]
+        if len(proposals) == n:
+            return proposals
+        picked = np.column_stack([points[rows], np.full(len(rows), fidelity)])
+        pending = np.concatenate([pending, picked])
+    raise _no_room(n, len(proposals))
+
+
+def _propose_random(
+    n: int, spacing: Spacing, rng: np.random.Generator, printing: PrintingRules | None
+) -> list[Proposal]:
+    chosen: list[np.ndarray] = []
+    for point in _printable(random_unit(max(200, 20 * n), rng), printing):
+        if len(chosen) == n:
+            break
+        if spacing.allowed(point[None, :])[0]:
+            chosen.append(point)
+            spacing.add(point)
+    if len(chosen) < n:
+        raise _no_room(n, len(chosen))
+    return [Proposal(design, 0.0) for design in from_unit(np.array(chosen).reshape(-1, len(PARAMETERS)))]
+
+
+def _printable(points: np.ndarray, rules: PrintingRules | None) -> np.ndarray:
+    return points if rules is None else points[printable(points, rules)]
+
+
+def _known(surrogate: Surrogate | None, fidelity: int) -> np.ndarray:
+    if surrogate is None:
+        return NO_POINTS
+    return surrogate.data.x[surrogate.data.s == fidelity]
+
+
+def _check(surrogate: Surrogate | None, fidelity: int, n: int, pending: np.ndarray, acquisition: str) -> None:
+    names = [*ACQUISITIONS, RANDOM]
+    if acquisition not in names:
+        raise UsageError(f"Acquisition `{acquisition}` is unknown; {closest(acquisition, names)}")
+    if surrogate is None and acquisition != RANDOM:
+        raise UsageError(f"Acquisition `{acquisition}` needs a fitted surrogate; fit one, or propose with `random`.")
+    if fidelity not in (SIM, REAL):
+        raise UsageError(f"Fidelity is {fidelity}, it must be 0 (sim) or 1 (real).")
+    if n < 1:
+        raise UsageError(f"{n} designs asked for; ask for at least 1.")
+    if pending.ndim != 2 or pending.shape[1] != len(PARAMETERS) + 1:
+        raise UsageError(
+            f"Pending points have shape {pending.shape}; give m x {len(PARAMETERS) + 1}: the unit-cube point, then s."
+        )
+
+
+def _no_room(n: int, found: int) -> UsageError:
+    return UsageError(f"Only {found} of {n} designs fit apart from each other; ask for a smaller minimum distance.")

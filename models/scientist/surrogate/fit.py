@@ -1,0 +1,96 @@
+"""Maximum-a-posteriori fit of the surrogate: warm start from the previous fit, cold starts on a subset."""
+
+import logging
+
+import numpy as np
+from scipy.optimize import minimize
+
+from models.blas import one_blas_thread
+from models.errors import FastError, UsageError
+from models.scientist.surrogate.likelihood import log_posterior
+from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from models.scientist.surrogate.parameters import Standardisation, SurrogateParameters, Vector, bounds, prior_mode
+from models.scientist.surrogate.posterior import Surrogate
+
+MIN_OBSERVATIONS = 3
+SUBSET_SIZE = 250  # cold starts search on this many observations, then polish on all
+SEARCH_ITERATIONS = 60
+POLISH_ITERATIONS = 15
+
+logger = logging.getLogger(__name__)
+
+
+def fit_surrogate(data: ObservationSet, previous: SurrogateParameters | None = None, seed: int = 0) -> Surrogate:
+    """Fit the surrogate to `data`; the best of the starts by log posterior wins.
+
+    `previous` (the last fit) is one start, so a campaign's fits follow each other. The others always start
+    afresh from the priors, once with correlated and once with unrelated fidelities, so a poor early fit
+    cannot trap a campaign; `seed` draws the subset they search on. Deterministic given its arguments.
+
+    Raises:
+        UsageError: fewer than three observations.
+        FastError: no start gave a usable fit.
+    """
+    if len(data) < MIN_OBSERVATIONS:
+        raise UsageError(
+            f"The surrogate has {len(data)} observations, it needs at least {MIN_OBSERVATIONS}; "
+            "measure or simulate more designs first."
+        )
+    with one_blas_thread():
+        return _fit(data.sims_first(), previous, np.random.default_rng(seed))
+
+
+def _fit(data: ObservationSet, previous: SurrogateParameters | None, rng: np.random.Generator) -> Surrogate:
+    units = Standardisation.of(data)
+    standardised = units.apply(data)
+    starts = _cold_starts(standardised, rng)
+    if previous is not None:
+        starts.append(Vector.from_parameters(previous, units))
+    values = [log_posterior(start, standardised)[0] for start in starts]
+    best, value = _climb(starts[int(np.argmax(values))], standardised, POLISH_ITERATIONS)
+    if not np.isfinite(value):
+        raise FastError(
+            f"No start gave a finite fit to {data.n_real} real and {data.n_sim} sim observations; "
+            "look for repeated designs with contradicting values."
+        )
+    logger.debug("fitted %d real and %d sim observations, log posterior %.3f", data.n_real, data.n_sim, value)
+    return Surrogate.condition(data, best.to_parameters(units), value)
+
+
+def _cold_starts(data: ObservationSet, rng: np.random.Generator) -> list[Vector]:
+    subset = data if len(data) <= SUBSET_SIZE else data.take(_subset(data, rng))
+    mode = prior_mode(data.x.shape[1])
+    starts = [mode]
+    if data.n_real and data.n_sim:
+        unrelated = mode.values.copy()
+        unrelated[-4], unrelated[-1] = 0.0, 0.1  # discrepancy of the size of the data, almost no shared part
+        starts.append(Vector(unrelated))
+    return [_climb(start, subset, SEARCH_ITERATIONS)[0] for start in starts]
+
+
+def _subset(data: ObservationSet, rng: np.random.Generator) -> np.ndarray:
+    """Rows, in order: up to half of the subset real, the rest simulated, each drawn at random."""
+    real, sim = np.flatnonzero(data.s == REAL), np.flatnonzero(data.s == SIM)
+    n_real = min(len(real), max(SUBSET_SIZE // 2, SUBSET_SIZE - len(sim)))
+    n_sim = min(len(sim), SUBSET_SIZE - n_real)
+    rows = [rng.choice(sim, n_sim, replace=False), rng.choice(real, n_real, replace=False)]
+    return np.sort(np.concatenate(rows))
+
+
+def _climb(start: Vector, data: ObservationSet, max_iterations: int) -> tuple[Vector, float]:
+    """L-BFGS on the log posterior within the box; returns the best vector and its value."""
+
+    def objective(values: np.ndarray) -> tuple[float, np.ndarray]:
+        value, gradient = log_posterior(Vector(values), data)
+        # A finite wall keeps the line search going where the covariance is numerically singular.
+        return (-value, -gradient) if np.isfinite(value) else (1e10, gradient)
+
+    result = minimize(
+        objective,
+        start.values,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=bounds(data.x.shape[1]),
+        options={"maxiter": max_iterations, "maxcor": 15},
+    )
+    return Vector(result.x), -float(result.fun) if result.fun < 1e10 else -np.inf

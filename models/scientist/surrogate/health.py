@@ -1,0 +1,145 @@
+"""The health card of a surrogate: how well it predicts what it has seen, and whether simulation helps it."""
+
+import numpy as np
+from scipy.stats import binom
+
+from models.records import Record
+from models.scientist.surrogate.fit import MIN_OBSERVATIONS, fit_surrogate
+from models.scientist.surrogate.observations import REAL, SIM
+from models.scientist.surrogate.posterior import LeaveOneOut, Surrogate
+
+Z_90 = 1.6448536269514722  # half width of the central 90 % of a standard normal
+LEAST_GAIN = 0.15  # of the leave-one-out error: simulations of something else reach 0.1 by chance at 40 tools
+LEAST_Q2 = 0.3
+LEAST_COVERAGE, MOST_OUTSIDE_P = 0.9, 0.01
+OUTLIER_SD = 4.0
+
+
+class SurrogateHealth(Record):
+    """How well the surrogate predicts what it has seen, each observation left out in turn.
+
+    Coverage is the share of observations inside their own central 90 % interval: far below 0.9 means overconfident.
+    `loo_q2` is the share of the variance predicted. `measured_only_loo_rmse_n` is the error of a surrogate that was
+    fitted to the measurements alone. `shared_variance` is the share of the measured outcome's prior variance that comes
+    through the simulator, rho^2 sd_h^2 / (rho^2 sd_h^2 + sd_e^2). `n_outliers` counts measured designs more than
+    `OUTLIER_SD` from their prediction. None: fewer than two observations.
+    """
+
+    n_real: int
+    n_sim: int
+    rho: float
+    shared_variance: float
+    loo_rmse_n: float | None
+    loo_coverage_90: float | None
+    loo_q2: float | None
+    sim_loo_rmse_n: float | None
+    sim_loo_coverage_90: float | None
+    sim_loo_q2: float | None
+    measured_only_loo_rmse_n: float | None
+    n_outliers: int = 0
+
+    @property
+    def simulation_gain(self) -> float | None:
+        """Share by which simulations reduce the error at measured designs; negative where they mislead."""
+        if self.loo_rmse_n is None or not self.measured_only_loo_rmse_n:
+            return None
+        return 1.0 - self.loo_rmse_n / self.measured_only_loo_rmse_n
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What a person should know, a sentence each; empty when all is well."""
+        return tuple(
+            sentence
+            for sentence in (
+                self._simulation_finding(),
+                self._coverage_finding(),
+                self._error_finding(),
+                self._outlier_finding(),
+            )
+            if sentence
+        )
+
+    def _simulation_finding(self) -> str:
+        gain = self.simulation_gain
+        if gain is None or gain >= LEAST_GAIN:
+            return ""
+        return (
+            f"Simulation is not informative: with it the error at measured designs is {self.loo_rmse_n:.2f} N, without "
+            f"it {self.measured_only_loo_rmse_n:.2f} N; calibrate the simulator or find what it lacks."
+        )
+
+    def _coverage_finding(self) -> str:
+        if self.loo_coverage_90 is None or not is_overconfident(self.loo_coverage_90, self.n_real):
+            return ""
+        return (
+            f"The surrogate is overconfident: {self.loo_coverage_90:.0%} of {self.n_real} measured designs lie in "
+            "their 90 % interval; expect surprises, and look for outliers among the tools."
+        )
+
+    def _error_finding(self) -> str:
+        if self.loo_q2 is None or self.loo_q2 >= LEAST_Q2:
+            return ""
+        return (
+            f"The surrogate predicts {max(self.loo_q2, 0.0):.0%} of the variance between measured designs; its next "
+            "tools are close to guesses."
+        )
+
+    def _outlier_finding(self) -> str:
+        if not self.n_outliers:
+            return ""
+        return (
+            f"{self.n_outliers} of {self.n_real} measured designs lie more than {OUTLIER_SD:g} standard deviations "
+            "from what all others predict; look at these tools and their traces before the next batch."
+        )
+
+
+def is_overconfident(coverage_90: float, n: int) -> bool:
+    """Whether so few of n observations lie in their 90 % interval that chance explains it in under 1 % of cases."""
+    return bool(binom.cdf(round(coverage_90 * n), n, LEAST_COVERAGE) < MOST_OUTSIDE_P)
+
+
+def health_of(surrogate: Surrogate) -> SurrogateHealth:
+    """The health card; costs one more fit, to the measurements alone."""
+    loo, p = surrogate.leave_one_out(), surrogate.parameters
+    real, sim = _fidelity(surrogate, loo, REAL), _fidelity(surrogate, loo, SIM)
+    shared = p.rho**2 * p.sd_h**2
+    return SurrogateHealth(
+        n_real=surrogate.data.n_real,
+        n_sim=surrogate.data.n_sim,
+        rho=p.rho,
+        shared_variance=shared / (shared + p.sd_e**2),
+        loo_rmse_n=real[0],
+        loo_coverage_90=real[1],
+        loo_q2=real[2],
+        sim_loo_rmse_n=sim[0],
+        sim_loo_coverage_90=sim[1],
+        sim_loo_q2=sim[2],
+        measured_only_loo_rmse_n=_measured_only_rmse_n(surrogate),
+        n_outliers=int(np.count_nonzero(_outliers(surrogate, loo))),
+    )
+
+
+def _outliers(surrogate: Surrogate, loo: LeaveOneOut) -> np.ndarray:
+    """Which observations are measured and far from their prediction, n."""
+    far = np.abs(surrogate.data.y - loo.mean) > OUTLIER_SD * loo.sd
+    return np.asarray(far & (surrogate.data.s == REAL))
+
+
+def _measured_only_rmse_n(surrogate: Surrogate) -> float | None:
+    """Leave-one-out error of a surrogate without the simulations; None without any, or with too few measurements."""
+    data = surrogate.data
+    if data.n_sim == 0 or data.n_real < MIN_OBSERVATIONS:
+        return None
+    alone = fit_surrogate(data.take(data.s == REAL))
+    return _fidelity(alone, alone.leave_one_out(), REAL)[0]
+
+
+def _fidelity(surrogate: Surrogate, loo: LeaveOneOut, fidelity: int) -> tuple[float | None, float | None, float | None]:
+    """Root mean square error (N), coverage and Q2 of the observations of one fidelity."""
+    rows = surrogate.data.s == fidelity
+    if np.count_nonzero(rows) < 2:
+        return None, None, None
+    y, error = surrogate.data.y[rows], surrogate.data.y[rows] - loo.mean[rows]
+    spread = float(np.var(y))
+    q2 = 1.0 - float(np.mean(error**2)) / spread if spread > 0 else None
+    return float(np.sqrt(np.mean(error**2))), float(np.mean(np.abs(error) <= Z_90 * loo.sd[rows])), q2

@@ -1,0 +1,163 @@
+"""Parameters of the bi-fidelity surrogate, their weak priors, and their vector form for the optimiser.
+
+The optimiser works on standardised data: each fidelity is centred by its own mean and divided by its own
+standard deviation, so that the priors mean the same whatever proxy the simulator reports.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from models.records import Record
+from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+
+FLAT_SCALE_N = 1.0  # stands in for the standard deviation of data that do not vary
+
+
+class SurrogateParameters(Record):
+    """Everything that fixes the surrogate besides its data. Forces in N, lengthscales in unit-cube lengths.
+
+    Eq. 1-3 of the FAST paper: f = rho h + eps, with h and eps Matern-5/2 processes of standard deviation
+    `sd_h` and `sd_e`. `noise_sd` is on measurements, `nugget` (a standard deviation) on simulations.
+    `mean_sim` and `mean_real` are the constants each fidelity is centred by.
+    """
+
+    rho: float
+    lengthscales_h: tuple[float, ...]
+    lengthscales_e: tuple[float, ...]
+    sd_h: float = Field(gt=0)
+    sd_e: float = Field(gt=0)
+    noise_sd: float = Field(gt=0)
+    nugget: float = Field(gt=0)
+    mean_sim: float
+    mean_real: float
+
+
+@dataclass(frozen=True)
+class Standardisation:
+    """Means and scales (N) that standardise each fidelity."""
+
+    mean_sim: float
+    mean_real: float
+    scale_sim: float
+    scale_real: float
+
+    @staticmethod
+    def of(data: ObservationSet) -> "Standardisation":
+        """Mean and standard deviation per fidelity; a fidelity without data borrows the other's."""
+        sim, real = data.y[data.s == SIM], data.y[data.s == REAL]
+        return Standardisation(
+            mean_sim=float(np.mean(sim if sim.size else real)),
+            mean_real=float(np.mean(real if real.size else sim)),
+            scale_sim=_scale(sim, real),
+            scale_real=_scale(real, sim),
+        )
+
+    def apply(self, data: ObservationSet) -> ObservationSet:
+        """The same observations with zero mean and unit spread per fidelity (dimensionless)."""
+        mean = np.where(data.s == REAL, self.mean_real, self.mean_sim)
+        scale = np.where(data.s == REAL, self.scale_real, self.scale_sim)
+        return ObservationSet(data.x, data.s, (data.y - mean) / scale, data.noise_variance / scale**2)
+
+
+@dataclass(frozen=True)
+class Vector:
+    """Standardised parameters as one vector: log l_h (d), log l_e (d), log of sd_h, sd_e, nugget, noise_sd; rho."""
+
+    values: np.ndarray
+
+    @property
+    def n_dims(self) -> int:
+        """Number of inputs d."""
+        return (len(self.values) - 5) // 2
+
+    @property
+    def lengthscales_h(self) -> np.ndarray:
+        """Lengthscales of the simulator process, d."""
+        return np.exp(self.values[: self.n_dims])
+
+    @property
+    def lengthscales_e(self) -> np.ndarray:
+        """Lengthscales of the discrepancy, d."""
+        return np.exp(self.values[self.n_dims : 2 * self.n_dims])
+
+    @property
+    def sds(self) -> np.ndarray:
+        """sd_h, sd_e, nugget, noise_sd in standardised units."""
+        return np.exp(self.values[-5:-1])
+
+    @property
+    def rho(self) -> float:
+        """Standardised scale between the fidelities."""
+        return float(self.values[-1])
+
+    def to_parameters(self, units: Standardisation) -> SurrogateParameters:
+        """The same parameters in N."""
+        sd_h, sd_e, nugget, noise_sd = self.sds.tolist()
+        return SurrogateParameters(
+            rho=self.rho * units.scale_real / units.scale_sim,
+            lengthscales_h=tuple(self.lengthscales_h.tolist()),
+            lengthscales_e=tuple(self.lengthscales_e.tolist()),
+            sd_h=sd_h * units.scale_sim,
+            sd_e=sd_e * units.scale_real,
+            nugget=nugget * units.scale_sim,
+            noise_sd=noise_sd * units.scale_real,
+            mean_sim=units.mean_sim,
+            mean_real=units.mean_real,
+        )
+
+    @staticmethod
+    def from_parameters(parameters: SurrogateParameters, units: Standardisation) -> "Vector":
+        """Inverse of `to_parameters`, clipped to the optimiser's box; `units` may come from newer data."""
+        sds = np.array([parameters.sd_h, parameters.sd_e, parameters.nugget, parameters.noise_sd])
+        sds /= [units.scale_sim, units.scale_real, units.scale_sim, units.scale_real]
+        logs = np.log([*parameters.lengthscales_h, *parameters.lengthscales_e, *sds])
+        values = np.append(logs, parameters.rho * units.scale_sim / units.scale_real)
+        lower, upper = np.array(bounds(len(parameters.lengthscales_h))).T
+        return Vector(np.clip(values, lower, upper))
+
+
+# Weak priors on the standardised parameters: (median, sd of the log) and the optimiser's box.
+# The box only keeps the Cholesky factor finite; its ends are far outside the priors' mass.
+_LENGTHSCALE = (np.exp(0.5), 1.0, 0.03, 60.0)
+_SDS = (
+    (np.exp(0.5), 0.7, 0.03, 30.0),  # sd_h
+    (0.4, 0.8, 0.003, 30.0),  # sd_e
+    (0.01, 0.7, 1e-3, 1.0),  # nugget: simulations are deterministic but for meshing and solver tolerance
+    (0.05, 1.0, 2e-3, 3.0),  # noise_sd: of a mean over 36 objects and 3 repeats
+)
+RHO_MEAN, RHO_SD = 0.8, 0.5  # about the sim/real correlation; negative values stay possible
+_RHO_BOX = (-4.0, 6.0)
+
+
+def bounds(n_dims: int) -> list[tuple[float, float]]:
+    """Box of the optimiser for the vector form, 2 d + 5 pairs."""
+    rows = [_LENGTHSCALE] * (2 * n_dims) + list(_SDS)
+    return [(float(np.log(low)), float(np.log(high))) for _, _, low, high in rows] + [_RHO_BOX]
+
+
+def prior_mode(n_dims: int) -> Vector:
+    """The vector with the largest prior density: every median, and the mean of rho."""
+    return Vector(_prior_moments(n_dims)[0])
+
+
+def log_prior(vector: Vector) -> tuple[float, np.ndarray]:
+    """Log prior density of the vector form (without its constant) and its gradient, 2 d + 5."""
+    mean, sd = _prior_moments(vector.n_dims)
+    deviation = (vector.values - mean) / sd
+    return float(-0.5 * deviation @ deviation), -deviation / sd
+
+
+def _prior_moments(n_dims: int) -> tuple[np.ndarray, np.ndarray]:
+    rows = [_LENGTHSCALE] * (2 * n_dims) + list(_SDS)
+    mean = np.array([np.log(median) for median, _, _, _ in rows] + [RHO_MEAN])
+    sd = np.array([log_sd for _, log_sd, _, _ in rows] + [RHO_SD])
+    return mean, sd
+
+
+def _scale(values: np.ndarray, others: np.ndarray) -> float:
+    for group in (values, others):
+        if group.size >= 2 and np.std(group, ddof=1) > 1e-12 * max(1.0, float(np.abs(group).max())):
+            return float(np.std(group, ddof=1))
+    return FLAT_SCALE_N

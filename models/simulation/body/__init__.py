@@ -1,0 +1,1 @@
+"""Elasticity: elements, shape functions, assembly."""

@@ -1,0 +1,258 @@
+"""Elastic force and tangent of a whole mesh, assembled into the blocks of a fixed sparse pattern."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+
+from models.errors import MeshingFailed, UsageError
+from models.simulation.body.elasticity import LAW_CODE, MaterialLaw, element_force, element_stiffness, lame_constants
+from models.simulation.body.shape_functions import quadrature_of, shape_of
+from models.simulation.mesh.solid import ElementBlock, SolidMesh
+from models.simulation.solver.cholesky import BlockPattern, block_pattern
+
+CLAMPED = -1
+
+
+@dataclass(frozen=True)
+class Material:
+    """Elastic law of the compliant body.
+
+    `stiffening`: beta of the strain energy W + beta W^2 / E, for the neo-Hookean law.
+    """
+
+    young_modulus_mpa: float
+    poisson_ratio: float
+    law: MaterialLaw = "neo_hookean"
+    stiffening: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check that the law can stiffen."""
+        if self.stiffening != 0.0 and self.law != "neo_hookean":
+            raise UsageError(f"The material law `{self.law}` cannot stiffen with strain; use `neo_hookean`.")
+
+    @property
+    def stiffening_per_mpa(self) -> float:
+        """C = 2 beta / E of `models.simulation.body.elasticity`, in 1/MPa."""
+        return 2.0 * self.stiffening / self.young_modulus_mpa
+
+
+@dataclass(frozen=True)
+class _Elements:
+    """One element block ready for assembly: what the kernels read.
+
+    `connectivity` (m, k); `slopes` (m, q, k, 3) dN/dX in 1/mm; `volumes` (m, q) in mm3, and `weights`, the same times
+    the element's factor on the modulus; `values` (q, k) of the shape functions; `places` (m, k, k) of the blocks in the
+    pattern.
+    """
+
+    connectivity: np.ndarray
+    slopes: np.ndarray
+    volumes: np.ndarray
+    weights: np.ndarray
+    values: np.ndarray
+    places: np.ndarray
+
+
+class ElasticBody:
+    """A meshed elastic body: its internal force, its tangent, and its lumped volumes.
+
+    Blocks refer to `pattern`; `row_of_node` (n) is a node's block row, `CLAMPED` for base nodes. Block maps hold
+    the place z of a block in the pattern, -2 - z for its transpose, and -1 for a clamped node.
+    """
+
+    def __init__(
+        self,
+        mesh: SolidMesh,
+        nodes: np.ndarray,
+        material: Material,
+        n_axial_points: int = 3,
+        factors: Sequence[np.ndarray] | None = None,
+    ) -> None:
+        """`nodes` (n, 3): the undeformed mesh in the frame of the calculation (a rotation of the finger frame).
+
+        `n_axial_points`: see `models.simulation.body.shape_functions.quadrature_of`. `factors`: per block of the mesh,
+        factors (m) of its elements on the modulus.
+        """
+        self.mesh = mesh
+        lame = lame_constants(material.young_modulus_mpa, material.poisson_ratio)
+        self._material = LAW_CODE[material.law], *lame, material.stiffening_per_mpa
+        connectivities = [block.connectivity for block in mesh.blocks]
+        self.row_of_node, self.pattern = number_rows(len(nodes), mesh.base_nodes, connectivities)
+        of_block = [None] * len(mesh.blocks) if factors is None else factors
+        self._parts = [
+            self._prepared(block, nodes, n_axial_points, factor)
+            for block, factor in zip(mesh.blocks, of_block, strict=True)
+        ]
+        self._symmetry = _symmetry_blocks(mesh, self.row_of_node, self.pattern)
+
+    def _prepared(
+        self, block: ElementBlock, nodes: np.ndarray, n_axial_points: int, factor: np.ndarray | None
+    ) -> _Elements:
+        slopes, volumes, values = _reference_gradients(block, nodes, n_axial_points)
+        weights = volumes if factor is None else volumes * factor[:, None]
+        connectivity = np.ascontiguousarray(block.connectivity, dtype=np.int32)
+        places = block_map(connectivity, self.row_of_node, self.pattern)
+        return _Elements(connectivity, slopes, volumes, weights, values, places)
+
+    @property
+    def n_dof(self) -> int:
+        """Unknown displacements."""
+        return 3 * self.pattern.n - len(self._symmetry[2])
+
+    def force(self, x: np.ndarray) -> np.ndarray | None:
+        """Internal nodal force (n, 3) at deformed nodes x (n, 3); None if an element is inverted."""
+        force = np.zeros_like(x)
+        for part in self._parts:
+            if not _assemble_force(x, part.connectivity, part.slopes, part.weights, *self._material, force):
+                return None
+        return force
+
+    def stiffness(self, x: np.ndarray, blocks: np.ndarray) -> np.ndarray | None:
+        """As `force`; also overwrites `blocks` (z, 3, 3) with the tangent (symmetry not yet applied)."""
+        force = np.zeros_like(x)
+        blocks[:] = 0.0
+        for part in self._parts:
+            elements = part.connectivity, part.slopes, part.weights
+            if not _assemble(x, *elements, *self._material, part.places, force, blocks):
+                return None
+        return force
+
+    def apply_symmetry(self, blocks: np.ndarray) -> None:
+        """Decouple the y displacement of the nodes on the symmetry plane."""
+        rows, columns, diagonal = self._symmetry
+        blocks[rows, 1, :] = 0.0
+        blocks[columns, :, 1] = 0.0
+        blocks[diagonal, 1, 1] = 1.0
+
+    def lumped_volume(self) -> np.ndarray:
+        """Volume of each node in mm3 (n): diagonal of the consistent mass, scaled per element (HRZ lumping)."""
+        volume = np.zeros(len(self.mesh.nodes))
+        for part in self._parts:
+            diagonal = np.einsum("qa,mq->ma", part.values**2, part.volumes)
+            diagonal *= (part.volumes.sum(axis=1) / diagonal.sum(axis=1))[:, None]
+            np.add.at(volume, part.connectivity.ravel(), diagonal.ravel())
+        return volume
+
+
+def block_map(connectivity: np.ndarray, row_of_node: np.ndarray, pattern: BlockPattern) -> np.ndarray:
+    """Places (m, k, k) of the blocks between the nodes of each element or face, in the code of `ElasticBody`."""
+    rows = row_of_node[connectivity].astype(np.int64)
+    first, second = np.broadcast_arrays(rows[:, :, None], rows[:, None, :])
+    low, high = np.minimum(first, second), np.maximum(first, second)
+    columns = np.repeat(np.arange(pattern.n, dtype=np.int64), np.diff(pattern.indptr))
+    keys = columns * pattern.n + pattern.indices
+    places = np.searchsorted(keys, (low * pattern.n + high).ravel()).reshape(low.shape)
+    places = np.where(first >= second, places, -2 - places)
+    return np.where(low < 0, -1, places).astype(np.int32)
+
+
+def _reference_gradients(
+    block: ElementBlock, nodes: np.ndarray, n_axial_points: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gradients dN/dX (m, q, k, 3), weights (m, q) in mm3 and shape values (q, k)."""
+    rule = quadrature_of(block.kind, n_axial_points)
+    values, gradients = shape_of(block.kind, rule.points)
+    jacobian = np.einsum("mai,qaj->mqij", nodes[block.connectivity], gradients)
+    determinant = np.linalg.det(jacobian)
+    if not determinant.min() > 0.0:
+        raise MeshingFailed(
+            f"{int((determinant.min(axis=1) <= 0).sum())} of {len(determinant)} elements are inverted before any "
+            "load; change the mesh settings.",
+            reason="inverted_element",
+        )
+    slopes = np.einsum("qaj,mqji->mqai", gradients, np.linalg.inv(jacobian))
+    return np.ascontiguousarray(slopes), determinant * rule.weights, values
+
+
+def number_rows(
+    n_nodes: int, base_nodes: np.ndarray, connectivities: Sequence[np.ndarray]
+) -> tuple[np.ndarray, BlockPattern]:
+    """Block row of each node (n), `CLAMPED` for base nodes, and the pattern of the tangent of elements (m, k)."""
+    free = np.ones(n_nodes, dtype=bool)
+    free[base_nodes] = False
+    compact = np.where(free, np.cumsum(free) - 1, CLAMPED)
+    pairs = np.vstack([_node_pairs(compact[part]) for part in connectivities])
+    pattern = block_pattern(int(free.sum()), pairs[(pairs >= 0).all(axis=1)])
+    return np.where(free, pattern.position[compact], CLAMPED).astype(np.int32), pattern
+
+
+def _node_pairs(local: np.ndarray) -> np.ndarray:
+    """All pairs (m k^2, 2) of nodes that share an element (m, k)."""
+    first, second = np.broadcast_arrays(local[:, :, None], local[:, None, :])
+    return np.column_stack([first.ravel(), second.ravel()])
+
+
+def _symmetry_blocks(
+    mesh: SolidMesh, row_of_node: np.ndarray, pattern: BlockPattern
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rows = row_of_node[mesh.symmetry_nodes]
+    constrained = np.zeros(pattern.n, dtype=bool)
+    constrained[rows[rows >= 0]] = True
+    columns = np.repeat(np.arange(pattern.n), np.diff(pattern.indptr))
+    by_row, by_column = constrained[pattern.indices], constrained[columns]
+    diagonal = by_row & (pattern.indices == columns)
+    return np.flatnonzero(by_row), np.flatnonzero(by_column), np.flatnonzero(diagonal)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _assemble(
+    x: np.ndarray,
+    elements: np.ndarray,
+    slopes: np.ndarray,
+    weights: np.ndarray,
+    law: int,
+    lam: float,
+    mu: float,
+    c: float,
+    places: np.ndarray,
+    force: np.ndarray,
+    blocks: np.ndarray,
+) -> bool:
+    m, k = elements.shape
+    local_x, local_force, K = np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((k, 9, k))
+    for e in range(m):
+        for a in range(k):
+            local_x[a] = x[elements[e, a]]
+        if not element_stiffness(local_x, slopes[e], weights[e], law, lam, mu, c, local_force, K):
+            return False
+        for a in range(k):
+            for i in range(3):
+                force[elements[e, a], i] += local_force[a, i]
+            for b in range(a + 1):
+                place = places[e, a, b]
+                if place >= 0:
+                    for i in range(3):
+                        for j in range(3):
+                            blocks[place, i, j] += K[a, 3 * i + j, b]
+                elif place < -1:
+                    for i in range(3):
+                        for j in range(3):
+                            blocks[-2 - place, j, i] += K[a, 3 * i + j, b]
+    return True
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _assemble_force(
+    x: np.ndarray,
+    elements: np.ndarray,
+    slopes: np.ndarray,
+    weights: np.ndarray,
+    law: int,
+    lam: float,
+    mu: float,
+    c: float,
+    force: np.ndarray,
+) -> bool:
+    m, k = elements.shape
+    local_x, local_force = np.zeros((k, 3)), np.zeros((k, 3))
+    for e in range(m):
+        for a in range(k):
+            local_x[a] = x[elements[e, a]]
+        if not element_force(local_x, slopes[e], weights[e], law, lam, mu, c, local_force):
+            return False
+        for a in range(k):
+            for i in range(3):
+                force[elements[e, a], i] += local_force[a, i]
+    return True

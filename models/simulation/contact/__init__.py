@@ -1,0 +1,1 @@
+"""Contact with the object: points, law, friction."""

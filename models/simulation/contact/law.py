@@ -1,0 +1,215 @@
+"""Penalty contact of surface points against a rigid obstacle given by its signed distance.
+
+Contact points are midpoints of a fine subdivision of the quadratic faces, each with its reference area. With
+penetration d = -distance > 0 the pressure is p = kn d^2 / (2 d0) below d0 and kn (d - d0/2) above (continuous
+slope), the nodal force w (p n + t) and the tangent w (p'(d) n n^T + friction); the curvature of the obstacle is
+left out of the tangent, which stays positive semi-definite. The spacing along z must resolve the objects' edge
+radius of 1 mm: with 1 mm spacing an edge hooks between two rows of points and the peak is 33 % too high
+(notes/fem.md section 1).
+"""
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from models.simulation.body.assembly import ElasticBody, block_map
+from models.simulation.contact import kernel as contact_kernel
+from models.simulation.contact.kernel import FrictionState, Law, NearPoints, Sightings, Touching
+from models.simulation.contact.points import ContactPoints, PointSpacing, contact_points
+
+__all__ = [
+    "NO_STOP",
+    "ContactLaw",
+    "ContactResponse",
+    "ContactState",
+    "ContactSurface",
+    "Obstacle",
+    "PointSpacing",
+    "Solid",
+]
+
+NO_STOP = -np.inf
+_NO_BLOCKS = np.zeros((0, 3, 3))
+
+
+@dataclass(frozen=True)
+class ContactLaw:
+    """Penalty stiffness in N/mm3, smoothing depth d0 and adhesion in MPa, at REFERENCE_MODULUS_MPA.
+
+    The friction limit is mu p + adhesion. Stiffnesses and adhesion are in proportion to E for any other modulus (see
+    models.simulation.body.elasticity). Rims and corners that touch in a point decide: at 2 N/mm3 they sink in by a
+    millimetre and hook (diabolo: peak 46 N). On faces and rims twice the stiffness moves the peak by about 3 % at most.
+    Bare edges and corners stay mesh-bound: the stiffness stands for the indentation that the elements do not resolve
+    (Hertz on a radius of 1 mm: 6 to 16 N/mm3), and on one layer across the half width more of it makes a corner hook
+    (turned diamond: 33 N at 4, 40 N at 8; 28 N on a fine mesh).
+    """
+
+    normal_n_per_mm3: float = 4.0
+    tangential_n_per_mm3: float = 4.0
+    smoothing_mm: float = 0.05
+    adhesion_mpa: float = 0.0
+
+    @property
+    def compiled(self) -> Law:
+        """The law as compiled code takes it."""
+        return Law(self.normal_n_per_mm3, self.tangential_n_per_mm3, self.smoothing_mm, self.adhesion_mpa)
+
+
+class Obstacle(Protocol):
+    """A rigid body (or the space outside one) that a finger can touch."""
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        """Signed distance in mm (n) of points (n, 3), negative inside; must not change faster than the points move."""
+        ...
+
+    def normal(self, points: np.ndarray) -> np.ndarray:
+        """Unit outward normals (n, 3) at points (n, 3) inside, near the surface."""
+        ...
+
+
+@runtime_checkable
+class Solid(Protocol):
+    """An obstacle made of primitives, (n_rows, N_COLUMNS) of `models.objects.primitives`, measured in compiled code."""
+
+    primitives: np.ndarray
+
+
+@dataclass
+class ContactState:
+    """What friction remembers of the last converged step.
+
+    `nodes` (nodes, 3) mm, deformed; per contact point (n): `traction` (n, 3) MPa, `pressure` (n) MPa, `slip` (n)
+    accumulated, mm.
+    """
+
+    nodes: np.ndarray
+    traction: np.ndarray
+    pressure: np.ndarray
+    slip: np.ndarray
+
+
+@dataclass(frozen=True)
+class ContactResponse:
+    """Outcome of one evaluation.
+
+    Nodal force (nodes, 3) in N; of the points that touch the obstacle (m) their numbers, tractions (m, 3) and
+    pressures (m) in MPa, and slips of the step (m) in mm.
+    """
+
+    force: np.ndarray
+    points: np.ndarray
+    traction: np.ndarray
+    pressure: np.ndarray
+    slip_step: np.ndarray
+
+
+class ContactSurface:
+    """Contact points of a body: interpolation, areas, and the response to an obstacle."""
+
+    def __init__(self, body: ElasticBody, nodes: np.ndarray, law: ContactLaw, spacing: PointSpacing) -> None:
+        """`nodes` (n, 3): undeformed mesh, in the frame of the calculation."""
+        self.law = law
+        self._points = contact_points(body.mesh.contact_faces, nodes, spacing)
+        self._places = block_map(self._points.faces, body.row_of_node, body.pattern)
+        self._seen = _sightings(self._points)
+        self._seen_of: tuple[Obstacle | None, float] = (None, NO_STOP)
+        self._primitives: np.ndarray | None = None
+        n, n_patches = len(self.areas), len(self._points.reach)
+        patch, face = np.zeros(n_patches, dtype=np.int32), np.zeros(n_patches, dtype=np.int32)
+        self._near = NearPoints(patch, face, np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3)))
+        self._touching = Touching(np.zeros(n, dtype=np.int32), np.zeros((n, 3)), np.zeros(n), np.zeros(n))
+
+    @property
+    def areas(self) -> np.ndarray:
+        """Undeformed area of every point (n) in mm2."""
+        return self._points.areas
+
+    def forget(self) -> None:
+        """Drop what is remembered of distances: the next evaluation starts as if it were the first."""
+        self._seen_of = (None, NO_STOP)
+
+    def start(self, x: np.ndarray) -> ContactState:
+        """State before any contact, at deformed nodes x (n, 3)."""
+        n = len(self.areas)
+        return ContactState(x, np.zeros((n, 3)), np.zeros(n), np.zeros(n))
+
+    def advance(self, state: ContactState, x: np.ndarray, response: ContactResponse) -> ContactState:
+        """State after a converged step from `state` to nodes x (n, 3) with this response."""
+        new = self.start(x)
+        new.traction[response.points], new.pressure[response.points] = response.traction, response.pressure
+        new.slip[:] = state.slip
+        new.slip[response.points] += response.slip_step
+        return new
+
+    def positions(self, x: np.ndarray) -> np.ndarray:
+        """Contact points (n, 3) at deformed nodes x."""
+        positions = np.zeros((len(self.areas), 3))
+        contact_kernel.interpolate(self._points, x, positions)
+        return positions
+
+    def respond(
+        self,
+        x: np.ndarray,
+        state: ContactState,
+        obstacle: Obstacle,
+        friction: np.ndarray,
+        stop_mm: float,
+        blocks: np.ndarray | None,
+    ) -> ContactResponse:
+        """Contact force at deformed nodes x; adds the tangent to `blocks` (z, 3, 3) unless None.
+
+        `friction` (n): coefficient per point. `stop_mm`: the frictionless plane x >= stop stands for the other
+        finger (`NO_STOP`: there is none).
+        """
+        n_patches = self._measure(x, obstacle, stop_mm)
+        force = np.zeros_like(x)
+        m = contact_kernel.add_contact(
+            self._points,
+            self._places,
+            x,
+            self._near,
+            n_patches,
+            stop_mm,
+            self.law.compiled,
+            FrictionState(state.nodes, state.traction, friction),
+            force,
+            _NO_BLOCKS if blocks is None else blocks,
+            self._touching,
+        )
+        point, traction, pressure, slip = (values[:m].copy() for values in self._touching)
+        return ContactResponse(force, point, traction, pressure, slip)
+
+    def _measure(self, x: np.ndarray, obstacle: Obstacle, stop_mm: float) -> int:
+        """Distances, and normals inside, of all points that may touch; returns the number of their patches.
+
+        A distance changes at most as far as its point moves, so faces and then patches that cannot have arrived
+        since they were last measured are left out.
+        """
+        points, near, seen = self._points, self._near, self._seen
+        if self._seen_of[0] is not obstacle or self._seen_of[1] != stop_mm:
+            self._seen_of = (obstacle, stop_mm)
+            self._primitives = obstacle.primitives if isinstance(obstacle, Solid) else None
+            seen.face_gap[:] = -np.inf
+            seen.patch_gap[:] = -np.inf
+        if self._primitives is not None:
+            return int(contact_kernel.measure(self._primitives, points, x, stop_mm, seen, near))
+        n_patches, n_points = contact_kernel.find_near(points, x, seen, near)
+        if n_points:
+            near.distance[:n_points] = obstacle.distance(near.position[:n_points])
+            inside = np.flatnonzero(near.distance[:n_points] < 0.0)
+            if inside.size:
+                near.normal[inside] = obstacle.normal(near.position[inside])
+        contact_kernel.remember(points, near, n_patches, stop_mm, seen)
+        return int(n_patches)
+
+
+def _sightings(points: ContactPoints) -> Sightings:
+    """Nothing seen yet."""
+    k, n_faces, n_patches = points.faces.shape[1], len(points.faces), len(points.reach)
+    return Sightings(
+        np.zeros((n_faces, k, 3)),
+        np.full(n_faces, -np.inf),
+        np.zeros((n_patches, k, 3)),
+        np.full(n_patches, -np.inf),
+    )

@@ -1,0 +1,90 @@
+"""Contact points of a body: midpoints of a fine subdivision of its quadratic faces, in small patches."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from models.simulation.body.shape_functions import face_shape
+
+PATCH_CELLS = 4  # points along one side of a patch: few enough to be near together, many enough to skip at once
+
+
+@dataclass(frozen=True)
+class PointSpacing:
+    """Largest distance of contact points along the finger (z) and across it (y), mm.
+
+    A quarter of the objects' edge radius both ways: across matters for upright edges and rims (3 mm gives a 15 %
+    higher peak on the cube turned by 45 deg). Points in air cost next to nothing.
+    """
+
+    along_mm: float = 0.25
+    across_mm: float = 0.25
+
+
+class ContactPoints(NamedTuple):
+    """Points (n) in patches (q) on faces (f) with k nodes each; points of a patch, patches of a face are in a row.
+
+    `faces` (f, k) nodes; `first_patch` (f + 1) and `first_point` (q + 1) where each one's share begins; `shape` (n, k)
+    values at the points; `areas` (n) undeformed, mm2; `reach` (q): no point of the patch moves further than `reach`
+    times the node of its face that moves most (the largest sum of |N_a|).
+    """
+
+    faces: np.ndarray
+    first_patch: np.ndarray
+    first_point: np.ndarray
+    shape: np.ndarray
+    areas: np.ndarray
+    reach: np.ndarray
+
+
+def contact_points(faces: np.ndarray, nodes: np.ndarray, spacing: PointSpacing) -> ContactPoints:
+    """Points on faces (f, k) of undeformed nodes (n, 3)."""
+    first_patch, first_point = [0], [0]
+    shapes, areas = [], []
+    for face in faces:
+        shape, area, patch = _subdivide(nodes[face], spacing)
+        order = np.argsort(patch, kind="stable")
+        shapes.append(shape[order])
+        areas.append(area[order])
+        first_point.extend(first_point[-1] + np.cumsum(np.unique(patch, return_counts=True)[1]))
+        first_patch.append(len(first_point) - 1)
+    values = np.ascontiguousarray(np.vstack(shapes))
+    reach = np.maximum.reduceat(np.abs(values).sum(axis=1), first_point[:-1])
+    return ContactPoints(
+        np.ascontiguousarray(faces, dtype=np.int32),
+        np.array(first_patch, dtype=np.int32),
+        np.array(first_point, dtype=np.int32),
+        values,
+        np.concatenate(areas),
+        reach,
+    )
+
+
+def _subdivide(corners: np.ndarray, spacing: PointSpacing) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Shape values (p, k), areas (p) in mm2 and patch numbers (p) of the points of one face with nodes (k, 3)."""
+    if len(corners) == 8:
+        along = np.linalg.norm(corners[1] - corners[0])
+        across = np.linalg.norm(corners[3] - corners[0])
+        n_r, n_s = max(int(np.ceil(along / spacing.along_mm)), 1), max(int(np.ceil(across / spacing.across_mm)), 1)
+        cells = np.column_stack([np.repeat(np.arange(n_r), n_s), np.tile(np.arange(n_s), n_r)])
+        points = 2.0 * (cells + 0.5) / np.array([n_r, n_s]) - 1.0
+        share = 4.0 / (n_r * n_s)
+    else:
+        longest = max(np.linalg.norm(corners[i] - corners[j]) for i, j in ((0, 1), (1, 2), (2, 0)))
+        n = max(int(np.ceil(longest / spacing.along_mm)), 1)
+        points = _triangle_cells(n)
+        cells = np.floor(points * n).astype(int)
+        share = 0.5 / len(points)
+    values, gradients = face_shape(len(corners), points)
+    tangent = np.einsum("pkc,ki->pci", gradients, corners)
+    area = np.linalg.norm(np.cross(tangent[:, 0], tangent[:, 1]), axis=1) * share
+    blocks = cells // PATCH_CELLS
+    return values, area, blocks[:, 0] * (blocks[:, 1].max() + 1) + blocks[:, 1]
+
+
+def _triangle_cells(n: int) -> np.ndarray:
+    """Centroids (n^2, 2) of the uniform subdivision of the unit triangle."""
+    upright = [((i + 1 / 3) / n, (j + 1 / 3) / n) for i in range(n) for j in range(n - i)]
+    inverted = [((i + 2 / 3) / n, (j + 2 / 3) / n) for i in range(n) for j in range(n - i - 1)]
+    return np.array(upright + inverted)

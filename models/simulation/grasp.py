@@ -1,0 +1,260 @@
+"""One simulated grasp: close, lift, separate; the sum of both fingers as the load cell sees it."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.errors import UsageError
+from models.objects.catalogue import RigidObject
+from models.records import (
+    Design,
+    GraspContext,
+    GraspSetup,
+    GraspSimulation,
+    Placement,
+    SimulatorVersion,
+    Trace,
+)
+from models.simulation.actuation import ClosingStall
+from models.simulation.body.elasticity import REFERENCE_MODULUS_MPA
+from models.simulation.contact.law import Obstacle
+from models.simulation.effects.base import Effect
+from models.simulation.effects.catalogue import build_effects
+from models.simulation.finger import FingerState
+from models.simulation.mesh.build import build_mesh
+from models.simulation.mesh.plane import PlaneMesh, plane_mesh
+from models.simulation.mesh.solid import SolidMesh
+from models.simulation.obstacle import ObjectObstacle
+from models.simulation.output.recording import SIDES, Camera, Recorder, Side
+from models.simulation.plane_recording import section_camera
+from models.simulation.problem import SCREENING_NUMERICS, FingerProblem, Numerics
+from models.simulation.section.finger import PlaneFinger
+from models.simulation.solver.newton import NewtonSolver
+from models.simulation.solver.stepping import (
+    Finger,
+    FingerRecord,
+    Path,
+    Stepper,
+    deadline_after,
+    lift_step_mm,
+    travel_to_touch,
+)
+from models.traces import peak_force_n, work_j
+
+__all__ = ["SCREENING_NUMERICS", "FingerProblem", "FingerResult", "Numerics", "simulate_finger", "simulate_grasp"]
+
+INWARD, UPWARD = np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+FREE_STEPS = 2  # steps without contact before the end of the lift is considered
+RESIDUAL_FORCE_N = 0.05  # at the reference modulus: what may be left of the force when the lift ends
+
+
+@dataclass(frozen=True)
+class FingerResult:
+    """Samples of one finger (full width) at the reference modulus, and the work it took.
+
+    `time_s`, `lift_mm` (n); `force_n` (n, 3) of the clamp on the finger: z > 0 pulls it up, x < 0 presses it on.
+    `n_closing` samples belong to the closing.
+    """
+
+    time_s: np.ndarray
+    lift_mm: np.ndarray
+    force_n: np.ndarray
+    n_closing: int
+    n_steps: int
+    n_newton: int
+    n_factorisations: int
+    n_dof: int
+    setup_cpu_s: float
+
+
+def simulate_grasp(
+    design: Design,
+    obj: RigidObject,
+    version: SimulatorVersion = SimulatorVersion(),  # noqa: B008 - frozen record
+    setup: GraspSetup = GraspSetup(),  # noqa: B008 - frozen record
+    *,
+    placement: Placement = Placement(),  # noqa: B008 - frozen record
+    context: GraspContext = GraspContext(),  # noqa: B008 - frozen record
+    effects: Sequence[Effect] | None = None,
+    mesh: SolidMesh | PlaneMesh | None = None,
+    numerics: Numerics | None = None,
+    deadline_s: float | None = None,
+    recorder: Recorder | None = None,
+) -> GraspSimulation:
+    """Simulate one displacement-controlled grasp of a fixed rigid object (design.md 5.1).
+
+    Each finger is solved alone: the object is fixed, so the fingers meet only through the mirror plane x = 0. One
+    finger counts twice when the object is symmetric in x and not offset; half a finger is modelled when the object
+    is symmetric in y. Forces are exactly proportional to E (see `models.simulation.body.elasticity`).
+
+    `context` is what came before, for effects with a memory. `effects` default to those of the version. `mesh`
+    replaces the mesh of the design (half width only for objects symmetric in y). `numerics` (by default those of the
+    tier) is for convergence studies and for worlds that must not share the simulator's regularisation. `deadline_s` is
+    a wall-clock limit. `recorder` is called with every converged step (see `models.simulation.output.recording`).
+
+    Raises:
+        UsageError: `mesh` is not for the version's tier.
+        SimulationFailed: reason `time_out`, `no_convergence`, `inverted_element`, `indefinite`, `deep_penetration`
+            or `max_steps`.
+        MeshingFailed: the mesh could not be made.
+    """
+    started = time.process_time()
+    deadline = deadline_after(deadline_s)
+    known = build_effects(version.effects) if effects is None else effects
+    active = tuple(effect.in_grasp(design, setup, context) for effect in known)
+    theta = version.theta
+    for effect in active:
+        theta = effect.modify_theta(theta, design)
+        setup = effect.modify_setup(setup, design)
+        obj = effect.modify_object(obj)
+    is_section = version.tier == "screening"
+    if mesh is None:
+        build = plane_mesh if is_section else build_mesh
+        mesh = build(design, version.mesh, full_width=not obj.mirror_y, effects=active)
+    elif is_section != isinstance(mesh, PlaneMesh):
+        raise UsageError(f"The tier `{version.tier}` cannot use a {type(mesh).__name__}; leave `mesh` out.")
+    if numerics is None:
+        numerics = SCREENING_NUMERICS if is_section else Numerics()
+    meshed = time.process_time()
+    problem = FingerProblem(mesh, design, theta, setup, active, numerics)
+    is_symmetric = obj.mirror_x and placement.offset_x_mm == 0.0
+    fingers = [
+        simulate_finger(problem, ObjectObstacle(obj, placement, is_mirrored=side == "left"), deadline, recorder, side)
+        for side in (SIDES[:1] if is_symmetric else SIDES)
+    ]
+    trace = _sum_of_fingers(fingers, theta.young_modulus_mpa / REFERENCE_MODULUS_MPA)
+    for effect in active:
+        trace = effect.modify_trace(trace)
+    contact = np.mean([-f.force_n[f.n_closing - 1, 0] for f in fingers])
+    return GraspSimulation(
+        trace=trace,
+        peak_force_n=peak_force_n(trace),
+        contact_force_n=float(contact) * theta.young_modulus_mpa / REFERENCE_MODULUS_MPA,
+        work_j=work_j(trace),
+        n_steps=sum(f.n_steps for f in fingers),
+        n_newton=sum(f.n_newton for f in fingers),
+        n_dof=fingers[0].n_dof,
+        cpu_s=time.process_time() - started,
+        n_factorisations=sum(f.n_factorisations for f in fingers),
+        setup_cpu_s=meshed - started + sum(f.setup_cpu_s for f in fingers),
+        mesh_id=mesh.mesh_id,
+    )
+
+
+def simulate_finger(
+    problem: FingerProblem,
+    obstacle: Obstacle,
+    deadline: float = np.inf,
+    recorder: Recorder | None = None,
+    side: Side = "right",
+) -> FingerResult:
+    """Close and lift one finger against an obstacle; `deadline` is a time of `time.monotonic`.
+
+    `recorder` is called with every converged step; `side` names the finger in its snapshots.
+    """
+    started = time.process_time()
+    model = problem.model()
+    finger = model.against(obstacle, problem.finger_stop_mm)
+    newton = NewtonSolver(model.linear, model.blocks, problem.numerics.newton, deadline)
+    stepper = Stepper(finger, newton, problem.numerics.limits, _friction(problem, finger.n_points))
+    setup_cpu_s = time.process_time() - started
+    camera = None
+    if recorder is not None:
+        scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
+        camera = _camera(finger, recorder, side, obstacle, scale)
+    record, n_closing = _close_and_lift(finger, stepper, problem, camera)
+    share = 2.0 if problem.mesh.is_half else 1.0
+    return FingerResult(
+        time_s=np.array(record.time_s),
+        lift_mm=np.array(record.lift_mm),
+        force_n=share * np.array(record.force_n),
+        n_closing=n_closing,
+        n_steps=stepper.n_steps,
+        n_newton=newton.n_iterations,
+        n_factorisations=newton.n_factorisations,
+        n_dof=model.body.n_dof,
+        setup_cpu_s=setup_cpu_s,
+    )
+
+
+def _camera(finger: Finger, recorder: Recorder, side: Side, obstacle: Obstacle, scale: float) -> Camera:
+    if isinstance(finger, PlaneFinger):
+        return section_camera(finger, recorder, side, obstacle, scale)
+    return Camera(recorder, side, finger.body.mesh, finger.nodes, finger.surface, obstacle, scale)
+
+
+def _friction(problem: FingerProblem, n: int) -> Callable[[FingerState], np.ndarray]:
+    """Friction coefficient per contact point, frozen over a step, from the effects' factors."""
+    scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
+
+    def coefficient(state: FingerState) -> np.ndarray:
+        values = np.full(n, problem.theta.friction)
+        for effect in problem.effects:
+            values *= effect.friction_factor(state.contact.slip, scale * state.contact.pressure)
+        return values
+
+    return coefficient
+
+
+def _close_and_lift(
+    finger: Finger, stepper: Stepper, problem: FingerProblem, camera: Camera | None
+) -> tuple[FingerRecord, int]:
+    setup, limits = problem.setup, problem.numerics.limits
+    record = FingerRecord()
+    record.add(0.0, 0.0, np.zeros(3))
+    start, stroke = 0.5 * setup.open_gap_mm * -INWARD, 0.5 * (setup.open_gap_mm - setup.closed_gap_mm)
+    free = travel_to_touch(finger.distance_to_anything, start, INWARD, stroke)
+    state = finger.undeformed(start + free * INWARD, setup.close_speed_mm_per_s * INWARD)
+    time_s = free / setup.close_speed_mm_per_s
+    if free > 0.0:
+        record.add(time_s, 0.0, np.zeros(3))
+    if camera is not None:
+        camera.take("closing", time_s, free, state, np.zeros(3))
+    stall = ClosingStall(problem.jaw, stroke - free, limits.closing_mm)
+    closing = Path(state.base, INWARD, stroke - free, setup.close_speed_mm_per_s, stall.longest_step_mm)
+    for step in stepper.walk(state, closing):
+        state = step.state
+        record.add(time_s + step.travel_mm / setup.close_speed_mm_per_s, 0.0, step.clamp_n)
+        if camera is not None:
+            camera.take("closing", record.time_s[-1], free + step.travel_mm, state, step.clamp_n)
+        if stall.has_stalled(step):
+            break
+    time_s = stroke / setup.close_speed_mm_per_s
+    if record.time_s[-1] < time_s - 1e-9:
+        record.add(time_s, 0.0, record.force_n[-1])
+    n_closing = len(record.time_s)
+    state.v[:] = 0.0
+    lift = Path(state.base, UPWARD, setup.max_lift_mm, setup.lift_speed_mm_per_s, lift_step_mm(limits))
+    n_free = 0
+    for step in stepper.walk(state, lift):
+        record.add(time_s + step.travel_mm / setup.lift_speed_mm_per_s, step.travel_mm, step.clamp_n)
+        if camera is not None:
+            camera.take("lift", record.time_s[-1], step.travel_mm, step.state, step.clamp_n)
+        n_free = 0 if finger.is_touching(step.state) else n_free + 1
+        is_slack = abs(step.clamp_n[2]) < RESIDUAL_FORCE_N
+        if n_free >= FREE_STEPS and is_slack and _is_clear(finger, lift, step.travel_mm):
+            break
+    return record, n_closing
+
+
+def _is_clear(finger: Finger, lift: Path, travel: float) -> bool:
+    """True if the undeformed finger meets nothing during the rest of the lift."""
+    rest = lift.length_mm - travel
+    free = travel_to_touch(finger.distance_to_object, lift.at(travel), UPWARD, rest)
+    return free >= rest
+
+
+def _sum_of_fingers(fingers: Sequence[FingerResult], scale: float) -> Trace:
+    """Load-cell trace of both fingers; where the steps differ, on the union of their times."""
+    if len(fingers) == 1:
+        only = fingers[0]
+        return Trace(only.time_s, only.lift_mm, 2.0 * scale * only.force_n[:, 2])
+    # Rounding joins instants that differ only in their last bit.
+    own = [np.round(f.time_s, 9) for f in fingers]
+    times = np.unique(np.concatenate(own))
+    force = sum(np.interp(times, t, f.force_n[:, 2], right=0.0) for t, f in zip(own, fingers, strict=True))
+    longest = max(fingers, key=lambda f: f.time_s[-1])
+    lift = np.interp(times, longest.time_s, longest.lift_mm)
+    return Trace(times, lift, scale * np.asarray(force))

@@ -1,0 +1,96 @@
+"""What all grasps of one finger share: its mechanics before any object, built once and kept."""
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from models.simulation.body.assembly import ElasticBody, Material
+from models.simulation.contact.law import ContactLaw, ContactSurface, Obstacle, PointSpacing
+from models.simulation.finger import FingerStep
+from models.simulation.mesh.solid import SolidMesh
+from models.simulation.solver.cholesky import BlockCholesky, LinearSolver
+
+# Half and full width of one design: a design's objects come one after the other.
+MAX_KEPT = 2
+
+
+@dataclass(frozen=True)
+class FingerModel:
+    """A finger ready to be grasped with: nodes (n, 3) in the object frame at rest, and what was derived from them.
+
+    `linear` and `blocks` (z, 3, 3) are working storage: a grasp overwrites them and assumes nothing about them.
+    """
+
+    nodes: np.ndarray
+    body: ElasticBody
+    surface: ContactSurface
+    linear: LinearSolver
+    blocks: np.ndarray
+
+    def against(self, obstacle: Obstacle, stop_mm: float = 0.0) -> FingerStep:
+        """The finger before an obstacle; the plane x = `stop_mm` stands for the other finger."""
+        return FingerStep(self.body, self.surface, self.nodes, obstacle, stop_mm=stop_mm)
+
+
+class _Kept(threading.local):
+    """Models of this thread; a model is working storage, so threads must not share one."""
+
+    def __init__(self) -> None:
+        self.models: OrderedDict[tuple[object, ...], Any] = OrderedDict()
+
+
+_KEPT = _Kept()
+Model = TypeVar("Model")
+
+
+def kept(key: tuple[object, ...], build: Callable[[], Model]) -> Model:
+    """The model of this key, from the last few built in this thread or new."""
+    model: Model | None = _KEPT.models.pop(key, None)
+    if model is None:
+        model = build()
+    _KEPT.models[key] = model
+    while len(_KEPT.models) > MAX_KEPT:
+        _KEPT.models.popitem(last=False)
+    return model
+
+
+def finger_model(
+    mesh: SolidMesh,
+    *,
+    height_mm: float,
+    tip_below_mm: float,
+    material: Material,
+    law: ContactLaw,
+    spacing: PointSpacing,
+    factors: Sequence[np.ndarray] | None = None,
+) -> FingerModel:
+    """The model of a finger, from the last few built in this thread or new; forgets every grasp made with it.
+
+    `factors`: see `ElasticBody`.
+    """
+
+    def build() -> FingerModel:
+        nodes = to_object_frame(mesh.nodes, height_mm, tip_below_mm)
+        body = ElasticBody(mesh, nodes, material, factors=factors)
+        surface = ContactSurface(body, nodes, law, spacing)
+        blocks = np.zeros((len(body.pattern.indices), 3, 3))
+        return FingerModel(nodes, body, surface, BlockCholesky(body.pattern), blocks)
+
+    model = kept((mesh.mesh_id, height_mm, tip_below_mm, material, law, spacing, bytes_of(factors)), build)
+    model.surface.forget()
+    return model
+
+
+def bytes_of(factors: Sequence[np.ndarray] | None) -> tuple[bytes, ...] | None:
+    """Factors on the modulus as a key of `kept`."""
+    return None if factors is None else tuple(values.tobytes() for values in factors)
+
+
+def to_object_frame(nodes: np.ndarray, height_mm: float, tip_below_mm: float) -> np.ndarray:
+    """Finger frame to object frame: turned by 180 deg about x, tip plane at z = -tip_below, front wall at x = 0."""
+    x, y, z = nodes.T
+    return np.ascontiguousarray(np.column_stack([x, -y, height_mm - tip_below_mm - z]))

@@ -1,0 +1,1 @@
+"""What a solution leaves: records, surfaces, CalculiX decks."""

@@ -1,0 +1,106 @@
+"""Everything about one finger in one grasp but the object: numerics, mesh, theta, setup and effects."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.records import Design, GraspSetup, Theta
+from models.simulation.actuation import Jaw
+from models.simulation.body.assembly import Material
+from models.simulation.body.elasticity import REFERENCE_MODULUS_MPA, MaterialLaw
+from models.simulation.contact.law import ContactLaw, PointSpacing
+from models.simulation.effects.base import Effect
+from models.simulation.mesh.build import IN_SECTION
+from models.simulation.mesh.plane import PlaneMesh
+from models.simulation.mesh.solid import SolidMesh
+from models.simulation.model import FingerModel, finger_model
+from models.simulation.section.model import SectionModel, section_model
+from models.simulation.solver.newton import NewtonSettings
+from models.simulation.solver.stepping import StepLimits
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """Everything numerical but the mesh: contact regularisation, contact points, step sizes, Newton's limits.
+
+    `material_law` is here because the laws agree at small strains and differ little in a grasp (notes/fem.md 1).
+    """
+
+    contact: ContactLaw = ContactLaw()
+    spacing: PointSpacing = PointSpacing()
+    limits: StepLimits = StepLimits()
+    newton: NewtonSettings = NewtonSettings()
+    material_law: MaterialLaw = "neo_hookean"
+
+
+# Points over the width cost most here, and tangents and factors least.
+SCREENING_NUMERICS = Numerics(spacing=PointSpacing(across_mm=0.5), newton=NewtonSettings(patience=6.0))
+
+
+@dataclass(frozen=True)
+class FingerProblem:
+    """Everything about one finger in one grasp. `mesh` is in the finger frame; forces at the reference modulus."""
+
+    mesh: SolidMesh | PlaneMesh
+    design: Design
+    theta: Theta
+    setup: GraspSetup
+    effects: tuple[Effect, ...] = ()
+    numerics: Numerics = Numerics()
+
+    @property
+    def jaw(self) -> Jaw:
+        """What holds the modelled part of the finger, at the reference modulus."""
+        # Of the real closing force of one jaw, what the model's force is multiplied with to become it.
+        scale = (2.0 if self.mesh.is_half else 1.0) * self.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
+        limit_n = min((effect.closing_force_limit_n() for effect in self.effects), default=np.inf)
+        compliance = sum(effect.base_compliance_mm_per_n() for effect in self.effects)
+        return Jaw(limit_n / scale, compliance * scale)
+
+    @property
+    def law(self) -> ContactLaw:
+        """The contact law with the adhesion of the effects, at the reference modulus."""
+        law = self.numerics.contact
+        adhesion_mpa = sum(effect.adhesion_mpa() for effect in self.effects)
+        scaled_mpa = adhesion_mpa * REFERENCE_MODULUS_MPA / self.theta.young_modulus_mpa
+        return replace(law, adhesion_mpa=law.adhesion_mpa + scaled_mpa)
+
+    @property
+    def finger_stop_mm(self) -> float:
+        """Where the plane that stands for the other finger is."""
+        return sum(effect.finger_stop_mm() for effect in self.effects)
+
+    @property
+    def material(self) -> Material:
+        """The elastic law with the effects, at the reference modulus."""
+        stiffening = sum(effect.strain_stiffening() for effect in self.effects)
+        return Material(REFERENCE_MODULUS_MPA, self.theta.poisson_ratio, self.numerics.material_law, stiffening)
+
+    def factors(self) -> list[np.ndarray] | None:
+        """Factors (m) of the effects on the modulus of every element, per kind; None if all are 1."""
+        is_plane = isinstance(self.mesh, PlaneMesh)
+        nodes = self.mesh.nodes if is_plane else self.mesh.nodes[:, IN_SECTION]
+        factors = []
+        for elements in self.mesh.connectivities:
+            middles, factor = nodes[elements].mean(axis=1), np.ones(len(elements))
+            for effect in self.effects:
+                factor *= effect.stiffness_factor(middles, self.design)
+            factors.append(factor)
+        return None if all((factor == 1.0).all() for factor in factors) else factors
+
+    def model(self) -> FingerModel | SectionModel:
+        """The finger's mechanics, shared by the grasps of a design."""
+        factors = self.factors() if self.effects else None
+        heights = {"height_mm": self.design.height_mm, "tip_below_mm": self.setup.tip_below_mm}
+        if isinstance(self.mesh, PlaneMesh):
+            return section_model(
+                self.mesh,
+                **heights,
+                material=self.material,
+                law=self.law,
+                spacing=self.numerics.spacing,
+                factors=factors,
+            )
+        return finger_model(
+            self.mesh, **heights, material=self.material, law=self.law, spacing=self.numerics.spacing, factors=factors
+        )

@@ -1,0 +1,1 @@
+"""Equilibrium: load steps, Newton, and the sparse Cholesky under it."""

@@ -1,0 +1,237 @@
+"""Newton's method with line search and a factor kept by secant corrections; equilibrium under dead loads."""
+
+import time
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+
+from models.errors import SimulationFailed
+from models.simulation.body.assembly import ElasticBody
+from models.simulation.solver.broyden import SecantMemory
+from models.simulation.solver.cholesky import BlockCholesky, LinearSolver
+
+MAX_SHIFTS = 8
+MAX_LINE_SEARCH = 8
+
+Outcome = Literal["converged", "no_convergence", "inverted_element", "indefinite"]
+
+
+class Problem(Protocol):
+    """Equations residual(u) = 0 in block rows (n, 3); u (n, 3) are the unknown positions."""
+
+    def residual(self, u: np.ndarray) -> np.ndarray | None:
+        """Out-of-balance force (n, 3) in N; None if an element is inverted."""
+        ...
+
+    def tangent(self, u: np.ndarray, blocks: np.ndarray) -> bool:
+        """Overwrite `blocks` (z, 3, 3) with minus the derivative of the residual; False if inverted."""
+        ...
+
+    def shift(self, blocks: np.ndarray, amount: float) -> None:
+        """Add a positive diagonal, `amount` times a natural scale of the problem."""
+        ...
+
+
+@dataclass(frozen=True)
+class NewtonSettings:
+    """Limits of one solve; forces at the reference modulus.
+
+    `patience`: a factor is kept, with secant corrections, while the present rate of convergence promises the end
+    within so many iterations; 0 is Newton's method proper. `max_move_mm` bounds the change of a position in one
+    iteration.
+    """
+
+    tolerance_n: float = 5e-3
+    max_iterations: int = 60
+    max_move_mm: float = 4.0
+    patience: float = 14.0
+
+
+@dataclass(frozen=True)
+class _Move:
+    """A step of the line search: the unknowns reached, their residual, and the multiple of the direction gone."""
+
+    u: np.ndarray
+    residual: np.ndarray
+    step: float
+
+
+class NewtonSolver:
+    """Newton's method that keeps its factor: quasi-Newton steps while they converge well, a new tangent when not.
+
+    One grasp, one solver: the factor and its corrections serve from one time step to the next. Counts the work done.
+    """
+
+    def __init__(
+        self, linear: LinearSolver, blocks: np.ndarray, settings: NewtonSettings, deadline: float = np.inf
+    ) -> None:
+        """`blocks` (z, 3, 3): storage of the tangent; `deadline` a time of `time.monotonic`."""
+        self.settings, self.deadline = settings, deadline
+        self.n_iterations = self.n_factorisations = 0
+        self._linear, self._blocks = linear, blocks
+        self._memory: SecantMemory | None = None
+        self._has_factor = False
+
+    def forget(self) -> None:
+        """Start the next solve with a new factor."""
+        self._has_factor = False
+
+    def solve(self, problem: Problem, u: np.ndarray) -> Outcome:
+        """Move u (n, 3) in place to equilibrium.
+
+        Raises:
+            SimulationFailed: `time_out` when `deadline` (of `time.monotonic`) has passed.
+        """
+        residual = problem.residual(u)
+        if residual is None:
+            return "inverted_element"
+        memory = self._begin(u.size)
+        sizes, step, is_slow = [float(np.linalg.norm(residual))], 1.0, False
+        for _ in range(self.settings.max_iterations):
+            if sizes[-1] < self.settings.tolerance_n:
+                return "converged"
+            self._check_deadline()
+            self.n_iterations += 1
+            direction = None if is_slow else self._corrected(memory, residual, step)
+            is_fresh = direction is None
+            if direction is None:
+                outcome = self._factorise(problem, u)
+                if outcome != "converged":
+                    return outcome
+                memory.clear()
+                sizes = sizes[-1:]
+                direction = memory.direction(self._linear.solve(residual), residual, step)
+            move = self._search(problem, u, residual, direction)
+            if move is None:
+                if is_fresh:
+                    return "inverted_element"
+                is_slow = True
+                continue
+            u[:], residual, step = move.u, move.residual, move.step
+            sizes.append(float(np.linalg.norm(residual)))
+            is_slow = self._iterations_ahead(sizes) > self.settings.patience
+        return "converged" if sizes[-1] < self.settings.tolerance_n else "no_convergence"
+
+    def _begin(self, size: int) -> SecantMemory:
+        if self._memory is None:
+            self._memory = SecantMemory(size)
+        self._memory.begin()
+        return self._memory
+
+    def _corrected(self, memory: SecantMemory, residual: np.ndarray, step: float) -> np.ndarray | None:
+        """Direction by the old factor and its corrections; None without a factor, or if it leads uphill."""
+        if not self._has_factor:
+            return None
+        direction = memory.direction(self._linear.solve(residual), residual, step)
+        return direction if float(np.vdot(direction, residual)) > 0.0 else None
+
+    def _iterations_ahead(self, sizes: list[float]) -> float:
+        """Iterations to the tolerance at the mean rate of the last two, from the residuals since the factor."""
+        n = min(len(sizes) - 1, 2)
+        rate = (sizes[-1] / sizes[-1 - n]) ** (1.0 / n)
+        if rate >= 1.0:
+            return np.inf
+        return max(float(np.log(self.settings.tolerance_n / sizes[-1]) / np.log(rate)), 0.0)
+
+    def _check_deadline(self) -> None:
+        if time.monotonic() > self.deadline:
+            raise SimulationFailed(
+                "The grasp simulation ran past its wall-clock limit; raise `deadline_s` or use a coarser mesh.",
+                reason="time_out",
+            )
+
+    def _factorise(self, problem: Problem, u: np.ndarray) -> Outcome:
+        """Factorise the tangent, made positive definite by a growing diagonal if it is not."""
+        self.n_factorisations += 1
+        if not problem.tangent(u, self._blocks):
+            return "inverted_element"
+        self._has_factor = self._linear.factorise(self._blocks)
+        added = 0.0
+        for k in range(MAX_SHIFTS):
+            if self._has_factor:
+                return "converged"
+            wanted = 3.0 * 4.0**k
+            problem.shift(self._blocks, wanted - added)
+            added = wanted
+            self._has_factor = self._linear.factorise(self._blocks)
+        return "converged" if self._has_factor else "indefinite"
+
+    def _search(self, problem: Problem, u: np.ndarray, residual: np.ndarray, direction: np.ndarray) -> _Move | None:
+        """Step along the direction to where its work vanishes, near enough; None if every step inverts."""
+        largest = float(np.abs(direction).max())
+        step = min(1.0, self.settings.max_move_mm / max(largest, 1e-12))
+        slope, size = float(np.vdot(direction, residual)), float(np.linalg.norm(residual))
+        best: _Move | None = None
+        for _ in range(MAX_LINE_SEARCH):
+            candidate = u + step * direction
+            new = problem.residual(candidate)
+            if new is None:
+                step *= 0.4
+                continue
+            best = _Move(candidate, new, step)
+            work = float(np.vdot(direction, new))
+            is_shorter = float(np.linalg.norm(new)) <= 0.5 * size
+            if is_shorter or abs(work) <= 0.6 * abs(slope) or work * slope > 0.0:
+                break
+            step *= min(max(slope / (slope - work), 0.1), 0.8)
+        return best
+
+
+class DeadLoad:
+    """Static equilibrium of a body under nodal forces."""
+
+    def __init__(self, body: ElasticBody, nodes: np.ndarray, load: np.ndarray) -> None:
+        """`nodes` (n, 3) undeformed, `load` (n, 3) in N."""
+        self._body, self._load, self._x = body, load, nodes.copy()
+        self._free = body.row_of_node >= 0
+        self._rows = body.row_of_node[self._free]
+
+    def positions(self, u: np.ndarray) -> np.ndarray:
+        """All nodes (n, 3) from the unknown rows."""
+        x = self._x.copy()
+        x[self._free] = u[self._rows]
+        return x
+
+    def unknowns(self) -> np.ndarray:
+        """Rows of the undeformed nodes."""
+        u = np.zeros((self._body.pattern.n, 3))
+        u[self._rows] = self._x[self._free]
+        return u
+
+    def residual(self, u: np.ndarray) -> np.ndarray | None:
+        """See `Problem`."""
+        force = self._body.force(self.positions(u))
+        if force is None:
+            return None
+        balance = self._load - force
+        balance[self._body.mesh.symmetry_nodes, 1] = 0.0
+        rows = np.zeros((self._body.pattern.n, 3))
+        rows[self._rows] = balance[self._free]
+        return rows
+
+    def tangent(self, u: np.ndarray, blocks: np.ndarray) -> bool:
+        """See `Problem`."""
+        force = self._body.stiffness(self.positions(u), blocks)
+        self._body.apply_symmetry(blocks)
+        return force is not None
+
+    def shift(self, blocks: np.ndarray, amount: float) -> None:
+        """See `Problem`; in units of 1e-3 N/mm."""
+        blocks[self._body.pattern.indptr[:-1]] += 1e-3 * amount * np.eye(3)
+
+
+def solve_dead_load(body: ElasticBody, nodes: np.ndarray, load: np.ndarray, tolerance_n: float = 1e-9) -> np.ndarray:
+    """Displacements (n, 3) in mm under nodal forces `load` (n, 3) in N.
+
+    Raises:
+        SimulationFailed: the outcome of the Newton solve, when it did not converge.
+    """
+    problem = DeadLoad(body, nodes, load)
+    blocks = np.zeros((len(body.pattern.indices), 3, 3))
+    settings = NewtonSettings(tolerance_n=tolerance_n, max_iterations=200, patience=0.0)
+    u = problem.unknowns()
+    outcome = NewtonSolver(BlockCholesky(body.pattern), blocks, settings).solve(problem, u)
+    if outcome != "converged":
+        raise SimulationFailed(f"No equilibrium under the dead load ({outcome}); apply it in parts.", reason=outcome)
+    return problem.positions(u) - nodes

@@ -1,0 +1,74 @@
+"""Features of many traces in one compiled pass, with names and checks around it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.errors import UsageError
+from models.records import Trace
+from models.traces.kernel import features_of_flat
+from models.traces.names import FEATURES, MIN_LIFT_MM
+
+
+@dataclass(frozen=True, eq=False)
+class TraceFeatures:
+    """Features of n traces in the order and the units of `FEATURES`: what a trace does not show is NaN.
+
+    `values`: n x len(FEATURES). `profile_n`: n x N_PROFILE mean forces over steps of lift, zero beyond the trace.
+    """
+
+    values: np.ndarray
+    profile_n: np.ndarray
+
+    @property
+    def is_usable(self) -> np.ndarray:
+        """Which traces lift by `MIN_LIFT_MM` or more (n); the others have no features."""
+        return ~np.isnan(self.values[:, 0])
+
+    def column(self, name: str) -> np.ndarray:
+        """One feature of all traces (n)."""
+        return np.asarray(self.values[:, FEATURES.index(name)])
+
+    def row(self, place: int) -> dict[str, float | None]:
+        """Features of one trace by name; None where it does not show one."""
+        values = self.values[place].tolist()
+        return {name: None if value != value else value for name, value in zip(FEATURES, values, strict=True)}
+
+
+def features_of_samples(lift_mm: np.ndarray, force_n: np.ndarray, offsets: np.ndarray) -> TraceFeatures:
+    """Features of traces laid end to end: samples of trace i are `offsets[i]` to `offsets[i + 1]`, as in Arrow lists.
+
+    Raises:
+        UsageError: there is no trace, or the offsets do not fit the samples.
+    """
+    if len(offsets) < 2:
+        raise UsageError("no trace was given, and features need one at least; measure or import grasps first.")
+    steps = np.diff(offsets)
+    if len(lift_mm) != len(force_n) or offsets[0] < 0 or (steps < 0).any() or offsets[-1] > len(lift_mm):
+        raise UsageError(
+            f"offsets {offsets[0]} to {offsets[-1]} do not divide {len(lift_mm)} lifts and {len(force_n)} forces into "
+            "traces; give n + 1 growing places for n traces."
+        )
+    channels = (np.ascontiguousarray(channel, dtype=np.float64) for channel in (lift_mm, force_n))
+    return TraceFeatures(*features_of_flat(*channels, np.ascontiguousarray(offsets, dtype=np.int64)))
+
+
+def features_of(traces: Sequence[Trace]) -> TraceFeatures:
+    """Features of traces, each of which must show a lift.
+
+    Raises:
+        UsageError: there is no trace, or one lifts less than `MIN_LIFT_MM`.
+    """
+    offsets = np.cumsum([0, *(len(trace.lift_mm) for trace in traces)])
+    lifts, forces = [trace.lift_mm for trace in traces], [trace.force_n for trace in traces]
+    empty: list[np.ndarray] = [np.zeros(0)]
+    found = features_of_samples(np.concatenate(empty + lifts), np.concatenate(empty + forces), offsets)
+    without = np.flatnonzero(~found.is_usable)
+    if without.size:
+        lifted_mm = max(float(lifts[without[0]].max(initial=0.0)), 0.0)
+        raise UsageError(
+            f"trace {without[0]} of {len(traces)} lifts by {lifted_mm:.3g} mm, a pull-off needs {MIN_LIFT_MM:g} mm; "
+            "leave that grasp out."
+        )
+    return found

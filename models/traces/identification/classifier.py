@@ -1,0 +1,91 @@
+"""Object, class and orientation of an object from the inputs of a trace."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from models.errors import UsageError
+from models.objects.catalogue import OBJECTS
+from models.traces.identification.kinds import SIDES, SIDES_OF_OBJECTS
+
+N_OBJECTS = len(OBJECTS)
+CLASSES: tuple[str, ...] = tuple(dict.fromkeys(obj.object_class for obj in OBJECTS))
+ORIENTATIONS: tuple[str, ...] = tuple(dict.fromkeys(obj.orientation for obj in OBJECTS))
+N_TREES = 300
+SHARE_OF_INPUTS = 0.3  # that a split chooses from
+LEAST_PROBABILITY = 1e-3  # of an object that no tree voted for: one grasp never rules an object out
+
+_CLASS_OF = np.array([CLASSES.index(obj.object_class) for obj in OBJECTS])
+_ORIENTATION_OF = np.array([ORIENTATIONS.index(obj.orientation) for obj in OBJECTS])
+
+
+@dataclass(frozen=True, eq=False)
+class Beliefs:
+    """Probabilities (n x 36) of the objects of the catalogue for n grasps."""
+
+    objects: np.ndarray
+
+    @cached_property
+    def classes(self) -> np.ndarray:
+        """Probabilities (n x len(CLASSES)): sums over the objects of a class."""
+        return _summed(self.objects, _CLASS_OF, len(CLASSES))
+
+    @cached_property
+    def orientations(self) -> np.ndarray:
+        """Probabilities (n x len(ORIENTATIONS)): sums over the objects in an orientation."""
+        return _summed(self.objects, _ORIENTATION_OF, len(ORIENTATIONS))
+
+    @cached_property
+    def sides(self) -> np.ndarray:
+        """Probabilities (n x len(SIDES)): sums over the objects with these sides."""
+        return _summed(self.objects, SIDES_OF_OBJECTS, len(SIDES))
+
+    def combined(self) -> "Beliefs":
+        """What all rows together say of one object (1 x 36): the product of independent rows, with equal priors."""
+        log = np.log(np.maximum(self.objects, LEAST_PROBABILITY)).sum(axis=0)
+        odds = np.exp(log - log.max())
+        return Beliefs((odds / odds.sum())[None])
+
+
+def truth_of(object_id: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns (n) of the true object in each array of `Beliefs`, by its name."""
+    return {
+        "objects": object_id,
+        "classes": _CLASS_OF[object_id],
+        "orientations": _ORIENTATION_OF[object_id],
+        "sides": SIDES_OF_OBJECTS[object_id],
+    }
+
+
+def _summed(objects: np.ndarray, group: np.ndarray, n_groups: int) -> np.ndarray:
+    return np.asarray(objects @ (group[:, None] == np.arange(n_groups)))
+
+
+def train(inputs: np.ndarray, object_id: np.ndarray, seed: int = 0) -> "Identifier":
+    """Identifier from grasps of known objects: inputs (n x len(INPUTS)) and their objects (n).
+
+    Raises:
+        UsageError: fewer than two objects, which leave nothing to tell apart.
+    """
+    n_objects = len(np.unique(object_id))
+    if n_objects < 2:
+        raise UsageError(f"grasps of {n_objects} object were given, and telling objects apart needs 2; measure more.")
+    from sklearn.ensemble import ExtraTreesClassifier
+
+    trees = ExtraTreesClassifier(N_TREES, max_features=SHARE_OF_INPUTS, random_state=seed)
+    return Identifier(trees.fit(inputs, object_id))
+
+
+@dataclass(frozen=True, eq=False)
+class Identifier:
+    """A trained classifier; `classifier` is scikit-learn's."""
+
+    classifier: Any
+
+    def beliefs(self, inputs: np.ndarray) -> Beliefs:
+        """Probabilities of all objects for n grasps; zero for an object that was not among those it learnt from."""
+        objects = np.zeros((len(inputs), N_OBJECTS))
+        objects[:, self.classifier.classes_] = self.classifier.predict_proba(inputs)
+        return Beliefs(objects)

@@ -1,0 +1,1 @@
+"""Work at the bench: print a batch, measure grasps, check the bench."""

@@ -1,0 +1,1 @@
+"""Calibration on the lake's data: read it, infer theta, keep the result."""

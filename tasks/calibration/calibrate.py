@@ -1,0 +1,179 @@
+"""Infer theta from what a calibration compares, and write what was found: calibration, draws, simulator version."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from lake.provenance import Provenance, current_provenance
+from lake.store import Lake
+from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow
+from lake.tables.row import Row
+from lake.tables.rows_of import missing_version_rows
+from models.calibration.inference.outcome import refusal, theta_of, worst
+from models.calibration.inference.result import CalibrationResult
+from models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings
+from models.calibration.inference.summary import theta_summary
+from models.calibration.means.problem import THETA
+from models.ids import canonical_json, content_id
+from models.records import SimulatorVersion
+from tasks.calibration.drift import drift_warnings, theta_history
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """What a calibration found: draws, the simulator to build on them, and columns of `calibrations` of its own."""
+
+    result: CalibrationResult
+    version: SimulatorVersion | None
+    columns: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationSource(ABC):
+    """Everything that decides a calibration but its settings, of whatever kind of data."""
+
+    data: ClassVar[Literal["design_mean", "trace"]]
+
+    campaign_id: str | None
+    base: SimulatorVersion
+
+    @property
+    @abstractmethod
+    def grasp_ids(self) -> tuple[str, ...]:
+        """Ids of the grasps that went in."""
+
+    @property
+    @abstractmethod
+    def simulation_ids(self) -> tuple[str, ...]:
+        """Ids of the simulations that went in."""
+
+    @property
+    @abstractmethod
+    def warnings(self) -> tuple[str, ...]:
+        """What was left out."""
+
+    @property
+    @abstractmethod
+    def summary(self) -> str:
+        """How much there is to learn from."""
+
+    @abstractmethod
+    def learn(self, settings: CalibrationSettings, progress: Progress | None) -> Learned:
+        """Infer theta.
+
+        Raises:
+            UsageError: there is too little to learn from.
+        """
+
+    @property
+    def row_ids(self) -> list[str]:
+        """Ids of the grasps and simulations that went in."""
+        return [*self.grasp_ids, *self.simulation_ids]
+
+    def calibration_id(self, settings: CalibrationSettings) -> str:
+        """Id of the calibration of these data with these settings."""
+        text = settings_text(settings)
+        return CalibrationRow.make_id(self.base.version_id, self.data, self.row_ids, text, settings.seed)
+
+
+def settings_text(settings: CalibrationSettings) -> str:
+    """Settings that decide the result, as JSON; the seed has a column of its own, processes change nothing."""
+    return canonical_json(settings.model_dump(mode="json", exclude={"workers", "seed"}))
+
+
+def find_calibration(lake: Lake, calibration_id: str) -> CalibrationRow | None:
+    """The calibration with this id, if the lake has it."""
+    found = lake.records(CalibrationRow, calibration_id=calibration_id)
+    return found[-1] if found else None
+
+
+def infer(
+    lake: Lake, data: CalibrationSource, settings: CalibrationSettings, progress: Progress | None = None
+) -> tuple[CalibrationRow, CalibrationResult]:
+    """Infer theta and write calibration, draws and, if the draws can be trusted, a simulator version.
+
+    The version is the base with the medians of theta. Drift since the calibration before, of the same kind of data, is
+    a warning. The draws are written first: a killed process leaves draws without a calibration, which the next call
+    replaces.
+
+    Raises:
+        UsageError: there is too little to learn from.
+    """
+    learned = data.learn(settings, progress)
+    result, version = learned.result, learned.version
+    calibration_id = data.calibration_id(settings)
+    provenance = current_provenance(content_id("H", settings_text(settings)), settings.seed)
+    lake.append(draw_rows(calibration_id, result), provenance)
+    if version is not None:
+        version_rows = missing_version_rows(lake, version)
+        if version_rows:
+            lake.append(version_rows, _with_parents(provenance, [calibration_id]))
+    history = theta_history(lake, data.base.version_id, data.campaign_id, data.data)
+    can_drift = version is not None and result.method != WITH_EFFECTS
+    drift = drift_warnings(history, theta_summary(result)) if can_drift else ()
+    row = _row(calibration_id, data, settings, learned, drift)
+    lake.append([row], _with_parents(provenance, data.row_ids))
+    return row, result
+
+
+def new_version(base: SimulatorVersion, result: CalibrationResult) -> SimulatorVersion | None:
+    """The simulator with the theta that was found, or None where nothing may be built on the draws."""
+    if refusal(result):
+        return None
+    return base.model_copy(update={"theta": theta_of(theta_summary(result))})
+
+
+def draw_rows(calibration_id: str, result: CalibrationResult) -> list[Row]:
+    """A row for each parameter and chain."""
+    return [
+        PosteriorDrawsRow.of(calibration_id, chain, name, result.draws[chain, :, place])
+        for chain in range(result.draws.shape[0])
+        for place, name in enumerate(result.names)
+    ]
+
+
+def _with_parents(provenance: Provenance, parents: list[str]) -> Provenance:
+    return provenance.model_copy(update={"parents": tuple(parents)})
+
+
+def _row(
+    calibration_id: str,
+    data: CalibrationSource,
+    settings: CalibrationSettings,
+    learned: Learned,
+    drift: tuple[str, ...],
+) -> CalibrationRow:
+    result, version = learned.result, learned.version
+    summary = theta_summary(result)
+    r_hat, ess = worst(result)
+    unit = {"young_modulus_mpa": "_mpa"}
+    table_2 = {
+        f"{name.removesuffix('_mpa')}_{column}{unit.get(name, '')}": getattr(summary[name], column)
+        for name in THETA
+        for column in ("mean", "sd", "q05", "median", "q95", "mode")
+    }
+    return CalibrationRow(
+        calibration_id=calibration_id,
+        campaign_id=data.campaign_id,
+        base_version_id=data.base.version_id,
+        version_id=version.version_id if version is not None else None,
+        data=data.data,
+        status="ok" if version is not None else "failed",
+        reason=refusal(result),
+        n_chains=result.draws.shape[0],
+        n_draws=result.draws.shape[1],
+        n_tune=settings.tune,
+        sampler=result.method,
+        settings_json=settings_text(settings),
+        **table_2,
+        r_hat_max=r_hat,
+        ess_bulk_min=ess,
+        n_divergences=result.n_divergences,
+        k_hat=result.k_hat,
+        **learned.columns,
+        warnings=(*data.warnings, *result.warnings, *drift),
+        cpu_s=result.cpu_s,
+    )

@@ -1,0 +1,313 @@
+"""What a calibration compares, from the lake: measured tools, and simulated designs with a theta of their own."""
+
+import tomllib
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lake.handoff.campaign import is_imported
+from lake.store import Lake
+from lake.tables.campaign import CalibrationRow, CampaignRow, SimulatorVersionRow, ToolRow
+from models.calibration.means.problem import MIN_DESIGNS, CalibrationProblem
+from models.calibration.traces.theta_grid import ThetaGrid
+from models.design.space import to_unit
+from models.errors import UsageError
+from models.gap.bank.plan import CENTRE
+from models.ids import canonical_json
+from models.records import Design, GraspSetup, SimulatorVersion
+from models.scientist.surrogate.imputation import mean_over_objects
+from models.simulation.effects.scaling import scales_with_modulus
+from models.validation import closest, load_record
+from tasks.campaign.config import CampaignConfig
+from tasks.campaign.state import THICKNESSES, ProposedTool, load_designs, tuples
+
+LEAST_SHARE = 0.5  # of the objects a tool must have been measured on to count
+
+
+class TooLittleDataError(UsageError):
+    """The lake has not enough yet to calibrate with; later it may."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredTools:
+    """Measured tools, in the order in which they were first measured.
+
+    points: m x 9, the fingers as they were printed, in the unit cube. forces_n: m x n_objects, mean peak over the
+    repeats, NaN where there is none. `design_ids`: m, what each tool was printed from.
+    """
+
+    campaign_ids: tuple[str, ...]
+    setup: GraspSetup
+    object_ids: tuple[int, ...]
+    tool_ids: tuple[str, ...]
+    designs: tuple[Design, ...]
+    design_ids: tuple[str, ...]
+    points: np.ndarray
+    forces_n: np.ndarray
+    grasp_ids: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedPoints:
+    """Designs simulated at thetas of their own. points: n x 9. theta: n x 3. forces_n: n x n_objects, NaN if failed."""
+
+    points: np.ndarray
+    theta: np.ndarray
+    forces_n: np.ndarray
+    simulation_ids: tuple[str, ...]
+
+
+def measured_tools(lake: Lake, campaign_id: str | None, only: Collection[str] | None = None) -> MeasuredTools:
+    """The measured tools of a campaign, or of the whole lake; by grasps with these ids, if some are given.
+
+    Raises:
+        TooLittleDataError: nothing, or of too few tools, was measured.
+        UsageError: what was measured cannot be compared with one simulator.
+    """
+    where = f"campaign {campaign_id}" if campaign_id else f"the lake {lake.address}"
+    sql = f"""SELECT grasp_id, campaign_id, tool_id, design_id, object_id, peak_force_n, setup_id, setup_json,
+            bench || ' ' || coalesce(world_hash, '') FROM grasps
+        WHERE status = 'ok' {"AND campaign_id = ?" if campaign_id else ""}
+        ORDER BY created_at, started_at, tool_id, grasp_id"""
+    rows = [row for row in tuples(lake, sql, *([campaign_id] if campaign_id else [])) if only is None or row[0] in only]
+    if not rows:
+        raise TooLittleDataError(
+            f"{where} has no measured grasps, so there is nothing to calibrate with; measure tools with "
+            "`fast campaign run` or import data with `fast lake import`."
+        )
+    grasp_ids, campaigns, tools, designs, objects, peaks_n, setups, setup_texts, benches = map(
+        list, zip(*rows, strict=True)
+    )
+    _require_one("grasp setups", setups, where)
+    _require_one("benches", benches, where)
+    object_ids = _common_objects(campaigns, objects)
+    forces_n = _mean_table(tools, objects, peaks_n, object_ids)
+    tool_ids = list(dict.fromkeys(tools))
+    is_enough = np.isfinite(forces_n).mean(axis=1) >= LEAST_SHARE
+    kept = [tool_id for tool_id, enough in zip(tool_ids, is_enough, strict=True) if enough]
+    left_out = [tool_id for tool_id in tool_ids if tool_id not in set(kept)]
+    design_of = dict(zip(tools, designs, strict=True))
+    design_ids = tuple(design_of[tool_id] for tool_id in kept)
+    found = _designs(lake, design_ids)
+    if len(kept) < MIN_DESIGNS:
+        raise TooLittleDataError(
+            f"{where} has {len(kept)} measured tools, a calibration needs at least {MIN_DESIGNS}; measure more."
+        )
+    return MeasuredTools(
+        campaign_ids=tuple(dict.fromkeys(campaigns)),
+        setup=GraspSetup.model_validate_json(setup_texts[0]),
+        object_ids=object_ids,
+        tool_ids=tuple(kept),
+        designs=tuple(found),
+        design_ids=design_ids,
+        points=_printed_points(lake, kept, found),
+        forces_n=forces_n[is_enough],
+        grasp_ids=tuple(g for g, tool_id in zip(grasp_ids, tools, strict=True) if tool_id in set(kept)),
+        warnings=_left_out_warning(left_out),
+    )
+
+
+def base_version(lake: Lake, campaign_ids: Iterable[str], version_id: str | None) -> SimulatorVersion:
+    """The simulator that is to be calibrated: the one asked for, else the one that these campaigns consult.
+
+    Imported campaigns consult none; with them alone it is the program's own.
+
+    Raises:
+        UsageError: there is no such version, or campaigns consult simulators that differ in more than theta.
+    """
+    if version_id is not None:
+        rows = {row.version_id: row for row in lake.records(SimulatorVersionRow) if row.tier != "imported"}
+        if version_id not in rows:
+            raise UsageError(
+                f"simulator version `{version_id}` is not in {lake.address}; {closest(version_id, list(rows))}"
+            )
+        return rows[version_id].version
+    versions = _consulted(lake, set(campaign_ids))
+    if len({family(version) for version in versions.values()}) > 1:
+        raise UsageError(
+            f"campaigns {', '.join(versions)} consult simulators that differ in more than theta; "
+            "give one --campaign or the --version to calibrate."
+        )
+    return list(versions.values())[-1] if versions else SimulatorVersion()
+
+
+def family(version: SimulatorVersion) -> str:
+    """Everything of a simulator version but theta: versions of one family differ in theta alone."""
+    return canonical_json(version.model_dump(exclude={"theta"}))
+
+
+def simulated_points(
+    lake: Lake, base: SimulatorVersion, measured: MeasuredTools, only: Collection[str] | None = None
+) -> SimulatedPoints:
+    """Designs simulated by the family of `base` on the measured objects, each with a theta that was drawn.
+
+    By simulations with these ids, if some are given.
+
+    Versions that somebody believes in (campaigns consult them, calibrations found them) are left out: what is simulated
+    with them grows with every calibration. So are those of the grid of a calibration on traces and of the bank of a gap
+    search, which are measured designs at a dozen thetas, and designs that miss an object, and those that failed on all.
+
+    Raises:
+        TooLittleDataError: there are none.
+    """
+    versions = _drawn_versions(lake, base)
+    sql = f"""SELECT simulation_id, version_id || '/' || design_id, design_id, version_id, object_id,
+            CASE WHEN status = 'ok' THEN peak_force_n END FROM simulations
+        WHERE setup_id = ? AND object_id IN ({", ".join(map(str, measured.object_ids))})
+        ORDER BY version_id, design_id, object_id"""
+    rows = [row for row in tuples(lake, sql, measured.setup.setup_id) if row[3] in versions]
+    rows = [row for row in rows if only is None or row[0] in only]
+    n_of: dict[str, int] = {}
+    for row in rows:
+        n_of[row[1]] = n_of.get(row[1], 0) + 1
+    rows = [row for row in rows if n_of[row[1]] == len(measured.object_ids)]
+    if not rows:
+        raise TooLittleDataError(_nothing_simulated(lake, base, measured))
+    simulation_ids, keys, designs, version_ids, objects, peaks_n = map(list, zip(*rows, strict=True))
+    forces_n = _mean_table(keys, objects, peaks_n, measured.object_ids)
+    has_value = np.isfinite(forces_n).any(axis=1)
+    first = [keys.index(key) for key in dict.fromkeys(keys)]
+    known = load_designs(lake)
+    theta = np.array([list(versions[version_ids[i]].theta.model_dump().values()) for i in first])
+    return SimulatedPoints(
+        points=to_unit([known[designs[i]] for i in first])[has_value],
+        theta=theta[has_value],
+        forces_n=forces_n[has_value],
+        simulation_ids=tuple(simulation_ids),
+    )
+
+
+def problem_of(
+    measured: MeasuredTools, simulated: SimulatedPoints, base: SimulatorVersion, print_scatter: float = 0.0
+) -> CalibrationProblem:
+    """Means over the objects, with the paper's rule for missing ones.
+
+    `print_scatter`, relative, adds to the variance of a measured mean what the stiffness of prints scatters: force is
+    proportional to it, so the strongest tools are the least certain.
+
+    Where forces scale with Young's modulus, simulated ones are imputed in N per MPa: over designs of 2 to 200 MPa, the
+    mean force of an object says little of a missing one.
+
+    Raises:
+        UsageError: there is too little to learn from.
+    """
+    scales = scales_with_modulus(base)
+    modulus_mpa = simulated.theta[:, 0] if scales else np.ones(len(simulated.theta))
+    y_sim, variance_sim = mean_over_objects(simulated.forces_n / modulus_mpa[:, None])
+    y_real, variance_real = mean_over_objects(measured.forces_n)
+    return CalibrationProblem(
+        x_sim=simulated.points,
+        theta_sim=simulated.theta,
+        y_sim=y_sim * modulus_mpa,
+        variance_sim=variance_sim * modulus_mpa**2,
+        x_real=measured.points,
+        y_real=y_real,
+        variance_real=variance_real + (print_scatter * y_real) ** 2,
+        scales_with_modulus=scales,
+    )
+
+
+def _require_one(what: str, values: Sequence[str], where: str) -> None:
+    found = list(dict.fromkeys(values))
+    if len(found) > 1:
+        raise UsageError(
+            f"{where} has measurements of {len(found)} {what} ({', '.join(name.strip() for name in found)}), which one "
+            "calibration cannot compare; give one --campaign that has a single one."
+        )
+
+
+def _common_objects(campaigns: Sequence[str], objects: Sequence[int]) -> tuple[int, ...]:
+    """The objects that every campaign measured.
+
+    Raises:
+        UsageError: campaigns measured different ones, so that their means differ by more than the tools.
+    """
+    by_campaign: dict[str, set[int]] = {}
+    for campaign, object_id in zip(campaigns, objects, strict=True):
+        by_campaign.setdefault(campaign, set()).add(object_id)
+    if len({frozenset(found) for found in by_campaign.values()}) > 1:
+        counts = ", ".join(f"{name}: {len(found)}" for name, found in by_campaign.items())
+        raise UsageError(f"campaigns were measured on different objects ({counts}); give one --campaign.")
+    return tuple(sorted(set(objects)))
+
+
+def _mean_table(
+    keys: Sequence[str], objects: Sequence[int], forces_n: Sequence[float | None], object_ids: Sequence[int]
+) -> np.ndarray:
+    """Mean force of each key (in order of appearance) on each object, N, NaN where there is none."""
+    row_of = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+    column_of = {object_id: i for i, object_id in enumerate(object_ids)}
+    total, count = np.zeros((2, len(row_of), len(column_of)))
+    for key, object_id, force_n in zip(keys, objects, forces_n, strict=True):
+        if force_n is not None:
+            total[row_of[key], column_of[object_id]] += force_n
+            count[row_of[key], column_of[object_id]] += 1
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _designs(lake: Lake, design_ids: Sequence[str]) -> list[Design]:
+    known = load_designs(lake)
+    unknown = [design_id for design_id in dict.fromkeys(design_ids) if design_id not in known]
+    if unknown:
+        raise UsageError(
+            f"{len(unknown)} measured designs ({', '.join(unknown[:3])}) are not in the table of designs, so their "
+            "nine parameters are unknown; import them with their designs.csv."
+        )
+    return [known[design_id] for design_id in design_ids]
+
+
+def _printed_points(lake: Lake, tool_ids: Sequence[str], designs: Sequence[Design]) -> np.ndarray:
+    """Fingers as they were printed, m x 9: thicknesses as measured where a person measured them."""
+    printed = {row["tool_id"]: row for row in lake.rows(ToolRow, tool_id=list(tool_ids))}
+    points = []
+    for tool_id, design in zip(tool_ids, designs, strict=True):
+        said = printed.get(tool_id, {})
+        thicknesses = {name: said.get(f"measured_{name}") for name in THICKNESSES}
+        measured_mm = {name: value for name, value in thicknesses.items() if value is not None}
+        points.append(ProposedTool(tool_id, 0, 0, design, measured_mm=measured_mm).mounted_point)
+    return np.array(points)
+
+
+def _left_out_warning(tool_ids: Sequence[str]) -> tuple[str, ...]:
+    if not tool_ids:
+        return ()
+    words = f"tool {tool_ids[0]} is" if len(tool_ids) == 1 else f"{len(tool_ids)} tools ({tool_ids[0]}, ...) are"
+    return (f"{words} measured on fewer than half of the objects and left out.",)
+
+
+def _consulted(lake: Lake, campaign_ids: set[str]) -> dict[str, SimulatorVersion]:
+    """The simulator in the config of each campaign that has one, oldest first."""
+    found = {}
+    for row in lake.records(CampaignRow):
+        if row.campaign_id in campaign_ids and not is_imported(row.config_toml):
+            source = f"stored config of {row.campaign_id}"
+            found[row.campaign_id] = load_record(
+                CampaignConfig, tomllib.loads(row.config_toml), source
+            ).simulator.version
+    return found
+
+
+def _drawn_versions(lake: Lake, base: SimulatorVersion) -> dict[str, SimulatorVersion]:
+    """Simulator versions whose theta was drawn for a calibration: of no belief, no grid of traces, no bank of a gap."""
+    believed = [base, *_consulted(lake, {row.campaign_id for row in lake.records(CampaignRow)}).values()]
+    calibrated = {row.version_id for row in lake.records(CalibrationRow)}
+    rows = lake.records(SimulatorVersionRow, tier=base.tier)
+    # By theta, not id: held-out grasps are also simulated with a calibrated theta less some of its effects.
+    known = {*ThetaGrid().thetas, CENTRE} | {version.theta for version in believed}
+    known |= {row.version.theta for row in rows if row.version_id in calibrated}
+    wanted = family(base)
+    return {
+        row.version_id: row.version for row in rows if row.version.theta not in known and family(row.version) == wanted
+    }
+
+
+def _nothing_simulated(lake: Lake, base: SimulatorVersion, measured: MeasuredTools) -> str:
+    versions = [row.version for row in lake.records(SimulatorVersionRow) if row.tier != "imported"]
+    n_others = sum(family(version) != family(base) for version in versions)
+    others = f" ({n_others} simulator versions of another mesh, tier or effect are there)" if n_others else ""
+    return (
+        f"{lake.address} has no design that is simulated with a theta of its own on the {len(measured.object_ids)} "
+        f"measured objects, grasped alike, by the simulator of {base.version_id}{others}; add --simulate 100."
+    )

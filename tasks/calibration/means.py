@@ -1,0 +1,156 @@
+"""Calibration on mean forces of what the lake has: what it compares, and how well it predicts held-out designs."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from lake.store import Lake
+from lake.tables.campaign import CalibrationRow, SimulatorVersionRow
+from models.calibration.inference.result import CalibrationResult
+from models.calibration.inference.settings import CalibrationSettings
+from models.calibration.means.held_out import Score, emulate, is_held_out, score
+from models.calibration.means.problem import CalibrationProblem
+from models.errors import UsageError
+from models.records import SimulatorVersion
+from tasks.calibration.calibrate import CalibrationSource, Learned, Progress, new_version
+from tasks.calibration.mean_data import (
+    MeasuredTools,
+    SimulatedPoints,
+    base_version,
+    measured_tools,
+    problem_of,
+    simulated_points,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationData(CalibrationSource):
+    """Mean forces of measured tools and simulated designs; the seed of the settings draws the held-out designs."""
+
+    data = "design_mean"
+
+    measured: MeasuredTools
+    simulated: SimulatedPoints
+    problem: CalibrationProblem
+    held_out: np.ndarray
+
+    @cached_property
+    def fitted(self) -> CalibrationProblem:
+        """The problem without the held-out designs.
+
+        Raises:
+            UsageError: too few designs are left.
+        """
+        return self.problem.take_real(~self.held_out)
+
+    @property
+    def grasp_ids(self) -> tuple[str, ...]:
+        """Ids of the grasps that went in."""
+        return self.measured.grasp_ids
+
+    @property
+    def simulation_ids(self) -> tuple[str, ...]:
+        """Ids of the simulations that went in."""
+        return self.simulated.simulation_ids
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Tools that were left out."""
+        return self.measured.warnings
+
+    @property
+    def summary(self) -> str:
+        """How much there is to learn from."""
+        return (
+            f"{self.fitted.n_sim} simulated designs, {self.fitted.n_real} measured tools to learn from, "
+            f"{int(self.held_out.sum())} held out"
+        )
+
+    def learn(self, settings: CalibrationSettings, progress: Progress | None) -> Learned:
+        """Infer theta, and score it on the held-out designs.
+
+        Raises:
+            UsageError: there is too little to learn from.
+        """
+        from models.calibration.means.calibrate import calibrate  # PyMC takes seconds to import
+
+        fitted = self.fitted
+        result = calibrate(fitted, settings, progress)
+        version = new_version(self.base, result)
+        columns = {
+            "n_designs": fitted.n_real,
+            "n_objects": len(self.measured.object_ids),
+            "n_simulations": fitted.n_sim,
+            "noise_sd_n": float(np.median(result.of("noise_sd_n"))),
+            **_held_out_columns(self, result, version),
+        }
+        return Learned(result, version, columns)
+
+
+def gather(
+    lake: Lake,
+    campaign_id: str | None,
+    version_id: str | None,
+    seed: int,
+    only: Collection[str] | None = None,
+    print_scatter: float = 0.0,
+) -> CalibrationData:
+    """Read what a calibration compares; `only` are ids of the grasps and simulations that count, by default all.
+
+    `print_scatter` as in `CalibrationSettings`.
+
+    Raises:
+        UsageError: it is not there, too little, or of several benches, setups, simulators.
+    """
+    measured = measured_tools(lake, campaign_id, only)
+    base = base_version(lake, measured.campaign_ids, version_id)
+    simulated = simulated_points(lake, base, measured, only)
+    problem = problem_of(measured, simulated, base, print_scatter)
+    held_out = is_held_out(list(measured.design_ids), seed)
+    return CalibrationData(campaign_id, base, measured, simulated, problem, held_out)
+
+
+def regather(lake: Lake, calibration_id: str) -> CalibrationData | None:
+    """What a stored calibration compared, whatever the lake has learned since; None where it cannot be found again."""
+    rows = lake.rows(CalibrationRow, calibration_id=calibration_id)
+    if not rows or rows[-1]["data"] != CalibrationData.data:
+        return None
+    row = rows[-1]
+    # A simulator that no campaign consults and nothing was simulated with is the program's own, and in no lake.
+    base = row["base_version_id"] if lake.has(SimulatorVersionRow, row["base_version_id"]) else None
+    try:
+        print_scatter = CalibrationSettings.model_validate_json(row["settings_json"]).print_scatter
+        data = gather(lake, row["campaign_id"], base, row["seed"], set(row["parents"]), print_scatter)
+    except UsageError:
+        return None
+    again = CalibrationRow.make_id(data.base.version_id, data.data, data.row_ids, row["settings_json"], row["seed"])
+    return data if again == calibration_id else None
+
+
+def _held_out_columns(
+    data: CalibrationData, result: CalibrationResult, version: SimulatorVersion | None
+) -> dict[str, Any]:
+    """How well the simulator predicts the held-out designs, by the emulator."""
+    if version is None or not data.held_out.any():
+        return {"n_held_out": int(data.held_out.sum())}
+    x, y = data.problem.x_real[data.held_out], data.problem.y_real[data.held_out]
+    before, after = (
+        score(emulate(data.fitted, result, x, np.array(list(v.theta.model_dump().values()))), y)
+        for v in (data.base, version)
+    )
+    return held_out_columns(before, after, len(y), "emulator")
+
+
+def held_out_columns(before: Score, after: Score, n: int, by: str) -> dict[str, Any]:
+    """Columns of `calibrations` about the held-out designs."""
+    return {
+        "correlation_before": before.correlation,
+        "correlation_after": after.correlation,
+        "rmse_before_n": before.rmse_n,
+        "rmse_after_n": after.rmse_n,
+        "n_held_out": n,
+        "held_out_by": by,
+    }

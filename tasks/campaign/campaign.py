@@ -1,0 +1,86 @@
+"""One campaign: its config on its lake. What every task is given, and all it may know."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from lake.provenance import Provenance, current_provenance
+from lake.store import Lake
+from lake.tables.campaign import CampaignRow
+from models.ids import seed_from
+from models.records import SimulatorVersion
+from models.simulation.effects.scaling import force_ratio
+from tasks.campaign.config import CampaignConfig
+from tasks.campaign.state import CampaignState
+from tasks.campaign.state_keeper import kept_state
+from tasks.campaign.state_parts import Question
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A config and the lake in which the campaign lives; its id is the config's name.
+
+    `versions`: simulator versions of its stages so far, oldest first; none is the config's.
+    """
+
+    lake: Lake
+    config: CampaignConfig
+    versions: tuple[SimulatorVersion, ...] = ()
+
+    @property
+    def campaign_id(self) -> str:
+        """The name under which everything of the campaign is stored."""
+        return self.config.name
+
+    @property
+    def version(self) -> SimulatorVersion:
+        """The simulator that the scientist consults."""
+        return self.versions[-1] if self.versions else self.config.simulator.version
+
+    @property
+    def older_versions(self) -> tuple[SimulatorVersion, ...]:
+        """Those of its versions whose results are not those of the present one, newest first."""
+        older: list[SimulatorVersion] = []
+        for version in reversed(self.versions):
+            if all(force_ratio(version, other) is None for other in (self.version, *older)):
+                older.append(version)
+        return tuple(older)
+
+    def force_ratios(self, version: SimulatorVersion) -> dict[str, float]:
+        """By id, versions of the campaign with exactly the results of `version`, and what forces are multiplied with.
+
+        `version` itself comes last.
+        """
+        ratios = {v.version_id: ratio for v in self.versions if (ratio := force_ratio(v, version)) is not None}
+        ratios.pop(version.version_id, None)
+        return ratios | {version.version_id: 1.0}
+
+    @property
+    def object_ids(self) -> tuple[int, ...]:
+        """Objects that every tool and every simulated design meets."""
+        return self.config.objects.object_ids
+
+    @property
+    def output(self) -> Path:
+        """Folder for what people read: print trays, report, recordings."""
+        return self.lake.root / "outputs" / self.campaign_id
+
+    def state(self) -> CampaignState:
+        """Where the campaign stands now, from the lake."""
+        present = frozenset(self.force_ratios(self.version))
+        older = frozenset(v.version_id for v in self.versions) - present
+        return kept_state(self.lake, Question(self.campaign_id, self.config.grasp.setup_id, present, older))
+
+    def seed(self, *parts: str | int) -> int:
+        """A random seed for one decision, the same whenever it is taken again."""
+        return seed_from(self.config.seed, self.campaign_id, *parts)
+
+    def provenance(self, seed: int = 0, parents: Sequence[str] = ()) -> Provenance:
+        """Provenance of rows written for this campaign."""
+        return current_provenance(self.config.config_hash, seed, parents)
+
+
+def stored_provenance(lake: Lake, campaign_id: str, parents: Sequence[str] = ()) -> Provenance:
+    """Provenance of rows about a campaign from a person, who has no config at hand: with the one in the lake."""
+    stored = lake.rows(CampaignRow, campaign_id=campaign_id)
+    return current_provenance(stored[-1]["config_hash"] if stored else "", parents=parents)

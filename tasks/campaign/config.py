@@ -1,0 +1,122 @@
+"""A campaign's config file: TOML, composed from the sections that the layers own."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, model_validator
+
+from hardware.cell.diagnostics import DiagnosticPlan
+from models.errors import ConfigError
+from models.ids import canonical_json, content_id
+from models.records import GraspSetup, Record
+from models.validation import load_record
+from tasks.campaign.settings import Execution, ObjectPlan, Schedule, ScientistSettings, SimulatorSettings
+
+
+class BenchChoice(Record):
+    """Where tools are measured: a virtual bench on a world file, or the real one (with `--real`)."""
+
+    world: str = Field(description="path of the world file, relative to the config")
+    real: str | None = Field(default=None, description="path of the bench file with ports and addresses")
+
+
+class CampaignConfig(Record):
+    """Everything that defines a campaign. All but `execution` decides results and is part of its hash."""
+
+    name: str = Field(pattern=r"^[a-z0-9][a-z0-9-]{0,40}$", description="lower-case letters, digits, hyphens")
+    seed: int = Field(default=0, ge=0)
+    schedule: Schedule = Schedule()
+    objects: ObjectPlan = ObjectPlan()
+    grasp: GraspSetup = GraspSetup()
+    diagnostics: DiagnosticPlan = DiagnosticPlan()
+    simulator: SimulatorSettings = SimulatorSettings()
+    scientist: ScientistSettings = ScientistSettings()
+    bench: BenchChoice
+    execution: Execution = Execution()
+
+    @model_validator(mode="after")
+    def _check_reference_slot(self) -> "CampaignConfig":
+        reference, n_tools = self.diagnostics.reference_tool, self.schedule.tools_per_batch
+        if reference is not None and reference.slot < n_tools:
+            raise ValueError(
+                f"the reference tool's slot {reference.slot} is one of the {n_tools} that a batch uses; set "
+                "diagnostics.reference_tool.slot above them or schedule.tools_per_batch lower"
+            )
+        return self
+
+    @property
+    def science(self) -> dict[str, Any]:
+        """The part that decides results, as JSON data."""
+        return self.model_dump(mode="json", exclude={"execution"})
+
+    @property
+    def config_hash(self) -> str:
+        """Id of the part that decides results."""
+        return content_id("H", self.science)
+
+
+def load_config(path: Path) -> CampaignConfig:
+    """Read and check a campaign config.
+
+    Raises:
+        ConfigError: the file is missing, is not TOML, or has a wrong value or key.
+    """
+    data = read_toml(path, "campaign config")
+    config = load_record(CampaignConfig, data, str(path))
+    _check_effects(config, str(path))
+    world = relative_to(path, config.bench.world)
+    if not world.is_file():
+        raise ConfigError(f"{path}: world file `{world}` does not exist; set bench.world to an existing file.")
+    return config
+
+
+def relative_to(config_path: Path, name: str) -> Path:
+    """A file named in a config, relative to the config's own folder."""
+    return (config_path.parent / name).resolve()
+
+
+def read_toml(path: Path, what: str) -> dict[str, Any]:
+    """Parse a TOML file, with one sentence for a missing or broken one."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ConfigError(f"{what} `{path}` does not exist; give the path of a TOML file.") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(
+            f"{what} `{path}` cannot be read ({_cause(error)}); check the path and its permissions."
+        ) from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{what} `{path}` is not TOML: {error}; correct that line.") from error
+
+
+def _cause(error: OSError | UnicodeDecodeError) -> str:
+    return error.strerror or str(error) if isinstance(error, OSError) else str(error)
+
+
+def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
+    """`section.key old -> new` for every value in which two configs differ."""
+    flat_old, flat_new = dict(_flatten(old)), dict(_flatten(new))
+    keys = sorted(flat_old.keys() | flat_new.keys())
+    return [
+        f"{key} {canonical_json(flat_old.get(key))} -> {canonical_json(flat_new.get(key))}"
+        for key in keys
+        if flat_old.get(key) != flat_new.get(key)
+    ]
+
+
+def _flatten(data: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    pairs: list[tuple[str, Any]] = []
+    for key, value in data.items():
+        pairs += _flatten(value, f"{prefix}{key}.") if isinstance(value, dict) else [(prefix + key, value)]
+    return pairs
+
+
+def _check_effects(config: CampaignConfig, source: str) -> None:
+    from models.simulation.effects.catalogue import build_effects
+
+    try:
+        build_effects(config.simulator.effects)
+    except ConfigError as error:
+        sentence = str(error)
+        raise ConfigError(f"{source}: {sentence[:1].lower()}{sentence[1:]}") from error

@@ -1,0 +1,128 @@
+"""Prefect tasks: the names and boundaries under which the work shows in the Prefect UI."""
+
+import time
+from collections.abc import Callable, Sequence
+from typing import TypeVar, cast
+
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+from prefect.runtime import task_run
+from prefect.utilities.annotations import quote
+
+from hardware.bench import Bench
+from hardware.cell.cell import MeasuredGrasp
+from models.records import Design
+from tasks.bench import measure as measuring
+from tasks.bench import print as printing
+from tasks.bench.measure import OpenBench
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.run_names import PlaceInName
+from tasks.campaign.state import ProposedTool
+from tasks.scientist import propose as proposing
+from tasks.simulation import simulate as simulating
+from tasks.simulation.engine import Engine
+
+T = TypeVar("T")
+
+
+def opaque(value: T) -> T:
+    """Pass a value to a task as it is: Prefect would otherwise walk into it, looking for futures."""
+    return cast(T, quote(value))
+
+
+@task(task_run_name="{label} propose", cache_policy=NO_CACHE)
+def propose_batch(label: str, campaign: Campaign, stage: int) -> None:
+    """Choose the tools of a stage and write their trays: at random at first, then with the surrogate."""
+    batches = campaign.config.schedule.batches_of(stage)
+    if stage == 0:
+        proposing.propose_initial(campaign)
+    else:
+        proposing.propose_guided(campaign, batches[0])
+    for batch in batches:
+        printing.ensure_tray(campaign.lake, campaign.campaign_id, batch)
+
+
+@task(task_run_name="{label}", cache_policy=NO_CACHE)
+def simulate_design(
+    label: str, campaign: Campaign, design: Design, pool: Engine, should_stop: Callable[[], bool]
+) -> int:
+    """Simulate one design on all objects that are missing; returns the number of failed grasps."""
+    return simulating.simulate_design(campaign, design, pool=pool, should_stop=should_stop)
+
+
+@task(task_run_name="{label} print", cache_policy=NO_CACHE)
+def print_batch(
+    label: str,
+    campaign: Campaign,
+    batch: int,
+    auto_print: bool,
+    should_stop: Callable[[], bool],
+    desk: printing.Desk,
+) -> None:
+    """Write tray and sheet, then wait until a person has confirmed the batch."""
+    sheet = printing.ensure_tray(campaign.lake, campaign.campaign_id, batch)
+    if auto_print:
+        word = printing.PrintConfirmation(operator="nobody (--auto-print)", confirmed_by="auto")
+        printing.confirm_print(campaign.lake, campaign.campaign_id, batch, word)
+        return
+    desk.ask(batch, sheet)
+    while not campaign.state().is_confirmed(batch):
+        if should_stop():
+            return
+        time.sleep(campaign.config.execution.print_poll_s)
+        desk.wait(batch, sheet)
+    desk.thank(batch)
+
+
+@task(task_run_name="{label}", cache_policy=NO_CACHE)
+def measure_tool(
+    label: str,
+    campaign: Campaign,
+    bench: Bench,
+    tool: ProposedTool,
+    world_hash: str | None,
+    should_stop: Callable[[], bool],
+    on_grasp: Callable[[MeasuredGrasp], None],
+) -> None:
+    """Make the missing grasps of one tool; its run is named after the object it is at."""
+    done = campaign.state().measured.get(tool.tool_id, set())
+    place = PlaceInName(label, str(task_run.get_id()), campaign.config.objects, done)
+
+    def count(grasp: MeasuredGrasp) -> None:
+        on_grasp(grasp)
+        place.count(grasp)
+
+    measuring.measure_tool(
+        campaign,
+        bench,
+        tool,
+        world_hash=world_hash,
+        should_stop=should_stop,
+        on_grasp=count,
+    )
+
+
+@task(task_run_name="{label} gantry", cache_policy=NO_CACHE)
+def measure_batch(
+    label: str,
+    campaign: Campaign,
+    tools: Sequence[ProposedTool],
+    open_bench: OpenBench,
+    world_hash: str | None,
+    should_stop: Callable[[], bool],
+    on_grasp: Callable[[ProposedTool, MeasuredGrasp], None],
+) -> None:
+    """Measure the tools of a batch, each as a task of its own; errors as of `tasks.bench.measure.measure_batch`."""
+
+    def measure(bench: Bench, tool: ProposedTool, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
+        measure_tool(
+            f"{label} gantry, tool {tool.slot}",
+            opaque(campaign),
+            opaque(bench),
+            opaque(tool),
+            world_hash,
+            opaque(should_stop),
+            opaque(on_tool_grasp),
+        )
+
+    measuring.measure_batch(campaign, tools, open_bench, measure, should_stop=should_stop, on_grasp=on_grasp)

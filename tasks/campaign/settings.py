@@ -1,0 +1,189 @@
+"""The sections of a campaign config: schedule, objects, simulator, scientist, execution."""
+
+import random
+from typing import Any, Literal
+
+from pydantic import Field, field_validator
+
+from hardware.cell.route import shortest_tour
+from models.design.printability import PrintingRules
+from models.records import EffectValue, MeshSettings, Record, SimulatorVersion, Theta
+from tasks.simulation.engine import check_engine
+
+N_OBJECTS = 36
+
+
+class ObjectPlan(Record):
+    """Which objects a tool is measured on, and how often."""
+
+    ids: Literal["all"] | tuple[int, ...] = "all"
+    repeats: int = Field(default=3, ge=1, le=20)
+    order: Literal["fixed", "random"] = Field(
+        default="random", description="the shortest way for every tool, or drawn for each tool"
+    )
+    repeats_order: Literal["together", "interleaved"] = Field(
+        default="together", description="an object's repeats one after the other, or one pass over all objects each"
+    )
+
+    @field_validator("ids", mode="before")
+    @classmethod
+    def _check_kind(cls, ids: Any) -> Any:
+        if ids != "all" and not isinstance(ids, list | tuple):
+            raise ValueError('it must be "all" or a list of object ids; change it')
+        return ids
+
+    @field_validator("ids")
+    @classmethod
+    def _check_ids(cls, ids: Literal["all"] | tuple[int, ...]) -> Literal["all"] | tuple[int, ...]:
+        if ids == "all":
+            return ids
+        for object_id in ids:
+            if not 0 <= object_id < N_OBJECTS:
+                raise ValueError(f"object {object_id} does not exist, ids are 0 to {N_OBJECTS - 1}; change it")
+        if len(set(ids)) != len(ids) or not ids:
+            raise ValueError("object ids must be given once each, at least one")
+        return ids
+
+    @property
+    def object_ids(self) -> tuple[int, ...]:
+        """The objects as a tuple of ids."""
+        return tuple(range(N_OBJECTS)) if self.ids == "all" else self.ids
+
+    @property
+    def n_grasps(self) -> int:
+        """Grasps of one tool."""
+        return len(self.object_ids) * self.repeats
+
+    def cells(self, seed: int) -> list[tuple[int, int]]:
+        """(object id, repeat) in the order of measurement.
+
+        A fixed order aliases the object with the number of grasps a tool has made; a random one, drawn from `seed`
+        (for each pass, when interleaved), breaks that and costs travel (`fast gantry plan`).
+        """
+        if self.repeats_order == "together":
+            return [(object_id, repeat) for object_id in self._pass(seed) for repeat in range(self.repeats)]
+        return [(object_id, repeat) for repeat in range(self.repeats) for object_id in self._pass(seed + repeat)]
+
+    def _pass(self, seed: int) -> list[int]:
+        if self.order == "fixed":
+            return list(shortest_tour(self.object_ids))
+        objects = list(self.object_ids)
+        random.Random(seed).shuffle(objects)
+        return objects
+
+
+class SimulatorSettings(Record):
+    """The simulator that the scientist consults (the world's own physics is set in the world file)."""
+
+    theta: Theta = Theta()
+    mesh: MeshSettings = MeshSettings()
+    effects: tuple[EffectValue, ...] = ()
+    tier: Literal["screening", "production", "reference"] = "production"
+    objective: Literal["peak_force_n", "contact_force_n"] = Field(
+        default="peak_force_n", description="what of a simulated grasp the scientist learns from"
+    )
+    simulate_tools: bool = Field(
+        default=True, description="also simulate every printed design: the pairs that show where simulation is wrong"
+    )
+    grasp_deadline_s: float = Field(default=120, gt=0, description="wall time after which one grasp has failed")
+    follow: Literal["pinned", "latest"] = Field(
+        default="pinned", description="stay with this version, or take the newest calibrated one before a guided batch"
+    )
+    old_versions: Literal["fidelity", "rerun"] = Field(
+        default="fidelity", description="simulations of an older version: mapped by designs of both, or left out"
+    )
+    reruns: int = Field(
+        default=20, ge=0, le=100_000, description="designs simulated again when the version changes, the best first"
+    )
+
+    @property
+    def version(self) -> SimulatorVersion:
+        """The simulator version that these settings describe."""
+        return SimulatorVersion(theta=self.theta, mesh=self.mesh, effects=self.effects, tier=self.tier)
+
+
+class ScientistSettings(Record):
+    """How designs are proposed."""
+
+    acquisition: Literal["mes", "nei", "thompson", "jes", "random"] = Field(
+        default="mes", description="how tools to print are chosen"
+    )
+    simulation_acquisition: Literal["mes", "thompson", "jes", "random"] = Field(
+        default="mes", description="how designs to simulate are chosen"
+    )
+    min_distance: float = Field(
+        default=0.05,
+        ge=0,
+        le=1,
+        description="of tools from others of the batch and from rejected ones, in the unit cube of the design space",
+    )
+    manufacturable: bool = Field(default=False, description="propose only what keeps the rules of `printing`")
+    printing: PrintingRules = PrintingRules()
+
+    @property
+    def printing_rules(self) -> PrintingRules | None:
+        """The rules that proposals keep, if any."""
+        return self.printing if self.manufacturable else None
+
+
+class Schedule(Record):
+    """How many tools and simulations, in which order (the paper: 30 + 50, then 8 x (10 with 100))."""
+
+    initial_tools: int = Field(default=30, ge=2, le=1000)
+    tools_per_batch: int = Field(default=10, ge=1, le=10, description="the rack has ten tool heads")
+    guided_batches: int = Field(default=8, ge=0, le=1000)
+    initial_simulations: int = Field(default=50, ge=0, le=100_000)
+    simulations_per_batch: int = Field(default=100, ge=0, le=100_000)
+
+    @property
+    def n_initial_batches(self) -> int:
+        """Trays needed for the initial random tools."""
+        return -(-self.initial_tools // self.tools_per_batch)
+
+    @property
+    def n_stages(self) -> int:
+        """The initial stage and one stage per guided batch."""
+        return 1 + self.guided_batches
+
+    def batches_of(self, stage: int) -> list[int]:
+        """Batch numbers (from 1) printed and measured in a stage (from 0)."""
+        first = self.n_initial_batches
+        return list(range(1, first + 1)) if stage == 0 else [first + stage]
+
+    def tools_of(self, batch: int) -> int:
+        """How many tools a batch holds; the last initial tray may be partly filled."""
+        if batch != self.n_initial_batches:
+            return self.tools_per_batch
+        return self.initial_tools - (self.n_initial_batches - 1) * self.tools_per_batch
+
+    def simulations_of(self, stage: int) -> int:
+        """Designs simulated while the tools of a stage are printed and measured."""
+        return self.initial_simulations if stage == 0 else self.simulations_per_batch
+
+
+class Execution(Record):
+    """How the work is spread over this machine; changes no result."""
+
+    simulation_workers: int = Field(default=2, ge=1, le=256)
+    engine: str = Field(
+        default="local",
+        description='what simulates: "local" processes, "dask://127.0.0.1:8786", "dask+tls://HOST:8786"',
+    )
+    physics_workers: int = Field(default=1, ge=1, le=64, description="processes behind a virtual bench")
+    print_poll_s: float = Field(default=5.0, gt=0, le=3600)
+    print_reminder_h: float = Field(
+        default=4.0, ge=0, le=1000, description="hours between reminders of a batch to be printed; 0: none"
+    )
+    notify: tuple[Literal["needs_you", "done", "stopped", "gap"], ...] = Field(
+        default=("needs_you", "done", "stopped", "gap"), description="what is sent to the addresses in FAST_NOTIFY"
+    )
+    notify_virtual: bool = Field(default=False, description="also of campaigns on a virtual bench")
+    max_grasp_attempts: int = Field(default=2, ge=1, le=10)
+    position_check_tools: int = Field(
+        default=0, ge=0, le=10, description="tools between checks of the gantry for lost steps; 0: after a batch only"
+    )
+
+    @field_validator("engine")
+    @classmethod
+    def _check_engine(cls, engine: str) -> str:
+        return check_engine(engine)

@@ -1,0 +1,168 @@
+"""Which simulator version each stage of a campaign uses: decided once, at its beginning, and kept as an event."""
+
+import json
+from dataclasses import replace
+from itertools import zip_longest
+from typing import NamedTuple
+
+from lake.store import Lake
+from lake.tables.campaign import CalibrationRow, EventRow, SimulatorVersionRow
+from lake.tables.rows_of import missing_version_rows
+from models.calibration.inference.settings import WITH_EFFECTS
+from models.ids import canonical_json, content_id
+from models.records import Design, SimulatorVersion
+from models.simulation.effects.scaling import force_ratio
+from tasks.campaign.campaign import Campaign
+from tasks.scientist.observe import means_of_simulations, means_of_tools, older_simulations, proposed_designs
+
+KIND = "simulator_version"
+
+
+class StageVersion(NamedTuple):
+    """What was decided for a stage: the version, and designs to simulate with it before anything is proposed."""
+
+    stage: int
+    version_id: str
+    reruns: tuple[str, ...]
+
+
+def at_stage(campaign: Campaign, stage: int) -> Campaign:
+    """The campaign with the simulator version of a stage, which is decided now unless it has been before."""
+    if campaign.config.simulator.follow == "pinned":
+        return campaign
+    decided = _decisions(campaign)
+    if stage > 0 and stage not in {decision.stage for decision in decided}:
+        _decide(_with_versions(campaign, decided), stage)
+        decided = _decisions(campaign)
+    return _with_versions(campaign, [decision for decision in decided if decision.stage <= stage])
+
+
+def at_present(campaign: Campaign) -> Campaign:
+    """The campaign with the simulator version of its last stage so far."""
+    return campaign if campaign.config.simulator.follow == "pinned" else _with_versions(campaign, _decisions(campaign))
+
+
+def designs_to_rerun(campaign: Campaign, stage: int) -> list[Design]:
+    """Designs that a stage simulates again because its simulator version is new, in order."""
+    if campaign.config.simulator.follow == "pinned":
+        return []
+    wanted = next((d.reruns for d in _decisions(campaign) if d.stage == stage), ())
+    designs = proposed_designs(campaign.state()) if wanted else {}
+    return [designs[design_id] for design_id in wanted]
+
+
+def note_older_simulations(campaign: Campaign, batch: int) -> None:
+    """Keep as events what the tools of a batch are chosen with of simulations by older versions."""
+    if not campaign.older_versions:
+        return
+    for part in older_simulations(campaign, campaign.state()):
+        if part.line is None:
+            message = f"{part.n_left_out} designs of {part.version.version_id} left out: {part.n_shared} are of both"
+        else:
+            message = (
+                f"{len(part.means.ids)} designs of {part.version.version_id} mapped to {campaign.version.version_id}"
+                f" by a line through {part.n_shared}, residual {part.line.residual_sd_n:.2f} N"
+            )
+        payload = {
+            "batch": batch,
+            "version_id": campaign.version.version_id,
+            "old_version_id": part.version.version_id,
+            "n_shared": part.n_shared,
+            "n_mapped": len(part.means.ids),
+            "n_left_out": part.n_left_out,
+            "rho": part.line.rho if part.line else None,
+            "residual_sd_n": part.line.residual_sd_n if part.line else None,
+        }
+        _append_event(campaign, "old_simulations", (batch, part.version.version_id), message, payload)
+
+
+def newest_calibrated(lake: Lake, base_version_id: str, campaign_id: str) -> tuple[SimulatorVersion, str] | None:
+    """The newest version that calibrations made from the base version, or from one made from it, and its calibration.
+
+    Counted are calibrations with the measurements of this campaign or of the whole lake: another campaign's may have
+    been on another bench. Effects that gap discovery has added stay: a later calibration of theta alone, of a simulator
+    that lacks one of them, does not take them away. What re-tested them may.
+    """
+    rows = [row for row in lake.rows(CalibrationRow, status="ok") if row["campaign_id"] in (None, campaign_id)]
+    known = {row.version_id: row for row in lake.records(SimulatorVersionRow) if row.tier != "imported"}
+    line, newest = {base_version_id}, None
+    effects: set[str] = set()
+    for row in rows:  # oldest first: a version is made before it is calibrated in turn
+        if row["base_version_id"] not in line or row["version_id"] not in known:
+            continue
+        line.add(row["version_id"])
+        found = {value.effect for value in known[row["version_id"]].version.effects}
+        if effects <= found or row["sampler"] == WITH_EFFECTS:
+            newest, effects = row, found
+    return None if newest is None else (known[newest["version_id"]].version, newest["calibration_id"])
+
+
+def _decide(campaign: Campaign, stage: int) -> None:
+    """Take the newest version for a stage and write down which it is."""
+    base = campaign.config.simulator.version
+    found = newest_calibrated(campaign.lake, base.version_id, campaign.campaign_id)
+    version, calibration_id = found or (base, None)
+    reruns: list[str] = []
+    if force_ratio(campaign.version, version) is None:
+        reruns = _worth_rerunning(campaign)
+    if rows := missing_version_rows(campaign.lake, version):
+        campaign.lake.append(rows, campaign.provenance())
+    batch = campaign.config.schedule.batches_of(stage)[-1]
+    message = f"B{batch:02d} is chosen and simulated with {version.version_id}"
+    if version != campaign.version:
+        message += f" instead of {campaign.version.version_id}; {len(reruns)} designs are simulated again"
+    payload = {
+        "stage": stage,
+        "version_id": version.version_id,
+        "calibration_id": calibration_id,
+        "reruns": reruns,
+    }
+    _append_event(campaign, KIND, (stage,), message, payload, [calibration_id] if calibration_id else [])
+
+
+def _worth_rerunning(campaign: Campaign) -> list[str]:
+    """Designs by their use under a new version: in turn the best measured tool and the best simulated design."""
+    state = campaign.state()
+    design_of = {tool.tool_id: tool.design.design_id for tool in state.tools}
+    measured = means_of_tools(campaign, state)
+    found = means_of_simulations(campaign, campaign.version, proposed_designs(state))
+    ranked = (design_of[tool_id] for _, tool_id in sorted(zip(-measured.y, measured.ids, strict=True)))
+    tools = [design_id for design_id in ranked if design_id in found.ids]
+    simulated = [design_id for _, design_id in sorted(zip(-found.y, found.ids, strict=True))]
+    in_turn = (design_id for pair in zip_longest(tools, simulated) for design_id in pair if design_id is not None)
+    return list(dict.fromkeys(in_turn))[: campaign.config.simulator.reruns]
+
+
+def _with_versions(campaign: Campaign, decided: list[StageVersion]) -> Campaign:
+    versions = {row.version_id: row for row in campaign.lake.records(SimulatorVersionRow)} if decided else {}
+    chain = [campaign.config.simulator.version, *(versions[decision.version_id].version for decision in decided)]
+    # A version that comes back is the present one again, and no older one.
+    return replace(campaign, versions=tuple(reversed(dict.fromkeys(reversed(chain)))))
+
+
+def _decisions(campaign: Campaign) -> list[StageVersion]:
+    """What was decided so far, by stage."""
+    payloads = (
+        json.loads(row["payload_json"])
+        for row in campaign.lake.rows(EventRow, campaign_id=campaign.campaign_id, kind=KIND)
+    )
+    return sorted(StageVersion(p["stage"], p["version_id"], tuple(p["reruns"])) for p in payloads)
+
+
+def _append_event(
+    campaign: Campaign,
+    kind: str,
+    key: tuple[int | str, ...],
+    message: str,
+    payload: dict[str, object],
+    parents: list[str] | None = None,
+) -> None:
+    """An event that is itself however often it is written."""
+    row = EventRow(
+        event_id=content_id("E", [campaign.campaign_id, kind, *key]),
+        campaign_id=campaign.campaign_id,
+        kind=kind,
+        message=message,
+        payload_json=canonical_json(payload),
+    )
+    campaign.lake.append([row], campaign.provenance(parents=parents or []))

@@ -1,0 +1,1 @@
+"""Gap discovery on the lake's data: measurements, bank of simulations, findings."""

@@ -1,0 +1,221 @@
+"""What gap discovery works on, from the lake: measured grasps one by one, and the bank around their tools."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import ValidationError
+
+from lake.store import Lake
+from lake.tables.campaign import GraspRow, ToolRow, TraceRow
+from models.calibration.inference.settings import ThetaPriors
+from models.errors import UsageError
+from models.gap.problem import Bank, GapProblem, Grasps
+from models.records import Design, GraspSetup, SimulatorVersion, Trace
+from models.traces.step_features import N_STEPS, STEP_MM, is_usable, step_means
+from models.traces.step_noise import QUIET_S, SensorNoise, noise_of_readings, noise_of_repeats
+from tasks.calibration.trace_rows import designs_of, measured_grasps, read_traces
+from tasks.campaign.state import THICKNESSES
+from tasks.gap.bank import bank_of
+from tasks.gap.context import contexts_of
+from tasks.gap.held_out import Split, frozen_split
+
+_CUT_SHARE = 0.3  # of the peak: traces of whole lifts end with less than 0.2
+_NOISE_TRACES = 20  # of each tool, whose readings before contact are kept
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredGrasps:
+    """Measured grasps, what each tool was printed from (t), their campaigns, and what was left out or is not known."""
+
+    grasps: Grasps
+    design_ids: tuple[str, ...]
+    campaigns: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def gap_problem(lake: Lake, base: SimulatorVersion, campaign_id: str | None = None, seed: int = 0) -> GapProblem:
+    """The measured grasps of a campaign (or of the lake), the bank around `base`, and the frozen split of a seed.
+
+    The split is in the lake before any trace is read. Simulations that the lake lacks are NaN; `tasks.gap.bank` says
+    which they are.
+
+    Raises:
+        UsageError: nothing was measured, or not in one way; too few designs or objects; a design is unknown; nothing of
+            the bank is simulated.
+    """
+    split = split_of(lake, campaign_id, seed)
+    measured = read_grasps(lake, campaign_id)
+    grasps = measured.grasps
+    return problem_of(measured, bank_of(lake, base, grasps.designs, grasps.objects, grasps.setup), split)
+
+
+def split_of(lake: Lake, campaign_id: str | None, seed: int) -> Split:
+    """The frozen split of what was measured, without a look at any force.
+
+    Raises:
+        UsageError: as `gap_problem`, of measurements.
+    """
+    rows = measured_grasps(lake, campaign_id)
+    designs = designs_of(lake, [row.design_id for row in rows])
+    ids = [design.design_id for design in designs.values()]
+    return frozen_split(lake, campaign_id, ids, [row.object_id for row in rows], seed)
+
+
+def problem_of(measured: MeasuredGrasps, bank: Bank, split: Split) -> GapProblem:
+    """Grasps and bank with the masks of a split."""
+    grasps = measured.grasps
+    return GapProblem(
+        grasps=grasps,
+        bank=bank,
+        held_out_tools=np.array([split.designs[design_id] for design_id in measured.design_ids]),
+        held_out_objects=np.array([split.objects[object_id] for object_id in grasps.objects]),
+    )
+
+
+def unit_sentences(problem: GapProblem) -> list[str]:
+    """What the size of the measured forces says about their unit.
+
+    Raises:
+        UsageError: a factor of about 1000 is suspected.
+    """
+    from models.calibration.traces.calibrate import unit_warnings  # ArviZ takes seconds to import
+
+    grasps, bank = problem.grasps, problem.bank
+    simulated = bank.centre_steps_n[grasps.tool, grasps.obj]
+    is_known = np.isfinite(simulated).all(axis=1)
+    share = np.abs(grasps.steps_n[is_known]).sum(axis=1) / np.abs(simulated[is_known]).sum(axis=1)
+    return unit_warnings(float(np.median(share)) * bank.centre.young_modulus_mpa, ThetaPriors())
+
+
+def read_grasps(lake: Lake, campaign_id: str | None) -> MeasuredGrasps:
+    """Measured grasps: the last good attempt of each repeat, with a trace that can be used.
+
+    Raises:
+        UsageError: nothing was measured, or not in one way; a design is unknown; no trace can be used.
+    """
+    rows = measured_grasps(lake, campaign_id)
+    by_tool: dict[str, list[GraspRow]] = defaultdict(list)
+    for row in rows:
+        by_tool[row.tool_id].append(row)
+    setup = GraspSetup.model_validate_json(rows[0].setup_json)
+    steps_n, quiet, sentences = _steps(lake, by_tool)
+    used = [row for row in rows if row.grasp_id in steps_n]
+    if not used:
+        raise UsageError(f"none of the {len(rows)} measured grasps has a trace with a lift of 3 mm; measure again.")
+    tools, objects = sorted({row.tool_id for row in used}), sorted({row.object_id for row in used})
+    nominal = {row.tool_id: row.design_id for row in used}
+    known = designs_of(lake, [*nominal.values()])
+    printed, printed_sentences = _as_printed(lake, {tool: known[nominal[tool]] for tool in tools})
+    contexts = contexts_of(lake, campaign_id)
+    tool = np.array([tools.index(row.tool_id) for row in used])
+    obj = np.array([objects.index(row.object_id) for row in used])
+    all_steps_n = np.array([steps_n[row.grasp_id] for row in used])
+    noise, noise_sentences = _noise(quiet, all_steps_n, tool * len(objects) + obj, setup)
+    grasps = Grasps(
+        tools=tuple(tools),
+        designs=printed,
+        objects=tuple(objects),
+        tool=tool,
+        obj=obj,
+        contexts=tuple(contexts.of[row.grasp_id] for row in used),
+        steps_n=all_steps_n,
+        grasp_ids=tuple(row.grasp_id for row in used),
+        noise=noise,
+        setup=setup,
+    )
+    return MeasuredGrasps(
+        grasps=grasps,
+        design_ids=tuple(known[nominal[tool]].design_id for tool in tools),
+        campaigns=tuple(sorted({row.campaign_id for row in used})),
+        warnings=(*sentences, *printed_sentences, *contexts.warnings, *noise_sentences),
+    )
+
+
+def _steps(
+    lake: Lake, by_tool: Mapping[str, Sequence[GraspRow]]
+) -> tuple[dict[str, np.ndarray], list[Trace], list[str]]:
+    """Step means by grasp, some readings before contact less the offset of their tool, and what was left out."""
+    found: dict[str, np.ndarray] = {}
+    quiet: list[Trace] = []
+    seen: dict[bytes, str] = {}
+    n_copies = n_cut = 0
+    for rows in by_tool.values():
+        before: list[Trace] = []
+        for grasp_id, trace in read_traces(lake, TraceRow, [row.grasp_id for row in rows]):
+            if not is_usable(trace):
+                continue
+            if _is_cut(trace):
+                n_cut += 1
+                continue
+            steps_n = step_means(trace)
+            if steps_n.any() and seen.setdefault(steps_n.tobytes(), grasp_id) != grasp_id:
+                n_copies += 1
+                continue
+            found[grasp_id] = steps_n
+            if len(before) < _NOISE_TRACES:
+                before.append(_before_contact(trace))
+        quiet += _less_their_mean([trace for trace in before if len(trace.time_s) > 2])
+    n_all = sum(len(rows) for rows in by_tool.values())
+    n_lost = n_all - len(found) - n_copies - n_cut
+    sentences = []
+    if n_lost:
+        sentences.append(f"{n_lost} of {n_all} grasps have no trace, or one without a lift of 3 mm; left out.")
+    if n_cut:
+        sentences.append(f"{n_cut} of {n_all} grasps end while the fingers still hold the object; left out.")
+    if n_copies:
+        sentences.append(f"{n_copies} of {n_all} grasps have the samples of another grasp; the copies are left out.")
+    return found, quiet, sentences
+
+
+def _is_cut(trace: Trace) -> bool:
+    """Whether the recording ended with force on the fingers: what came after it is not known, and not zero."""
+    lift_mm, force_n = trace.lift_mm[trace.is_lift], trace.force_n[trace.is_lift]
+    at_end_n = force_n[lift_mm >= lift_mm[-1] - STEP_MM].mean()
+    return bool(lift_mm[-1] < N_STEPS * STEP_MM - STEP_MM and at_end_n > _CUT_SHARE * force_n.max())
+
+
+def _before_contact(trace: Trace) -> Trace:
+    is_quiet = (trace.time_s - trace.time_s[0] < QUIET_S) & (trace.lift_mm <= 0)
+    return Trace(trace.time_s[is_quiet], trace.lift_mm[is_quiet], trace.force_n[is_quiet])
+
+
+def _less_their_mean(traces: Sequence[Trace]) -> list[Trace]:
+    """What hangs on the load cell differs from tool to tool; it is no noise."""
+    if not traces:
+        return []
+    mean_n = np.concatenate([trace.force_n for trace in traces]).mean()
+    return [Trace(trace.time_s, trace.lift_mm, trace.force_n - mean_n) for trace in traces]
+
+
+def _noise(
+    quiet: Sequence[Trace], steps_n: np.ndarray, cell: np.ndarray, setup: GraspSetup
+) -> tuple[SensorNoise, list[str]]:
+    """Sensor noise from readings before contact, or if there are none, from what repeats do not share."""
+    try:
+        return noise_of_readings(quiet), []
+    except UsageError:
+        noise = noise_of_repeats(steps_n, cell, setup.lift_speed_mm_per_s)
+        return noise, [
+            "traces have too few readings before the fingers touch: the noise of the load cell, "
+            f"{noise.sd_n:.2g} N, is taken from repeats."
+        ]
+
+
+def _as_printed(lake: Lake, designs: Mapping[str, Design]) -> tuple[tuple[Design, ...], list[str]]:
+    """Designs of tools with the thicknesses that a person measured, and those that the simulator cannot make."""
+    said = {row.tool_id: row for row in lake.records(ToolRow, tool_id=list(designs))}
+    printed, sentences = [], []
+    for tool_id, design in designs.items():
+        row = said.get(tool_id)
+        thicknesses = {name: getattr(row, f"measured_{name}", None) for name in THICKNESSES}
+        measured_mm = {name: value for name, value in thicknesses.items() if value is not None}
+        try:
+            printed.append(Design.model_validate(design.model_dump() | measured_mm))
+        except ValidationError:
+            printed.append(design)
+            sentences.append(
+                f"tool {tool_id} was printed with walls beyond the range of designs; it is simulated as designed."
+            )
+    return tuple(printed), sentences

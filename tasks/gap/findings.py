@@ -1,0 +1,184 @@
+"""What gap discovery found, in the lake: one line a row in `gap_findings`, and the whole answer as an event."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from lake.provenance import Provenance, current_provenance
+from lake.store import Lake
+from lake.tables.campaign import EventRow, GapFindingRow
+from lake.tables.row import Row
+from models.gap.findings import Candidate, Findings, Named, Round, WhereFinding
+from models.ids import canonical_json, content_id
+from models.records import EffectValue, Record, SimulatorVersion
+from models.simulation.effects.catalogue import CATALOGUE
+from tasks.gap.data import MeasuredGrasps
+from tasks.gap.held_out import Split
+
+KIND, STARTED = "gap", "gap_started"
+
+
+class GapRun(Record):
+    """A finished search: its answer, and the simulator versions before and after.
+
+    `calibration_ids`: of the simulator that each round ended with.
+    """
+
+    gap_id: str
+    campaign_id: str | None
+    seed: int
+    split_id: str
+    n_grasps: int
+    base_version_id: str
+    before_version_id: str
+    after_version_id: str
+    calibration_ids: tuple[str, ...]
+    findings: Findings
+
+
+def gap_id_of(measured: MeasuredGrasps, base: SimulatorVersion, split: Split, settings: Mapping[str, object]) -> str:
+    """Id of a search: the same grasps, simulator, split, catalogue and settings give the same answer."""
+    catalogue = {name: spec.version for name, spec in CATALOGUE.items()}
+    content = [sorted(measured.grasps.grasp_ids), base.version_id, split.split_id, catalogue, dict(settings)]
+    return content_id("A", content)
+
+
+def find_run(lake: Lake, gap_id: str) -> GapRun | None:
+    """The finished search with this id, if the lake has it."""
+    found = lake.records(EventRow, event_id=_event_id(gap_id))
+    return GapRun.model_validate(json.loads(found[-1].payload_json)) if found else None
+
+
+def newest_run(lake: Lake, gap_id: str | None = None) -> GapRun | None:
+    """The search that ended last."""
+    if gap_id is not None:
+        return find_run(lake, gap_id)
+    found = lake.records(EventRow, kind=KIND)
+    return GapRun.model_validate(json.loads(found[-1].payload_json)) if found else None
+
+
+def starting_effects(lake: Lake, gap_id: str) -> tuple[EffectValue, ...] | None:
+    """Effects of the simulator with which a search has begun, if it has."""
+    found = lake.records(EventRow, event_id=_event_id(gap_id, STARTED))
+    return tuple(map(EffectValue.model_validate, json.loads(found[-1].payload_json)["effects"])) if found else None
+
+
+def write_start(lake: Lake, gap_id: str, campaign_id: str | None, effects: Sequence[EffectValue], seed: int) -> None:
+    """Write down that a search begins, and with which effects in its simulator."""
+    names = ", ".join(value.effect for value in effects) or "no effect"
+    row = EventRow(
+        event_id=_event_id(gap_id, STARTED),
+        campaign_id=campaign_id or "",
+        kind=STARTED,
+        message=f"gap search {gap_id} begins with {names} in the simulator",
+        payload_json=canonical_json({"effects": [value.model_dump(mode="json") for value in effects]}),
+    )
+    lake.append([row], current_provenance(seed=seed))
+
+
+def write_run(lake: Lake, run: GapRun, message: str, provenance: Provenance) -> None:
+    """Write a finished search: its lines, and last the event by which it is found again."""
+    rows: list[Row] = [row for number in range(len(run.findings.rounds)) for row in round_rows(run, number)]
+    event = EventRow(
+        event_id=_event_id(run.gap_id),
+        campaign_id=run.campaign_id or "",
+        kind=KIND,
+        message=message,
+        payload_json=canonical_json(run.model_dump(mode="json")),
+    )
+    lake.append([*rows, event], provenance)
+
+
+def round_rows(run: GapRun, number: int) -> list[GapFindingRow]:
+    """Lines of one round, which counts from 0 here and from 1 in the table."""
+    found = run.findings.rounds[number]
+    rows = [_where_row(run, number, place, where) for place, where in enumerate(found.where)]
+    ranked = sorted(found.candidates, key=lambda candidate: -candidate.probability)
+    rows += [_candidate_row(run, number, place, candidate) for place, candidate in enumerate(ranked)]
+    return rows + _named_rows(run, number, found)
+
+
+def _where_row(run: GapRun, number: int, place: int, where: WhereFinding) -> GapFindingRow:
+    return GapFindingRow(
+        **_columns(run, number, "where", place),
+        sentence=where.sentence,
+        phase=where.phase,
+        stratum=where.stratum,
+        size_n=where.effect_size_n,
+        ci90_lower_n=where.ci90[0],
+        ci90_upper_n=where.ci90[1],
+        p_value=where.p_value,
+        q_value=where.q_value,
+    )
+
+
+def _candidate_row(run: GapRun, number: int, place: int, candidate: Candidate) -> GapFindingRow:
+    return GapFindingRow(
+        **_columns(run, number, "candidate", place),
+        effect=candidate.effect,
+        probability=candidate.probability,
+        visible_fraction=candidate.visible_fraction,
+        grouped_r2=candidate.grouped_r2,
+        held_out_gain_nats=candidate.held_out_gain_nats,
+        held_out_rmse_change=candidate.held_out_rmse_change,
+        parameters=tuple(candidate.parameters),
+        parameter_values=tuple(candidate.parameters.values()),
+    )
+
+
+def _named_rows(run: GapRun, number: int, found: Round) -> list[GapFindingRow]:
+    """One row for each effect of the answer, or one without effect; the gap is that of the whole search."""
+    named, gap = found.named, run.findings.gap
+    effects: Sequence[str | None] = named.effects or (None,)
+    return [
+        GapFindingRow(
+            **_columns(run, number, "named", place),
+            **_parameters(named, effect),
+            sentence=named.sentence,
+            effect=effect,
+            answer=named.kind,
+            probability=named.probability,
+            rmse_before_n=gap.rmse_before_n,
+            rmse_after_n=gap.rmse_after_n,
+            rmse_floor_n=gap.rmse_floor_n,
+            closed_fraction=gap.closed_fraction,
+            closed_ci95_lower=gap.ci95[0],
+            closed_ci95_upper=gap.ci95[1],
+            version_id=found.version,
+            calibration_id=run.calibration_ids[number],
+        )
+        for place, effect in enumerate(effects)
+    ]
+
+
+def _parameters(named: Named, effect: str | None) -> dict[str, Any]:
+    """Parameters of one effect of an answer, which names them `<effect>.<parameter>` or, of a single one, plainly."""
+    if effect is None:
+        return {}
+    own = {
+        name.removeprefix(f"{effect}."): value
+        for name, value in named.parameters.items()
+        if name.startswith(f"{effect}.") or "." not in name
+    }
+    return {
+        "parameters": tuple(own),
+        "parameter_values": tuple(value.median for value in own.values()),
+        "parameter_ci90_lower": tuple(value.ci90[0] for value in own.values()),
+        "parameter_ci90_upper": tuple(value.ci90[1] for value in own.values()),
+    }
+
+
+def _columns(run: GapRun, number: int, kind: str, place: int) -> dict[str, Any]:
+    return {
+        "finding_id": GapFindingRow.make_id(run.gap_id, number + 1, kind, place),
+        "gap_id": run.gap_id,
+        "campaign_id": run.campaign_id,
+        "round": number + 1,
+        "kind": kind,
+        "place": place,
+        "base_version_id": run.base_version_id,
+    }
+
+
+def _event_id(gap_id: str, kind: str = KIND) -> str:
+    return content_id("E", [kind, gap_id])

@@ -1,0 +1,1 @@
+"""What to print and simulate next: read the lake, fit the surrogate, propose."""

@@ -1,0 +1,129 @@
+"""Fit the surrogate before a decision, or take the last fit again; fits go to the lake."""
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal
+
+from lake.tables.campaign import FitRow
+from models.blas import one_blas_thread
+from models.ids import content_id
+from models.scientist.surrogate.fit import fit_surrogate
+from models.scientist.surrogate.health import health_of
+from models.scientist.surrogate.observations import ObservationSet
+from models.scientist.surrogate.parameters import SurrogateParameters
+from models.scientist.surrogate.posterior import Surrogate
+from tasks.campaign.campaign import Campaign
+
+logger = logging.getLogger(__name__)
+
+# How much the simulated designs must grow before simulations are chosen with fresh hyperparameters
+REFIT_LEAST, REFIT_SHARE = 5, 0.05
+
+
+def fit(campaign: Campaign, batch: int, data: ObservationSet, rows: Sequence[str]) -> Surrogate:
+    """Fit the surrogate to all data before a batch is chosen, and record the fit with its health.
+
+    `rows` are the ids of the grasps and simulations behind `data`.
+    """
+    seed = campaign.seed("fit", batch)
+    surrogate = fit_surrogate(data, None, seed=seed)
+    row = _fit_row(campaign, tools_fit_id(campaign, batch, data), batch, surrogate, seed, "tools")
+    campaign.lake.append([_with_health(row, surrogate)], campaign.provenance(seed, rows))
+    return surrogate
+
+
+def surrogate_for_simulation(
+    campaign: Campaign, batch: int, index: int, data: ObservationSet, rows: Callable[[], Sequence[str]]
+) -> tuple[Surrogate, str]:
+    """The surrogate that the next simulation is chosen with, and the id of its fit.
+
+    The last fit of the batch, conditioned on all data, while these have grown little; then a new fit, recorded, that
+    starts from the last. Which it is depends on the lake alone, so that a restart changes no proposal.
+    """
+    last = _last_fit(campaign, batch)
+    if last is not None and not _is_outgrown(last, data):
+        return fitted_before(last, data), last["fit_id"]
+    seed = campaign.seed("simulation fit", batch)
+    surrogate = fit_surrogate(data, _parameters(last) if last else None, seed=seed)
+    fit_id = _simulation_fit_id(campaign, batch, index)
+    row = _fit_row(campaign, fit_id, batch, surrogate, seed, "simulations")
+    campaign.lake.append([row], campaign.provenance(seed, rows()))
+    return surrogate, fit_id
+
+
+def fitted_before(row: Mapping[str, Any], data: ObservationSet) -> Surrogate:
+    """The surrogate of a row of `fits`, conditioned on `data`."""
+    with one_blas_thread():
+        return Surrogate.condition(data, _parameters(row))
+
+
+def _last_fit(campaign: Campaign, batch: int) -> dict[str, Any] | None:
+    fits = campaign.lake.rows(FitRow, campaign_id=campaign.campaign_id, batch=batch, purpose="simulations")
+    return max(fits, key=lambda row: (row["n_real"], row["n_sim"]), default=None)
+
+
+def _is_outgrown(last: Mapping[str, Any], data: ObservationSet) -> bool:
+    """Whether the data have grown so much since a fit that hyperparameters are worth fitting again."""
+    least = last["n_sim"] + max(REFIT_LEAST, REFIT_SHARE * last["n_sim"])
+    return bool(data.n_real != last["n_real"] or data.n_sim >= least)
+
+
+def _parameters(row: Mapping[str, Any]) -> SurrogateParameters:
+    return SurrogateParameters(
+        rho=row["rho"],
+        lengthscales_h=tuple(row["lengthscales_h"]),
+        lengthscales_e=tuple(row["lengthscales_e"]),
+        sd_h=row["sd_h"],
+        sd_e=row["sd_e"],
+        noise_sd=row["noise_sd_n"],
+        nugget=row["nugget_n"],
+        mean_sim=row["mean_sim_n"],
+        mean_real=row["mean_real_n"],
+    )
+
+
+def tools_fit_id(campaign: Campaign, batch: int, data: ObservationSet) -> str:
+    """Id of the fit that the tools of a batch are chosen with."""
+    return content_id("F", [campaign.campaign_id, batch, data.n_real, data.n_sim])
+
+
+def _simulation_fit_id(campaign: Campaign, batch: int, index: int) -> str:
+    """Id of the fit that one more simulation is chosen with."""
+    return content_id("F", [campaign.campaign_id, batch, "simulation", index])
+
+
+def _fit_row(
+    campaign: Campaign,
+    fit_id: str,
+    batch: int,
+    surrogate: Surrogate,
+    seed: int,
+    purpose: Literal["tools", "simulations"],
+) -> FitRow:
+    parameters, data = surrogate.parameters, surrogate.data
+    return FitRow(
+        fit_id=fit_id,
+        campaign_id=campaign.campaign_id,
+        batch=batch,
+        n_real=data.n_real,
+        n_sim=data.n_sim,
+        rho=parameters.rho,
+        noise_sd_n=parameters.noise_sd,
+        log_posterior=float(surrogate.log_posterior or 0.0),
+        lengthscales_h=parameters.lengthscales_h,
+        lengthscales_e=parameters.lengthscales_e,
+        sd_h=parameters.sd_h,
+        sd_e=parameters.sd_e,
+        seed=seed,
+        purpose=purpose,
+        nugget_n=parameters.nugget,
+        mean_sim_n=parameters.mean_sim,
+        mean_real_n=parameters.mean_real,
+    )
+
+
+def _with_health(row: FitRow, surrogate: Surrogate) -> FitRow:
+    health = health_of(surrogate)
+    for finding in health.findings:
+        logger.warning("%s, before B%02d: %s", row.campaign_id, row.batch, finding)
+    return row.model_copy(update=health.model_dump(include=set(FitRow.model_fields) - {"n_real", "n_sim", "rho"}))

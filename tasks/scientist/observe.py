@@ -1,0 +1,228 @@
+"""What the scientist learns from: mean forces per measured tool and per simulated design, from the lake."""
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from models.design.space import PARAMETERS, to_unit
+from models.records import Design, SimulatorVersion
+from models.scientist.surrogate.imputation import mean_over_objects
+from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from models.scientist.surrogate.version_map import VersionMap, fit_version_map
+from tasks.bench.diagnose import missing_runs
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.state import CampaignState, ProposedTool, tuples
+
+
+class Means(NamedTuple):
+    """Mean forces over the objects: ids (n), forces in N (n), their variance from imputed objects in N^2 (n)."""
+
+    ids: tuple[str, ...]
+    y: np.ndarray
+    variance: np.ndarray
+
+
+class OlderSimulations(NamedTuple):
+    """What an older simulator version tells: the line to the present one, and designs that only the older has done.
+
+    Without a line (too few designs of both) `means` is empty and `n_left_out` says what is not used.
+    """
+
+    version: SimulatorVersion
+    line: VersionMap | None
+    n_shared: int
+    means: Means
+    n_left_out: int
+
+
+NO_MEANS = Means((), np.zeros(0), np.zeros(0))
+
+
+def observe(campaign: Campaign, state: CampaignState, batches: Iterable[int]) -> ObservationSet:
+    """Observations of the closed `batches` and of all designs of the campaign that are simulated on every object.
+
+    A measured tool counts as the finger that was printed, with its thicknesses as measured, not as the one that was
+    asked for. Objects without a value (given up on the bench, failed in simulation) are imputed by the paper's rule.
+    Simulations of an older simulator version are scaled, mapped or left out, never taken as they are.
+    """
+    tools, designs = _measured_tools(state, batches), proposed_designs(state)
+    point_of = {t.tool_id: t.mounted_point for t in tools} | dict(
+        zip(designs, to_unit(list(designs.values())), strict=True)
+    )
+    measured = _means([t.tool_id for t in tools], _tool_forces(campaign, tools))
+    simulated = _simulated_means(campaign, state, designs)
+    older = [part.means for part in _older(campaign, designs, simulated)]
+    parts = [(REAL, measured), *((SIM, means) for means in (simulated, *older))]
+    return ObservationSet(
+        x=np.array([point_of[i] for _, means in parts for i in means.ids]).reshape(-1, len(PARAMETERS)),
+        s=np.concatenate([np.full(len(means.ids), fidelity) for fidelity, means in parts]),
+        y=np.concatenate([means.y for _, means in parts]),
+        noise_variance=np.concatenate([means.variance for _, means in parts]),
+    )
+
+
+def older_simulations(campaign: Campaign, state: CampaignState) -> list[OlderSimulations]:
+    """What `observe` makes of simulations of older simulator versions, newest version first."""
+    designs = proposed_designs(state)
+    return _older(campaign, designs, _simulated_means(campaign, state, designs))
+
+
+def observed_rows(campaign: Campaign, state: CampaignState, batches: Iterable[int]) -> list[str]:
+    """Ids of the grasps and simulations that `observe` takes its means over, ordered."""
+    tools, objects = {tool.tool_id for tool in _measured_tools(state, batches)}, set(campaign.object_ids)
+    sql = "SELECT grasp_id, tool_id, object_id FROM grasps WHERE campaign_id = ? AND status = 'ok'"
+    grasps = tuples(campaign.lake, sql, campaign.campaign_id)
+    rows = [row_id for row_id, tool_id, object_id in grasps if tool_id in tools and object_id in objects]
+    designs = proposed_designs(state)
+    used = {campaign.version: set(_complete(campaign, state, designs))}
+    for part in older_simulations(campaign, state):
+        if part.line is not None:
+            used[part.version] = set(_complete_before(campaign, part.version, designs))
+    for version, wanted in used.items():
+        simulations = _simulation_rows(campaign, version, "simulation_id, design_id, object_id")
+        rows += [row_id for row_id, design_id, object_id in simulations if design_id in wanted and object_id in objects]
+    return sorted(set(rows))
+
+
+def proposed_designs(state: CampaignState) -> dict[str, Design]:
+    """All designs that the campaign has proposed, for the simulator or the printer, by id."""
+    proposed = [s.design for s in state.simulations] + [t.design for t in state.tools]
+    return {design.design_id: design for design in proposed}
+
+
+def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> list[ProposedTool]:
+    """Printed tools of a confirmed batch with grasps or diagnostic runs still to be made."""
+    if not state.is_confirmed(batch):
+        return []
+    plan = campaign.config.objects.cells(0)
+    limit = campaign.config.execution.max_grasp_attempts
+    return [
+        tool
+        for tool in state.tools_of(batch)
+        if state.missing_grasps(tool, plan, limit) or missing_runs(campaign, state, tool)
+    ]
+
+
+def closed_batches(campaign: Campaign, state: CampaignState) -> list[int]:
+    """Batches that are confirmed and completely measured."""
+    batches = sorted({tool.batch for tool in state.tools})
+    return [b for b in batches if state.is_confirmed(b) and not unfinished_tools(campaign, state, b)]
+
+
+def means_of_tools(campaign: Campaign, state: CampaignState) -> Means:
+    """Mean measured force of every tool with a grasp, by tool id."""
+    tools = _measured_tools(state, {tool.batch for tool in state.tools})
+    return _means([t.tool_id for t in tools], _tool_forces(campaign, tools))
+
+
+def means_of_simulations(campaign: Campaign, version: SimulatorVersion, designs: Mapping[str, Design]) -> Means:
+    """Mean force that a simulator version gives for those of the designs that it has done on every object."""
+    complete = _complete_before(campaign, version, designs)
+    return _means(complete, _simulated_forces(campaign, version, complete))
+
+
+def _measured_tools(state: CampaignState, batches: Iterable[int]) -> list[ProposedTool]:
+    closed = set(batches)
+    return [t for t in state.tools if t.batch in closed and state.measured.get(t.tool_id)]
+
+
+def _simulated_means(campaign: Campaign, state: CampaignState, designs: Mapping[str, Design]) -> Means:
+    complete = _complete(campaign, state, designs)
+    return _means(complete, _simulated_forces(campaign, campaign.version, complete))
+
+
+def _complete(campaign: Campaign, state: CampaignState, designs: Iterable[str]) -> list[str]:
+    """Designs that the present version has simulated on every object."""
+    return [design_id for design_id in designs if not state.missing_objects(design_id, campaign.object_ids)]
+
+
+def _complete_before(campaign: Campaign, version: SimulatorVersion, designs: Iterable[str]) -> list[str]:
+    """Designs that a version has simulated on every object, with success or without."""
+    done: dict[str, set[int]] = {}
+    for design_id, object_id in _simulation_rows(campaign, version, "design_id, object_id", "true"):
+        done.setdefault(design_id, set()).add(object_id)
+    wanted = set(campaign.object_ids)
+    return [design_id for design_id in designs if wanted <= done.get(design_id, set())]
+
+
+def _older(campaign: Campaign, designs: Mapping[str, Design], present: Means) -> list[OlderSimulations]:
+    """Older versions mapped to the present; each design counts once, by the newest version that has it."""
+    if campaign.config.simulator.old_versions == "rerun":
+        return []
+    parts, taken = [], set(present.ids)
+    for version in campaign.older_versions:
+        old = means_of_simulations(campaign, version, designs)
+        line, n_shared = _line(old, present)
+        rest = np.array([design_id not in taken for design_id in old.ids], dtype=bool)
+        means, n_left_out = NO_MEANS, int(rest.sum())
+        if line is not None:
+            means, n_left_out = _mapped(old, line, rest), 0
+            taken |= set(means.ids)
+        parts.append(OlderSimulations(version, line, n_shared, means, n_left_out))
+    return parts
+
+
+def _line(old: Means, present: Means) -> tuple[VersionMap | None, int]:
+    """The line through the designs that both have done without a failure, and how many they are."""
+    known = {i: y for i, y, variance in zip(*present, strict=True) if variance == 0.0}
+    shared = [(y, known[i]) for i, y, variance in zip(*old, strict=True) if variance == 0.0 and i in known]
+    pairs = np.array(shared).reshape(-1, 2)
+    return fit_version_map(pairs[:, 0], pairs[:, 1]), len(pairs)
+
+
+def _mapped(old: Means, line: VersionMap, rows: np.ndarray) -> Means:
+    y, variance = line.apply(old.y[rows])
+    ids = tuple(design_id for design_id, is_in in zip(old.ids, rows, strict=True) if is_in)
+    return Means(ids, y, variance + line.rho**2 * old.variance[rows])
+
+
+def _tool_forces(campaign: Campaign, tools: Sequence[ProposedTool]) -> np.ndarray:
+    """Mean peak force over the repeats, n_tools x n_objects in N, NaN where nothing was measured."""
+    row_of = {t.tool_id: i for i, t in enumerate(tools)}
+    column_of = {o: i for i, o in enumerate(campaign.object_ids)}
+    total, count = np.zeros((2, len(row_of), len(column_of)))
+    sql = "SELECT tool_id, object_id, peak_force_n FROM grasps WHERE campaign_id = ? AND status = 'ok'"
+    for tool_id, object_id, force_n in tuples(campaign.lake, sql, campaign.campaign_id):
+        if tool_id in row_of and object_id in column_of:
+            cell = row_of[tool_id], column_of[object_id]
+            total[cell] += force_n
+            count[cell] += 1
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _simulated_forces(campaign: Campaign, version: SimulatorVersion, design_ids: Sequence[str]) -> np.ndarray:
+    """The simulator's objective, n_designs x n_objects in N, NaN where the simulation failed.
+
+    What versions of the campaign gave that differ in Young's modulus alone is scaled to `version`, which goes first.
+    """
+    row_of = {design_id: i for i, design_id in enumerate(design_ids)}
+    column_of = {o: i for i, o in enumerate(campaign.object_ids)}
+    forces = np.full((len(row_of), len(column_of)), np.nan)
+    columns = f"version_id, design_id, object_id, {campaign.config.simulator.objective}"
+    ratios = campaign.force_ratios(version)
+    order = {version_id: place for place, version_id in enumerate(ratios)}
+    found = sorted(_simulation_rows(campaign, version, columns), key=lambda row: order[row[0]])
+    for version_id, design_id, object_id, force_n in found:
+        if design_id in row_of and object_id in column_of:
+            forces[row_of[design_id], column_of[object_id]] = ratios[version_id] * force_n
+    return forces
+
+
+def _simulation_rows(
+    campaign: Campaign, version: SimulatorVersion, columns: str, where: str = "status = 'ok'"
+) -> Iterable[tuple]:
+    """Rows of `simulations` by a version of the campaign, and by those with the same results but for the modulus."""
+    version_ids: Collection[str] = campaign.force_ratios(version)
+    marks = ", ".join("?" * len(version_ids))
+    sql = f"SELECT {columns} FROM simulations WHERE setup_id = ? AND version_id IN ({marks}) AND {where}"
+    return tuples(campaign.lake, sql, campaign.config.grasp.setup_id, *version_ids)
+
+
+def _means(ids: Sequence[str], forces: np.ndarray) -> Means:
+    """Means over the objects; what has not a single value tells nothing and is left out."""
+    has_value = np.isfinite(forces).any(axis=1)
+    if not has_value.any():
+        return NO_MEANS
+    y, variance = mean_over_objects(forces[has_value])
+    return Means(tuple(i for i, has in zip(ids, has_value, strict=True) if has), y, variance)

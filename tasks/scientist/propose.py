@@ -1,0 +1,237 @@
+"""Ask the scientist: tools for the next batch, one more design to simulate. Decisions go to the lake."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lake.tables.campaign import BatchRow, DesignRow, ProposalRow
+from models.design.printability import broken_rules
+from models.design.space import random_designs, to_unit
+from models.errors import UsageError
+from models.ids import content_id
+from models.records import Design
+from models.scientist.propose import RANDOM, propose
+from models.scientist.propose import Proposal as ProposedDesign
+from models.scientist.surrogate.observations import ObservationSet
+from models.scientist.surrogate.posterior import Surrogate
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.simulator_versions import note_older_simulations
+from tasks.campaign.state import CampaignState
+from tasks.scientist.fit import fit, surrogate_for_simulation, tools_fit_id
+from tasks.scientist.observe import closed_batches, observe, observed_rows
+
+_MAX_DRAWS = 100  # times the initial tools: what so few designs can be printed of is a slip of the pen
+
+
+def propose_initial(campaign: Campaign) -> None:
+    """Random designs for the initial simulations and the initial trays (the paper: 50 and 30)."""
+    propose_initial_simulations(campaign)
+    propose_initial_tools(campaign)
+
+
+def propose_initial_simulations(campaign: Campaign) -> None:
+    """Random designs to simulate."""
+    schedule = campaign.config.schedule
+    seed = campaign.seed("initial simulations")
+    last = schedule.batches_of(0)[-1]
+    for index, design in enumerate(random_designs(schedule.initial_simulations, np.random.default_rng(seed))):
+        append_simulation(campaign, last, index, ProposedDesign(design=design, value=0.0), RANDOM, seed)
+
+
+def propose_initial_tools(campaign: Campaign) -> None:
+    """Random designs to print."""
+    schedule = campaign.config.schedule
+    seed = campaign.seed("initial tools")
+    designs = _random_tools(campaign, schedule.initial_tools, np.random.default_rng(seed))
+    for batch in schedule.batches_of(0):
+        start = (batch - 1) * schedule.tools_per_batch
+        chosen = designs[start : start + schedule.tools_of(batch)]
+        append_tools(campaign, batch, [ProposedDesign(design=d, value=0.0) for d in chosen], RANDOM, seed)
+
+
+def _random_tools(campaign: Campaign, n: int, rng: np.random.Generator) -> list[Design]:
+    """Random designs to print, without those that break a rule of printing.
+
+    Raises:
+        UsageError: hardly any design keeps the rules.
+    """
+    rules = campaign.config.scientist.printing_rules
+    if rules is None:
+        return random_designs(n, rng)
+    designs: list[Design] = []
+    for _ in range(_MAX_DRAWS):
+        designs += [design for design in random_designs(n, rng) if not broken_rules(design, rules)]
+        if len(designs) >= n:
+            return designs[:n]
+    raise UsageError(
+        f"only {len(designs)} of {_MAX_DRAWS * n} random designs keep the rules of `scientist.printing`, "
+        f"{n} are needed; relax them."
+    )
+
+
+def propose_guided(campaign: Campaign, batch: int) -> None:
+    """Tools of a guided batch, with the surrogate fitted to all that was measured and simulated before."""
+    state = campaign.state()
+    closed = range(1, batch)
+    data = observe(campaign, state, closed)
+    surrogate = fit(campaign, batch, data, observed_rows(campaign, state, closed))
+    note_older_simulations(campaign, batch)
+    propose_tools(campaign, batch, data, surrogate, state)
+
+
+def propose_simulated(campaign: Campaign, batch: int, index: int, state: CampaignState) -> None:
+    """One more design to simulate, with the surrogate conditioned on all that is known in `state`."""
+    closed = closed_batches(campaign, state)
+    data = observe(campaign, state, closed)
+    surrogate, fit_id = surrogate_for_simulation(
+        campaign, batch, index, data, lambda: observed_rows(campaign, state, closed)
+    )
+    propose_simulation(campaign, batch, index, surrogate, fit_id, state)
+
+
+def propose_tools(
+    campaign: Campaign, batch: int, data: ObservationSet, surrogate: Surrogate, state: CampaignState
+) -> None:
+    """The next batch for the gantry, chosen jointly, given the simulations that are still running."""
+    seed = campaign.seed("tools", batch)
+    scientist = campaign.config.scientist
+    pending = pending_points(campaign, state)
+    proposals = propose(
+        surrogate,
+        1,
+        campaign.config.schedule.tools_of(batch),
+        pending,
+        np.random.default_rng(seed),
+        min_distance=scientist.min_distance,
+        acquisition=scientist.acquisition,
+        taken=to_unit([t.design for t in state.tools]),
+        rejected=to_unit([t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]),
+        printing=scientist.printing_rules,
+    )
+    fit_id = tools_fit_id(campaign, batch, data)
+    append_tools(campaign, batch, proposals, scientist.acquisition, seed, data, len(pending), [fit_id])
+
+
+def propose_simulation(
+    campaign: Campaign, batch: int, index: int, surrogate: Surrogate, fit_id: str, state: CampaignState
+) -> None:
+    """One more design for the simulator, given what is simulated, printed and measured right now."""
+    seed = campaign.seed("simulation", batch, index)
+    scientist = campaign.config.scientist
+    pending = pending_points(campaign, state)
+    proposal = propose(
+        surrogate,
+        0,
+        1,
+        pending,
+        np.random.default_rng(seed),
+        min_distance=0.0,
+        acquisition=scientist.simulation_acquisition,
+        taken=to_unit(simulated_designs(campaign, state)),
+        printing=scientist.printing_rules,
+    )[0]
+    rule = scientist.simulation_acquisition
+    append_simulation(campaign, batch, index, proposal, rule, seed, surrogate.data, len(pending), [fit_id])
+
+
+def pending_points(campaign: Campaign, state: CampaignState) -> np.ndarray:
+    """Designs of which an outcome is still to come as points (x, s), m x 10: s is 1 for tools, 0 for simulations.
+
+    Tools of a batch that is not closed are not learned from yet, measured or not. A design that the simulator could do
+    on no object counts too: its outcome stays unknown, and its surroundings promise no more than a pending one's.
+    """
+    closed = set(closed_batches(campaign, state))
+    tools = [t.design for t in state.tools if t.batch not in closed and state.confirmed.get(t.tool_id) != "rejected"]
+    objects = set(campaign.object_ids)
+    simulations = [
+        design
+        for design in simulated_designs(campaign, state)
+        if not (objects <= state.ever_simulated(design.design_id) and design.design_id in state.fruitful)
+    ]
+    points = np.vstack([to_unit(tools), to_unit(simulations)])
+    fidelity = np.concatenate([np.ones(len(tools)), np.zeros(len(simulations))])
+    return np.column_stack([points, fidelity])
+
+
+def simulated_designs(campaign: Campaign, state: CampaignState) -> list[Design]:
+    """Designs that the campaign simulates, has simulated or will: what was proposed for it, and the tools."""
+    designs = {s.design.design_id: s.design for s in state.simulations}
+    if campaign.config.simulator.simulate_tools:
+        designs |= {t.design.design_id: t.design for t in state.tools}
+    return list(designs.values())
+
+
+def append_tools(
+    campaign: Campaign,
+    batch: int,
+    proposals: Sequence[ProposedDesign],
+    acquisition: str,
+    seed: int,
+    data: ObservationSet | None = None,
+    n_pending: int = 0,
+    parents: Sequence[str] = (),
+) -> None:
+    """Write the proposals of a batch; the batch row comes last and makes the batch complete."""
+    provenance = campaign.provenance(seed, parents)
+    _append_designs(campaign, [p.design for p in proposals], seed)
+    rows = [
+        _proposal_row(campaign, batch, slot, slot, p, acquisition, data, n_pending) for slot, p in enumerate(proposals)
+    ]
+    campaign.lake.append(rows, provenance)
+    row = BatchRow(
+        batch_id=BatchRow.make_id(campaign.campaign_id, batch),
+        campaign_id=campaign.campaign_id,
+        batch=batch,
+        kind="random" if data is None else "guided",
+        n_tools=len(proposals),
+    )
+    campaign.lake.append([row], provenance)
+
+
+def append_simulation(
+    campaign: Campaign,
+    batch: int,
+    index: int,
+    proposal: ProposedDesign,
+    acquisition: str,
+    seed: int,
+    data: ObservationSet | None = None,
+    n_pending: int = 0,
+    parents: Sequence[str] = (),
+) -> None:
+    """Write the proposal of one more simulation."""
+    _append_designs(campaign, [proposal.design], seed)
+    row = _proposal_row(campaign, batch, None, index, proposal, acquisition, data, n_pending)
+    campaign.lake.append([row], campaign.provenance(seed, parents))
+
+
+def _append_designs(campaign: Campaign, designs: Sequence[Design], seed: int) -> None:
+    rows = [DesignRow.of(d) for d in designs]
+    campaign.lake.append(rows, campaign.provenance(seed))
+
+
+def _proposal_row(
+    campaign: Campaign,
+    batch: int,
+    slot: int | None,
+    index: int,
+    proposal: ProposedDesign,
+    acquisition: str,
+    data: ObservationSet | None,
+    n_pending: int,
+) -> ProposalRow:
+    """A row of `proposals`; `data` None means that the design was drawn at random, without a model."""
+    return ProposalRow(
+        proposal_id=content_id("P", [campaign.campaign_id, batch, slot, index]),
+        campaign_id=campaign.campaign_id,
+        batch=batch,
+        slot=slot,
+        index=index,
+        fidelity="sim" if slot is None else "real",
+        design_id=proposal.design.design_id,
+        acquisition=acquisition,
+        acquisition_value=None if data is None else proposal.value,
+        n_real=0 if data is None else data.n_real,
+        n_sim=0 if data is None else data.n_sim,
+        n_pending=n_pending,
+    )

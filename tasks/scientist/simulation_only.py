@@ -1,0 +1,60 @@
+"""The baseline that never learns from a measurement: search in simulation alone, then print what simulated best."""
+
+import numpy as np
+
+from models.design.space import to_unit
+from models.scientist.propose import Proposal, propose
+from models.scientist.surrogate.observations import REAL, ObservationSet
+from models.scientist.surrogate.posterior import Surrogate
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.state import CampaignState
+from tasks.scientist.fit import surrogate_for_simulation
+from tasks.scientist.observe import means_of_simulations, observe, observed_rows, proposed_designs
+from tasks.scientist.propose import append_simulation, append_tools, pending_points, simulated_designs
+
+IMPROVEMENT, BEST_SIMULATED = "ei", "best_simulated"  # what `proposals.acquisition` calls the two
+_NOTHING = 1e-6  # of the simulations' spread: stands for a discrepancy that is not there
+
+
+def propose_improvement(campaign: Campaign, batch: int, index: int, state: CampaignState) -> None:
+    """One more design to simulate, by expected improvement of the simulated force itself."""
+    seed = campaign.seed("simulation", batch, index)
+    data = observe(campaign, state, ())
+    surrogate, fit_id = surrogate_for_simulation(
+        campaign, batch, index, data, lambda: observed_rows(campaign, state, ())
+    )
+    pending = pending_points(campaign, state)
+    pending[:, -1] = REAL
+    proposal = propose(
+        as_target(surrogate),
+        REAL,
+        1,
+        pending,
+        np.random.default_rng(seed),
+        min_distance=0.0,
+        acquisition="nei",
+        taken=to_unit(simulated_designs(campaign, state)),
+        printing=campaign.config.scientist.printing_rules,
+    )[0]
+    append_simulation(campaign, batch, index, proposal, IMPROVEMENT, seed, data, len(pending), [fit_id])
+
+
+def propose_best_simulated(campaign: Campaign, batch: int, state: CampaignState) -> None:
+    """The tools of a batch: the designs with the largest mean simulated force, best first."""
+    designs = proposed_designs(state)
+    means = means_of_simulations(campaign, campaign.version, designs)
+    best = np.argsort(-means.y, kind="stable")[: campaign.config.schedule.tools_of(batch)]
+    proposals = [Proposal(designs[means.ids[row]], float(means.y[row])) for row in best]
+    append_tools(
+        campaign, batch, proposals, BEST_SIMULATED, campaign.seed("tools", batch), observe(campaign, state, ())
+    )
+
+
+def as_target(surrogate: Surrogate) -> Surrogate:
+    """The surrogate of simulations with these in the place of measurements, so that they are what is optimised."""
+    p, data = surrogate.parameters, surrogate.data
+    parameters = p.model_copy(
+        update={"rho": 1.0, "sd_e": _NOTHING * p.sd_h, "noise_sd": p.nugget, "mean_real": p.mean_sim}
+    )
+    as_real = ObservationSet(data.x, np.full(len(data), REAL), data.y, data.noise_variance)
+    return Surrogate.condition(as_real, parameters)

@@ -1,0 +1,159 @@
+"""One attempt at a simulated grasp in a worker process: what came out, why it failed, and what it cost."""
+
+import logging
+import os
+import resource
+import sys
+import time
+from concurrent.futures import BrokenExecutor, CancelledError, Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from models.design.space import BEST_PUBLISHED
+from models.errors import MeshingFailed, SimulationFailed
+from models.ids import canonical_json
+from models.objects.catalogue import get_object
+from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion
+from models.simulation.effects.catalogue import build_effects
+from models.simulation.mesh.build import build_mesh
+from models.simulation.mesh.solid import SolidMesh
+from tasks.simulation.engine import EngineWorker
+from tasks.simulation.mesh_cache import cached_mesh
+
+logger = logging.getLogger(__name__)
+
+ATTEMPTS = 2
+# Wall time past a grasp's own deadline after which its worker is taken to hang; compiling kernels takes its time
+HANG_MARGIN_S = 300.0
+WARM_UP_OBJECT = 30  # a cube
+MESHES_KEPT = 4  # half and full width of a design, for two designs
+
+
+@dataclass(frozen=True)
+class GraspJob:
+    """A grasp to simulate; `deadline_s` is wall time.
+
+    Meshes are cached beside the lake at `lake_root` if given; `mesh` replaces that of the version.
+    """
+
+    design: Design
+    object_id: int
+    version: SimulatorVersion
+    setup: GraspSetup
+    deadline_s: float
+    lake_root: Path | None = None
+    mesh: SolidMesh | None = None
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """Outcome of a job: a result, or None with the reason of the failure and its message.
+
+    `cpu_s` is the worker's CPU time for everything, `mesh_cpu_s` the part spent on the mesh (none where the worker
+    still had it); `wall_s` is from start to end. `worker` is the process's id and `max_rss_mb` the most memory it
+    has held so far.
+    """
+
+    result: GraspSimulation | None
+    reason: str
+    message: str
+    cpu_s: float
+    mesh_cpu_s: float
+    wall_s: float
+    worker: int = 0
+    max_rss_mb: float = 0.0
+
+
+def attempt_grasp(job: GraspJob) -> Attempt:
+    """Mesh and simulate; a failed grasp is an outcome like any other. Runs in a worker process."""
+    from models.simulation.grasp import simulate_grasp  # compiled kernels are loaded in workers only
+
+    wall, started, meshed = time.perf_counter(), time.process_time(), time.process_time()
+    result, reason, message = None, "", ""
+    try:
+        _load_kernels("screening" if job.version.tier == "screening" else "production")
+        wall, started = time.perf_counter(), time.process_time()
+        obj = get_object(job.object_id)
+        mesh = job.mesh
+        if mesh is None and job.version.tier != "screening":  # which has a plane mesh, made in no time
+            version_json = canonical_json(job.version.model_dump())
+            mesh = _mesh_of(job.design, version_json, not obj.mirror_y, job.lake_root)
+        meshed = time.process_time()
+        result = simulate_grasp(job.design, obj, job.version, job.setup, mesh=mesh, deadline_s=job.deadline_s)
+    except (SimulationFailed, MeshingFailed) as error:
+        reason, message = error.reason, str(error)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        reason, message = "arithmetic", f"{type(error).__name__}: {error}"
+    ended = time.process_time()
+    return Attempt(
+        result=result,
+        reason=reason,
+        message=message,
+        cpu_s=ended - started,
+        mesh_cpu_s=meshed - started,
+        wall_s=time.perf_counter() - wall,
+        worker=os.getpid(),
+        max_rss_mb=_max_rss_mb(),
+    )
+
+
+@cache
+def _load_kernels(tier: Literal["screening", "production"]) -> None:
+    """Have the kernels of a tier (the reference has those of production) loaded by a short grasp.
+
+    After an update they are compiled first, on a busy machine for minutes. That time belongs to no grasp: counted
+    against a deadline, it would be kept as a failure for good.
+    """
+    from models.simulation.grasp import simulate_grasp
+
+    setup = GraspSetup(max_lift_mm=1.0)
+    simulate_grasp(BEST_PUBLISHED, get_object(WARM_UP_OBJECT), SimulatorVersion(tier=tier), setup)
+
+
+def _max_rss_mb() -> float:
+    unit_bytes = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit_bytes / 1e6
+
+
+@lru_cache(maxsize=MESHES_KEPT)
+def _mesh_of(design: Design, version_json: str, full_width: bool, lake_root: Path | None) -> SolidMesh:
+    """The mesh that this process made or read last time, else from the lake's cache, else a new one."""
+    version = SimulatorVersion.model_validate_json(version_json)
+    if lake_root is not None:
+        return cached_mesh(lake_root, design, version, full_width=full_width)
+    effects = build_effects(version.effects)
+    return build_mesh(design, version.mesh, full_width=full_width, effects=effects)
+
+
+def answer(worker: EngineWorker, job: GraspJob, future: "Future[Attempt]") -> Attempt:
+    """What the worker says; one that hangs is killed, one that died (once may be bad luck) is asked again."""
+    started = time.monotonic()
+    limit_s = hang_limit_s(job.deadline_s)
+    for attempt in range(ATTEMPTS):
+        if attempt > 0:
+            future = worker.submit(attempt_grasp, job)
+        try:
+            return future.result(timeout=None if worker.ends_hangs else limit_s)
+        except FutureTimeoutError:
+            worker.restart()
+            message = f"no answer for {limit_s:.0f} s; worker killed"
+            return _lost("hang", message, started)
+        except (BrokenExecutor, CancelledError):
+            logger.warning("a worker died at %s on object %d", job.design.design_id, job.object_id)
+    return _lost("worker_died", f"its worker died {ATTEMPTS} times", started)
+
+
+def hang_limit_s(deadline_s: float) -> float:
+    """Wall time after which a worker at a grasp with this deadline is taken to hang."""
+    return deadline_s + HANG_MARGIN_S
+
+
+def _lost(reason: str, message: str, started: float) -> Attempt:
+    """An attempt of which nobody is left to say what CPU time it took; at most its wall time."""
+    wall_s = time.monotonic() - started
+    return Attempt(None, reason, message, cpu_s=wall_s, mesh_cpu_s=0.0, wall_s=wall_s)

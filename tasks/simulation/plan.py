@@ -1,0 +1,168 @@
+"""Simulate designs with a theta of their own, side by side: the points of a hypercube, or tools at a new theta."""
+
+import logging
+import threading
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+
+from lake.provenance import Provenance, current_provenance
+from lake.store import Lake
+from lake.tables.campaign import DesignRow, SimulatorVersionRow
+from lake.tables.row import Row
+from lake.tables.rows_of import version_rows
+from models.records import Design, GraspSetup, SimulatorVersion
+from tasks.campaign.state import tuples
+from tasks.simulation.attempt import GraspJob, answer, attempt_grasp
+from tasks.simulation.pool import WorkerPool
+from tasks.simulation.simulation_rows import simulation_rows
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class SimulationPlan:
+    """Designs, each with its simulator version, to be simulated on the same objects in the same way.
+
+    `config_hash` and `seed` are those of what chose the points; every row names them.
+    """
+
+    points: tuple[tuple[Design, SimulatorVersion], ...]
+    object_ids: tuple[int, ...]
+    setup: GraspSetup
+    config_hash: str = ""
+    seed: int = 0
+    deadline_s: float = 120.0
+
+    @property
+    def n_grasps(self) -> int:
+        """Grasps of the whole plan."""
+        return len(self.points) * len(self.object_ids)
+
+    def provenance(self, parents: Sequence[str] = ()) -> Provenance:
+        """Provenance of the rows of this plan."""
+        return current_provenance(self.config_hash, self.seed, parents)
+
+
+@dataclass(frozen=True)
+class PointDone:
+    """Progress: a point ended. `n_done` of `n_grasps` grasps of the plan are in the lake, failed ones too."""
+
+    n_failed: int
+    n_done: int
+    n_grasps: int
+
+
+def simulate_plan(
+    lake: Lake,
+    plan: SimulationPlan,
+    n_workers: int,
+    on_point: Callable[[PointDone], None] = lambda _: None,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> int:
+    """Simulate what the lake lacks of a plan; a worker takes its next point the moment it is free.
+
+    All grasps of a point, failed or not, are in the lake when its last one ends: a killed process is continued by the
+    same call, and has lost one point for each worker. Returns the number of grasps that failed in this call.
+    `should_stop` is asked before each grasp.
+    """
+    missing = missing_objects(lake, plan)
+    if not missing:
+        return 0
+    _describe(lake, plan)
+    done = _Count(plan, plan.n_grasps - sum(len(objects) for _, objects in missing))
+    pool = WorkerPool(min(n_workers, len(missing)))
+    stopping = threading.Event()
+
+    def has_stopped() -> bool:
+        return stopping.is_set() or should_stop()
+
+    try:
+        with ThreadPoolExecutor(min(n_workers, len(missing)), thread_name_prefix="hypercube") as threads:
+            futures = [
+                threads.submit(_simulate_point, lake, plan, point, objects, pool, has_stopped)
+                for point, objects in missing
+            ]
+            try:
+                for future in as_completed(futures):
+                    on_point(done.add(*future.result()))
+            except BaseException:
+                stopping.set()  # the other points end after their grasp
+                raise
+    finally:
+        pool.close()
+    return done.n_failed
+
+
+def missing_objects(lake: Lake, plan: SimulationPlan) -> list[tuple[tuple[Design, SimulatorVersion], list[int]]]:
+    """Points of a plan with the objects that the lake has no result or failure of, in order."""
+    known: dict[tuple[str, str], set[int]] = defaultdict(set)
+    sql = "SELECT design_id, version_id, object_id FROM simulations WHERE setup_id = ?"
+    for design_id, version_id, object_id in tuples(lake, sql, plan.setup.setup_id):
+        known[design_id, version_id].add(object_id)
+    found = []
+    for design, version in plan.points:
+        done = known.get((design.design_id, version.version_id), set())
+        objects = [object_id for object_id in plan.object_ids if object_id not in done]
+        if objects:
+            found.append(((design, version), objects))
+    return found
+
+
+class _Count:
+    """How far a plan is; used by one thread."""
+
+    def __init__(self, plan: SimulationPlan, n_done: int) -> None:
+        self._n_grasps, self._n_done = plan.n_grasps, n_done
+        self.n_failed = 0
+
+    def add(self, n_made: int, n_failed: int) -> PointDone:
+        """Count the grasps of a point."""
+        self._n_done += n_made
+        self.n_failed += n_failed
+        return PointDone(n_failed, self._n_done, self._n_grasps)
+
+
+def _simulate_point(
+    lake: Lake,
+    plan: SimulationPlan,
+    point: tuple[Design, SimulatorVersion],
+    objects: Sequence[int],
+    pool: WorkerPool,
+    should_stop: Callable[[], bool],
+) -> tuple[int, int]:
+    """Simulate a design on the objects it misses in one worker; returns the numbers of grasps made and failed.
+
+    Its rows are written together: a file for each of 53,000 grasps would take longer to write than some to simulate.
+    """
+    design, version = point
+    rows: list[Row] = []
+    n_made = n_failed = 0
+    with pool.lend() as worker:
+        for object_id in objects:
+            if should_stop():
+                break
+            job = GraspJob(design, object_id, version, plan.setup, plan.deadline_s, lake.root)
+            attempt = answer(worker, job, worker.submit(attempt_grasp, job))
+            n_made += 1
+            if attempt.result is None:
+                n_failed += 1
+                logger.warning("simulation of %s on object %d failed: %s", design.design_id, object_id, attempt.message)
+            rows += simulation_rows(job, attempt)
+    if rows:
+        lake.append(rows, plan.provenance([design.design_id, version.version_id]))
+    return n_made, n_failed
+
+
+def _describe(lake: Lake, plan: SimulationPlan) -> None:
+    """Make sure that the lake has every design and simulator version of a plan: thousands, in one file each."""
+    known_designs, known_versions = lake.ids(DesignRow), lake.ids(SimulatorVersionRow)
+    rows: list[Row] = []
+    for design, version in plan.points:
+        if design.design_id not in known_designs:
+            rows.append(DesignRow.of(design))
+        if version.version_id not in known_versions:
+            rows += version_rows(version)
+    if rows:
+        lake.append(rows, plan.provenance())

@@ -1,0 +1,120 @@
+"""Simulate a design on its objects: one worker process for all of them, rows every few seconds."""
+
+import logging
+import time
+from collections.abc import Callable
+from typing import Any
+
+from lake.tables.campaign import Row, SimTraceRow, SimulationRow, setup_columns
+from lake.tables.rows_of import missing_version_rows
+from models.ids import canonical_json
+from models.records import Design, GraspSimulation
+from tasks.campaign.campaign import Campaign
+from tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
+from tasks.simulation.engine import Engine
+
+logger = logging.getLogger(__name__)
+
+WRITE_S = 5.0  # of finished simulations, at most, that a crash takes; a longer one is written as it ends
+
+
+def simulate_design(
+    campaign: Campaign, design: Design, *, pool: Engine, should_stop: Callable[[], bool] = lambda: False
+) -> int:
+    """Simulate a design on the objects it misses, all in one worker; each result, or failure, becomes a row.
+
+    The worker is given the next grasp before the row of the last one is written, so it never waits for the lake.
+    `should_stop` is asked before each object. Returns the number of failed grasps.
+    """
+    append_version(campaign)
+    n_failed = 0
+    with pool.lend() as worker, _Writer(campaign, design) as writer:
+        last: tuple[GraspJob, Attempt] | None = None
+        for object_id in campaign.state().missing_objects(design.design_id, campaign.object_ids):
+            if should_stop():
+                break
+            job = _job(campaign, design, object_id)
+            future = worker.submit(attempt_grasp, job)
+            if last is not None:
+                n_failed += writer.add(*last)
+            last = job, answer(worker, job, future)
+        if last is not None:
+            n_failed += writer.add(*last)
+    return n_failed
+
+
+def append_version(campaign: Campaign) -> None:
+    """Make sure that the lake describes the campaign's simulator and its effects."""
+    rows = missing_version_rows(campaign.lake, campaign.version)
+    if rows:
+        campaign.lake.append(rows, campaign.provenance())
+
+
+def _job(campaign: Campaign, design: Design, object_id: int) -> GraspJob:
+    deadline_s = campaign.config.simulator.grasp_deadline_s
+    return GraspJob(design, object_id, campaign.version, campaign.config.grasp, deadline_s, campaign.lake.root)
+
+
+class _Writer:
+    """Writes the rows of a design when `WRITE_S` have passed since the last were, and when the `with` block ends.
+
+    A file of rows costs the campaign's process 7 ms, a row in it one. What a crash takes is simulated again.
+    """
+
+    def __init__(self, campaign: Campaign, design: Design) -> None:
+        self._campaign = campaign
+        self._provenance = campaign.provenance(parents=[design.design_id, campaign.version.version_id])
+        self._rows: list[Row] = []
+        self._written_s = time.monotonic()
+
+    def __enter__(self) -> "_Writer":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._write()
+
+    def add(self, job: GraspJob, attempt: Attempt) -> bool:
+        """Take the row of a grasp, and its trace; True when it failed."""
+        self._rows += _rows(job, attempt)
+        if time.monotonic() - self._written_s >= WRITE_S:
+            self._write()
+        return attempt.result is None
+
+    def _write(self) -> None:
+        if self._rows:
+            self._campaign.lake.append(self._rows, self._provenance)
+        self._rows, self._written_s = [], time.monotonic()
+
+
+def _rows(job: GraspJob, attempt: Attempt) -> list[Row]:
+    """What the lake keeps of a grasp: its row and, unless it failed, its trace."""
+    version_id, design_id = job.version.version_id, job.design.design_id
+    key: dict[str, Any] = {
+        "simulation_id": SimulationRow.make_id(design_id, job.object_id, version_id, job.setup.setup_id),
+        "design_id": design_id,
+        "object_id": job.object_id,
+        "version_id": version_id,
+        "cpu_s": attempt.cpu_s,
+        **setup_columns(job.setup),
+    }
+    details: dict[str, Any] = {"wall_s": round(attempt.wall_s, 3)}
+    if attempt.result is None:
+        logger.warning("simulation of %s on object %d failed: %s", design_id, job.object_id, attempt.message)
+        details["message"] = attempt.message
+        return [SimulationRow(**key, status="failed", reason=attempt.reason, details_json=canonical_json(details))]
+    trace = SimTraceRow.of(key["simulation_id"], attempt.result.trace)
+    return [trace, _result_row(key, attempt.result, details)]
+
+
+def _result_row(key: dict[str, Any], result: GraspSimulation, details: dict[str, Any]) -> SimulationRow:
+    return SimulationRow(
+        **key,
+        status="ok",
+        reason="",
+        peak_force_n=result.peak_force_n,
+        contact_force_n=result.contact_force_n,
+        work_j=result.work_j,
+        n_dof=result.n_dof,
+        n_newton=result.n_newton,
+        details_json=canonical_json(details | {"mesh_id": result.mesh_id}),
+    )

@@ -1,0 +1,1 @@
+"""Features of the lake's traces: qualities, identification, anomalies."""

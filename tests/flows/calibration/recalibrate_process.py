@@ -1,0 +1,65 @@
+"""What a worker and a campaign do, in a process of its own, on the server of PREFECT_API_URL; made-up draws.
+
+Arguments: a lake, then words. `pool` makes the work pool of prefect.yaml, `run` the flow, `announce` sends a
+campaign's event. Prints the messages of the flow's states.
+"""
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+from flows.server.server import configure_client
+from lake.store import Lake
+from tests.tasks.calibration.calibration_lake import CONFIG, made_up_result
+
+
+def made_up(problem, settings, progress=None):
+    """Draws in the place of the sampler's."""
+    return made_up_result(problem, settings)
+
+
+def main(root: Path, words: list[str], api_url: str) -> None:
+    """Do what the words say, in order."""
+    sys.modules["models.calibration.means.calibrate"] = SimpleNamespace(calibrate=made_up)  # type: ignore[assignment]
+    configure_client(api_url, root)
+    for word in words:
+        {"pool": make_pool, "run": run_flow, "announce": announce}[word](root)
+
+
+def make_pool(root: Path) -> None:
+    """The work pool that the deployments name."""
+    from prefect import get_client
+    from prefect.client.schemas.actions import WorkPoolCreate
+
+    with get_client(sync_client=True) as client:
+        client.create_work_pool(WorkPoolCreate(name="lab", type="process"))
+
+
+def run_flow(root: Path) -> None:
+    """Run the deployment's flow as a worker would."""
+    from flows.deployments import recalibrate
+
+    state = recalibrate(lake=str(root), simulate=0, chains=2, draws=100, tune=50, return_state=True)
+    sys.stdout.write(f"{state.type.value}: {state.message}\n")
+    sys.stdout.flush()
+
+
+def announce(root: Path) -> None:
+    """Send the event that a campaign sends when the batches of a stage are measured."""
+    import tomllib
+
+    from prefect.events.worker import EventsWorker
+
+    from flows.campaign.events import announce_measured
+    from tasks.campaign.campaign import Campaign
+    from tasks.campaign.config import CampaignConfig
+
+    config = CampaignConfig.model_validate(tomllib.loads(CONFIG.format(name="small", tier="production")))
+    announce_measured(Campaign(Lake.open(root), config), [1, 2])
+    EventsWorker.drain_all(timeout=20)
+
+
+if __name__ == "__main__":
+    import os
+
+    main(Path(sys.argv[1]), sys.argv[2:], os.environ["PREFECT_API_URL"])

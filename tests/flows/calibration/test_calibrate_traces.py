@@ -1,0 +1,91 @@
+"""`fast calibrate --data trace` on a lake with closed-form traces: the missing grid, the answer, refusals, the page."""
+
+from typing import Any
+
+import pytest
+
+from lake.tables.campaign import CalibrationRow, SimulationRow
+from lake.tables.rows_of import version_rows
+from models.calibration.traces import calibrate as sampler
+from models.records import EffectValue, SimulatorVersion
+from tasks.simulation import plan as work
+from tests.flows.cli.cli_lakes import Fast
+from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws, simulated_trace, trace_lake
+from tests.tasks.simulation.test_hypercube import Pool
+
+SMALL = ("--data", "trace", "--chains", 2, "--draws", 200, "--tune", 100, "--workers", 1)
+
+
+@pytest.fixture
+def fast(capsys: pytest.CaptureFixture[str]) -> Fast:
+    return Fast(capsys)
+
+
+@pytest.fixture
+def simulator(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Closed-form traces in the place of the workers, whose `jobs` are kept, and normal draws in that of NUTS."""
+
+    class Simulator(Pool):
+        jobs: list = []
+
+        def submit(self, function, job):
+            future = super().submit(function, job)
+            trace = simulated_trace(job.design, job.version, job.object_id)
+            object.__setattr__(future.result().result, "trace", trace)
+            return future
+
+    monkeypatch.setattr(work, "WorkerPool", Simulator)
+    monkeypatch.setattr(sampler, "sample", normal_draws)
+    return Simulator
+
+
+def test_what_is_missing_of_the_grid_is_simulated_once_and_theta_inferred(tmp_path, fast, simulator) -> None:
+    lake = trace_lake(tmp_path / "lake", n_simulated=3)
+    page = tmp_path / "page"
+    answer = fast("calibrate", "--lake", lake.root, *SMALL, "--out", page)
+    assert answer.status == 0, answer
+    assert "36 of 144 grasps of the grid around the measured designs are missing" in answer.err
+    assert "24 traces of 4 tools on 3 objects, 144 simulated grasps around them; 2 chains of 100 + 200" in answer.err
+    (row,) = lake.records(CalibrationRow)
+    assert answer.out.startswith(
+        f"calibration {row.calibration_id} of 24 grasps of 4 tools and 144 simulated grasps gave simulator version "
+        f"{row.version_id}."
+    )
+    assert "held out: none" in answer.out
+    assert len(simulator.jobs) == 36
+    assert len(lake.ids(SimulationRow)) == 144
+    html = (page / "index.html").read_text()
+    assert "4 measured designs and 144 simulated grasps on 3 objects" in html
+    assert "Compared were force traces" in html
+    assert (page / "figures" / "calibration_tool_sd.svg").is_file()
+    assert (page / "data" / "posterior.nc").is_file()
+    simulator.jobs.clear()
+    again = fast("calibrate", "--lake", lake.root, *SMALL)
+    assert again.out.startswith(f"nothing new since calibration {row.calibration_id}: the same 24 grasps")
+    assert not simulator.jobs
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("--simulate", 80), "--simulate 80 asks for a hypercube, which --data trace does not use; leave it out"),
+        (("--verify",), "--verify simulates held-out designs, and --data trace holds none out; leave it out"),
+        (("--method", "joint"), "--method joint is of the calibration on means; leave it out with --data trace"),
+        (("--rho", "free"), "--rho free is of the calibration on means; leave it out with --data trace"),
+    ],
+)
+def test_what_only_means_have_is_refused(tmp_path, fast, simulator, words, sentence) -> None:
+    lake = trace_lake(tmp_path / "lake", n_simulated=0)
+    assert sentence in fast.refused("calibrate", "--lake", lake.root, *SMALL, *words)
+    assert not simulator.jobs
+
+
+def test_effects_that_break_the_scaling_are_refused_before_anything_is_simulated(tmp_path, fast, simulator) -> None:
+    lake = trace_lake(tmp_path / "lake", n_simulated=0)
+    stalling = SimulatorVersion(
+        effects=(EffectValue(effect="force_limited_closing", parameters={"max_force_n": 40.0}),)
+    )
+    lake.append(version_rows(stalling), PROVENANCE)
+    said = fast.refused("calibrate", "--lake", lake.root, *SMALL, "--version", stalling.version_id)
+    assert "with `force_limited_closing` forces do not scale with Young's modulus" in said
+    assert not simulator.jobs

@@ -1,0 +1,217 @@
+"""The closed loop on the virtual bench, killed in the middle and continued: the same set of grasps, once each."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from lake.store import Lake
+from lake.tables.campaign import EventRow, FlowRunRow, GraspRow, ProposalRow, SimulationRow, ToolRow
+from models.errors import FastError
+from tasks.campaign.config import load_config
+from tasks.campaign.state_keeper import derive_state
+
+ROOT = Path(__file__).parents[3]
+CONFIG = """
+name = "tiny"
+seed = 2
+[schedule]
+initial_tools = 2
+tools_per_batch = 2
+guided_batches = 1
+initial_simulations = 2
+simulations_per_batch = 1
+[objects]
+ids = [0, 14]
+repeats = 2
+[bench]
+world = "world.toml"
+[execution]
+simulation_workers = 1
+print_poll_s = 0.5
+"""
+N_TOOLS, N_OBJECTS, N_REPEATS = 4, 2, 2
+N_SIMULATED_DESIGNS = 2 + 1 + N_TOOLS
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "tiny.toml").write_text(CONFIG)
+    (tmp_path / "world.toml").write_text((ROOT / "worlds" / "quick.toml").read_text().replace("5.0", "8.0"))
+    return tmp_path
+
+
+def start(folder: Path, *options: str) -> "subprocess.Popen[str]":
+    command = [sys.executable, "-m", "flows.cli.main", "campaign", "run", str(folder / "tiny.toml")]
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT_")}
+    return subprocess.Popen(
+        [*command, "--lake", str(folder / "lake"), *options],
+        cwd=ROOT,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def wait_for(folder: Path, condition, limit_s: float = 600.0) -> None:
+    deadline = time.monotonic() + limit_s
+    while time.monotonic() < deadline:
+        try:
+            if condition(Lake.open(folder / "lake")):
+                return
+        except FastError:
+            pass  # the lake is not there yet
+        time.sleep(0.2)
+    raise AssertionError("the campaign did not get that far in time")
+
+
+def assert_complete(folder: Path) -> None:
+    lake = Lake.open(folder / "lake")
+    grasps = [r for r in lake.rows(GraspRow, campaign_id="tiny") if r["status"] == "ok"]
+    cells = {(r["tool_id"], r["object_id"], r["repeat"]) for r in grasps}
+    assert len(grasps) == len(cells) == N_TOOLS * N_OBJECTS * N_REPEATS
+    simulated = {(r["design_id"], r["object_id"]) for r in lake.rows(SimulationRow)}
+    assert len(lake.rows(SimulationRow)) == len(simulated) == N_SIMULATED_DESIGNS * N_OBJECTS
+    assert all(len(lake.trace(r["grasp_id"]).force_n) > 100 for r in grasps)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_killed_twice_and_continued_gives_every_grasp_once(folder):
+    first = start(folder, "--auto-print")
+    wait_for(folder, lambda lake: len(lake.ids(SimulationRow)) >= 2)
+    first.send_signal(signal.SIGKILL)
+    first.communicate()
+
+    second = start(folder, "--auto-print")
+    before = len(Lake.open(folder / "lake").ids(GraspRow))
+    wait_for(folder, lambda lake: len(lake.ids(GraspRow)) >= before + 2)
+    second.send_signal(signal.SIGKILL)
+    second.communicate()
+
+    measured_before = {r["grasp_id"]: r["created_at"] for r in Lake.open(folder / "lake").rows(GraspRow)}
+    third = start(folder, "--auto-print")
+    output, _ = third.communicate(timeout=300)
+    assert third.returncode == 0, output
+    assert_complete(folder)
+    after = {r["grasp_id"]: r["created_at"] for r in Lake.open(folder / "lake").rows(GraspRow)}
+    assert measured_before.items() <= after.items()  # nothing was measured again
+    runs = Lake.open(folder / "lake").rows(FlowRunRow, campaign_id="tiny")
+    assert sorted(row["status"] for row in runs if row["ended_at"] is not None) == ["completed"]
+    assert {row["status"] for row in runs if row["ended_at"] is None} <= {"died"}  # one may be killed before it starts
+    assert "best tool" in output
+    assert (folder / "lake" / "outputs" / "tiny" / "report" / "index.html").is_file()
+    assert (folder / "lake" / "outputs" / "tiny" / "tiny.rrd").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+def test_waits_for_a_person_simulates_meanwhile_and_pauses_on_request(folder):
+    campaign = start(folder)
+    try:
+        wait_for(folder, lambda lake: any(r["kind"] == "print_waiting" for r in lake.rows(EventRow)))
+        config = load_config(folder / "tiny.toml")
+        version_id, setup_id = config.simulator.version.version_id, config.grasp.setup_id
+        wait_for(folder, lambda lake: len(lake.ids(SimulationRow)) == 4 * N_OBJECTS)  # 2 proposals and 2 tools
+        state = derive_state(Lake.open(folder / "lake"), "tiny", setup_id, [version_id])
+        assert not state.is_confirmed(1)
+        assert not state.measured
+        assert (folder / "lake" / "outputs" / "tiny" / "B01-print" / "tray.3mf").is_file()
+
+        fast(folder, "print", "confirm", "tiny/B01", "--operator", "tester", "--reject", "1=tip torn")
+        wait_for(folder, lambda lake: len(lake.ids(GraspRow)) >= 1)
+        fast(folder, "campaign", "pause", "tiny")
+        output, _ = campaign.communicate(timeout=120)
+        assert campaign.returncode == 0, output
+        assert "the same command continues it" in output
+    finally:
+        campaign.kill()
+        campaign.communicate()
+    lake = Lake.open(folder / "lake")
+    assert {r["tool_id"] for r in lake.rows(GraspRow)} == {"tiny/B01T0"}
+    assert {r["confirmed_by"] for r in lake.rows(ToolRow)} == {"person"}
+    assert lake.rows(EventRow)[-1]["kind"] == "interrupted"
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_ctrl_c_at_the_terminal_ends_cleanly_while_a_person_is_awaited(folder):
+    campaign = start(folder)
+    try:
+        wait_for(folder, lambda lake: any(r["kind"] == "print_waiting" for r in lake.rows(EventRow)))
+        wait_for(folder, lambda lake: len(lake.ids(SimulationRow)) >= 1)
+        os.killpg(campaign.pid, signal.SIGINT)  # a terminal interrupts server and workers as well
+        output, _ = campaign.communicate(timeout=60)
+    finally:
+        campaign.kill()
+        campaign.communicate()
+    assert campaign.returncode == 0, output
+    assert "the same command continues it" in output
+    assert "Traceback" not in output
+    assert {r["status"] for r in Lake.open(folder / "lake").rows(SimulationRow)} == {"ok"}
+
+
+@pytest.mark.study
+@pytest.mark.timeout(1500)
+def test_killed_among_simulations_it_proposes_what_it_would_have_uninterrupted(folder):
+    """The lake is copied while the process stands still, as a kill would leave it; both copies are continued."""
+    toml = folder / "tiny.toml"
+    toml.write_text(CONFIG.replace("simulations_per_batch = 1", "simulations_per_batch = 3"))
+    campaign = start(folder)
+    try:
+        wait_for(folder, lambda lake: any(r["kind"] == "print_waiting" for r in lake.rows(EventRow)))
+        fast(folder, "print", "confirm", "tiny/B01", "--operator", "tester")
+        wait_for(folder, lambda lake: begun_simulations(lake) >= 1)
+        os.killpg(campaign.pid, signal.SIGSTOP)
+        shutil.copytree(folder / "lake", folder / "killed" / "lake", ignore=shutil.ignore_patterns(".state"))
+        os.killpg(campaign.pid, signal.SIGCONT)
+        at_kill = begun_simulations(Lake.open(folder / "killed" / "lake"))
+        wait_for(folder, lambda lake: is_simulated(lake, 3))  # nobody confirms B02, so the bench stands still
+    finally:
+        end(campaign)
+    for name in ("tiny.toml", "world.toml"):
+        shutil.copy(folder / name, folder / "killed")
+    continued = start(folder / "killed")
+    try:
+        wait_for(folder / "killed", lambda lake: is_simulated(lake, 3))
+    finally:
+        end(continued)
+    uninterrupted, killed = (guided(Lake.open(root / "lake")) for root in (folder, folder / "killed"))
+    assert at_kill < 3
+    assert len(uninterrupted) == 2 + 3
+    assert killed == uninterrupted
+
+
+def guided(lake: Lake) -> dict[tuple, tuple]:
+    """What was proposed for the guided batch, tools and simulations, with what was known when it was."""
+    rows = lake.rows(ProposalRow, campaign_id="tiny", batch=2)
+    known = ("design_id", "acquisition_value", "n_real", "n_sim", "n_pending")
+    return {(r["fidelity"], r["index"]): tuple(r[name] for name in known) for r in rows}
+
+
+def begun_simulations(lake: Lake) -> int:
+    return len(lake.rows(ProposalRow, campaign_id="tiny", batch=2, fidelity="sim"))
+
+
+def is_simulated(lake: Lake, n_designs: int) -> bool:
+    designs = {r["design_id"] for r in lake.rows(ProposalRow, campaign_id="tiny", batch=2, fidelity="sim")}
+    done = sum(r["design_id"] in designs for r in lake.rows(SimulationRow))
+    return len(designs) == n_designs and done == n_designs * N_OBJECTS
+
+
+def end(campaign: "subprocess.Popen[str]") -> None:
+    campaign.kill()
+    campaign.communicate()
+
+
+def fast(folder: Path, *arguments: str) -> None:
+    command = [sys.executable, "-m", "flows.cli.main", *arguments, "--lake", str(folder / "lake")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,53 @@
+"""When a person is needed next, on a campaign whose lake is written by hand."""
+
+from datetime import datetime
+
+import pytest
+
+from flows.campaign.forecast import Forecast, forecast
+from tasks.bench.print import PrintConfirmation, confirm_print
+from tasks.scientist.propose import propose_initial
+from tests.tasks.campaign.small_campaign import small_campaign
+from tests.tasks.simulation.made_up import append_grasp, append_simulation
+
+NOW = datetime(2026, 11, 21, 4, 0)
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    return small_campaign(tmp_path)
+
+
+def look(campaign, s_per_grasp=15.0, s_per_simulation=100.0):
+    return forecast(campaign, campaign.state(), s_per_grasp, s_per_simulation)
+
+
+def test_a_campaign_needs_a_person_now_then_when_bench_and_simulations_are_done(campaign):
+    propose_initial(campaign)
+    assert look(campaign) == Forecast(1, 0.0)
+    confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada"))
+    # Two tools on two objects twice, 8 grasps; two designs and two tools on two objects, 8 simulations.
+    assert look(campaign) == Forecast(2, pytest.approx(800.0))
+    assert look(campaign, s_per_grasp=None).in_s is None
+    state = campaign.state()
+    for design in [*(p.design for p in state.simulations), *(t.design for t in state.tools)]:
+        for object_id in campaign.object_ids:
+            append_simulation(campaign, design, object_id, 10.0)
+    append_grasp(campaign, state.tools_of(1)[0], 4, 0, 5.0)
+    n_proposed = len(state.simulations_of(1))
+    left_s = (2 - n_proposed) * 2 * 100.0
+    assert look(campaign) == Forecast(2, pytest.approx(max(7 * 15.0, left_s)))
+
+
+@pytest.mark.parametrize(
+    ("seen", "words"),
+    [
+        (Forecast(2, 9600.0), "Next time a person is needed: 06:40, for B02."),
+        (Forecast(2, 30 * 3600.0), "Next time a person is needed: 10:00 on Sunday, 22 November, for B02."),
+        (Forecast(2, 0.0), "A person is needed now: print and mount B02."),
+        (Forecast(2, None), "A person is needed for B02; when is not known yet."),
+        (Forecast(None, None), "No person is needed any more."),
+    ],
+)
+def test_a_forecast_is_a_sentence(seen, words):
+    assert seen.in_words(NOW) == words

@@ -1,0 +1,109 @@
+"""Forms in the pages, against a server that answers as Prefect's does; what cannot be had never fails a campaign."""
+
+from urllib.error import HTTPError
+
+import pytest
+
+from flows.campaign.forms import close_forms, open_form
+from flows.campaign.launch import Voice
+from flows.campaign.notify import SILENT
+from flows.campaign.operator import PrintDesk
+from flows.server.server import address_for_others, ask_server
+from lake.store import Lake
+from lake.tables.campaign import EventRow
+from tasks.bench.print import PrintConfirmation, confirm_print, ensure_tray
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.config import load_config
+from tests.flows.cli.cli_lakes import proposed_lake
+from tests.flows.server.local_server import local_server
+
+
+class Pages:
+    """The part of Prefect's API that forms use."""
+
+    def __init__(self, deployed=True):
+        self.deployed = deployed
+        self.runs = []
+
+    def __call__(self, request):
+        if request.path == "/api/deployments/name/print/print":
+            return (200, {"id": "D"}) if self.deployed else (404, {})
+        if request.path == "/api/deployments/D/create_flow_run":
+            self.runs.append({"id": f"R{len(self.runs)}", "open": True, **request.body})
+            return 201, self.runs[-1]
+        if request.path == "/api/flow_runs/filter":
+            wanted = set(request.body["flow_runs"]["tags"]["all_"])
+            return 200, [run for run in self.runs if run["open"] and wanted <= set(run["tags"])]
+        run = next(run for run in self.runs if request.path == f"/api/flow_runs/{run['id']}/set_state")
+        run["open"], run["message"] = False, request.body["state"]["message"]
+        return 201, {}
+
+
+@pytest.fixture(scope="module")
+def lake(tmp_path_factory):
+    return Lake.open(proposed_lake(tmp_path_factory.mktemp("forms")))
+
+
+@pytest.fixture
+def pages(monkeypatch):
+    found = Pages()
+    with local_server(found) as (address, seen):
+        monkeypatch.setenv("PREFECT_API_URL", f"{address}/api")
+        monkeypatch.setenv("FAST_PASSWORD", "open sesame")
+        found.seen = seen
+        yield found
+
+
+def test_a_batch_has_one_form_until_it_is_closed(lake, pages):
+    form = open_form(lake, "quick", 1)
+    assert form.endswith("/runs/flow-run/R0")
+    assert open_form(lake, "quick", 1) == form
+    (run,) = pages.runs
+    assert run["parameters"] == {
+        "campaign": "quick", "batch": 1, "slots": [0, 1, 2, 3], "lake": address_for_others(lake)
+    }  # fmt: skip
+    assert run["name"] == "quick/B01: printed and mounted?"
+    close_forms(lake, "quick", 1, "said by ada")
+    assert run["message"] == "said by ada"
+    assert open_form(lake, "quick", 1).endswith("R1")
+    assert {request.headers["Authorization"] for request in pages.seen} == {"Basic ZmFzdDpvcGVuIHNlc2FtZQ=="}
+
+
+def test_without_deployment_or_server_there_is_no_form(lake, pages, monkeypatch):
+    pages.deployed = False
+    assert open_form(lake, "quick", 1) is None
+    monkeypatch.setenv("PREFECT_API_URL", "http://127.0.0.1:9/api")
+    assert open_form(lake, "quick", 1) is None
+    close_forms(lake, "quick", 1, "nobody hears it")
+
+
+def test_a_server_whose_database_is_busy_is_asked_again(monkeypatch):
+    monkeypatch.setattr("flows.server.server.time.sleep", lambda s: None)
+    answers = [(503, {}), (503, {}), (200, "well"), *[(503, {})] * 5]
+    with local_server(lambda request: answers.pop(0)) as (address, seen):
+        assert ask_server(address, "/x") == "well"
+        with pytest.raises(HTTPError, match="503"):
+            ask_server(address, "/x")
+    assert len(seen) == 8
+
+
+def test_the_desk_asks_reminds_and_thanks(tmp_path, pages, monkeypatch):
+    lake = Lake.open(proposed_lake(tmp_path))
+    campaign = Campaign(lake, load_config(tmp_path / "quick.toml"))
+    said = []
+    desk = PrintDesk(campaign, Voice(said.append, said.append), SILENT)
+    sheet = ensure_tray(lake, "quick", 1)
+    desk.ask(1, sheet)
+    assert "fast print confirm quick/B01 --operator NAME" in said[0]
+    assert "form at http://" in said[0]
+    assert [row["kind"] for row in lake.rows(EventRow)][-1] == "print_waiting"
+    desk.wait(1, sheet)
+    assert len(said) == 1
+    later_s = 5 * 3600
+    monkeypatch.setattr("flows.campaign.operator.time.monotonic", lambda: desk._asked_s + later_s)
+    desk.wait(1, sheet)
+    desk.wait(1, sheet)
+    assert [line.partition(";")[0] for line in said[1:]] == ["FAST still needs you: batch quick/B01, for 5 h 0 min"]
+    confirm_print(lake, "quick", 1, PrintConfirmation(operator="ada"))
+    desk.thank(1)
+    assert [run["open"] for run in pages.runs] == [False]

@@ -1,0 +1,61 @@
+"""`fast doctor --real` and a rehearsal of `fast gantry --real`, against a virtual bench of another process."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from flows.cli.virtual import rack
+from tests.flows.cli.cli_lakes import ROOT, WORLD, Fast
+
+
+@pytest.fixture(scope="module")
+def addresses():
+    command = [sys.executable, "-m", "flows.cli.main", "virtual", "start", str(WORLD), "--json"]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as bench:
+        yield json.loads(bench.stdout.readline())
+        bench.terminate()
+
+
+@pytest.fixture
+def fast(capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setenv("CI", "true")
+    return Fast(capsys)
+
+
+def write_bench(path, addresses, more=""):
+    lines = [f"{key} = {json.dumps(value)}" for key, value in addresses.items()]
+    masses = [f"{slot} = {tool.expected_mass_kg:.3f}" for slot, tool in rack(None).items()]
+    path.write_text("\n".join([*lines, "modbus_time_out_s = 10", more, "[tool_mass_kg]", *masses]))
+    return path
+
+
+@pytest.mark.parametrize("wire", ["tcp", "rtu"])
+def test_doctor_finds_a_sound_bench(fast, tmp_path, addresses, wire):
+    used = {key: value for key, value in addresses.items() if wire == "rtu" or key != "transmitter_serial_port"}
+    bench = write_bench(tmp_path / "rehearsal.toml", used)
+    answer = fast("doctor", "--real", bench)
+    assert answer.status == 0, answer.out
+    assert answer.out.count("\n") == 19
+    assert "FAIL" not in answer.out
+    rows = fast("gantry", "log", "--json").json
+    assert sorted(row["device"] for row in rows) == ["gantry", "load-cell", "plc"]
+
+
+def test_doctor_names_what_is_wrong(fast, tmp_path, addresses):
+    bench = write_bench(tmp_path / "rehearsal.toml", {**addresses, "plc_port": 1}, "transmitter_filter = 4")
+    answer = fast("doctor", "--real", bench, "--json")
+    assert answer.status == 1
+    failed = {row["name"]: row["note"] for row in answer.json if not row["ok"]}
+    assert sorted(failed) == ["PLC", "load-cell filter"]
+    assert "switch its Modbus TCP server on" in failed["PLC"]
+
+
+def test_a_rehearsal_moves_the_virtual_bench_even_in_a_build(fast, tmp_path, addresses):
+    bench = write_bench(tmp_path / "rehearsal.toml", addresses)
+    answer = fast("gantry", "home", "--real", bench, "--yes-move", "rehearsal", "--json")
+    assert answer.status == 0, answer.err
+    assert answer.json == {"x_mm": 1500.0, "y_mm": 1500.0, "z_mm": 180.0}
+    assert "a rehearsal: all its addresses are virtual" in answer.err

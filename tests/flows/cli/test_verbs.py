@@ -1,0 +1,182 @@
+"""What pause, stop and abort do to a batch on the bench, and what the lake keeps of it."""
+
+import signal
+from contextlib import contextmanager
+from functools import partial
+
+import pytest
+
+from flows.campaign.launch import Voice
+from flows.campaign.loops import Session
+from flows.campaign.session import interrupts
+from flows.cli.virtual import read_fault
+from hardware.bench import open_virtual_bench
+from hardware.safety.safe_state import EmergencyStopError, Verb
+from hardware.tools.mounted import MountedTool
+from lake.store import Lake
+from lake.tables.campaign import EventRow, GraspRow
+from models.errors import UsageError
+from tasks.bench.measure import measure_batch, measure_tool, planned_cells
+from tasks.bench.print import PrintConfirmation, confirm_print
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.config import CampaignConfig
+from tasks.campaign.requests import append_event, requested_verb
+from tasks.scientist.propose import propose_initial
+from tests.hardware.safety.scenario_bench import WORLD, is_pulling, physics, when
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    """Two tools, two objects, two repeats, on an empty lake."""
+    schedule = {
+        "initial_tools": 2,
+        "tools_per_batch": 2,
+        "guided_batches": 1,
+        "initial_simulations": 2,
+        "simulations_per_batch": 2,
+    }
+    objects, bench = {"ids": [4, 7], "repeats": 2}, {"world": "world.toml"}
+    config = {"name": "small", "seed": 3, "schedule": schedule, "objects": objects, "bench": bench}
+    return Campaign(Lake.open(tmp_path / "lake", create=True), CampaignConfig.model_validate(config))
+
+
+@pytest.fixture
+def tools(campaign):
+    propose_initial(campaign)
+    confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada"))
+    return campaign.state().tools_of(1)[:1]
+
+
+@pytest.fixture
+def session(campaign):
+    """A session on a quick virtual bench; `session.prepared` is called with every bench that is opened."""
+
+    @contextmanager
+    def open_bench(mounted):
+        rack = {tool.slot: MountedTool(tool.tool_id, tool.design) for tool in mounted}
+        with open_virtual_bench(WORLD, rack, physics) as bench:
+            session.prepared(bench)
+            yield bench
+
+    nothing = lambda *_: None  # noqa: E731 - four callbacks that this test does not listen to
+    session = Session(campaign, None, open_bench, "w", True, nothing, nothing, nothing)
+    session.prepared = nothing
+    return session
+
+
+def run_batch(session, tools):
+    """The gantry's part of a campaign, without Prefect."""
+
+    def measure(bench, tool, on_grasp):
+        measure_tool(session.campaign, bench, tool, world_hash="w", should_stop=session.should_stop, on_grasp=on_grasp)
+
+    append_event(session.campaign.lake, "small", "started", "")
+    measure_batch(
+        session.campaign,
+        tools,
+        session.heard_bench,
+        measure,
+        should_stop=session.should_stop,
+        on_grasp=session.on_grasp,
+    )
+
+
+def made(campaign):
+    rows = sorted(campaign.lake.rows(GraspRow), key=lambda row: row["order"])
+    return [(row["object_id"], row["repeat"], row["status"]) for row in rows]
+
+
+def first_cell(session, tools):
+    """The first grasp of the plan, in its drawn order."""
+    return planned_cells(session.campaign, tools[0])[0]
+
+
+def kinds(campaign):
+    return [row["kind"] for row in campaign.lake.rows(EventRow)]
+
+
+def begin_again(session):
+    session.stopping.clear()
+    session.asked = None
+    session.prepared = lambda bench: None
+
+
+@pytest.mark.parametrize("verb", [Verb.PAUSE, Verb.STOP, Verb.ABORT])
+def test_a_verb_in_a_lift_and_the_same_command_again(session, tools, verb):
+    left = []
+
+    def prepare(bench):
+        when(bench, is_pulling, lambda: (append_event(session.campaign.lake, "small", verb, ""), session.ask(verb)))
+        left.append(bench)
+
+    session.prepared = prepare
+    run_batch(session, tools)
+    state = left[0].virtual.state
+    if verb is Verb.PAUSE:
+        assert made(session.campaign) == [(*first_cell(session, tools), "ok")], "this grasp is finished"
+        assert state.tool is None, "and the tool is parked"
+    else:
+        assert made(session.campaign) == [(*first_cell(session, tools), "failed")], "what was measured is kept"
+        assert state.tool is not None
+        assert state.outputs == (True, True, False), "safe: lock and grip kept, supply closed"
+        assert "bench_safe" in kinds(session.campaign)
+    assert requested_verb(session.campaign.lake, "small") is verb
+    assert "batch_measured" not in kinds(session.campaign)
+    begin_again(session)
+    run_batch(session, tools)
+    assert {cell[:2] for cell in made(session.campaign) if cell[2] == "ok"} == {(4, 0), (4, 1), (7, 0), (7, 1)}
+    assert "batch_measured" in kinds(session.campaign)
+
+
+def test_an_emergency_stop_is_noted_with_the_data_kept(session, tools):
+    session.prepared = lambda bench: when(bench, is_pulling, lambda: bench.virtual.inject("estop"))
+    with pytest.raises(EmergencyStopError):
+        run_batch(session, tools)
+    assert made(session.campaign) == [(*first_cell(session, tools), "failed")]
+    assert requested_verb(session.campaign.lake, "small") is Verb.ESTOP
+
+
+def test_a_verb_asked_before_the_bench_is_open_is_heard(session, tools):
+    session.asked = Verb.STOP
+    run_batch(session, tools)
+    assert made(session.campaign) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_first_signal_pauses_the_second_stops_the_third_is_the_default(session, number):
+    said, heard = [], []
+    session.ask = heard.append
+    before = signal.getsignal(number)
+    with interrupts(session, Voice(said.append, said.append)):
+        signal.raise_signal(number)
+        assert heard == [Verb.PAUSE]
+        assert "Finishing the current grasp" in said[0]
+        signal.raise_signal(number)
+        assert heard == [Verb.PAUSE, Verb.STOP]
+        assert "safe state at once" in said[1]
+        assert signal.getsignal(number) is before
+    assert signal.getsignal(number) is before
+
+
+def test_faults_of_a_virtual_bench_are_given_by_name_and_time():
+    assert read_fault("low_air@30") == ("low_air", 30.0)
+    with pytest.raises(UsageError, match="has no fault `low_airr`"):
+        read_fault("low_airr@30")
+    with pytest.raises(UsageError, match="write NAME@SECONDS, e.g. low_air@30"):
+        read_fault("low_air")
+
+
+def test_a_fault_begins_at_its_time(session, tools):
+    found = []
+
+    def prepare(bench):
+        bench.virtual.inject_at("low_air", 100.0)
+        when(bench, lambda virtual: "low_air" in virtual.state.faults, partial(note, bench))
+
+    def note(bench):
+        found.append(bench.clock.now_s())
+        bench.virtual.clear("low_air")
+
+    session.prepared = prepare
+    run_batch(session, tools)
+    assert found == [pytest.approx(100.0, abs=1.0)]

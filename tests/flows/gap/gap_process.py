@@ -1,0 +1,98 @@
+"""What a worker and a recalibration do, in a process of its own, on the server of PREFECT_API_URL; no physics, no NUTS.
+
+Arguments: a lake, then words. `pool` makes the work pool of prefect.yaml, `run` the flow, `announce` sends the event of
+a new calibration; `search` searches without a server. Prints the messages of the flow's states. DIE_AT=bank kills the
+process in the middle of the bank, DIE_AT=chains while it samples the simulator with what was named, DIE_AT=show when
+that is calibrated.
+"""
+
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from flows.server.server import configure_client
+from lake.store import Lake
+from tasks.simulation.plan import SimulationPlan
+
+
+def main(root: Path, words: list[str], api_url: str) -> None:
+    """Do what the words say, in order."""
+    if api_url:
+        configure_client(api_url, root)
+    for word in words:
+        {"pool": make_pool, "run": run_flow, "announce": announce, "search": search}[word](root)
+
+
+def make_pool(root: Path) -> None:
+    """The work pool that the deployments name."""
+    from tests.flows.calibration.recalibrate_process import make_pool
+
+    make_pool(root)
+
+
+def run_flow(root: Path) -> None:
+    """Run the deployment's flow as a worker would."""
+    from flows.deployments import close_gap
+
+    make_up()
+    state = close_gap(lake=str(root), workers=1, return_state=True)
+    sys.stdout.write(f"{state.type.value}: {state.message}\n")
+    sys.stdout.flush()
+
+
+def search(root: Path) -> None:
+    """Search a lake as `fast gap` does."""
+    from flows.campaign.launch import Voice
+    from flows.gap.search import GapOrder, run_gap
+
+    make_up()
+    outcome = run_gap(Lake.open(root), GapOrder("demo"), Voice(lambda _: None, lambda _: None))
+    sys.stdout.write(f"{outcome.sentence}\n")
+
+
+def make_up() -> None:
+    """Made-up answers in the place of finite elements, and normal draws in the place of NUTS."""
+    import flows.gap
+    from models.gap.fit import posterior as joint
+    from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
+    from tests.tasks.gap.gap_lake import plan_rows
+
+    dies_at, n_sampled, n_simulated = os.environ.get("DIE_AT"), 0, 0
+
+    def simulate(lake: Lake, plans: Sequence[SimulationPlan], *_: Any) -> None:
+        nonlocal n_simulated
+        n_simulated += 1
+        if dies_at == "show" and n_simulated == 2:  # the first is of the bank
+            os.kill(os.getpid(), signal.SIGKILL)
+        for plan in plans:
+            known = set(lake.query("SELECT simulation_id AS id FROM simulations").column("id").to_pylist())
+            rows = [row for row in plan_rows([plan]) if getattr(row, "simulation_id", "") not in known]
+            lake.append(rows[: len(rows) // 2] if dies_at == "bank" else rows, PROVENANCE)
+            if dies_at == "bank":
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    def sample(*words: Any, **options: Any) -> Any:
+        nonlocal n_sampled
+        n_sampled += 1
+        if dies_at == "chains" and n_sampled == 2:  # the first is of theta alone
+            os.kill(os.getpid(), signal.SIGKILL)
+        return normal_draws(*words, **options)
+
+    flows.gap.simulate_missing, joint.sample = simulate, sample
+
+
+def announce(root: Path) -> None:
+    """Send the event that a recalibration sends when it found something new."""
+    from prefect.events.worker import EventsWorker
+
+    from flows.campaign.events import announce_calibrated
+
+    announce_calibrated(Lake.open(root), "C0", "calibration C0")
+    EventsWorker.drain_all(timeout=20)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2:], os.environ.get("PREFECT_API_URL", ""))

@@ -1,0 +1,118 @@
+"""Gap discovery from measurements to findings, on made-up traces."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import flows.gap
+from flows.campaign.launch import Voice
+from flows.gap.folder import write_folder
+from flows.gap.scheduled import markdown
+from flows.gap.search import GapOrder, run_gap
+from lake.query.lineage import Node, find_lineage
+from lake.store import Lake
+from lake.tables.campaign import CalibrationRow, EventRow, GapFindingRow, SimulatorVersionRow, TraceRow
+from models.calibration.inference.settings import CalibrationSettings
+from models.errors import FastError
+from models.gap.findings import Findings
+from models.gap.fit import posterior as joint
+from models.records import EffectValue
+from tasks.calibration.mean_data import TooLittleDataError, measured_tools, simulated_points
+from tasks.gap.bank import bank_plans
+from tasks.gap.held_out import KIND as SPLIT
+from tasks.simulation.plan import SimulationPlan
+from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
+from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, gap_lake, plan_rows
+
+LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.4})
+pytestmark = pytest.mark.timeout(600)
+ORDER = GapOrder("demo", settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
+
+
+def silent() -> Voice:
+    return Voice(lambda _: None, lambda _: None)
+
+
+@pytest.fixture(autouse=True)
+def no_physics(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Made-up answers in the place of finite elements, and normal draws in the place of NUTS."""
+
+    def simulate(lake: Lake, plans: Sequence[SimulationPlan], *_: Any) -> None:
+        lake.append(plan_rows(plans), PROVENANCE)
+
+    monkeypatch.setattr(flows.gap, "simulate_missing", simulate)
+    monkeypatch.setattr(joint, "sample", normal_draws)
+
+
+@pytest.fixture(scope="module")
+def lagging(tmp_path_factory: pytest.TempPathFactory) -> Lake:
+    return gap_lake(tmp_path_factory.mktemp("lagging") / "lake", hidden=[LAG])
+
+
+def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path) -> None:
+    said: list[str] = []
+    outcome = run_gap(lagging, ORDER, Voice(said.append, said.append))
+    findings = outcome.run.findings
+    assert findings.alarm
+    assert findings.rounds[0].named.effects == ("load_cell_lag",)
+    low, high = findings.rounds[0].named.parameters["time_constant_s"].ci90
+    assert low < 0.4 < high
+    assert findings.gap.rmse_after_n < 0.6 * findings.gap.rmse_before_n
+    assert "found load_cell_lag" in outcome.sentence
+    (version,) = lagging.records(SimulatorVersionRow, version_id=findings.rounds[0].version)
+    assert [value.effect for value in version.version.effects] == ["load_cell_lag"]
+    (calibration,) = lagging.records(CalibrationRow, version_id=version.version_id)
+    assert calibration.data == "trace"
+    names = {row["parameter"] for row in lagging.query("SELECT DISTINCT parameter FROM posterior_draws").to_pylist()}
+    assert "load_cell_lag.time_constant_s" in names
+    rows = lagging.records(GapFindingRow, gap_id=outcome.run.gap_id, kind="named", round=1)
+    assert [(row.effect, row.calibration_id) for row in rows] == [("load_cell_lag", calibration.calibration_id)]
+    with pytest.raises(TooLittleDataError, match="no design that is simulated with a theta of its own"):
+        simulated_points(lagging, BASE, measured_tools(lagging, "demo"))  # neither bank nor held-out grasps are drawn
+    lineage = find_lineage(lagging, version.version_id, limit=10)
+    assert {"gap_findings", "calibrations"} <= {node.table for node in lineage.rows}
+    assert {"grasps", "simulations"} <= {group.table for group in lineage.groups}
+    assert lineage.rows[Node("simulator_versions", outcome.run.base_version_id)] is not None  # not only named
+    page = write_folder(lagging, outcome, tmp_path / "out")
+    assert Findings.model_validate(json.loads((tmp_path / "out" / "findings.json").read_text())) == findings
+    assert "load-cell transmitter" in page.read_text()
+    assert "load_cell_lag" in markdown(outcome, str(page))
+    again = run_gap(lagging, ORDER, silent())
+    assert not again.is_new
+    assert again.run == outcome.run
+    assert again.sentence.startswith("nothing new since gap search")
+
+
+def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path) -> None:
+    outcome = run_gap(gap_lake(tmp_path / "lake"), ORDER, silent())
+    assert [turn.named.kind for turn in outcome.run.findings.rounds] == ["none"]
+    assert not outcome.run.findings.alarm
+    assert outcome.run.before_version_id == outcome.run.after_version_id
+    assert "no gap beyond noise and numerical error" in outcome.sentence
+
+
+def test_the_split_is_frozen_before_traces_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lake = gap_lake(tmp_path / "lake")
+
+    def never(*_: Any) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(flows.gap, "read_grasps", never)
+    with pytest.raises(AssertionError):
+        run_gap(lake, ORDER, silent())
+    assert len(lake.rows(EventRow, kind=SPLIT)) == 1
+
+
+def test_a_bank_that_is_not_complete_when_the_budget_ends_is_gone_on_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lake = gap_lake(tmp_path / "lake")
+    more = tuple(plan for plan in bank_plans(BASE, DESIGNS, (*OBJECTS, 33), SETUP))
+    monkeypatch.setattr(flows.gap, "bank_plans", lambda *_: more)
+    monkeypatch.setattr(flows.gap, "simulate_missing", lambda *_: None)
+    with pytest.raises(FastError, match="the bank lacks .* run the same command again to go on from here"):
+        run_gap(lake, ORDER, silent())
+    assert lake.rows(TraceRow)

@@ -1,0 +1,216 @@
+import re
+from html import unescape
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flows.report.campaign.content import Content
+from flows.report.campaign.facts import agreement, object_pairs
+from flows.report.campaign.figures import agreement_figure, quality_figure
+from flows.report.campaign.page import write_report
+from lake.provenance import Provenance
+from lake.query.csv_text import csv_bytes
+from lake.query.sql import run_sql
+from lake.store import Lake
+from lake.tables.campaign import CampaignRow, GraspRow
+from models.errors import UsageError
+from tests.flows.synthetic_lake import Campaign, build
+
+SECTIONS = (
+    "best",
+    "moments",
+    "progress",
+    "rivals",
+    "traces",
+    "batches",
+    "shapes",
+    "work",
+    "agreement",
+    "calibration",
+    "tools",
+    "surrogate",
+    "cost",
+    "paper",
+    "provenance",
+)
+
+
+def make_lake(folder: Path, **size) -> Lake:
+    return build(Lake.open(folder, create=True), Campaign(**size))
+
+
+@pytest.fixture(scope="module")
+def lake(tmp_path_factory):
+    return make_lake(tmp_path_factory.mktemp("lake") / "data")
+
+
+@pytest.fixture(scope="module")
+def report(lake, tmp_path_factory):
+    return write_report(lake, "demo", tmp_path_factory.mktemp("report") / "out")
+
+
+def text_of(index: Path) -> str:
+    """What a reader sees, without tags and folded parts."""
+    html = re.sub(r"<(style|details).*?</\1>", " ", index.read_text(encoding="utf-8"), flags=re.S)
+    return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]+>", " ", html)))
+
+
+def test_every_section_and_every_file_it_names_is_there(report):
+    html = report.read_text(encoding="utf-8")
+    assert re.findall(r'<section id="(\w+)"', html) == list(SECTIONS)
+    named = re.findall(r'(?:src|href)="([^"#]+)"', html)
+    assert len(named) > 30
+    assert [name for name in named if not (report.parent / name).is_file()] == []
+
+
+def test_nothing_comes_from_the_network(report):
+    html = report.read_text(encoding="utf-8")
+    assert "http:" not in html
+    assert "https:" not in html
+    assert "//" not in "".join(re.findall(r'(?:src|href)="([^"]*)"', html))
+    for drawing in report.parent.rglob("*.svg"):
+        links = set(re.findall(r"https?://[^\s\"')]+", drawing.read_text(encoding="utf-8")))
+        assert links <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}, drawing.name
+
+
+def test_csv_files_are_the_answers_of_their_queries(report, lake, tmp_path):
+    queries = sorted((report.parent / "data").glob("*.sql"))
+    assert len(queries) >= 12
+    for query in queries:
+        answer = run_sql(lake, query.read_text(encoding="utf-8"))
+        (tmp_path / "again.csv").write_bytes(csv_bytes(answer))
+        assert (tmp_path / "again.csv").read_bytes() == query.with_suffix(".csv").read_bytes(), query.name
+
+
+def test_shown_queries_are_the_executed_ones(report):
+    html = unescape(report.read_text(encoding="utf-8"))
+    for query in (report.parent / "data").glob("*.sql"):
+        assert query.read_text(encoding="utf-8").strip() in html, query.name
+
+
+def test_headline_numbers_follow_from_the_grasps(report, lake):
+    grasps = [g for g in lake.records(GraspRow, campaign_id="demo") if g.status == "ok"]
+    peaks: dict = {}
+    for grasp in grasps:
+        peaks.setdefault((grasp.batch, grasp.slot), {}).setdefault(grasp.object_id, []).append(grasp.peak_force_n)
+    quality = {tool: np.mean([np.mean(p) for p in objects.values()]) for tool, objects in peaks.items()}
+    best = max(quality, key=quality.get)
+    first = np.mean([value for (batch, _), value in quality.items() if batch == 1])
+    seen = text_of(report)
+    assert f"B{best[0]:02d}T{best[1]} holds best" in seen
+    assert f"{quality[best]:.2f} ±" in seen
+    assert f"mean of the first batch ({first:.1f} N)".replace(" N", "\xa0N") in report.read_text(encoding="utf-8")
+    assert f"{100 * (quality[best] / first - 1):+.0f} %" in seen
+    assert f"{len(grasps)} measured grasps that count, 2 more failed" in seen
+
+
+def test_interval_is_the_pooled_t_interval_of_the_repeats(lake):
+    content = Content.load(lake, "demo")
+    tool = next(t for t in content.tools if t.label == "B02T1")
+    rows = lake.records(GraspRow, tool_id=tool.tool_id, status="ok")
+    by_object = [[r.peak_force_n for r in rows if r.object_id == o] for o in range(4)]
+    pooled = np.mean([np.var(values, ddof=1) for values in by_object])
+    # Quantile 0.975 of Student's t with 8 degrees of freedom (4 objects x 2): 2.306.
+    expected = 2.3060 * np.sqrt(pooled / 12)
+    assert tool.half_width_n == pytest.approx(expected, rel=1e-4)
+
+
+def test_tool_quality_is_that_of_the_lake(lake):
+    rows = lake.query("SELECT tool_id, tool_quality_n, work_j FROM tool_quality").to_pylist()
+    expected = {row["tool_id"]: (row["tool_quality_n"], row["work_j"]) for row in rows}
+    found = {t.tool_id: (t.quality_n, t.work_j) for t in Content.load(lake, "demo").tools}
+    assert found.keys() == expected.keys()
+    for tool_id, values in found.items():
+        assert values == pytest.approx(expected[tool_id], rel=1e-12)
+
+
+def test_quality_figure_draws_the_table(lake):
+    content = Content.load(lake, "demo")
+    axes = quality_figure(content.tools, content.best).axes[0]
+    drawn = sorted(float(container.lines[0].get_ydata()[0]) for container in axes.containers if container.lines)
+    assert drawn == pytest.approx(sorted(t.quality_n for t in content.tools))
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["B01", "B02"]
+
+
+def test_agreement_figure_draws_the_pairs(lake):
+    content = Content.load(lake, "demo")
+    pairs = object_pairs(content.pairs.rows, content.compared[0])
+    axes = agreement_figure(pairs, agreement(pairs), "per object").axes[0]
+    drawn = [(x, y) for line in axes.lines[:2] for x, y in zip(*line.get_data(), strict=True)]
+    expected = sorted((p.simulated_n, p.measured_n) for p in pairs)
+    np.testing.assert_allclose(sorted(drawn), expected)
+    assert axes.get_xlim() == axes.get_ylim()
+
+
+def test_virtual_bench_and_repeat_interval_are_said(report):
+    seen = text_of(report)
+    assert "Measured on the virtual bench" in seen
+    assert "does not cover another print" in seen
+
+
+def test_provenance_names_code_config_world_and_person(report):
+    seen = text_of(report)
+    for word in ("0.1.0+abc1234", "c0ffee123456", "w0r1d0000007", "R. Lane", "AG-85A-017", "separation_not_found"):
+        assert word in seen, word
+
+
+def test_same_lake_gives_the_same_files(report, lake, tmp_path):
+    again = write_report(lake, "demo", tmp_path / "again")
+    for path in [*report.parent.rglob("*.svg"), *report.parent.rglob("*.png"), *report.parent.rglob("*.csv")]:
+        assert (again.parent / path.relative_to(report.parent)).read_bytes() == path.read_bytes(), path.name
+
+
+def test_campaign_without_measurements(tmp_path):
+    lake = make_lake(tmp_path / "lake", n_batches=1, n_measured_batches=0)
+    index = write_report(lake, "demo", tmp_path / "out")
+    seen = text_of(index)
+    assert "No tool of this campaign has been measured on any object yet" in seen
+    assert "No tool has been printed and mounted yet." in seen
+    assert re.search(r"5[0-9] simulated grasps", seen)
+
+
+def test_empty_campaign(tmp_path):
+    lake = make_lake(tmp_path / "lake", n_batches=0, n_measured_batches=0, n_extra_simulated=0)
+    seen = text_of(write_report(lake, "demo", tmp_path / "out"))
+    assert "Nothing has been simulated yet." in seen
+    assert "Nothing failed." in seen
+
+
+def test_campaign_without_simulations_and_with_one_batch(tmp_path):
+    lake = make_lake(tmp_path / "lake", n_batches=2, n_measured_batches=1, with_simulations=False, n_repeats=1)
+    index = write_report(lake, "demo", tmp_path / "out")
+    seen = text_of(index)
+    assert "No measured design has been simulated with the same grasp setup yet." in seen
+    assert "It is one of the first batch" in seen
+    assert "the comparison begins with the next" in seen
+    assert "simulated</span>" not in index.read_text(encoding="utf-8")
+
+
+def test_half_measured_tool_is_shown_but_not_ranked(tmp_path):
+    lake = make_lake(tmp_path / "lake", n_batches=2, failed_grasps=9, n_repeats=3)  # B01T0 keeps one object of four
+    seen = text_of(write_report(lake, "demo", tmp_path / "out"))
+    assert "Not ranked, because not measured on every object: B01T0." in seen
+    assert "not all objects" in seen
+
+
+def test_text_from_the_lake_is_escaped(tmp_path):
+    other = make_lake(tmp_path / "lake", n_measured_batches=0, n_batches=1)
+    row = CampaignRow(campaign_id="demo", name="<script>alert(1)</script>", config_toml="a = '<b>'")
+    other.append([row], Provenance(code_version="0", code_dirty=False))
+    html = write_report(other, "demo", tmp_path / "out").read_text(encoding="utf-8")
+    assert "<script" not in html
+    assert "&lt;script&gt;" in html
+    assert "&lt;b&gt;" in html
+
+
+def test_unknown_campaign_is_one_sentence(lake, tmp_path):
+    with pytest.raises(UsageError, match="There is no campaign `dem` .* did you mean `demo`?"):
+        write_report(lake, "dem", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_unwritable_folder_is_one_sentence(lake, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(UsageError, match="cannot be written"):
+        write_report(lake, "demo", tmp_path / "file" / "out")

@@ -1,0 +1,176 @@
+"""What the lab lets in: addresses it listens on, passwords, pickles, paths, a second client of a bench."""
+
+import asyncio
+import base64
+import os
+import re
+import socket
+
+import httpx
+import pytest
+
+from flows.benchmarks.sockets import family, is_loopback, listening
+from flows.cli.real import is_rehearsal
+from flows.server.lab import LabPlan, open_lab
+from flows.server.server import ANY_PORT
+from flows.server.server_process import with_outputs
+from hardware.bench import BenchSettings, open_real_bench
+from hardware.cell.layout import BenchLayout
+from hardware.clock import ScaledClock
+from hardware.virtual.bench import VirtualBench
+from hardware.virtual.world.file import World
+from lake.store import Lake
+from models.errors import FastError
+from tasks.campaign.requests import exclusive
+from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake
+
+OWN = ("flows", "tasks", "lake", "hardware", "models")
+# Between a process and the workers it started, over their pipe; nothing from a lake or the network.
+PIPES = {"models/calibration/inference/parallel_chains.py"}
+
+
+def test_where_this_process_listens_is_seen():
+    with socket.create_server(("127.0.0.1", 0)), socket.create_server(("0.0.0.0", 0)):
+        assert listening({os.getpid()}) >= {"127.0.0.1", "0.0.0.0"}
+    assert os.getpid() in family(os.getppid())
+    assert [is_loopback(a) for a in ("127.0.0.1", "::1", "0.0.0.0", "10.0.0.3")] == [True, True, False, False]
+
+
+def test_a_virtual_bench_listens_on_the_loopback_address_only():
+    before = listening({os.getpid()})
+    bench = VirtualBench(World(seed=7), {}, lambda request: None, ScaledClock(10.0), BenchLayout(), False)
+    bench.start(0, 0)
+    try:
+        found = listening({os.getpid()}) - before
+    finally:
+        bench.stop()
+    assert found
+    assert all(map(is_loopback, found))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_lab_listens_on_the_loopback_address_and_answers_to_its_password_only(tmp_path, monkeypatch):
+    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    monkeypatch.setenv("FAST_PASSWORD", "open")
+    with open_lab(Lake.open(tmp_path / "lake", create=True), LabPlan(ANY_PORT)) as lab:
+        lab.wait_for_pool()
+        addresses = listening(set(lab.pids))
+        assert httpx.post(f"{lab.api_url}/flows/filter", json={}).status_code == 401
+        assert httpx.post(f"{lab.api_url}/flows/filter", json={}, auth=("fast", "shut")).status_code == 401
+        assert httpx.post(f"{lab.api_url}/flows/filter", json={}, auth=("fast", "open")).status_code == 200
+    assert addresses == {"127.0.0.1"}
+
+
+def test_own_code_unpickles_nothing_from_outside():
+    loads = re.compile(r"pickle\.loads?\(|allow_pickle=True|\bjoblib\.load|torch\.load|yaml\.load\(|\beval\(|\bexec\(")
+    found = {
+        str(path.relative_to(ROOT))
+        for name in OWN
+        for path in (ROOT / name).rglob("*.py")
+        if loads.search(path.read_text())
+    }
+    assert found <= PIPES
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "10.0.0.3"])
+def test_others_are_let_in_with_a_password_only(capsys, tmp_path, monkeypatch, host):
+    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    monkeypatch.delenv("FAST_PASSWORD", raising=False)
+    said = Fast(capsys).refused("serve", "--host", host, "--lake", tmp_path / "lake")
+    assert f"--host {host} is reached by others; set a password in FAST_PASSWORD" in said
+    assert not (tmp_path / "lake").exists()
+
+
+def test_a_name_is_no_address(capsys, tmp_path, monkeypatch):
+    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    assert "is no IPv4 address" in Fast(capsys).refused("serve", "--host", "lab", "--lake", tmp_path / "lake")
+
+
+class Client:
+    """Requests to an application, without a server."""
+
+    def __init__(self, app):
+        self._app = app
+
+    def get(self, path, headers=None):
+        async def ask():
+            transport = httpx.ASGITransport(app=self._app)
+            async with httpx.AsyncClient(transport=transport, base_url="http://lab", follow_redirects=True) as client:
+                return await client.get(path, headers=headers)
+
+        return asyncio.run(ask())
+
+
+async def _pages(scope, receive, send):
+    await send({"type": "http.response.start", "status": 200, "headers": []})
+    await send({"type": "http.response.body", "body": b"prefect"})
+
+
+@pytest.fixture
+def outputs(tmp_path):
+    (tmp_path / "secret.txt").write_text("secret")
+    folder = tmp_path / "outputs" / "quick"
+    folder.mkdir(parents=True)
+    (folder / "index.html").write_text("report")
+    (folder / "out").symlink_to(tmp_path / "secret.txt")
+    return tmp_path / "outputs"
+
+
+def test_pages_show_the_output_folder_and_nothing_beside_it(outputs):
+    client = Client(with_outputs(_pages, outputs, None))
+    assert client.get("/outputs/quick/index.html").text == "report"
+    assert client.get("/outputs/quick/").text == "report"
+    assert client.get("/dashboard").text == "prefect"
+    for path in ("/outputs/../secret.txt", "/outputs/%2e%2e/secret.txt", "/outputs/quick/out", "/outputs//etc/passwd"):
+        assert "secret" not in client.get(path).text
+        assert client.get(path).status_code == 404 or client.get(path).text == "prefect"
+
+
+def test_outputs_need_the_password_of_the_server(outputs):
+    client = Client(with_outputs(_pages, outputs, "fast:open"))
+
+    def status(login):
+        code = base64.b64encode(login.encode()).decode()
+        return client.get("/outputs/quick/index.html", headers={"Authorization": f"Basic {code}"}).status_code
+
+    assert client.get("/outputs/quick/index.html").status_code == 401
+    assert [status("fast:open"), status("fast:shut"), status("fast")] == [200, 401, 401]
+    assert client.get("/outputs/quick/index.html", headers={"Authorization": "Basic ***"}).status_code == 401
+
+
+@pytest.mark.parametrize("batch", ["../x/B01", "quick/../B01", "/etc/B01", "quick/B01/..", "B01;ls"])
+def test_a_batch_is_no_path(capsys, tmp_path, batch):
+    lake = proposed_lake(tmp_path)
+    said = Fast(capsys).refused("print", "confirm", batch, "--operator", "ada", "--lake", lake)
+    assert "is not a batch" in said or "is not in this lake" in said
+
+
+def test_a_second_client_of_a_bench_is_refused_and_the_first_goes_on(tmp_path):
+    bench = VirtualBench(World(seed=7), {}, lambda request: None, ScaledClock(50.0), BenchLayout(), False)
+    at = bench.start(0, 0)
+    settings = BenchSettings(
+        serial_port=at.serial_port,
+        plc_host=at.plc_host,
+        plc_port=at.plc_port,
+        transmitter_host=at.transmitter_host,
+        transmitter_port=at.transmitter_port,
+        journal=str(tmp_path / "journal.jsonl"),
+    )
+    assert is_rehearsal(settings)
+    try:
+        with open_real_bench(settings, {}, ScaledClock(50.0)) as first:
+            before = first.gantry.position_mm()
+            with pytest.raises(FastError, match="who else uses it"), open_real_bench(settings, {}, ScaledClock(50.0)):
+                pass
+            assert first.gantry.position_mm() == before
+            first.pneumatics.is_estop_pressed()
+    finally:
+        bench.stop()
+
+
+def test_the_bench_of_a_lake_has_one_owner(tmp_path):
+    lake = Lake.open(tmp_path / "lake", create=True)
+    busy = "the gantry of this lake is in use"
+    with exclusive(lake, "gantry", busy), pytest.raises(FastError, match=busy), exclusive(lake, "gantry", busy):
+        pass

@@ -1,0 +1,202 @@
+"""`fast doctor --real`, on virtual benches: each fault is found, named with its fix, and nothing moves."""
+
+import os
+import threading
+
+import pytest
+
+from hardware.bench import BenchSettings, open_virtual_servers
+from hardware.checkup.bench import check_bench, check_tool_masses
+from hardware.checkup.findings import Findings
+from hardware.checkup.ports import check_address, check_serial_port, holders
+from hardware.click import tags
+from hardware.clock import VirtualClock
+from hardware.tools.mounted import MountedTool
+from hardware.virtual.world.file import Sensor, World
+from hardware.wire.log_files import list_logs
+from hardware.wire.serial import LinkLostError
+from models.design.space import BEST_PUBLISHED
+
+TOOLS = {slot: MountedTool(f"B00T{slot}", BEST_PUBLISHED) for slot in (0, 3)}
+MASSES = {slot: round(tool.expected_mass_kg, 3) for slot, tool in TOOLS.items()}
+NOISY = World(seed=7, sensor=Sensor(noise_sd_n=0.1))
+NAMES = [
+    "gantry port", "gantry", "limit switches", "gantry settings", "PLC address", "PLC scan", "emergency stop",
+    "air pressure", "air main", "tool lock", "dock", "heartbeat", "host watchdog", "load-cell address", "load cell",
+    "load-cell zero", "load-cell noise", "load-cell filter", "tool masses",
+]  # fmt: skip
+
+
+def look(prepare=lambda virtual: None, changes=None, world=NOISY, folder=None):
+    """Findings by name on a virtual bench, and the bench; fails if anything moved."""
+    clock = VirtualClock()
+    with open_virtual_servers(world, TOOLS, lambda request: None, clock) as virtual:
+        clock.sleep(0.1)
+        prepare(virtual)
+        at = virtual.endpoints
+        settings = BenchSettings(
+            serial_port=at.serial_port,
+            plc_host=at.plc_host,
+            plc_port=at.plc_port,
+            transmitter_host=at.transmitter_host,
+            transmitter_port=at.transmitter_port,
+            tool_mass_kg=MASSES,
+            **(changes or {}),
+        )
+        before = virtual.grbl.position_mm()
+        valves = [virtual.plc._get(name) for name in (tags.LOCK_OUTPUT, tags.GRIP_OUTPUT, tags.SUPPLY_OUTPUT)]
+        found = check_bench(settings, clock, folder)
+        clock.sleep(3.0)
+        assert virtual.grbl.position_mm() == before
+        after = [virtual.plc._get(name) for name in (tags.LOCK_OUTPUT, tags.GRIP_OUTPUT, tags.SUPPLY_OUTPUT)]
+        assert after == valves
+    return {finding.name: finding for finding in found}
+
+
+def test_a_sound_bench(tmp_path):
+    found = look(folder=tmp_path)
+    assert list(found) == NAMES
+    assert [finding for finding in found.values() if not finding.ok] == []
+    assert "1.1g.20180813.Mega" in found["gantry"].note
+    assert "Y4 fell 2" in found["host watchdog"].note
+    assert "slots 0, 3" in found["dock"].note
+    assert {path.name.split("-", 2)[2] for path in list_logs(tmp_path)} == {
+        "gantry-0001.log", "plc-0001.log", "load-cell-0001.log",
+    }  # fmt: skip
+    assert not any("reader" in thread.name or "wire log" in thread.name for thread in threading.enumerate())
+
+
+def fault(name, *note, ok_but=()):
+    return name, note, {name, *ok_but}
+
+
+FAULTS = {
+    "settings": (
+        lambda virtual: virtual.grbl._machine.settings.update({110: 500.0, 22: 0.0}),
+        fault("gantry settings", "2 of 34 differ", "$22=1", "$110=12000       $110 is 500, profile 12000"),
+    ),
+    "limit": (lambda virtual: virtual.grbl.inject("limit", axis="y"), fault("limit switches", "Y closed; free the")),
+    "silent": (
+        lambda virtual: virtual.grbl.inject("silent"),
+        fault("gantry", "nothing on", "check its power", ok_but=("limit switches", "gantry settings")),
+    ),
+    "estop": (
+        lambda virtual: virtual.state.faults.add("estop_pressed"),
+        fault("emergency stop", "pressed (X5 is off); release it", ok_but=("host watchdog",)),
+    ),
+    "PLC in STOP": (
+        lambda virtual: setattr(virtual.plc, "is_running", False),
+        fault("PLC scan", "DS3 stands still; switch the PLC to RUN", ok_but=("heartbeat", "host watchdog")),
+    ),
+    "unplugged cell": (
+        lambda virtual: virtual.state.faults.add("cell_unplugged"),
+        fault("load cell", "load cell error (cable or cell); check the cell's cable",
+              ok_but=("load-cell zero", "load-cell noise", "load-cell filter")),
+    ),
+    "frozen transmitter": (
+        lambda virtual: virtual.state.faults.add("transmitter_frozen"),
+        fault("load-cell noise", "0.000 N", "restart the transmitter"),
+    ),
+    "slow filter": (
+        lambda virtual: virtual.transmitter.set_filter(4, virtual._clock.now_s()),
+        fault("load-cell filter", "the bench file says 0", "refreshes slower"),
+    ),
+    "air main": (
+        lambda virtual: virtual.state.faults.add("low_air"),
+        fault("air main", "X7 is off; open the main's valve"),
+    ),
+    "supply asked for": (
+        lambda virtual: virtual.plc._set(tags.SUPPLY_REQUEST, True),
+        fault("heartbeat", "C5 still asks for air; `fast gantry park --real` closes it", ok_but=("host watchdog",)),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_named_with_its_fix(name):
+    prepare, (failing, notes, touched) = FAULTS[name]
+    found = look(prepare)
+    assert [finding.name for finding in found.values() if not finding.ok] == [failing]
+    for words in notes:
+        assert words in found[failing].note
+    assert set(NAMES) - set(found) <= touched
+
+
+def test_a_wrong_filter_in_the_bench_file_is_named():
+    found = look(changes={"transmitter_filter": 4})
+    assert [finding.name for finding in found.values() if not finding.ok] == ["load-cell filter"]
+    assert "set filter 0 or 1 on the keypad" in found["load-cell filter"].note
+
+
+def test_another_host_is_left_alone():
+    class Beating:
+        def __init__(self, virtual):
+            self.virtual = virtual
+
+        def __call__(self, now_s):
+            self.virtual.plc._set(tags.HEARTBEAT_REGISTER, int(now_s * 4) % 1000)
+
+    found = look(lambda virtual: virtual._clock.add_listener(Beating(virtual)))
+    assert "another host drives this bench" in found["heartbeat"].note
+    assert "host watchdog" not in found
+
+
+def test_a_moving_gantry_is_not_touched():
+    clock = VirtualClock()
+    with open_virtual_servers(NOISY, TOOLS, lambda request: None, clock) as virtual:
+        virtual.grbl._machine.receive(b"$X\n$J=G91 G21 X-100 F600\n", clock.now_s())
+        clock.sleep(0.1)
+        settings = BenchSettings(serial_port=virtual.endpoints.serial_port, plc_host="127.0.0.1", plc_port=1)
+        findings = {finding.name: finding for finding in check_bench(settings, clock)}
+        assert "state Jog and was not touched" in findings["gantry"].note
+        clock.sleep(20.0)
+        assert virtual.grbl.state == "Idle"
+        assert virtual.grbl.position_mm()[0] == pytest.approx(600.0)
+
+
+def test_devices_that_are_not_there_are_all_named(tmp_path):
+    settings = BenchSettings(
+        serial_port=str(tmp_path / "none"), plc_host="127.0.0.1", plc_port=1, transmitter_serial_port="/dev/none"
+    )
+    findings = check_bench(settings, VirtualClock())
+    assert [finding.name for finding in findings if not finding.ok] == ["gantry", "PLC", "load cell"]
+    for finding, words in zip(findings, ("plug it in", "refuses port 1; switch its Modbus", "/dev/none"), strict=False):
+        assert words in finding.note
+
+
+def test_tool_masses():
+    def judged(masses, slots):
+        findings = Findings()
+        check_tool_masses(findings, masses, frozenset(slots))
+        return findings.found[0]
+
+    assert judged({0: 0.4}, {0}).ok
+    assert judged({}, set()).ok
+    assert "the tools in slots 1, 2 were not weighed" in judged({0: 0.4}, {0, 1, 2}).note
+    assert "slot 10: 0.4 kg" in judged({10: 0.4}, set()).note
+    assert "slot 0: 412 kg; slots are 0 to 9, masses in kg" in judged({0: 412}, {0}).note
+
+
+def test_ports(tmp_path, monkeypatch):
+    with pytest.raises(LinkLostError, match="does not exist .*plug it in"):
+        check_serial_port(str(tmp_path / "none"))
+    path = tmp_path / "port"
+    path.touch()
+    with path.open("rb"):
+        assert holders(str(path)) == [], "this process does not count"
+        child = os.fork()
+        if child == 0:
+            threading.Event().wait(30)
+            os._exit(0)
+        try:
+            with pytest.raises(LinkLostError, match=rf"held by .* \(process {child}\); end that program first"):
+                check_serial_port(str(path))
+        finally:
+            os.kill(child, 9)
+            os.waitpid(child, 0)
+    assert check_serial_port(str(path)).endswith("free")
+    monkeypatch.setattr(os, "access", lambda *args: False)
+    with pytest.raises(LinkLostError, match="sudo usermod -aG"):
+        check_serial_port(str(path))
+    with pytest.raises(LinkLostError, match="no known host"):
+        check_address("no-such-host.invalid", 502, 1.0)

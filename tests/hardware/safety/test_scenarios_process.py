@@ -1,0 +1,100 @@
+"""The host dies, in a process of its own, in the middle of a lift: what the bench does, and how the next one starts."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from hardware.bench import open_virtual_servers
+from hardware.clock import ScaledClock
+from hardware.virtual.bench import VirtualBench
+from tests.hardware.safety.scenario_bench import REST_Z_MM, TOOLS, WORLD, is_pulling, physics
+
+SPEED_UP = 8.0
+ROOT = Path(__file__).parents[3]
+PATIENCE_S = 120.0  # real; other work may take the machine
+
+
+@pytest.fixture
+def virtual():
+    with open_virtual_servers(WORLD, TOOLS, physics, ScaledClock(SPEED_UP)) as servers:
+        yield servers
+
+
+@contextmanager
+def host(virtual: VirtualBench, may_vent: bool = False):
+    at = virtual.endpoints
+    addresses = {name: getattr(at, name) for name in ("serial_port", "plc_host", "plc_port", "transmitter_serial_port")}
+    command = [sys.executable, "-m", "tests.hardware.safety.host_process", json.dumps(addresses), str(SPEED_UP)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(
+        [*command, "vent" if may_vent else "keep"], cwd=ROOT, env=environment, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def wait_until(is_so):
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not is_so():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.005)
+
+
+def end(process):
+    """Exit status, grasps told, last line of stderr."""
+    out, err = process.communicate(timeout=PATIENCE_S)
+    lines = [json.loads(line) for line in out.splitlines()]
+    return process.returncode, lines, err.strip().splitlines()[-1:] or [""]
+
+
+def state_of(virtual):
+    lock, grip, supply = virtual.state.outputs
+    return {"lock": lock, "grip": grip, "supply": supply, "motors": virtual.grbl.is_motor_enabled}
+
+
+WATCHDOG = {"lock": True, "grip": True, "supply": False, "motors": False}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda number: number.name)
+def test_a_host_that_is_ended_in_a_lift_drops_nothing_and_the_next_one_asks_first(virtual, number):
+    with host(virtual) as process:
+        wait_until(lambda: is_pulling(virtual))
+        process.send_signal(number)
+        status, lines, _ = end(process)
+    assert status == {signal.SIGINT: -signal.SIGINT, signal.SIGTERM: 143, signal.SIGKILL: -signal.SIGKILL}[number]
+    if number is signal.SIGKILL:
+        assert lines == []
+    else:
+        ((object_id, grasp_status, peak_n),) = [line.values() for line in lines]
+        assert (object_id, grasp_status) == (0, "failed")
+        assert peak_n > 1.0, "the data until then is kept"
+    wait_until(lambda: state_of(virtual) == WATCHDOG)
+    assert virtual.state.pressure_psi == pytest.approx(30.0, abs=0.5)
+    rest_mm = virtual.grbl.position_mm()
+    assert rest_mm[2] > REST_Z_MM
+
+    with host(virtual) as process:
+        status, lines, (says,) = end(process)
+    assert (status, lines) == (1, [])
+    assert "The gripper is closed from an earlier session (30 psi, a tool on the head, lock closed" in says
+    assert "nothing was moved" in says
+    assert virtual.grbl.position_mm() == pytest.approx(rest_mm, abs=0.01)
+    assert virtual.state.outputs[1], "still kept"
+
+    with host(virtual, may_vent=True) as process:
+        status, lines, _ = end(process)
+    assert status == 0
+    assert [line.get("status") for line in lines] == ["ok", "ok", None], "the missing grasps are made"
+    assert virtual.state.tool is None
+    assert sorted(virtual.state.docked) == sorted(TOOLS)

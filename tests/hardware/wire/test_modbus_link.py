@@ -1,0 +1,197 @@
+import threading
+
+import pytest
+from pyModbusTCP.server import DataBank, ModbusServer
+
+from hardware.click.driver import ClickPlc
+from hardware.clock import VirtualClock
+from hardware.laumas.driver import LaumasTransmitter
+from hardware.virtual.modbus_pdu import ALL_FUNCTIONS
+from hardware.virtual.modbus_server import ModbusServerThread
+from hardware.wire.modbus import tcp_link
+from models.errors import DeviceError, UsageError
+
+
+class Memory:
+    """A register map that remembers everything and counts its writes."""
+
+    functions = ALL_FUNCTIONS
+
+    def __init__(self):
+        self.bits: dict[int, bool] = {}
+        self.words: dict[int, int] = {}
+        self.n_writes = 0
+
+    def read_bits(self, space, address, count):
+        return [self.bits.get(address + i, False) for i in range(count)] if address < 60000 else None
+
+    def read_registers(self, space, address, count):
+        return [self.words.get(address + i, 0) for i in range(count)] if address < 60000 else None
+
+    def write_bits(self, address, values):
+        self.n_writes += 1
+        self.bits.update(enumerate(values, address))
+        return address < 60000
+
+    def write_registers(self, address, values):
+        self.n_writes += 1
+        self.words.update(enumerate(values, address))
+        return address < 60000
+
+
+@pytest.fixture
+def memory():
+    return Memory()
+
+
+@pytest.fixture
+def server(memory):
+    server = ModbusServerThread("memory", memory)
+    server.start()
+    yield server
+    server.stop()
+    assert not any(thread.name == "modbus-memory" for thread in threading.enumerate())
+
+
+@pytest.fixture
+def link(server):
+    link = tcp_link("Memory", server.host, server.port, time_out_s=0.2)
+    yield link
+    link.close()
+
+
+def test_bits_and_registers_round_trip_over_the_wire(link):
+    link.write_coil(16384, True)
+    link.write_registers(100, [1, 65535, 0])
+    assert link.read_bits(1, 16383, 3) == [False, True, False]
+    assert link.read_registers(3, 99, 5) == [0, 1, 65535, 0, 0]
+    assert link.log.entries(), "the wire log is always on"
+
+
+def test_exceptions_become_sentences_and_are_not_repeated(link):
+    with pytest.raises(DeviceError, match="exception 2 .illegal address."):
+        link.read_registers(3, 61000, 2)
+    assert link.n_reconnects == 0
+
+
+def test_reads_are_repeated_on_fresh_sockets_and_writes_are_not(link, server, memory):
+    link.write_coil(16384, True)
+    server.is_silent = True
+    with pytest.raises(DeviceError, match="did not answer in time"):
+        link.read_registers(3, 0, 1)
+    assert link.n_reconnects == 2
+    n_writes = memory.n_writes
+    with pytest.raises(DeviceError, match="outcome of the last request is unknown"):
+        link.write_coil(16384, False)
+    server.is_silent = False
+    assert link.read_bits(1, 16384, 1) == [True]
+    assert memory.n_writes == n_writes
+
+
+def test_a_late_answer_never_belongs_to_the_next_request(link, server, memory):
+    memory.words = {7: 70, 8: 80}
+    server.delay_s = 0.35
+    with pytest.raises(DeviceError):
+        link.read_registers(3, 7, 1)
+    server.delay_s = 0.0
+    for _ in range(5):
+        assert link.read_registers(3, 8, 1) == [80]
+
+
+def test_the_link_recovers_when_the_server_comes_back(link, server, memory):
+    assert link.read_registers(3, 0, 1) == [0]
+    server.stop()
+    with pytest.raises(DeviceError):
+        link.read_registers(3, 0, 1)
+    again = ModbusServerThread("memory", memory)
+    again.start(port=server.port)
+    try:
+        assert link.read_registers(3, 0, 1) == [0]
+    finally:
+        again.stop()
+
+
+def test_a_taken_port_is_a_sentence(server, memory):
+    with pytest.raises(DeviceError, match="cannot listen on 127.0.0.1"):
+        ModbusServerThread("memory", memory).start(port=server.port)
+
+
+@pytest.mark.parametrize("port", [-1, 65536, 99999])
+def test_a_port_that_does_not_exist_is_a_sentence(memory, port):
+    with pytest.raises(UsageError, match=f"port {port}; ports are 0 .any free one. to 65535"):
+        ModbusServerThread("memory", memory).start(port=port)
+
+
+def test_nobody_at_the_address_is_a_sentence():
+    link = tcp_link("PLC", "127.0.0.1", 1, time_out_s=0.2)
+    with pytest.raises(DeviceError, match="PLC at 127.0.0.1:1 cannot be reached; check its power"):
+        link.connect()
+
+
+# An independent peer: pyModbusTCP's server, which shares no code with pymodbus or with us
+
+
+@pytest.fixture
+def peer():
+    bank = DataBank(d_inputs_size=0x10000)
+    server = ModbusServer(host="127.0.0.1", port=0, no_block=True, data_bank=bank)
+    server.start()
+    server.data_bank = bank
+    yield server
+    server.stop()
+
+
+def peer_port(peer):
+    return peer._service.server_address[1]
+
+
+def test_click_driver_against_an_independent_server(peer):
+    link = tcp_link("Peer", "127.0.0.1", peer_port(peer))
+    plc = ClickPlc(link, VirtualClock())
+    try:
+        plc.write_bit("C5", True)
+        plc.write_many("DF1", [30.5, -1.25])
+        plc.write_many("DD3", [-70000])
+        plc.write_many("DS1", [-7])
+        assert peer.data_bank.get_coils(16388, 1) == [True]
+        assert peer.data_bank.get_holding_registers(28672, 2) == [0, 16884]
+        peer.data_bank.set_discrete_inputs(20, [True])
+        assert plc.read_bits("X21", 10) == [i == 4 for i in range(10)]
+        assert plc.read_many("DF1", 2) == [30.5, -1.25]
+        assert plc.read_int("DD3") == -70000
+        assert plc.read_int("DS1") == -7
+        assert len(plc.read_many("DS1", 300)) == 300, "chunked at 124 registers"
+        assert len(plc.read_many("DF1", 130)) == 130
+        with pytest.raises(UsageError, match="cannot be written"):
+            plc.write_bit("X1", True)
+        with pytest.raises(UsageError, match="leave one range"):
+            plc.read_bits("X10", 10)
+    finally:
+        plc.close()
+
+
+def test_laumas_driver_against_an_independent_server(peer):
+    bank = peer.data_bank
+    bank.set_holding_registers(0, [105, 2, 2024, 7, 1])
+    bank.set_holding_registers(6, [0x0080, 1, 4464, 0, 1250, 0, 0, 15])
+    transmitter = LaumasTransmitter(tcp_link("Peer", "127.0.0.1", peer_port(peer)), VirtualClock())
+    try:
+        transmitter.connect()
+        reading = transmitter.read()
+        assert transmitter.identity == (105, 2, 2024, 7, 1)
+        assert reading.gross == pytest.approx(-70.0)
+        assert reading.net == pytest.approx(1.25)
+        with pytest.raises(DeviceError, match=r"did not carry out command 7 .tare."):
+            transmitter.tare()
+        assert bank.get_holding_registers(5, 1) == [7]
+        bank.set_holding_registers(13, [0x0400 | 12])
+        with pytest.raises(DeviceError, match="changed on its keypad"):
+            transmitter.read()
+        bank.set_holding_registers(13, [7])
+        with pytest.raises(DeviceError, match="division of 0.5 kg"):
+            transmitter.connect()
+        bank.set_holding_registers(13, [0x0600 | 15])
+        with pytest.raises(DeviceError, match="measures in bar"):
+            transmitter.connect()
+    finally:
+        transmitter.close()

@@ -1,0 +1,210 @@
+"""Which algorithm a calibration uses, what it says about bad input and doubtful posteriors."""
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+
+from models.calibration.inference.diagnostics import diagnose, overlap
+from models.calibration.inference.result import CalibrationResult
+from models.calibration.inference.settings import CalibrationSettings
+from models.calibration.means import calibrate as choice
+from models.calibration.means.calibrate import calibrate
+from models.calibration.means.parameters import Layout
+from models.calibration.means.problem import THETA, Standardised
+from models.calibration.means.repeats import without_repeats
+from models.calibration.means.synthetic import made_up_problem
+from models.errors import UsageError
+
+SETTINGS = CalibrationSettings(chains=2, draws=1000, tune=50)
+PROBLEM = made_up_problem(40, 10, seed=0)
+NAMES = ("rho", *THETA)
+
+
+def made_up_result(method, k_hat=None, ess=1500.0):
+    sizes = dict.fromkeys(THETA, ess)
+    draws = np.ones((2, 1000, 3))
+    return CalibrationResult(
+        names=THETA,
+        draws=draws,
+        settings=SETTINGS,
+        method=method,
+        r_hat=dict.fromkeys(THETA, 1.0),
+        ess_bulk=sizes,
+        ess_tail=sizes,
+        n_divergences=0,
+        k_hat=k_hat,
+        warnings=("own",),
+        cpu_s=2.0,
+        steps={"step": 2.0},
+    )
+
+
+def calibrate_with(monkeypatch, factorised, problem=PROBLEM, settings=SETTINGS, longer=None):
+    used = []
+
+    def by(method, problem, settings, progress, length=1):
+        used.append(method if length == 1 else f"{length} times {method}")
+        if method == "factorised":
+            return factorised if length == 1 else longer
+        return made_up_result(method)
+
+    monkeypatch.setattr(choice, "_by", by)
+    return calibrate(problem, settings), used
+
+
+def test_a_factorised_result_with_good_weights_is_kept(monkeypatch):
+    result, used = calibrate_with(monkeypatch, made_up_result("factorised", k_hat=0.3))
+    assert used == ["factorised"]
+    assert result.warnings == ("own",)
+
+
+@pytest.mark.parametrize(
+    ("k_hat", "ess", "why"),
+    [(1.08, 1500.0, "k-hat of its importance weights is 1.08"), (0.3, 14.0, "effective sample size .* is 14")],
+)
+def test_bad_weights_fall_back_to_the_joint_sampler_and_say_so(monkeypatch, k_hat, ess, why):
+    result, used = calibrate_with(monkeypatch, made_up_result("factorised", k_hat, ess))
+    assert used == ["factorised", "joint"]
+    assert result.method == "joint"
+    assert (result.cpu_s, result.k_hat) == (4.0, k_hat)
+    assert re.search(why, result.warnings[0])
+    assert result.warnings[1:] == ("own",)
+
+
+def test_a_large_problem_falls_back_to_the_blocked_sampler(monkeypatch):
+    large = made_up_problem(600, 10, seed=0)
+    _, used = calibrate_with(monkeypatch, made_up_result("factorised", 0.9), large)
+    assert used == ["factorised", "blocked"]
+
+
+def test_short_chains_of_a_large_problem_are_sampled_again_before_another_method_is(monkeypatch):
+    large, short = made_up_problem(600, 10, seed=0), made_up_result("factorised", 0.3, ess=14.0)
+    enough, used = calibrate_with(monkeypatch, short, large, longer=made_up_result("factorised", 0.3))
+    assert used == ["factorised", "3 times factorised"]
+    assert (enough.warnings, enough.cpu_s, enough.k_hat) == (("own",), 4.0, 0.3)
+    assert enough.steps == {"short chains step": 2.0, "step": 2.0}
+    still_short, used = calibrate_with(monkeypatch, short, large, longer=short)
+    assert used == ["factorised", "3 times factorised", "blocked"]
+    assert "effective sample size" in still_short.warnings[0]
+    assert still_short.cpu_s == 6.0
+
+
+def test_a_chosen_method_is_used(monkeypatch):
+    settings = SETTINGS.model_copy(update={"method": "joint"})
+    assert calibrate_with(monkeypatch, made_up_result("factorised"), settings=settings)[1] == ["joint"]
+
+
+def test_rows_entered_twice_are_left_out_and_told(monkeypatch):
+    twice = dataclasses.replace(
+        PROBLEM,
+        x_sim=np.vstack([PROBLEM.x_sim, PROBLEM.x_sim[:2]]),
+        theta_sim=np.vstack([PROBLEM.theta_sim, PROBLEM.theta_sim[:2]]),
+        y_sim=np.append(PROBLEM.y_sim, [PROBLEM.y_sim[0], 99.0]),
+        variance_sim=np.append(PROBLEM.variance_sim, PROBLEM.variance_sim[:2]),
+    )
+    fewer, sentences = without_repeats(twice)
+    assert fewer.n_sim == 41
+    np.testing.assert_array_equal(fewer.y_sim, np.append(PROBLEM.y_sim, 99.0))
+    assert sentences == (
+        "1 of 42 simulations repeat another in design and force (the first is row 40) and were left out; "
+        "check whether they were entered twice.",
+    )
+    result, _ = calibrate_with(monkeypatch, made_up_result("factorised", k_hat=0.3), twice)
+    assert result.warnings == (*sentences, "own")
+    assert without_repeats(PROBLEM) == (PROBLEM, ())
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"y_sim": np.full(40, 3.0)}, "all simulated forces are 3 N; a calibration needs forces that vary"),
+        ({"y_real": np.full(10, 2.0)}, "all measured forces are 2 N"),
+        ({"y_real": np.array([1.0, np.nan, *range(8)])}, "row 1 of y_real is not finite; leave that design out"),
+        ({"theta_sim": np.zeros((40, 3))}, "Young's modulus of 0 MPa or less"),
+        ({"x_real": np.zeros((10, 8))}, r"x_real has shape \(10, 8\); give \(10, 9\)"),
+        ({"variance_sim": np.full(40, -1.0)}, "a known variance is negative"),
+    ],
+)
+def test_bad_input_is_refused_in_a_sentence(changes, match):
+    with pytest.raises(UsageError, match=match):
+        dataclasses.replace(PROBLEM, **changes)
+
+
+@pytest.mark.parametrize(("n_sim", "n_real", "match"), [(19, 10, "19 simulations, it .* 20"), (40, 4, "4 measured")])
+def test_too_few_designs_are_refused(n_sim, n_real, match):
+    with pytest.raises(UsageError, match=match):
+        made_up_problem(n_sim, n_real, seed=0)
+
+
+def some_draws(seed=0, **columns):
+    """Independent draws of rho and theta well inside the simulated range, some columns replaced: 2 x 1500 x 4."""
+    rng = np.random.default_rng(seed)
+    found = {
+        "rho": rng.normal(1.0, 0.1, 3000),
+        "young_modulus_mpa": 20.0 * np.exp(0.1 * rng.standard_normal(3000)),
+        "friction": rng.normal(0.8, 0.05, 3000),
+        "poisson_ratio": rng.normal(0.35, 0.02, 3000),
+    }
+    found |= {name: column(rng, found) for name, column in columns.items()}
+    return np.stack([found[name].reshape(2, 1500) for name in NAMES], axis=-1)
+
+
+def test_sound_draws_raise_no_doubt():
+    found = diagnose(PROBLEM, NAMES, some_draws(), SETTINGS, 0)
+    assert found.warnings == ()
+    assert all(0.99 < r_hat < 1.01 for r_hat in found.r_hat.values())
+    assert all(2000 < size < 4500 for size in found.ess_bulk.values())
+
+
+@pytest.mark.parametrize(
+    ("columns", "n_divergences", "sentence"),
+    [
+        ({}, 7, "7 of 3000 draws diverged: .* raise target_accept above 0.9"),
+        ({"friction": lambda rng, found: np.repeat([0.7, 0.9], 1500) + rng.normal(0, 0.03, 3000)}, 0,
+         "R-hat of friction is .*, above 1.01: the chains do not agree yet"),
+        ({"friction": lambda rng, found: 0.8 + 0.01 * np.tile(np.sin(np.arange(1500) / 30), 2)}, 0,
+         "bulk effective sample size of friction is .*, below 1000"),
+        ({"young_modulus_mpa": lambda rng, found: 1.5 + 0.05 * rng.standard_normal(3000)}, 0,
+         "100 % of the posterior of Young's modulus lies outside the simulated range .* MPa.*simulate a wider range"),
+        ({"poisson_ratio": lambda rng, found: 0.495 - 0.003 * rng.random(3000)}, 0,
+         "100 % of the posterior of Poisson ratio piles up at the upper end of the simulated range"),
+        ({"poisson_ratio": lambda rng, found: rng.uniform(0.2, 0.5, 3000)}, 0,
+         "say little about the Poisson ratio: posterior and prior overlap by 9. %"),
+        ({"rho": lambda rng, found: 0.8 / found["friction"]}, 0,
+         "rho and friction are correlated by -1.00: .* fix rho"),
+    ],
+)  # fmt: skip
+def test_every_problem_of_the_draws_is_said(columns, n_divergences, sentence):
+
+    found = diagnose(PROBLEM, NAMES, some_draws(**columns), SETTINGS, n_divergences)
+    assert any(re.search(sentence, said) for said in found.warnings), found.warnings
+
+
+def test_the_range_of_a_factor_is_no_range():
+    problem = made_up_problem(40, 10, seed=0, scales_with_modulus=True)
+    draws = some_draws(young_modulus_mpa=lambda rng, found: 1.5 + 0.05 * rng.standard_normal(3000))
+    assert diagnose(problem, NAMES, draws, SETTINGS, 0).warnings == ()
+
+
+def test_overlap_is_one_for_equal_and_zero_for_distant_draws():
+    rng = np.random.default_rng(0)
+    first = rng.standard_normal(20_000)
+    assert overlap(first, rng.standard_normal(20_000)) > 0.97
+    assert overlap(first, 10 + first) < 0.01
+    assert overlap(first, 1 + rng.standard_normal(20_000)) == pytest.approx(0.617, abs=0.03)
+
+
+@pytest.mark.parametrize("rho", ["fixed", "free"])
+def test_vectors_become_parameters_in_their_units(rho):
+    data = Standardised.of(PROBLEM)
+    layout = Layout.of(data, CalibrationSettings(rho=rho))
+    vector = layout.draw_prior(np.random.default_rng(0))
+    row = dict(zip(layout.names, layout.constrain(vector, data.force_scale_n), strict=True))
+    phi, psi = layout.phi(vector[: layout.n_phi]), layout.psi(vector[layout.n_phi :])
+    assert row["sd_h"] == phi.sd
+    assert row["noise_sd_n"] == pytest.approx(psi.noise_sd * data.force_scale_n)
+    assert row.get("rho", 1.0) == psi.rho
+    assert [row[name] for name in THETA] == pytest.approx(list(psi.theta))
+    np.testing.assert_allclose(layout.unconstrained_theta(psi.theta), vector[-3:])

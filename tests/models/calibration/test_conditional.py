@@ -1,0 +1,93 @@
+"""The factorised density: hand gradients against differences, and the product against the joint density."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from models.calibration.inference.settings import CalibrationSettings
+from models.calibration.means import conditional_density as conditional
+from models.calibration.means import emulator
+from models.calibration.means.conditional_density import Setting
+from models.calibration.means.parameters import Layout
+from models.calibration.means.problem import Standardised
+from models.calibration.means.synthetic import made_up_problem
+from models.gaussian_process.matern import matern52
+
+
+@dataclass(frozen=True)
+class _Case:
+    data: Standardised
+    layout: Layout
+    phi: np.ndarray
+    psi: np.ndarray
+
+
+@pytest.fixture(params=[("fixed", False), ("free", False), ("fixed", True), ("free", True)], ids=str)
+def case(request: pytest.FixtureRequest) -> _Case:
+    rho, scales = request.param
+    data = Standardised.of(made_up_problem(50, 15, 0, scales_with_modulus=scales))
+    layout, rng = Layout.of(data, CalibrationSettings(rho=rho)), np.random.default_rng(1)
+    phi, psi = rng.normal(0.0, 0.3, layout.n_phi), rng.normal(0.0, 0.3, layout.n_psi)
+    phi[-1], psi[10], psi[-3] = np.log(0.1), np.log(0.1), np.log(8.0)
+    if layout.has_rho:
+        psi[11] = 0.9
+    return _Case(data, layout, phi, psi)
+
+
+def test_gradient_of_the_emulators_density_is_its_slope(case: _Case) -> None:
+    gradient = emulator.log_posterior(case.phi, case.data, case.layout)[1]
+    slopes = _differences(lambda v: emulator.log_posterior(v, case.data, case.layout)[0], case.phi)
+    np.testing.assert_allclose(gradient, slopes, rtol=1e-5, atol=1e-6)
+
+
+def test_gradient_of_the_measurements_density_is_its_slope(case: _Case) -> None:
+    factor, setting = _prepared(case)
+    gradient = conditional.log_posterior(case.psi, factor, setting)[1]
+    slopes = _differences(lambda v: conditional.log_posterior(v, factor, setting)[0], case.psi)
+    np.testing.assert_allclose(gradient, slopes, rtol=1e-5, atol=1e-6)
+
+
+def test_value_without_gradient_is_the_same(case: _Case) -> None:
+    factor, setting = _prepared(case)
+    with_prior = conditional.log_posterior(case.psi, factor, setting)[0]
+    alone = conditional.log_likelihood(case.psi, factor, setting)
+    assert with_prior == pytest.approx(alone + case.layout.log_prior_psi(case.psi)[0], abs=1e-10)
+
+
+def test_both_parts_multiply_to_the_joint_density_of_all_forces(case: _Case) -> None:
+    """Eq. 12 of the FAST paper: one normal density with the covariance written out."""
+    data, phi, psi = case.data, case.layout.phi(case.phi), case.layout.psi(case.psi)
+    factor, setting = _prepared(case)
+    t = np.broadcast_to(setting.inputs(psi.theta), (15, data.n_inputs - 9))
+    z = np.vstack([data.z_sim, np.column_stack([data.x_real, t])])
+    a = data.amplitude(psi.theta, psi.rho) * data.trend_real
+    c = np.concatenate([np.ones(50), a])
+    K = np.outer(c, c) * matern52(z, z, phi.lengthscales, phi.sd)
+    K[50:, 50:] += matern52(data.x_real, data.x_real, psi.lengthscales, psi.sd)
+    K += np.diag(np.concatenate([data.variance_sim + phi.nugget**2, data.variance_real + psi.noise_sd**2]))
+    y = np.concatenate([data.y_sim, data.y_real - a * data.mean])
+    joint = multivariate_normal.logpdf(y, np.zeros(65), K)
+    assert factor.log_density + conditional.log_likelihood(case.psi, factor, setting) == pytest.approx(joint, abs=1e-8)
+
+
+def test_mode_of_the_emulator_is_flat_and_beats_the_prior_mode() -> None:
+    data = Standardised.of(made_up_problem(120, 10, 0))
+    layout = Layout.of(data, CalibrationSettings())
+    mode = emulator.find_mode(data, layout, seed=0).values
+    value, gradient = emulator.log_posterior(mode, data, layout)
+    assert np.abs(gradient).max() < 0.1
+    assert value > emulator.log_posterior(np.zeros(layout.n_phi), data, layout)[0] + 10.0
+
+
+def _prepared(case: _Case) -> tuple[emulator.Factor, Setting]:
+    factor = emulator.factorise(case.layout.phi(case.phi), case.data)
+    assert factor is not None
+    return factor, Setting.of(case.data, case.layout)
+
+
+def _differences(function: Callable[[np.ndarray], float], at: np.ndarray) -> np.ndarray:
+    steps = 1e-5 * np.eye(len(at))
+    return np.array([(function(at + step) - function(at - step)) / 2e-5 for step in steps])

@@ -1,0 +1,75 @@
+"""The stand-in for the likelihood of theta: exact where it should be, smooth outside its box."""
+
+import numpy as np
+import pytest
+
+from models.calibration.inference.settings import CalibrationSettings
+from models.calibration.means import conditional_density as conditional
+from models.calibration.means.conditional_density import Setting
+from models.calibration.means.emulator import Factor, factorise
+from models.calibration.means.parameters import Layout
+from models.calibration.means.problem import Standardised
+from models.calibration.means.synthetic import made_up_problem
+from models.calibration.means.theta_surrogate import MAX_ERROR, Box, ThetaSurrogate, build
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["E an input", "E a factor"])
+def prepared(request: pytest.FixtureRequest) -> tuple[Setting, Factor, ThetaSurrogate, np.ndarray]:
+    data = Standardised.of(made_up_problem(80, 15, 0, scales_with_modulus=request.param))
+    layout = Layout.of(data, CalibrationSettings())
+    phi = np.concatenate([np.full(data.n_inputs, 0.5), [0.3, np.log(0.03)]])
+    factor = factorise(layout.phi(phi), data)
+    assert factor is not None
+    setting = Setting.of(data, layout)
+    psi = np.concatenate(
+        [np.full(9, 0.5), np.log([0.3, 0.05]), layout.unconstrained_theta(np.array([9.0, 0.55, 0.34]))]
+    )
+    ends = layout.theta(psi[-3:] + np.array([[-0.5], [0.5]]))
+    box = Box(setting.inputs(ends[0]), setting.inputs(ends[1]))
+    return setting, factor, build(factor, setting, box, (8,) * len(box.lower), psi), psi
+
+
+def test_inside_the_box_it_is_the_likelihood(prepared: tuple[Setting, Factor, ThetaSurrogate, np.ndarray]) -> None:
+    """As near as `build_accurate` asks for: a constant error moves no draw."""
+    setting, factor, surrogate, psi = prepared
+    rng = np.random.default_rng(1)
+    errors = []
+    for _ in range(10):
+        values = psi + np.concatenate([0.3 * rng.normal(size=11), rng.uniform(-0.45, 0.45, 3)])
+        value, gradient = surrogate(values)
+        exact, exact_gradient = conditional.log_posterior(values, factor, setting)
+        errors.append(value - exact)
+        np.testing.assert_allclose(gradient, exact_gradient, rtol=5e-3, atol=0.15)
+        without_prior = conditional.log_likelihood(values, factor, setting)
+        assert surrogate.log_likelihood(values) - without_prior == pytest.approx(errors[-1], abs=1e-8)
+    assert np.std(errors) < MAX_ERROR
+    assert np.abs(errors).max() < 0.1
+
+
+@pytest.mark.parametrize("shift", [0.2, 0.75, 3.0])
+def test_gradient_is_its_slope_inside_and_outside(
+    prepared: tuple[Setting, Factor, ThetaSurrogate, np.ndarray], shift: float
+) -> None:
+    *_, surrogate, psi = prepared
+    values = psi.copy()
+    values[-3:] += shift
+    steps = 1e-5 * np.eye(len(values))
+    slopes = [(surrogate(values + step)[0] - surrogate(values - step)[0]) / 2e-5 for step in steps]
+    np.testing.assert_allclose(surrogate(values)[1], slopes, rtol=1e-4, atol=1e-4)
+
+
+def test_bent_inputs_stay_within_the_margin_and_touch_the_box_smoothly() -> None:
+    box = Box(np.array([0.0]), np.array([1.0]))
+    inside, slope = box.bend(np.array([0.999999]))
+    assert inside[0] == 0.999999
+    assert slope[0] == 1.0
+    assert box.bend(np.array([1.001]))[1][0] == pytest.approx(1.0, abs=1e-4)
+    assert box.bend(np.array([99.0]))[0][0] <= 1.0 + box.margin[0]
+
+
+def test_a_box_grows_only_where_it_was_touched() -> None:
+    box = Box(np.zeros(2), np.ones(2))
+    sides = box.is_outside(np.array([[1.2, 0.5]])).mean(axis=0)
+    grown = box.grown(sides > 0)
+    np.testing.assert_allclose(grown.lower, [0.0, 0.0])
+    np.testing.assert_allclose(grown.upper, [1.5, 1.0])

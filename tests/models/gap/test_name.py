@@ -1,0 +1,133 @@
+"""NAME on made-up grasps whose answer is known: what is hidden is named, and nothing else is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.gap.naming.name import NameResult, name_effect
+from models.gap.naming.thresholds import Statistics, Thresholds, fit_thresholds
+from models.gap.problem import GapProblem
+from models.gap.synthetic import GapTruth, made_up_gap
+from models.records import EffectValue
+from models.simulation.effects.catalogue import CATALOGUE
+
+# Made-up grasps have less to hide than a simulator's: their lines are of made-up null worlds.
+LINES = Thresholds(
+    effect_r2=0.006,
+    ceiling_r2=0.02,
+    misfit=1.95,
+    contrast_misfit=1.62,
+    usual_misfit=1.68,
+    usual_contrast_misfit=1.51,
+    temperature=4.0,
+)
+# What the cases share; the others cost time and stand for nothing here.
+NAMES = (
+    "load_cell_lag",
+    "static_kinetic_friction",
+    "force_limited_closing",
+    "mullins_softening",
+    "load_cell_offset",
+)
+HIDDEN = {
+    "load_cell_lag": {"time_constant_s": 0.35},
+    "static_kinetic_friction": {"kinetic_ratio": 0.7},
+    "force_limited_closing": {"max_force_n": 4.0},
+    "mullins_softening": {"softening": 0.1},
+}
+
+
+def world(effect: str | None = None, seed: int = 0) -> GapProblem:
+    effects = () if effect is None else (EffectValue(effect=effect, parameters=HIDDEN[effect]),)
+    return made_up_gap(7, 7, seed, GapTruth(effects=effects), n_repeats=2)
+
+
+def name(problem: GapProblem, catalogue: tuple[str, ...] = NAMES, in_model: tuple[EffectValue, ...] = ()) -> NameResult:
+    return name_effect(problem, in_model, LINES, catalogue)
+
+
+@pytest.fixture(scope="module")
+def lag() -> NameResult:
+    return name(world("load_cell_lag"))
+
+
+def test_nothing_is_named_where_nothing_is_hidden() -> None:
+    result = name(world())
+    assert result.named.kind == "none"
+    assert result.values == ()
+    np.testing.assert_allclose(result.theta, [9.2, 0.66, 0.43], rtol=0.15)
+
+
+@pytest.mark.parametrize("effect", ["static_kinetic_friction", "force_limited_closing", "mullins_softening"])
+def test_what_is_hidden_is_named(effect: str) -> None:
+    result = name(world(effect))
+    assert (result.named.kind, result.named.effects) == ("effect", (effect,))
+    assert result.named.probability > 0.8
+
+
+def test_a_lag_is_named_with_its_time_constant(lag: NameResult) -> None:
+    assert (lag.named.kind, lag.named.effects) == ("effect", ("load_cell_lag",))
+    found = lag.named.parameters["time_constant_s"]
+    assert found.ci90[0] < found.median < found.ci90[1]
+    assert found.median == pytest.approx(0.35, rel=0.15)
+    assert lag.candidates[2].held_out_rmse_change < -0.1
+    assert [value.effect for value in lag.values] == ["load_cell_lag"]
+
+
+def test_once_in_the_model_it_stays_and_nothing_is_left(lag: NameResult) -> None:
+    result = name(world("load_cell_lag"), in_model=lag.values)
+    assert result.named.kind == "none"
+    assert result.dropped == ()
+
+
+def test_what_explains_nothing_falls_out_of_the_model() -> None:
+    idle = EffectValue(effect="load_cell_offset", parameters={"offset_n": 0.2})
+    assert name(world(), ("load_cell_lag",), (idle,)).dropped == ("load_cell_offset",)
+
+
+def test_what_is_not_in_the_catalogue_is_unknown() -> None:
+    result = name(world("mullins_softening"), tuple(name for name in NAMES if name != "mullins_softening"))
+    assert result.named.kind == "unknown"
+
+
+def test_aliases_of_theta_are_declared_and_never_tried(lag: NameResult) -> None:
+    aliases = {effect for effect, spec in CATALOGUE.items() if spec.alias_of is not None}
+    assert {alias.effect for alias in lag.aliases} == aliases
+    assert not aliases & set(lag.fit.working.predictor.names)
+    gain = EffectValue(effect="load_cell_gain", parameters={"gain": 1.08})
+    problem = made_up_gap(7, 7, 1, GapTruth(effects=(gain,)), n_repeats=2)
+    assert name(problem).named.kind == "none"
+
+
+def test_the_same_data_twice_are_no_more_sure(lag: NameResult) -> None:
+    problem = world("load_cell_lag")
+    grasps = problem.grasps
+    twice = replace(
+        grasps,
+        tool=np.tile(grasps.tool, 2),
+        obj=np.tile(grasps.obj, 2),
+        contexts=grasps.contexts * 2,
+        steps_n=np.tile(grasps.steps_n, (2, 1)),
+        grasp_ids=grasps.grasp_ids * 2,
+    )
+    result = name(replace(problem, grasps=twice))
+    gains = [sum(c.held_out_gain_nats for c in r.candidates if c.effect == "load_cell_lag") for r in (lag, result)]
+    assert gains[1] < 1.15 * gains[0]
+
+
+def test_permuted_designs_name_nothing() -> None:
+    """With the forces of other tools, no effect predicts tools that were left out."""
+    problem = world("static_kinetic_friction")
+    grasps = problem.grasps
+    other = np.roll(np.arange(len(grasps.tools)), 3)[grasps.tool]
+    result = name(replace(problem, grasps=replace(grasps, tool=other)))
+    assert result.named.kind in ("none", "unknown")
+
+
+def test_lines_let_one_null_world_in_twenty_pass() -> None:
+    rng = np.random.default_rng(0)
+    nulls = [Statistics(**dict(zip(Statistics.model_fields, row, strict=True))) for row in rng.normal(size=(200, 4))]
+    lines = fit_thresholds(nulls)
+    above = [any(getattr(row, name) > getattr(lines, name) for name in Statistics.model_fields) for row in nulls]
+    assert 0.03 < np.mean(above) <= 0.05

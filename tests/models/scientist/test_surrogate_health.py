@@ -1,0 +1,80 @@
+"""The health card: it finds a simulator that tells nothing, a surrogate that is too sure, and is silent otherwise."""
+
+import numpy as np
+import pytest
+
+from models.design.space import random_unit
+from models.scientist.surrogate.fit import fit_surrogate
+from models.scientist.surrogate.health import SurrogateHealth, health_of, is_overconfident
+from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from models.scientist.surrogate.posterior import Surrogate
+
+
+def force(x: np.ndarray) -> np.ndarray:
+    return 12 + 4 * np.sin(3 * x[:, 0]) + 5 * x[:, 5] * x[:, 2] - 3 * (x[:, 7] - 0.4) ** 2
+
+
+def observed(n_real: int, n_sim: int, *, is_related: bool, seed: int = 0) -> ObservationSet:
+    """Measurements of `force`; simulations of its double, or of something else altogether."""
+    rng = np.random.default_rng(seed)
+    x, s = random_unit(n_real + n_sim, rng), np.repeat([REAL, SIM], [n_real, n_sim])
+    simulated = 2 * force(x) - 5 if is_related else 8 + 3 * np.cos(7 * x[:, 3]) + 2 * x[:, 8]
+    y = np.where(s == REAL, force(x) + 0.1 * rng.normal(size=len(x)), simulated)
+    return ObservationSet(x, s, y, np.zeros(len(x)))
+
+
+def test_a_good_simulator_helps_and_nothing_is_found():
+    health = health_of(fit_surrogate(observed(25, 150, is_related=True)))
+    assert health.findings == ()
+    assert health.simulation_gain is not None
+    assert health.simulation_gain > 0.3
+    assert health.shared_variance > 0.8
+    assert health.rho == pytest.approx(0.5, abs=0.1)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_simulator_of_something_else_is_found_out(seed):
+    health = health_of(fit_surrogate(observed(40, 120, is_related=False, seed=seed)))
+    assert health.findings[0].startswith("Simulation is not informative: with it the error at measured designs is ")
+
+
+def test_a_surrogate_that_is_too_sure_is_found_out():
+    """Noise and discrepancy forced to a tenth of the truth: most designs leave their interval."""
+    data = observed(40, 60, is_related=True)
+    noisy = ObservationSet(
+        data.x, data.s, data.y + np.where(data.s == REAL, 1.5, 0) * np.sin(97 * data.x[:, 4]), data.noise_variance
+    )
+    fitted = fit_surrogate(noisy)
+    too_sure = Surrogate.condition(noisy, fitted.parameters.model_copy(update={"noise_sd": 0.02, "sd_e": 0.02}))
+    assert any("is overconfident" in finding for finding in health_of(too_sure).findings)
+    assert not any("is overconfident" in finding for finding in health_of(fitted).findings)
+
+
+@pytest.mark.parametrize(
+    ("coverage", "n", "expected"), [(0.9, 30, False), (0.8, 30, False), (0.6, 30, True), (0.5, 4, False)]
+)
+def test_overconfidence_is_more_than_chance(coverage, n, expected):
+    assert is_overconfident(coverage, n) is expected
+
+
+def test_one_sided_data_have_no_simulation_gain():
+    only_real = health_of(fit_surrogate(observed(10, 0, is_related=True)))
+    only_sim = health_of(fit_surrogate(observed(0, 10, is_related=True)))
+    assert (only_real.simulation_gain, only_sim.simulation_gain, only_sim.loo_rmse_n) == (None, None, None)
+    assert SurrogateHealth.model_validate(only_real.model_dump()) == only_real
+
+
+def test_a_gross_outlier_is_found_and_does_not_spoil_the_fit_elsewhere():
+    """One tool with a broken finger: the surrogate calls it noise, says so and still predicts the others."""
+    data = observed(40, 120, is_related=True)
+    y = data.y.copy()
+    y[3] -= 12.0
+    unseen = random_unit(200, np.random.default_rng(9))
+    clean, spoilt = fit_surrogate(data), fit_surrogate(ObservationSet(data.x, data.s, y, data.noise_variance))
+
+    def rmse(surrogate: Surrogate) -> float:
+        return float(np.sqrt(np.mean((surrogate.mean(unseen, REAL) - force(unseen)) ** 2)))
+
+    assert rmse(clean) < rmse(spoilt) < 1.8  # of a spread of 2.7 N
+    assert (health_of(clean).n_outliers, health_of(spoilt).n_outliers) == (0, 1)
+    assert health_of(spoilt).findings[-1].startswith("1 of 40 measured designs lie more than 4 standard deviations")

@@ -1,0 +1,171 @@
+"""Material effects inside the elements: energies, tangents, and moduli by part, in the solid and in the section."""
+
+import numpy as np
+import pytest
+
+from models.design.space import BEST_PUBLISHED, random_designs
+from models.errors import UsageError
+from models.records import GraspSetup, MeshSettings, Theta
+from models.simulation.body.assembly import ElasticBody, Material
+from models.simulation.body.elasticity import element_force, element_stiffness, lame_constants
+from models.simulation.body.shape_functions import quadrature_of, shape_of
+from models.simulation.effects.hyperelastic_stiffening import HyperelasticStiffening
+from models.simulation.effects.print_anisotropy import PrintAnisotropy
+from models.simulation.mesh.build import build_mesh
+from models.simulation.mesh.plane import plane_mesh
+from models.simulation.problem import FingerProblem
+from models.simulation.section.body import PlaneBody
+from models.simulation.solver.newton import solve_dead_load
+from tests.models.simulation.test_elements import reference_nodes
+
+E_MPA, NU, BETA = 11.5, 0.45, 3.0
+COARSE = MeshSettings(edge_mm=14.0)
+
+
+def wedge() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes, gradients and weights of one reference element."""
+    rule = quadrature_of("C3D15", 3)
+    return reference_nodes("C3D15"), shape_of("C3D15", rule.points)[1], rule.weights
+
+
+def pull(stretch: float, per_mpa: float, lam: float, mu: float) -> float:
+    """Force on the end of an element stretched along z alone, N."""
+    nodes, slopes, weights = wedge()
+    force = np.zeros((15, 3))
+    assert element_force(nodes * [1, 1, stretch], slopes, weights, 0, lam, mu, per_mpa, force)
+    return float(force[nodes[:, 2] > 0.5, 2].sum())
+
+
+def test_stress_is_multiplied_by_one_plus_twice_beta_w_over_e() -> None:
+    lam, mu = lame_constants(E_MPA, 0.3)
+    per_mpa = Material(E_MPA, 0.3, stiffening=BETA).stiffening_per_mpa
+    for stretch in (0.8, 1.1, 1.4):
+        log = np.log(stretch)
+        energy = 0.5 * mu * (stretch**2 - 1.0 - 2.0 * log) + 0.5 * lam * log**2
+        ratio = pull(stretch, per_mpa, lam, mu) / pull(stretch, 0.0, lam, mu)
+        assert ratio == pytest.approx(1.0 + 2.0 * BETA * energy / E_MPA, rel=1e-12)
+
+
+def test_small_tension_stiffens_with_the_square_of_the_strain() -> None:
+    strain = 1e-2
+    lam, mu = lame_constants(E_MPA, 0.0)  # without lateral strain the element is in uniaxial tension
+    linear, stiff = (pull(1.0 + strain, 2.0 * beta / E_MPA, lam, mu) for beta in (0.0, BETA))
+    assert stiff / linear - 1.0 == pytest.approx(BETA * strain**2, rel=2 * strain)
+
+
+def test_tangent_of_the_stiffening_solid_is_the_derivative_of_its_force() -> None:
+    rng = np.random.default_rng(3)
+    nodes, slopes, weights = wedge()
+    x = nodes @ np.array([[0.9, 0.2, 0], [-0.2, 1.1, 0.1], [0, 0, 1.0]]) + 0.02 * rng.standard_normal(nodes.shape)
+    lam, mu = lame_constants(E_MPA, NU)
+    k = len(x)
+
+    def evaluate(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        force, alone, K = np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((k, 9, k))
+        assert element_stiffness(at, slopes, weights, 0, lam, mu, 0.5, force, K)
+        assert element_force(at, slopes, weights, 0, lam, mu, 0.5, alone)
+        assert np.allclose(alone, force, rtol=1e-12, atol=1e-12)
+        return force, K
+
+    _, K = evaluate(x)
+    full = K.reshape(3 * k, 3, k).transpose(0, 2, 1).reshape(3 * k, 3 * k)
+    lower = np.tril(np.ones((k, k))).repeat(3, axis=0).repeat(3, axis=1)
+    strict = np.tril(np.ones((k, k)), -1).repeat(3, axis=0).repeat(3, axis=1)
+    tangent = full * lower + (full * strict).T
+    direction = rng.standard_normal(x.shape)
+    difference = (evaluate(x + 1e-6 * direction)[0] - evaluate(x - 1e-6 * direction)[0]) / 2e-6
+    assert np.allclose(tangent @ direction.ravel(), difference.ravel(), rtol=1e-6, atol=1e-5)
+
+
+@pytest.mark.parametrize("factors", [False, True])
+def test_tangent_of_the_stiffening_section_is_the_derivative_of_its_force(factors: bool) -> None:
+    mesh = plane_mesh(BEST_PUBLISHED, COARSE)
+    rng = np.random.default_rng(5)
+    moduli = [rng.uniform(0.5, 1.5, len(part)) for part in mesh.connectivities] if factors else None
+    body = PlaneBody(mesh, mesh.nodes, Material(E_MPA, NU, stiffening=BETA), moduli)
+    bend = np.column_stack([0.002 * mesh.nodes[:, 1] ** 2, 0.1 * mesh.nodes[:, 0]])
+    x = mesh.nodes + bend + 1e-3 * rng.standard_normal(mesh.nodes.shape)
+    blocks = np.zeros((len(body.pattern.indices), 2, 2))
+    assert body.stiffness(x, blocks)
+    direction = rng.standard_normal(mesh.nodes.shape)
+    direction[mesh.base_nodes] = 0.0
+    plus, minus = body.force(x + 1e-6 * direction), body.force(x - 1e-6 * direction)
+    assert plus is not None
+    assert minus is not None
+    change, rows = np.zeros((body.pattern.n, 2)), body.row_of_node
+    u = np.zeros_like(change)
+    u[rows[rows >= 0]] = direction[rows >= 0]
+    for column in range(body.pattern.n):
+        for place in range(body.pattern.indptr[column], body.pattern.indptr[column + 1]):
+            row = body.pattern.indices[place]
+            change[row] += blocks[place] @ u[column]
+            if row != column:
+                change[column] += blocks[place].T @ u[row]
+    difference = ((plus - minus) / 2e-6)[rows >= 0]
+    assert np.allclose(change[rows[rows >= 0]], difference, rtol=1e-5, atol=1e-4)
+
+
+def test_solid_and_section_stiffen_alike() -> None:
+    section = plane_mesh(BEST_PUBLISHED, COARSE, full_width=True)
+    solid, node_of = section.swept()
+    material = Material(E_MPA, 0.0, stiffening=BETA)  # at Poisson's ratio 0 the section's plate factor is 1
+    bend = np.column_stack([0.002 * section.nodes[:, 1] ** 2, 0.1 * section.nodes[:, 0]])
+    solid_x = solid.nodes.copy()
+    solid_x[:, [0, 2]] += bend[node_of]
+    in_solid = ElasticBody(solid, solid.nodes, material).force(solid_x)
+    in_section = PlaneBody(section, section.nodes, material).force(section.nodes + bend)
+    assert in_solid is not None
+    assert in_section is not None
+    summed = np.zeros_like(in_section)
+    np.add.at(summed, node_of, in_solid[:, [0, 2]])
+    assert np.linalg.norm(summed - in_section) < 0.02 * np.linalg.norm(in_section)
+
+
+def test_only_the_neo_hookean_law_stiffens() -> None:
+    with pytest.raises(UsageError, match="`st_venant_kirchhoff` cannot stiffen with strain; use `neo_hookean`"):
+        Material(E_MPA, NU, "st_venant_kirchhoff", BETA)
+
+
+def test_a_factor_on_all_elements_is_a_factor_on_the_modulus_and_moves_no_mass() -> None:
+    mesh = build_mesh(BEST_PUBLISHED, COARSE)
+    x = mesh.nodes * [1.02, 1.0, 0.99]
+    stiff = ElasticBody(mesh, mesh.nodes, Material(1.25 * E_MPA, NU))
+    scaled = ElasticBody(
+        mesh, mesh.nodes, Material(E_MPA, NU), factors=[np.full(len(c), 1.25) for c in mesh.connectivities]
+    )
+    expected, force = stiff.force(x), scaled.force(x)
+    assert expected is not None
+    assert force is not None
+    assert np.allclose(force, expected, rtol=1e-12)
+    assert np.array_equal(stiff.lumped_volume(), scaled.lumped_volume())
+
+
+@pytest.mark.parametrize("screening", [False, True])
+def test_anisotropy_acts_on_the_ribs_alone(screening: bool) -> None:
+    for design in [BEST_PUBLISHED, *random_designs(4, np.random.default_rng(2))]:
+        mesh = (plane_mesh if screening else build_mesh)(design, MeshSettings())
+        problem = FingerProblem(mesh, design, Theta(), GraspSetup(), (PrintAnisotropy(0.3),))
+        factors = problem.factors()
+        assert factors is not None
+        nodes = mesh.nodes if screening else mesh.nodes[:, [0, 2]]
+        middles = np.vstack([nodes[c].mean(axis=1) for c in mesh.connectivities])
+        factor = np.concatenate(factors)
+        assert set(factor) == {1.0, 1.3}
+        in_front = middles[:, 0] < design.front_thickness_mm
+        in_tip = middles[:, 1] > design.height_mm - design.tip_length_mm
+        assert (factor[in_front | in_tip] == 1.0).all()
+        assert 0.1 < (factor == 1.3).mean() < 0.8
+        neutral = FingerProblem(mesh, design, Theta(), GraspSetup(), (PrintAnisotropy(0.0),))
+        assert neutral.factors() is None
+
+
+def test_a_stiffening_finger_bends_less() -> None:
+    mesh = build_mesh(BEST_PUBLISHED, COARSE)
+    load = np.zeros_like(mesh.nodes)
+    tip = np.flatnonzero(mesh.nodes[:, 2] > BEST_PUBLISHED.height_mm - 1e-6)
+    load[tip, 0] = 3.0 / len(tip)
+    linear, stiff = (
+        np.abs(solve_dead_load(ElasticBody(mesh, mesh.nodes, Material(E_MPA, NU, stiffening=beta)), mesh.nodes, load))
+        for beta in (0.0, HyperelasticStiffening(5.0).strain_stiffening())
+    )
+    assert 0.9 < stiff.max() / linear.max() < 0.999

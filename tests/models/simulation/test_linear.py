@@ -1,0 +1,150 @@
+"""The block Cholesky solver against dense algebra, on random matrices and on a finger's tangent."""
+
+import numpy as np
+import pytest
+
+from models.design.space import BEST_PUBLISHED
+from models.records import MeshSettings
+from models.simulation.body.assembly import ElasticBody, Material
+from models.simulation.mesh.build import build_mesh
+from models.simulation.solver.cholesky import BlockCholesky, BlockPattern, block_pattern
+
+
+def random_pairs(n: int, n_pairs: int, seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, n, (n_pairs, 2))
+
+
+def random_blocks(pattern: BlockPattern, seed: int) -> np.ndarray:
+    """Blocks of a diagonally dominant, hence positive definite, matrix."""
+    blocks = np.random.default_rng(seed).uniform(-1.0, 1.0, (len(pattern.indices), 3, 3))
+    diagonal = pattern.indptr[:-1]
+    blocks[diagonal] += blocks[diagonal].transpose(0, 2, 1) + 6.0 * pattern.n * np.eye(3)
+    return blocks
+
+
+def dense(pattern: BlockPattern, blocks: np.ndarray) -> np.ndarray:
+    matrix = np.zeros((pattern.n, 3, pattern.n, 3))
+    columns = np.repeat(np.arange(pattern.n), np.diff(pattern.indptr))
+    matrix[columns, :, pattern.indices, :] = blocks.transpose(0, 2, 1)
+    matrix[pattern.indices, :, columns, :] = blocks
+    return matrix.reshape(3 * pattern.n, 3 * pattern.n)
+
+
+def assert_solves(solver: BlockCholesky, pattern: BlockPattern, blocks: np.ndarray) -> None:
+    right = np.random.default_rng(9).standard_normal((pattern.n, 3))
+    expected = np.linalg.solve(dense(pattern, blocks), right.ravel()).reshape(-1, 3)
+    assert np.allclose(solver.solve(right), expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.fixture(scope="module")
+def tangent() -> tuple[BlockPattern, np.ndarray, np.ndarray]:
+    """Pattern and blocks of the tangent of a bent finger, and its contact nodes' rows."""
+    mesh = build_mesh(BEST_PUBLISHED, MeshSettings())
+    body = ElasticBody(mesh, mesh.nodes, Material(11.5, 0.45))
+    x = mesh.nodes.copy()
+    x[:, 0] += 1e-3 * x[:, 2] ** 2
+    blocks = np.zeros((len(body.pattern.indices), 3, 3))
+    assert body.stiffness(x, blocks) is not None
+    body.apply_symmetry(blocks)
+    rows = body.row_of_node[np.unique(mesh.contact_faces)]
+    return body.pattern, blocks, rows[rows >= 0]
+
+
+# Sizes around whole tiles of eight, no edges at all, one clique, and several components.
+@pytest.mark.parametrize(("n", "n_pairs"), [(1, 0), (2, 1), (3, 9), (8, 12), (9, 300), (40, 0), (70, 60), (150, 400)])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_solves_random_systems_like_a_dense_solver(n: int, n_pairs: int, seed: int) -> None:
+    pattern = block_pattern(n, random_pairs(n, n_pairs, seed))
+    blocks, solver = random_blocks(pattern, seed), BlockCholesky(pattern)
+    assert solver.factorise(blocks)
+    assert_solves(solver, pattern, blocks)
+
+
+def test_solves_the_tangent_of_a_finger(tangent: tuple[BlockPattern, np.ndarray, np.ndarray]) -> None:
+    pattern, blocks, _ = tangent
+    solver = BlockCholesky(pattern)
+    assert solver.factorise(blocks)
+    assert_solves(solver, pattern, blocks)
+
+
+def test_pattern_holds_the_edges_once_and_orders_its_panels() -> None:
+    n, pairs = 60, random_pairs(60, 150, 2)
+    pattern = block_pattern(n, pairs)
+    columns = np.repeat(np.arange(n), np.diff(pattern.indptr))
+    rows = pattern.position[np.vstack([pairs, np.column_stack([np.arange(n)] * 2)])]
+    expected = {(int(low), int(high)) for low, high in np.sort(rows, axis=1)}
+    found = list(zip(columns.tolist(), pattern.indices.tolist(), strict=True))
+    assert found == sorted(expected)
+    assert sorted(pattern.position) == list(range(n))
+    assert pattern.panels[0] == 0
+    assert pattern.panels[-1] == n
+    assert ((pattern.over > np.arange(len(pattern.over))) | (pattern.over == -1)).all()
+
+
+@pytest.mark.parametrize("row", [0, 31, 69])
+def test_reports_an_indefinite_matrix_and_recovers(row: int) -> None:
+    pattern = block_pattern(70, random_pairs(70, 200, 3))
+    blocks, solver = random_blocks(pattern, 3), BlockCholesky(pattern)
+    for spoiled in (-1e3, 0.0, np.nan):
+        wrong = blocks.copy()
+        wrong[pattern.indptr[row], 1, 1] = spoiled
+        assert not solver.factorise(wrong)
+    assert solver.factorise(blocks)
+    assert_solves(solver, pattern, blocks)
+
+
+def test_sign_of_the_smallest_eigenvalue_decides() -> None:
+    pattern = block_pattern(70, random_pairs(70, 200, 3))
+    blocks, solver = random_blocks(pattern, 3), BlockCholesky(pattern)
+    smallest = np.linalg.eigvalsh(dense(pattern, blocks))[0]
+    diagonal = pattern.indptr[:-1]
+    for factor, is_definite in ((0.999, True), (1.001, False)):
+        shifted = blocks.copy()
+        shifted[diagonal] -= factor * smallest * np.eye(3)
+        assert solver.factorise(shifted) is is_definite
+
+
+def test_order_keeps_the_factor_of_a_grid_sparse() -> None:
+    side = 60
+    nodes = np.arange(side * side).reshape(side, side)
+    right = np.column_stack([nodes[:, :-1].ravel(), nodes[:, 1:].ravel()])
+    down = np.column_stack([nodes[:-1].ravel(), nodes[1:].ravel()])
+    solver = BlockCholesky(block_pattern(side * side, np.vstack([right, down])))
+    assert solver.n_factor_blocks < 0.5 * side**3  # elimination row by row fills side^3
+
+
+def test_results_do_not_depend_on_what_was_factorised_before(
+    tangent: tuple[BlockPattern, np.ndarray, np.ndarray],
+) -> None:
+    pattern, blocks, _ = tangent
+    right = np.random.default_rng(4).standard_normal((pattern.n, 3))
+    used, fresh = BlockCholesky(pattern), BlockCholesky(pattern)
+    for seed in range(3):
+        assert used.factorise(random_blocks(pattern, seed))
+        used.solve(right)
+    assert not used.factorise(np.full_like(blocks, np.nan))
+    assert used.factorise(blocks)
+    assert fresh.factorise(blocks)
+    assert (used.solve(right) == fresh.solve(right)).all()
+    # A factor of four changes no rounding, not even of square roots.
+    assert used.factorise(4.0 * blocks)
+    assert (used.solve(4.0 * right) == fresh.solve(right)).all()
+
+
+@pytest.mark.parametrize("n_last", [1, 5, 40])
+def test_last_nodes_come_last_and_can_change_alone(n_last: int) -> None:
+    n, pairs = 120, random_pairs(120, 260, 5)
+    last = np.random.default_rng(6).choice(n, n_last, replace=False)
+    pattern = block_pattern(n, pairs, last)
+    assert set(pattern.position[last]) == set(range(n - n_last, n))
+    blocks, solver = random_blocks(pattern, 5), BlockCholesky(pattern)
+    assert solver.factorise(blocks)
+    for seed in range(2):
+        blocks[pattern.indptr[n - n_last] :] = random_blocks(pattern, seed)[pattern.indptr[n - n_last] :]
+        assert solver.refactorise_last(blocks)
+        assert_solves(solver, pattern, blocks)
+    wrong = blocks.copy()
+    wrong[-1] *= -1.0
+    assert not solver.refactorise_last(wrong)
+    assert solver.refactorise_last(blocks)
+    assert_solves(solver, pattern, blocks)

@@ -1,0 +1,79 @@
+"""Snapshots of a grasp agree with its trace; the drawn surface is that of the finger."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from models.design.space import BEST_PUBLISHED
+from models.objects.catalogue import get_object
+from models.records import GraspSimulation, MeshSettings, Placement, SimulatorVersion, Theta
+from models.simulation.grasp import simulate_grasp
+from models.simulation.mesh.build import build_mesh
+from models.simulation.output.recording import GraspRecording
+from models.simulation.output.surface import section_of, section_outline, skin_of
+
+SPHERE = get_object(1)
+COARSE = SimulatorVersion(mesh=MeshSettings(edge_mm=10), theta=Theta(young_modulus_mpa=23.0))
+
+
+@pytest.fixture(scope="module")
+def filmed() -> tuple[GraspSimulation, GraspRecording]:
+    recording = GraspRecording()
+    return simulate_grasp(BEST_PUBLISHED, SPHERE, COARSE, recorder=recording.add), recording
+
+
+def test_recording_changes_nothing(filmed: tuple[GraspSimulation, GraspRecording]) -> None:
+    plain = simulate_grasp(BEST_PUBLISHED, SPHERE, COARSE)
+    assert np.array_equal(plain.trace.force_n, filmed[0].trace.force_n)
+
+
+def test_snapshots_are_the_samples_of_the_trace(filmed: tuple[GraspSimulation, GraspRecording]) -> None:
+    result, recording = filmed
+    snapshots = recording.of("right")
+    assert recording.of("left") is snapshots  # the sphere is symmetric in x
+    at = np.searchsorted(result.trace.time_s, [s.time_s for s in snapshots])
+    assert np.array_equal(result.trace.time_s[at], [s.time_s for s in snapshots])
+    assert np.allclose(result.trace.lift_mm[at], [s.lift_mm for s in snapshots])
+    assert np.allclose(result.trace.force_n[at], [2.0 * s.scale * s.clamp_force[2] for s in snapshots])
+    assert [s.phase for s in snapshots] == sorted(s.phase for s in snapshots)
+    assert snapshots[0].displacement_mm.max() == 0.0
+
+
+def test_contact_balances_the_clamp(filmed: tuple[GraspSimulation, GraspRecording]) -> None:
+    closed = [s for s in filmed[1].of("right") if s.phase == "closing"][-1]
+    on_finger = 2.0 * closed.contact_force.sum(axis=0)  # of both halves
+    # Apart from inertia and the nodes under the clamp the finger is in equilibrium.
+    assert on_finger[[0, 2]] == pytest.approx(-closed.clamp_force[[0, 2]], rel=0.02)
+    assert (SPHERE.mirror_y, closed.mesh.is_half) == (True, True)
+    middle = closed.contact_points - np.array([0.0, 0.0, 20.0])
+    assert np.einsum("ci,ci->c", middle, closed.contact_normals) == pytest.approx(20.0, abs=0.5)
+
+
+def test_a_shifted_object_has_a_finger_on_either_side() -> None:
+    recording = GraspRecording()
+    placement = Placement(offset_x_mm=1.0)
+    simulate_grasp(BEST_PUBLISHED, SPHERE, COARSE, placement=placement, recorder=recording.add)
+    right, left = recording.of("right"), recording.of("left")
+    assert {s.side for s in left} == {"left"}
+    # The object came nearer to the right finger, so that one touches earlier.
+    assert right[0].time_s < left[0].time_s
+
+
+@pytest.mark.parametrize("full_width", [False, True])
+@pytest.mark.parametrize("settings", [MeshSettings(), MeshSettings(edge_mm=10)])
+def test_skin_is_the_closed_surface_of_the_whole_finger(settings: MeshSettings, full_width: bool) -> None:
+    mesh = build_mesh(BEST_PUBLISHED, settings, full_width=full_width)
+    skin = skin_of(mesh)
+    surface = trimesh.Trimesh(skin.vertices(mesh.nodes), skin.triangles)
+    assert surface.is_watertight
+    section = section_of(mesh)
+    area = sum(_area(mesh.nodes[rim][:, [0, 2]]) for rim in section)
+    assert surface.volume == pytest.approx(BEST_PUBLISHED.width_mm * area, rel=1e-6)
+    # One closed outline around every cavity and around the finger.
+    _, degree = np.unique(section_outline(section), return_counts=True)
+    assert (degree == 2).all()
+
+
+def _area(corners: np.ndarray) -> float:
+    x, z = corners.T
+    return 0.5 * abs(float(np.dot(x, np.roll(z, -1)) - np.dot(z, np.roll(x, -1))))

@@ -1,0 +1,75 @@
+"""A block under gravity on a rigid slope, with the solver's own contact, friction and time step.
+
+Coulomb: it rests while tan(angle) <= mu, else it slides with the acceleration g (sin(angle) - mu cos(angle)).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.simulation.body.assembly import Material
+from models.simulation.contact.law import PointSpacing
+from models.simulation.finger import FingerState
+from models.simulation.solver.newton import NewtonSettings
+from tests.models.simulation.verification.bricks import brick
+from tests.models.simulation.verification.rig import Rig, set_up
+
+GRAVITY_MM_PER_S2 = 9810.0
+STEP_S, N_STEPS = 5e-3, 40
+SIDE_MM, HEIGHT_MM = 10.0, 4.0
+MODULUS_MPA, POISSON = 11.5, 0.45
+
+
+class Slope:
+    """Half space below the plane through the origin that falls towards +x by an angle (rad)."""
+
+    def __init__(self, angle: float) -> None:
+        self.down = np.array([np.cos(angle), 0.0, -np.sin(angle)])
+        self.up = np.array([np.sin(angle), 0.0, np.cos(angle)])
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        return points @ self.up
+
+    def normal(self, points: np.ndarray) -> np.ndarray:
+        return np.tile(self.up, (len(points), 1))
+
+
+@dataclass(frozen=True)
+class Slide:
+    """Motion of the block down the slope: time (n) s, travel (n) mm, speed (n) mm/s, friction over normal force (n)."""
+
+    time_s: np.ndarray
+    travel_mm: np.ndarray
+    speed_mm_per_s: np.ndarray
+    force_ratio: np.ndarray
+
+
+def slide(angle: float, friction: float) -> Slide:
+    """Set a soft block on the slope without impact and follow it."""
+    slope = Slope(angle)
+    grid = (np.linspace(0, SIDE_MM, 3), np.linspace(0, SIDE_MM, 3), np.linspace(0, HEIGHT_MM, 2))
+    mesh = brick("C3D20R", grid, contact=lambda p: p[:, 2] == 0.0)
+    turned = mesh.nodes @ np.array([slope.down, [0.0, 1.0, 0.0], slope.up])
+    newton = NewtonSettings(tolerance_n=1e-10)
+    material = Material(MODULUS_MPA, POISSON)
+    rig = set_up(mesh, turned, material, slope, friction=friction, spacing=PointSpacing(1.0, 1.0), newton=newton)
+    volume = rig.body.lumped_volume()[:, None] / SIDE_MM**2 / HEIGHT_MM
+    samples, state = [(0.0, 0.0, 0.0, 0.0)], rig.finger.undeformed(np.zeros(3), np.zeros(3))
+    for step in range(1, N_STEPS + 1):
+        state = _fall(rig, state)
+        travel = (volume * (state.x - turned)).sum(axis=0) @ slope.down
+        force = rig.surface.areas @ state.contact.traction
+        ratio = -(force @ slope.down) / (rig.surface.areas @ state.contact.pressure)
+        samples.append((step * STEP_S, travel, (volume * state.v).sum(axis=0) @ slope.down, ratio))
+    return Slide(*np.array(samples).T)
+
+
+def _fall(rig: Rig, state: FingerState) -> FingerState:
+    """One step under gravity, which enters as the speed it adds within the step."""
+    gravity = np.array([0.0, 0.0, -GRAVITY_MM_PER_S2])
+    pulled = FingerState(state.x, state.v + STEP_S * gravity, state.contact, state.base)
+    rig.finger.begin(pulled, state.base, STEP_S, rig.coefficients())
+    u = rig.finger.start_from(state)  # nearer than the free fall that `begin` proposes
+    outcome = rig.newton.solve(rig.finger, u)
+    assert outcome == "converged"
+    return rig.finger.finish(state, u, state.base, STEP_S)[0]

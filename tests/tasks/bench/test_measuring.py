@@ -1,0 +1,200 @@
+"""Which grasps are made, under which number and in which place, after all that can end a batch."""
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hardware.cell.cell import MeasuredGrasp
+from lake.maintenance import check
+from lake.tables.campaign import GraspRow, TraceRow
+from models.errors import DeviceError
+from models.records import BENCH_FAULT, Trace
+from tasks.bench.measure import measure_tool
+from tasks.bench.print import PrintConfirmation, confirm_print
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.state import ProposedTool
+from tasks.scientist.propose import propose_initial
+
+LIFT_MM = np.linspace(0, 10, 11)
+FIRST_CELLS = [(4, 0), (4, 1), (7, 0)]
+
+
+class Killed(BaseException):
+    """The process died here."""
+
+
+class Cell:
+    """A bench whose grasps are made up: `force_n` is the peak of the next one; what `faults` names ends otherwise."""
+
+    def __init__(self) -> None:
+        self.force_n = 10.0
+        self.made: list[tuple[int, int]] = []
+        self.faults: dict[tuple[int, int], str] = {}
+        self.dies_before: tuple[int, int] | None = None
+
+    def measure_tool(self, slot, plan, setup, on_grasp, should_stop):
+        for cell in plan:
+            if should_stop():
+                return
+            if cell == self.dies_before:
+                raise Killed
+            self.made.append(cell)
+            fault = self.faults.get(cell, "")
+            on_grasp(self._grasp(cell, fault))
+            if fault == BENCH_FAULT:
+                raise DeviceError("the line was unplugged")
+
+    def _grasp(self, cell: tuple[int, int], fault: str) -> MeasuredGrasp:
+        self.force_n += 1.0
+        trace = Trace(LIFT_MM / 5, LIFT_MM, self.force_n * np.sin(np.pi * LIFT_MM / 10))
+        status = "failed" if fault else "ok"
+        return MeasuredGrasp(*cell, datetime.now(UTC), trace, status, fault, 0.0, {"end": fault or "separated"})
+
+
+@pytest.fixture
+def cell() -> Cell:
+    return Cell()
+
+
+@pytest.fixture
+def tool(campaign: Campaign) -> ProposedTool:
+    propose_initial(campaign)
+    confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada"))
+    return campaign.state().tools_of(1)[0]
+
+
+@pytest.fixture
+def measure(campaign: Campaign, cell: Cell, tool: ProposedTool) -> Callable[..., None]:
+    """Run the same command again."""
+
+    def run(max_grasps: int = 99) -> None:
+        made: list[MeasuredGrasp] = []
+        options = {"world_hash": "w"}
+        bench = SimpleNamespace(cell=cell)
+        stop = lambda: len(made) >= max_grasps  # noqa: E731 - read beside what it counts
+        measure_tool(campaign, bench, tool, **options, should_stop=stop, on_grasp=made.append)
+
+    return run
+
+
+def rows(campaign: Campaign) -> list[dict]:
+    return sorted(campaign.lake.rows(GraspRow), key=lambda row: row["order"])
+
+
+def assert_once_each(campaign: Campaign, n_failed: int = 0) -> None:
+    """Every grasp good once, with its own trace, and places without a double."""
+    good = [row for row in rows(campaign) if row["status"] == "ok"]
+    assert sorted((row["object_id"], row["repeat"]) for row in good) == [(4, 0), (4, 1), (7, 0), (7, 1)]
+    assert len(rows(campaign)) == len(good) + n_failed
+    assert len({row["order"] for row in rows(campaign)}) == len(rows(campaign))
+    for row in good:
+        assert campaign.lake.trace(row["grasp_id"]).force_n.max() == pytest.approx(row["peak_force_n"])
+    assert check(campaign.lake) == []
+
+
+def lose(folder: Path, grasp_id: str) -> None:
+    """Set aside the file of a row, as `fast lake check --quarantine` does with a torn one."""
+    for path in folder.iterdir():
+        if grasp_id.encode() in path.read_bytes():
+            path.unlink()
+
+
+def test_it_goes_on_in_the_planned_order_where_it_stopped(campaign, cell, measure):
+    measure(max_grasps=2)
+    measure()
+    assert cell.made == [*FIRST_CELLS, (7, 1)]
+    assert [row["order"] for row in rows(campaign)] == [0, 1, 2, 3]
+    measure()
+    assert len(cell.made) == 4
+    assert_once_each(campaign)
+
+
+def test_a_process_that_dies_in_a_grasp_leaves_that_grasp_to_be_made(campaign, cell, measure):
+    cell.dies_before = (7, 0)
+    with pytest.raises(Killed):
+        measure()
+    cell.dies_before = None
+    measure()
+    assert_once_each(campaign)
+    assert [row["order"] for row in rows(campaign)] == [0, 1, 2, 3]
+    assert {row["attempt"] for row in rows(campaign)} == {0}
+
+
+def test_a_process_that_dies_between_trace_and_row_leaves_one_of_each(campaign, cell, measure, monkeypatch):
+    def publish_and_die(temporary, final):
+        publish(temporary, final)
+        raise Killed
+
+    storage = campaign.lake.storage
+    publish = storage.publish
+    measure(max_grasps=1)
+    with monkeypatch.context() as patch:
+        patch.setattr(storage, "publish", publish_and_die)
+        with pytest.raises(Killed):
+            measure()
+    assert len(campaign.lake.ids(TraceRow)) == 2
+    assert len(rows(campaign)) == 1
+    measure()
+    assert cell.made == [(4, 0), (4, 1), (4, 1), (7, 0), (7, 1)]
+    assert_once_each(campaign)
+    assert [row["order"] for row in rows(campaign)] == [0, 1, 2, 3]
+
+
+def test_a_grasp_whose_trace_was_set_aside_is_made_again_under_its_number(campaign, cell, tool, measure):
+    measure()
+    lost = GraspRow.make_id(tool.tool_id, 4, 1)
+    lose(campaign.lake.root / "traces", lost)
+    assert [finding.kind for finding in check(campaign.lake)] == ["incomplete"]
+    measure()
+    assert cell.made[4:] == [(4, 1)]
+    assert_once_each(campaign)
+    assert rows(campaign)[-1]["grasp_id"] == lost
+    assert [row["order"] for row in rows(campaign)] == [0, 2, 3, 4], "the lost grasp's place is not given again"
+    lose(campaign.lake.root / "traces", lost)
+    measure()
+    assert [row["order"] for row in rows(campaign)] == [0, 2, 3, 5]
+
+
+def test_a_lost_row_does_not_give_its_place_to_another(campaign, tool, measure):
+    measure(max_grasps=3)
+    lose(campaign.lake.root / "grasps", GraspRow.make_id(tool.tool_id, 4, 0))
+    measure()
+    assert_once_each(campaign)
+    assert [row["order"] for row in rows(campaign)] == [1, 2, 3, 4]
+
+
+def test_a_grasp_that_fails_by_itself_is_given_up_after_its_attempts(campaign, cell, measure):
+    cell.faults[7, 0] = "load cell fault"
+    for _ in range(4):
+        measure()
+    failed = [row for row in rows(campaign) if row["status"] == "failed"]
+    assert [(row["object_id"], row["repeat"], row["attempt"]) for row in failed] == [(7, 0, 0), (7, 0, 1)]
+    assert [row["order"] for row in rows(campaign)] == [0, 1, 2, 3, 4]
+
+
+def test_faults_of_the_bench_never_give_a_grasp_up(campaign, cell, measure):
+    cell.faults[7, 0] = BENCH_FAULT
+    for _ in range(4):
+        with pytest.raises(DeviceError):
+            measure()
+    cell.faults.clear()
+    measure()
+    assert_once_each(campaign, n_failed=4)
+    at_fault = [row for row in rows(campaign) if (row["object_id"], row["repeat"]) == (7, 0)]
+    assert [row["attempt"] for row in at_fault] == [0, 1, 2, 3, 4]
+    assert [row["order"] for row in rows(campaign)] == list(range(8))
+
+
+def test_a_lost_trace_of_a_later_attempt_is_made_again_under_that_attempt(campaign, cell, tool, measure):
+    cell.faults[4, 0] = "load cell fault"
+    measure()
+    cell.faults.clear()
+    measure()
+    lose(campaign.lake.root / "traces", GraspRow.make_id(tool.tool_id, 4, 0, 1))
+    measure()
+    assert_once_each(campaign, n_failed=1)
+    assert rows(campaign)[-1]["attempt"] == 1

@@ -1,0 +1,116 @@
+import pytest
+
+from lake.tables.campaign import ToolRow
+from models.design.space import PARAMETERS, to_unit
+from models.errors import UsageError
+from tasks.bench.print import (
+    MeasuredTool,
+    PrintConfirmation,
+    Printed,
+    confirm_print,
+    open_slots,
+    print_folder,
+    write_tray,
+)
+from tasks.scientist.propose import propose_initial
+
+
+@pytest.fixture
+def proposed(campaign):
+    propose_initial(campaign)
+    return campaign
+
+
+def test_tray_is_written_with_sheet_and_files(proposed):
+    folder = print_folder(proposed.lake, "small", 1)
+    sheet = write_tray(proposed.lake, "small", 1, folder)
+    names = {path.name for path in folder.iterdir()}
+    assert {"tray.3mf", "B01T0_compliant.stl", "B01T1_rigid.stl", "sheet.html"} <= names
+    assert "fast print confirm small/B01 --operator NAME" in sheet.read_text()
+
+
+def test_confirmation_records_rejects_and_measures(proposed):
+    word = PrintConfirmation(
+        operator="ada", rejected={1: "tip torn"}, measured={0: MeasuredTool(measured_front_thickness_mm=2.4)}
+    )
+    assert confirm_print(proposed.lake, "small", 1, word) == Printed(n_mounted=1, n_rejected=1)
+    tools = {row["slot"]: row for row in proposed.lake.rows(ToolRow)}
+    assert tools[0]["measured_front_thickness_mm"] == 2.4
+    assert (tools[1]["status"], tools[1]["reason"]) == ("rejected", "tip torn")
+    assert proposed.state().is_confirmed(1)
+
+
+def test_second_confirmation_changes_nothing(proposed):
+    confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="ada"))
+    with pytest.raises(UsageError, match="already confirmed; nothing was changed"):
+        confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="bob"))
+    assert {row["operator"] for row in proposed.lake.rows(ToolRow)} == {"ada"}
+
+
+def test_unknown_slot_and_batch_are_refused(proposed):
+    with pytest.raises(UsageError, match="slot 7 is not in batch small/B01, its slots are 0 to 1"):
+        confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="ada", rejected={7: "lost"}))
+    with pytest.raises(UsageError, match="batch small/B09 does not exist"):
+        confirm_print(proposed.lake, "small", 9, PrintConfirmation(operator="ada"))
+    assert proposed.lake.rows(ToolRow) == []
+
+
+def test_tools_hang_where_a_person_says(proposed):
+    word = PrintConfirmation(operator="ada", mounted={0: 1, 1: 0})
+    confirm_print(proposed.lake, "small", 1, word)
+    first, second = proposed.state().tools_of(1)
+    assert (first.label, first.slot, first.rack_slot) == ("B01T0", 0, 1)
+    assert (second.label, second.slot, second.rack_slot) == ("B01T1", 1, 0)
+
+
+@pytest.mark.parametrize(
+    ("mounted", "sentence"),
+    [
+        ({0: 1}, "tools 0 and 1 cannot both hang in rack slot 1"),
+        ({0: 12}, "tool 0 cannot hang in rack slot 12; the rack has 0 to 9"),
+        ({5: 1}, "slot 5 is not in batch small/B01"),
+    ],
+)
+def test_an_impossible_rack_is_refused(proposed, mounted, sentence):
+    with pytest.raises(UsageError, match=sentence):
+        confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="ada", mounted=mounted))
+    assert proposed.lake.rows(ToolRow) == []
+
+
+def test_a_rejected_tool_leaves_its_slot_to_another(proposed):
+    word = PrintConfirmation(operator="ada", rejected={1: "torn"}, mounted={0: 1})
+    assert confirm_print(proposed.lake, "small", 1, word) == Printed(n_mounted=1, n_rejected=1)
+
+
+def test_a_tool_counts_as_the_finger_that_was_printed(proposed):
+    thin = MeasuredTool(measured_front_thickness_mm=1.9, measured_rib_thickness_mm=2.5)
+    confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="ada", measured={0: thin}))
+    measured, as_asked = proposed.state().tools_of(1)
+    front, back, rib = (PARAMETERS.index(f"{name}_thickness_mm") for name in ("front", "back", "rib"))
+    asked = to_unit([measured.design])[0]
+    assert measured.mounted_point[front] == pytest.approx(-0.1)  # a tenth of the range below it
+    assert measured.mounted_point[rib] == pytest.approx(0.5)
+    assert measured.mounted_point[back] == asked[back]
+    assert (as_asked.mounted_point == to_unit([as_asked.design])[0]).all()
+
+
+def test_a_tool_printed_again_keeps_the_batch_waiting(proposed):
+    first = confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="ada", again={1: "warped"}))
+    assert (first.n_mounted, first.again, open_slots(proposed.lake, "small", 1)) == (1, (1,), [1])
+    assert {path.name for path in first.sheet.parent.iterdir()} >= {"tray.3mf", "B01T1_rigid.stl"}
+    assert not (first.sheet.parent / "B01T0_rigid.stl").exists()
+    assert not proposed.state().is_confirmed(1)
+    with pytest.raises(UsageError, match="slot 0 of batch small/B01 is already confirmed; leave it out"):
+        confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="bob", rejected={0: "torn"}))
+    with pytest.raises(UsageError, match="tools 0 and 1 cannot both hang in rack slot 0"):
+        confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="bob", mounted={1: 0}))
+    confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="bob"))
+    assert proposed.state().is_confirmed(1)
+    assert {row["slot"]: row["operator"] for row in proposed.lake.rows(ToolRow)} == {0: "ada", 1: "bob"}
+
+
+def test_a_tool_has_one_fate(proposed):
+    word = PrintConfirmation(operator="ada", rejected={1: "torn"}, again={1: "torn"})
+    with pytest.raises(UsageError, match="slot 1 is to be printed again, so nothing else can be said of it"):
+        confirm_print(proposed.lake, "small", 1, word)
+    assert open_slots(proposed.lake, "small", 1) == [0, 1]

@@ -1,0 +1,283 @@
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from lake.query.lineage import find_lineage
+from lake.store import Lake
+from lake.tables.campaign import (
+    CalibrationRow,
+    CampaignRow,
+    GraspRow,
+    PosteriorDrawsRow,
+    SimulationRow,
+    SimulatorVersionRow,
+    ToolRow,
+)
+from lake.tables.rows_of import missing_version_rows
+from models.errors import UsageError
+from models.records import EffectValue, SimulatorVersion
+from tasks.calibration.calibrate import find_calibration, infer
+from tasks.calibration.mean_data import base_version, measured_tools, problem_of, simulated_points
+from tasks.calibration.means import gather, regather
+from tasks.calibration.trace_data import grid_points
+from tests.tasks.calibration.calibration_lake import (
+    OBJECTS,
+    PROVENANCE,
+    SETTINGS,
+    SETUP,
+    TRUTH,
+    calibration_lake,
+    made_up_result,
+    measured_rows,
+    simulated_rows,
+    simulation_row,
+)
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    return calibration_lake(tmp_path_factory.mktemp("kept") / "lake")
+
+
+@pytest.fixture
+def calibrate(monkeypatch):
+    """Put made-up draws in the place of the sampler; `calls` are the problems it was given."""
+    answers = SimpleNamespace(calls=[], theta=TRUTH, changes={})
+
+    def made_up(problem, settings, progress=None):
+        answers.calls.append(problem)
+        return made_up_result(problem, settings, answers.theta, **answers.changes)
+
+    monkeypatch.setitem(sys.modules, "models.calibration.means.calibrate", SimpleNamespace(calibrate=made_up))
+    return answers
+
+
+def test_repeats_are_averaged_then_objects_and_tools_count_as_printed(tmp_path):
+    lake = calibration_lake(tmp_path / "lake", n_tools=6, n_points=0)
+    (tool,) = lake.records(ToolRow, tool_id="small/B01T2")
+    lake.append([tool.model_copy(update={"measured_rib_thickness_mm": 2.75})], PROVENANCE)
+    (lost,) = lake.records(GraspRow, tool_id="small/B01T3", object_id=14, repeat=1)
+    lake.append([lost.model_copy(update={"status": "failed", "peak_force_n": None})], PROVENANCE)
+    found = measured_tools(lake, "small")
+    assert found.tool_ids == tuple(f"small/B01T{slot}" for slot in range(6))
+    assert (found.object_ids, found.setup) == (OBJECTS, SETUP)
+    peaks = [row["peak_force_n"] for row in lake.rows(GraspRow, tool_id="small/B01T0", object_id=24)]
+    assert found.forces_n[0, 2] == pytest.approx(np.mean(peaks))
+    (one,) = [r["peak_force_n"] for r in lake.rows(GraspRow, tool_id="small/B01T3", object_id=14, status="ok")]
+    assert found.forces_n[3, 1] == one
+    assert found.points[2, 6] == pytest.approx(0.75)  # rib thickness as a person measured it
+    assert len(found.grasp_ids) == 6 * 3 * 2 - 1
+
+
+def test_a_tool_with_few_objects_is_left_out_and_said(tmp_path):
+    lake = calibration_lake(tmp_path / "lake", n_tools=7, n_points=0)
+    rows = [row for row in lake.records(GraspRow, tool_id="small/B01T4") if row.object_id != 2]
+    lake.append([row.model_copy(update={"status": "failed", "peak_force_n": None}) for row in rows], PROVENANCE)
+    found = measured_tools(lake, None)
+    assert "small/B01T4" not in found.tool_ids
+    assert found.warnings == ("tool small/B01T4 is measured on fewer than half of the objects and left out.",)
+
+
+def test_simulated_means_are_those_of_each_theta(kept):
+    measured, base = measured_tools(kept, "small"), SimulatorVersion()
+    found = simulated_points(kept, base, measured)
+    assert found.points.shape == (40, 9)
+    assert found.forces_n.shape == (40, 3)
+    problem = problem_of(measured, found, base)
+    assert problem.scales_with_modulus
+    assert problem.y_sim == pytest.approx(found.forces_n.mean(axis=1))
+    per_mpa = problem.y_sim / problem.theta_sim[:, 0]
+    assert per_mpa.max() / per_mpa.min() < 0.2 * problem.y_sim.max() / problem.y_sim.min()
+
+
+def test_missing_simulations_are_imputed_per_mpa(tmp_path):
+    lake = calibration_lake(tmp_path / "lake", n_tools=6, n_points=30)
+    softest = min(lake.records(SimulatorVersionRow), key=lambda row: row.young_modulus_mpa)
+    (lost,) = lake.records(SimulationRow, version_id=softest.version_id, object_id=14)
+    lake.append([lost.model_copy(update={"status": "failed", "peak_force_n": None})], PROVENANCE)
+    measured = measured_tools(lake, None)
+    problem = problem_of(measured, simulated_points(lake, SimulatorVersion(), measured), SimulatorVersion())
+    row = int(np.argmin(problem.theta_sim[:, 0]))
+    assert problem.variance_sim[row] > 0
+    assert np.count_nonzero(problem.variance_sim) == 1
+    others = [r.peak_force_n for r in lake.records(SimulationRow, version_id=softest.version_id, status="ok")]
+    assert problem.y_sim[row] < 10 * np.mean(others)  # not the mean of designs at 100 MPa
+
+
+def test_versions_that_somebody_believes_in_are_not_part_of_the_hypercube(tmp_path):
+    lake = calibration_lake(tmp_path / "lake", n_tools=6, n_points=25)
+    base = SimulatorVersion()
+    design = measured_tools(lake, None).designs[0]
+    lake.append([simulation_row(design, object_id, base) for object_id in OBJECTS], PROVENANCE)
+    assert len(simulated_points(lake, base, measured_tools(lake, None)).points) == 25
+    half = [row for row in simulated_rows(1, seed=9) if getattr(row, "object_id", 2) == 2]
+    lake.append(half, PROVENANCE)
+    assert len(simulated_points(lake, base, measured_tools(lake, None)).points) == 25  # not on every object yet
+
+
+def test_the_grid_of_a_calibration_on_traces_is_not_part_of_the_hypercube(tmp_path):
+    lake = calibration_lake(tmp_path / "lake", n_tools=6, n_points=0)
+    measured = measured_tools(lake, None)
+    for design, version in grid_points(measured.designs[:2], SimulatorVersion()):
+        rows = [simulation_row(design, object_id, version) for object_id in OBJECTS]
+        lake.append([*missing_version_rows(lake, version), *rows], PROVENANCE)
+    sentence = refused(lake)
+    assert "has no design that is simulated with a theta of its own" in sentence
+    assert "simulator versions" not in sentence
+    lake.append(simulated_rows(25), PROVENANCE)
+    assert len(simulated_points(lake, SimulatorVersion(), measured).points) == 25
+
+
+def test_a_calibration_is_written_with_draws_version_and_lineage(tmp_path, calibrate):
+    lake = calibration_lake(tmp_path / "lake")
+    data = gather(lake, None, None, SETTINGS.seed)
+    row, result = infer(lake, data, SETTINGS)
+    assert lake.records(CalibrationRow) == [row]
+    assert (row.status, row.n_designs, row.n_held_out, row.n_simulations, row.n_objects) == ("ok", 12, 3, 40, 3)
+    assert row.young_modulus_median_mpa == pytest.approx(np.median(result.of("young_modulus_mpa")))
+    assert row.friction_q05 < row.friction_mode < row.friction_q95
+    assert len(lake.ids(PosteriorDrawsRow)) == 2 * len(result.names)
+    (version,) = lake.records(SimulatorVersionRow, version_id=row.version_id)
+    assert version.friction == pytest.approx(row.friction_median, rel=1e-5)
+    assert version.version.model_copy(update={"theta": data.base.theta}) == data.base
+    joint = lake.query(f"SELECT * FROM posterior('{row.calibration_id}') ORDER BY chain, draw").to_pydict()
+    assert joint["friction"] == pytest.approx(result.of("friction").ravel())
+    tables = {node.table for node in find_lineage(lake, row.version_id, depth=2).rows}
+    assert {"calibrations", "grasps", "simulations"} <= tables
+    made = find_lineage(lake, row.calibration_id, forward=True, depth=1).rows
+    assert {node.table for node in made} == {"calibrations", "posterior_draws", "simulator_versions"}
+
+
+def test_theta_found_predicts_held_out_designs_better(tmp_path, calibrate):
+    row, _ = infer_new(calibration_lake(tmp_path / "lake"))
+    assert row.held_out_by == "emulator"
+    assert row.rmse_after_n < 0.5 * row.rmse_before_n
+    (problem,) = calibrate.calls
+    assert problem.n_real == 12  # the held-out designs were never seen
+
+
+def infer_new(lake, settings=SETTINGS):
+    return infer(lake, gather(lake, None, None, settings.seed), settings)
+
+
+def test_the_same_data_and_settings_are_the_same_calibration(tmp_path, calibrate):
+    lake = calibration_lake(tmp_path / "lake")
+    row, _ = infer_new(lake)
+    data = gather(lake, None, None, SETTINGS.seed)
+    assert find_calibration(lake, data.calibration_id(SETTINGS)) == row
+    more_workers = SETTINGS.model_copy(update={"workers": 7})
+    assert data.calibration_id(more_workers) == row.calibration_id
+    for change in ({"seed": 1}, {"rho": "free"}, {"draws": 300}):
+        assert data.calibration_id(SETTINGS.model_copy(update=change)) != row.calibration_id
+    lake.append(measured_rows(1, first=40), PROVENANCE)
+    assert gather(lake, None, None, 0).calibration_id(SETTINGS) != row.calibration_id
+
+
+def test_scatter_between_prints_makes_the_strongest_tools_the_least_certain(tmp_path, calibrate):
+    lake = calibration_lake(tmp_path / "lake")
+    settings = SETTINGS.model_copy(update={"print_scatter": 0.05})
+    equal = gather(lake, None, None, settings.seed)
+    data = gather(lake, None, None, settings.seed, print_scatter=0.05)
+    added = data.problem.variance_real - equal.problem.variance_real
+    assert np.sqrt(added) == pytest.approx(0.05 * data.problem.y_real)
+    row, _ = infer(lake, data, settings)
+    again = regather(lake, row.calibration_id)
+    assert again is not None
+    assert again.problem.variance_real == pytest.approx(data.problem.variance_real)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"r_hat": dict.fromkeys(("young_modulus_mpa", "friction", "poisson_ratio"), 1.2)}, "have not converged"),
+        ({"k_hat": 0.9}, "importance weights cannot be trusted"),
+    ],
+)
+def test_no_simulator_is_built_on_draws_that_cannot_be_trusted(tmp_path, calibrate, changes, reason):
+    calibrate.changes = changes
+    lake = calibration_lake(tmp_path / "lake")
+    row, _ = infer_new(lake)
+    assert (row.status, row.version_id) == ("failed", None)
+    assert reason in row.reason
+    assert len(lake.ids(SimulatorVersionRow)) == 40
+
+
+def test_what_the_sampler_warns_of_is_kept(tmp_path, calibrate):
+    calibrate.changes = {"warnings": ("3 divergences.",)}
+    lake = calibration_lake(tmp_path / "lake")
+    row, _ = infer_new(lake)
+    assert lake.records(CalibrationRow)[0].warnings == row.warnings == ("3 divergences.",)
+
+
+def test_a_fallback_is_not_refused_for_the_k_hat_of_what_it_replaced(tmp_path, calibrate):
+    calibrate.changes = {"method": "joint", "k_hat": 1.1}
+    row, _ = infer_new(calibration_lake(tmp_path / "lake"))
+    assert (row.status, row.sampler, row.k_hat) == ("ok", "joint", 1.1)
+
+
+def test_drift_since_the_last_calibration_is_a_warning(tmp_path, calibrate):
+    lake = calibration_lake(tmp_path / "lake")
+    first, _ = infer_new(lake)
+    assert not any("drifted" in sentence for sentence in first.warnings)
+    lake.append(measured_rows(5, first=20), PROVENANCE)
+    calibrate.theta = TRUTH.model_copy(update={"young_modulus_mpa": 14.0})
+    second, _ = infer_new(lake)
+    (sentence,) = [s for s in second.warnings if "drifted" in s]
+    assert sentence.startswith("Young's modulus has drifted: ")
+    assert first.calibration_id in sentence
+
+
+def refused(lake, **options):
+    with pytest.raises(UsageError) as caught:
+        gather(lake, options.get("campaign"), options.get("version"), 0)
+    sentence = str(caught.value)
+    assert sentence.endswith(".")
+    return sentence
+
+
+def test_nothing_measured_or_simulated_is_one_sentence(tmp_path):
+    lake = Lake.open(tmp_path / "lake", create=True)
+    assert "has no measured grasps" in refused(lake)
+    lake.append(measured_rows(3), PROVENANCE)
+    assert "has 3 measured tools, a calibration needs at least 5" in refused(lake)
+    lake.append(measured_rows(9), PROVENANCE)
+    assert "add --simulate 100." in refused(lake)
+    screening = SimulatorVersion(tier="screening")
+    lake.append(simulated_rows(30, screening), PROVENANCE)
+    assert "(30 simulator versions of another mesh, tier or effect are there)" in refused(lake)
+    lake.append(simulated_rows(8), PROVENANCE)
+    assert "8 simulations, it needs at least 20" in refused(lake)
+
+
+def test_measurements_that_cannot_be_compared_are_one_sentence(tmp_path):
+    lake = calibration_lake(tmp_path / "lake", n_points=0)
+    lake.append(measured_rows(6, "other", first=30, tier="screening"), PROVENANCE)
+    assert "consult simulators that differ in more than theta" in refused(lake)
+    assert "consult" not in refused(lake, campaign="other")
+    (row, *_) = lake.records(GraspRow, campaign_id="other")
+    lake.append([row.model_copy(update={"world_hash": "W2"})], PROVENANCE)
+    assert "2 benches (virtual W1, virtual W2)" in refused(lake)
+    lake.append([row.model_copy(update={"setup_id": "G2"})], PROVENANCE)
+    assert "2 grasp setups" in refused(lake)
+    lake.append([row.model_copy(update={"object_id": 30})], PROVENANCE)
+    assert "different objects (small: 3, other: 4)" in refused(lake)
+    lake.append([row.model_copy(update={"design_id": "Dlost"})], PROVENANCE)
+    assert "(Dlost) are not in the table of designs" in refused(lake, campaign="other")
+    assert "simulator version `V0` is not in" in refused(lake, campaign="small", version="V0")
+
+
+def test_an_imported_campaign_is_compared_with_the_programs_simulator(tmp_path):
+    lake = calibration_lake(tmp_path / "lake")
+    lake.append([CampaignRow(campaign_id="small", name="small", config_toml='kind = "imported"\n')], PROVENANCE)
+    assert base_version(lake, ["small"], None) == SimulatorVersion()
+
+
+def test_jaws_that_stall_make_young_modulus_an_input(tmp_path):
+    lake = calibration_lake(tmp_path / "lake", n_points=0)
+    limit = EffectValue(effect="force_limited_closing", parameters={"max_force_n": 60.0})
+    stalling = SimulatorVersion(effects=(limit,))
+    lake.append(simulated_rows(25, stalling), PROVENANCE)
+    measured = measured_tools(lake, None)
+    assert not problem_of(measured, simulated_points(lake, stalling, measured), stalling).scales_with_modulus

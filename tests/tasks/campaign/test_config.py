@@ -1,0 +1,86 @@
+from pathlib import Path
+
+import pytest
+
+from models.errors import ConfigError
+from tasks.campaign.config import CampaignConfig, differences, load_config
+from tasks.campaign.settings import ObjectPlan, Schedule
+
+ROOT = Path(__file__).parents[3]
+QUICK = ROOT / "campaigns" / "quick.toml"
+
+
+def edited(tmp_path: Path, old: str, new: str) -> Path:
+    """The quick campaign with one edit, its world beside it."""
+    text = QUICK.read_text().replace(old, new).replace("../worlds/quick.toml", str(ROOT / "worlds" / "quick.toml"))
+    assert new in text
+    path = tmp_path / "edited.toml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("name", ["quick", "paper"])
+def test_shipped_campaigns_are_valid(name):
+    assert load_config(ROOT / "campaigns" / f"{name}.toml").name == name
+
+
+def test_paper_schedule_is_the_papers():
+    schedule = load_config(ROOT / "campaigns" / "paper.toml").schedule
+    assert schedule.batches_of(0) == [1, 2, 3]
+    assert [schedule.tools_of(batch) for batch in (1, 2, 3, 4)] == [10, 10, 10, 10]
+    assert schedule.n_stages == 9
+    assert schedule.batches_of(8) == [11]
+    assert schedule.simulations_of(0) == 50
+    assert schedule.simulations_of(1) == 100
+
+
+def test_last_initial_tray_may_be_partly_filled():
+    schedule = Schedule(initial_tools=13, tools_per_batch=5)
+    assert [schedule.tools_of(batch) for batch in schedule.batches_of(0)] == [5, 5, 3]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("repeats = 2", "repeat = 2", r"unknown key `objects\.repeat`; did you mean `repeats`\?"),
+        ("ids = [2,", "ids = [36,", "object 36 does not exist, ids are 0 to 35"),
+        ("tools_per_batch = 4", "tools_per_batch = 11", r"`schedule\.tools_per_batch` is 11, it must be at most 10"),
+        ("friction = 0.56", "friction = 2.5", r"`simulator\.theta\.friction` is 2\.5, it must be at most 2"),
+        ('name = "quick"', 'name = "Quick!"', "`name` is 'Quick!'"),
+        ("seed = 1", "seed = one", "is not TOML"),
+        ('world = "', 'world = "missing/', "does not exist"),
+    ],
+)
+def test_bad_values_get_one_sentence(tmp_path, old, new, message):
+    with pytest.raises(ConfigError, match=message):
+        load_config(edited(tmp_path, old, new))
+
+
+def test_missing_file_says_so(tmp_path):
+    with pytest.raises(ConfigError, match="does not exist; give the path of a TOML file"):
+        load_config(tmp_path / "none.toml")
+
+
+def test_execution_is_no_part_of_the_science(tmp_path):
+    original, faster = (
+        load_config(QUICK),
+        load_config(edited(tmp_path, "simulation_workers = 1", "simulation_workers = 2")),
+    )
+    faster = CampaignConfig.model_validate(faster.model_dump() | {"bench": original.bench.model_dump()})
+    assert faster.config_hash == original.config_hash
+
+
+def test_differences_name_what_changed():
+    assert differences({"a": {"b": 1, "c": 2}}, {"a": {"b": 1, "c": 3}}) == ["a.c 2 -> 3"]
+
+
+def test_cells_are_the_same_for_a_seed_and_cover_everything():
+    plan = ObjectPlan(ids=(3, 1, 2), repeats=2, order="random")
+    assert plan.cells(5) == plan.cells(5)
+    assert sorted(plan.cells(5)) == [(o, r) for o in (1, 2, 3) for r in (0, 1)]
+    assert plan.cells(5) != plan.cells(7), "each tool has its own order"
+    assert ObjectPlan(ids=(3, 1), repeats=2, order="fixed").cells(5) == [(1, 0), (1, 1), (3, 0), (3, 1)]
+    assert ObjectPlan(repeats=1, order="fixed").cells(1) == ObjectPlan(repeats=1, order="fixed").cells(2)
+    passes = ObjectPlan(ids=(3, 1, 2), repeats=2, repeats_order="interleaved").cells(5)
+    assert [repeat for _, repeat in passes] == [0, 0, 0, 1, 1, 1]
+    assert sorted(passes) == sorted(plan.cells(5))

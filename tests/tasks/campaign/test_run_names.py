@@ -1,0 +1,50 @@
+"""Names of task runs follow the object that a tool is at."""
+
+from contextlib import contextmanager
+from types import SimpleNamespace
+from uuid import UUID, uuid4
+
+import pytest
+
+from tasks.campaign import run_names
+from tasks.campaign.run_names import PlaceInName
+from tasks.campaign.settings import ObjectPlan
+
+RUN = str(uuid4())
+
+
+def grasp(object_id, repeat, diagnostic=None):
+    return SimpleNamespace(object_id=object_id, repeat=repeat, diagnostic=diagnostic)
+
+
+@pytest.fixture
+def named(monkeypatch):
+    names = []
+
+    @contextmanager
+    def client(sync_client):
+        yield SimpleNamespace(set_task_run_name=lambda run_id, name: names.append((run_id, name)))
+
+    monkeypatch.setattr(run_names, "get_client", client)
+    return names
+
+
+def test_the_name_says_which_object_of_how_many(named, monkeypatch):
+    now_s = [0.0]
+    monkeypatch.setattr(run_names.time, "monotonic", lambda: now_s[0])
+    place = PlaceInName("B07 gantry, tool 4", RUN, ObjectPlan(ids=(3, 9), repeats=2), {(3, 0)})
+    place.count(grasp(3, 1))
+    place.count(grasp(9, 0, diagnostic="dwell"))
+    assert named == []  # too soon
+    now_s[0] = 11.0
+    place.count(grasp(9, 0))
+    place.count(grasp(9, 1))  # the last is told at once
+    assert named == [(UUID(RUN), "B07 gantry, tool 4, object 2 of 2")] * 2
+
+
+def test_a_server_that_does_not_answer_changes_nothing_else(monkeypatch):
+    def broken(sync_client):
+        raise ConnectionError("refused")
+
+    monkeypatch.setattr(run_names, "get_client", broken)
+    PlaceInName("B07 gantry, tool 4", RUN, ObjectPlan(ids=(3,), repeats=1), set()).count(grasp(3, 0))

@@ -1,0 +1,224 @@
+"""A campaign that follows calibrated simulator versions: which it takes, when, what becomes of older simulations."""
+
+import json
+
+import numpy as np
+import pytest
+
+from lake.store import Lake
+from lake.tables.campaign import CalibrationRow, EventRow, SimulationRow
+from lake.tables.rows_of import version_rows
+from models.calibration.inference.settings import WITH_EFFECTS
+from models.records import EffectValue, SimulatorVersion, Theta
+from models.scientist.surrogate.version_map import LEAST_SHARED
+from tasks.bench.print import PrintConfirmation, confirm_print
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.settings import Schedule, SimulatorSettings
+from tasks.campaign.simulator_versions import (
+    at_present,
+    at_stage,
+    designs_to_rerun,
+    newest_calibrated,
+    note_older_simulations,
+)
+from tasks.scientist.observe import observe, observed_rows
+from tasks.scientist.propose import propose_initial
+from tests.tasks.simulation.made_up import append_grasp, append_simulation
+
+BASE = SimulatorVersion()
+STIFFER = SimulatorVersion(theta=Theta(young_modulus_mpa=23.0))
+OTHER = SimulatorVersion(theta=Theta(young_modulus_mpa=9.0, friction=0.4))
+THIRD = SimulatorVersion(theta=Theta(friction=0.7))
+
+
+LAGGING = OTHER.model_copy(
+    update={"effects": (EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.2}),)}
+)
+
+
+def calibrate(campaign: Campaign, old: SimulatorVersion, new: SimulatorVersion, **columns) -> None:
+    """What `fast calibrate` leaves in the lake, as far as the loop looks at it."""
+    row = CalibrationRow(
+        calibration_id=f"C{old.version_id}{new.version_id}",
+        base_version_id=old.version_id,
+        version_id=new.version_id,
+        data="design_mean",
+        **{"status": "ok", "campaign_id": campaign.campaign_id, "sampler": "made up"} | columns,
+        n_designs=10,
+        n_objects=2,
+        n_simulations=10,
+        n_chains=4,
+        n_draws=100,
+        n_tune=100,
+    )
+    campaign.lake.append([*version_rows(new), row], campaign.provenance())
+
+
+def following(campaign: Campaign, **settings) -> Campaign:
+    """The campaign with 12 random simulations and 4 random tools, all simulated and measured, that follows."""
+    simulator = SimulatorSettings(follow="latest", **settings)
+    schedule = Schedule(initial_tools=4, tools_per_batch=4, guided_batches=3, initial_simulations=12)
+    campaign = Campaign(
+        campaign.lake, campaign.config.model_copy(update={"simulator": simulator, "schedule": schedule})
+    )
+    propose_initial(campaign)
+    confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada"))
+    campaign.lake.append(version_rows(BASE), campaign.provenance())
+    state = campaign.state()
+    for number, tool in enumerate(state.tools):
+        for object_id, repeat in campaign.config.objects.cells(0):
+            append_grasp(campaign, tool, object_id, repeat, 10.0 + number)
+    for number, design in enumerate(all_designs(campaign)):
+        for object_id in campaign.object_ids:
+            append_simulation(campaign, design, object_id, 4.0 + 0.5 * number)
+    return campaign
+
+
+def all_designs(campaign: Campaign) -> list:
+    state = campaign.state()
+    return [s.design for s in state.simulations] + [t.design for t in state.tools]
+
+
+def simulated(campaign: Campaign) -> dict[bytes, tuple[float, float]]:
+    """Force and variance that the scientist is given for each simulated point."""
+    data = observe(campaign, campaign.state(), [1])
+    return {data.x[i].tobytes(): (data.y[i], data.noise_variance[i]) for i in np.flatnonzero(data.s == 0)}
+
+
+def events(campaign: Campaign, kind: str) -> list[dict]:
+    return [json.loads(row["payload_json"]) for row in campaign.lake.rows(EventRow, kind=kind)]
+
+
+def test_a_pinned_campaign_hears_nothing(campaign):
+    calibrate(campaign, BASE, OTHER)
+    assert at_stage(campaign, 1) is campaign
+    assert at_present(campaign).version == BASE
+    assert campaign.lake.rows(EventRow) == []
+
+
+def test_the_newest_descendant_counts_and_nothing_else(campaign):
+    unrelated = SimulatorVersion(theta=Theta(poisson_ratio=0.3))
+    lake, base = campaign.lake, BASE.version_id
+    assert newest_calibrated(lake, base, "small") is None
+    calibrate(campaign, unrelated, THIRD)
+    calibrate(campaign, BASE, THIRD, campaign_id="another")
+    calibrate(campaign, BASE, STIFFER, status="failed")
+    assert newest_calibrated(lake, base, "small") is None
+    calibrate(campaign, BASE, STIFFER, campaign_id=None)
+    calibrate(campaign, STIFFER, OTHER)
+    assert newest_calibrated(lake, base, "small")[0] == OTHER
+    assert newest_calibrated(lake, STIFFER.version_id, "small")[0] == OTHER
+    assert newest_calibrated(lake, OTHER.version_id, "small") is None
+
+
+def test_effects_stay_until_they_are_tested_again(campaign):
+    """A calibration of theta alone, of the simulator without the effect, is no reason to forget the effect."""
+    calibrate(campaign, BASE, LAGGING, sampler=WITH_EFFECTS)
+    calibrate(campaign, BASE, STIFFER)
+    found = newest_calibrated(campaign.lake, BASE.version_id, campaign.campaign_id)
+    assert found is not None
+    assert found[0] == LAGGING
+    calibrate(campaign, BASE, THIRD, sampler=WITH_EFFECTS)
+    again = newest_calibrated(campaign.lake, BASE.version_id, campaign.campaign_id)
+    assert again is not None
+    assert again[0] == THIRD
+
+
+def test_a_stage_keeps_the_version_it_began_with(campaign):
+    campaign = following(campaign)
+    assert at_stage(campaign, 0).version == BASE  # the first stage is never changed
+    calibrate(campaign, BASE, OTHER)
+    assert at_stage(campaign, 0).version == BASE
+    assert at_stage(campaign, 1).version == OTHER
+    calibrate(campaign, OTHER, THIRD)
+    restarted = Campaign(Lake.open(campaign.lake.root), campaign.config)
+    assert [at_stage(restarted, stage).version for stage in (0, 1)] == [BASE, OTHER]
+    assert at_present(restarted).version == OTHER
+    assert at_stage(restarted, 2).version == THIRD
+    assert [at_stage(restarted, stage).version for stage in (0, 1, 2)] == [BASE, OTHER, THIRD]
+    assert [e["stage"] for e in events(campaign, "simulator_version")] == [1, 2]
+
+
+def test_another_modulus_scales_what_is_there_and_repeats_nothing(campaign):
+    campaign = following(campaign)
+    before = simulated(campaign)
+    calibrate(campaign, BASE, STIFFER)
+    now = at_stage(campaign, 1)
+    assert now.version == STIFFER
+    assert designs_to_rerun(now, 1) == []
+    assert simulated(now) == {point: (2.0 * y, variance) for point, (y, variance) in before.items()}
+    assert all(not now.state().missing_objects(d.design_id, now.object_ids) for d in all_designs(now))
+    assert len(observed_rows(now, now.state(), [1])) == len(observed_rows(campaign, campaign.state(), [1]))
+
+
+def test_rerun_lets_only_the_new_version_speak(campaign):
+    campaign = following(campaign, old_versions="rerun", reruns=5)
+    calibrate(campaign, BASE, OTHER)
+    now = at_stage(campaign, 1)
+    state = now.state()
+    designs = designs_to_rerun(now, 1)
+    # In turn the best measured tool and the best simulated design; tools are simulated best here, too.
+    tools, best_simulated = state.tools[::-1], [t.design for t in state.tools[::-1]]
+    assert {d.design_id for d in designs[:4]} == {t.design.design_id for t in tools} | {best_simulated[0].design_id}
+    assert len({d.design_id for d in designs}) == 5
+    assert designs[4] == state.simulations[-1].design
+    assert simulated(now) == {}
+    for design in designs:
+        for object_id in now.object_ids:
+            append_simulation(now, design, object_id, 7.0)
+    assert list(simulated(now).values()) == [(7.0, 0.0)] * 5
+    assert {r["version_id"] for r in now.lake.rows(SimulationRow) if r["simulation_id"] in
+            observed_rows(now, now.state(), [1])} == {OTHER.version_id}  # fmt: skip
+    calibrate(campaign, OTHER, THIRD)
+    restarted = Campaign(Lake.open(campaign.lake.root), campaign.config)
+    assert designs_to_rerun(at_stage(restarted, 1), 1) == designs
+
+
+def test_older_simulations_are_mapped_by_designs_of_both_with_their_error(campaign):
+    campaign = following(campaign, reruns=LEAST_SHARED)
+    before = simulated(campaign)
+    calibrate(campaign, BASE, OTHER)
+    now = at_stage(campaign, 1)
+    rng = np.random.default_rng(3)
+    designs = designs_to_rerun(now, 1)
+    for place, design in enumerate(designs):
+        if place == LEAST_SHARED - 1:
+            assert len(simulated(now)) == place  # one design of both too few: the rest is left out
+            note_older_simulations(now, 2)
+        old_n = 4.0 + 0.5 * all_designs(now).index(design)
+        for object_id in now.object_ids:
+            append_simulation(now, design, object_id, 1.0 + 1.5 * old_n + rng.normal(0, 0.1))
+    found = simulated(now)
+    assert found.keys() == before.keys()
+    mapped = [point for point, (_, variance) in found.items() if variance > 0]
+    assert len(mapped) == len(before) - LEAST_SHARED
+    for point in mapped:
+        assert found[point][0] == pytest.approx(1.0 + 1.5 * before[point][0], abs=0.5)
+        assert 1e-4 < found[point][1] < 0.1
+    note_older_simulations(now, 3)
+    note_older_simulations(now, 3)  # a restart says it once
+    left_out, used = events(campaign, "old_simulations")
+    assert (left_out["n_shared"], left_out["n_mapped"], left_out["n_left_out"]) == (LEAST_SHARED - 1, 0, 9)
+    assert (used["n_shared"], used["n_mapped"], used["n_left_out"]) == (LEAST_SHARED, 8, 0)
+    assert used["rho"] == pytest.approx(1.5, abs=0.1)
+    used_versions = {r["version_id"] for r in now.lake.rows(SimulationRow)
+                     if r["simulation_id"] in observed_rows(now, now.state(), [1])}  # fmt: skip
+    assert used_versions == {BASE.version_id, OTHER.version_id}
+
+
+def test_a_design_of_two_older_versions_counts_once_by_the_newer(campaign):
+    campaign = following(campaign, reruns=16)
+    calibrate(campaign, BASE, OTHER)
+    second = at_stage(campaign, 1)
+    for design in designs_to_rerun(second, 1):
+        for object_id in second.object_ids:
+            append_simulation(second, design, object_id, 8.0 + all_designs(second).index(design))
+    calibrate(campaign, OTHER, THIRD)
+    third = at_stage(campaign, 2)
+    for design in designs_to_rerun(third, 2)[:10]:
+        for object_id in third.object_ids:
+            append_simulation(third, design, object_id, 20.0 + all_designs(third).index(design))
+    assert len(simulated(third)) == 16
+    points = {d.design_id: number for number, d in enumerate(all_designs(third))}
+    assert sorted(y for y, _ in simulated(third).values()) == pytest.approx([20.0 + n for n in points.values()])
+    assert third.older_versions == (OTHER, BASE)

@@ -1,0 +1,164 @@
+"""How simulations are chosen: with the last fit until the data have grown, the same after a restart."""
+
+import numpy as np
+import pytest
+
+from lake.store import Lake
+from lake.tables.campaign import FitRow, SimulationRow
+from models.design.printability import PrintingRules, broken_rules
+from models.design.space import random_designs, random_unit, to_unit
+from models.errors import UsageError
+from models.records import Design
+from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from tasks.bench.print import MeasuredTool, PrintConfirmation, confirm_print
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.settings import ScientistSettings
+from tasks.scientist.fit import REFIT_LEAST, fit, fitted_before, surrogate_for_simulation
+from tasks.scientist.observe import closed_batches, observe
+from tasks.scientist.propose import pending_points, propose_initial, propose_simulation, propose_tools
+from tests.tasks.simulation.made_up import append_grasp, append_simulation
+
+N_REAL, N_SIM = 8, 12
+
+
+def grown_by(n: int, n_real: int = N_REAL) -> ObservationSet:
+    rng = np.random.default_rng(4)
+    x = random_unit(N_SIM + 40 + N_REAL + 4, rng)
+    sim, real = np.arange(N_SIM + n), np.arange(N_SIM + 40, N_SIM + 40 + n_real)
+    rows = np.concatenate([sim, real])
+    y = 10 + 3 * np.sin(3 * x[rows, 0]) + x[rows, 5]
+    return ObservationSet(x[rows], np.repeat([SIM, REAL], [len(sim), len(real)]), y, np.zeros(len(rows)))
+
+
+def fits_of(campaign: Campaign) -> list[dict]:
+    return campaign.lake.rows(FitRow, purpose="simulations")
+
+
+def test_the_fit_is_kept_until_the_data_have_grown(campaign):
+    _, first = surrogate_for_simulation(campaign, 2, 0, grown_by(0), list)
+    same, kept = surrogate_for_simulation(campaign, 2, 1, grown_by(REFIT_LEAST - 1), list)
+    assert (kept, len(fits_of(campaign))) == (first, 1)
+    assert same.data.n_sim == N_SIM + REFIT_LEAST - 1  # conditioned on all there is
+    _, again = surrogate_for_simulation(campaign, 2, 2, grown_by(REFIT_LEAST), list)
+    assert again != first
+    _, measured = surrogate_for_simulation(campaign, 2, 3, grown_by(REFIT_LEAST, N_REAL + 1), list)
+    assert measured != again
+    assert len(fits_of(campaign)) == 3
+
+
+def test_a_restart_gives_the_same_surrogate_and_proposal(campaign):
+    surrogate_for_simulation(campaign, 2, 0, grown_by(0), list)
+    restarted = Campaign(Lake.open(campaign.lake.root), campaign.config)
+    before, fit_id = surrogate_for_simulation(campaign, 2, 1, grown_by(2), list)
+    after, again = surrogate_for_simulation(restarted, 2, 1, grown_by(2), list)
+    assert (again, after.parameters) == (fit_id, before.parameters)
+    points = random_unit(20, np.random.default_rng(0))
+    np.testing.assert_array_equal(after.mean(points, REAL), before.mean(points, REAL))
+    for owner, surrogate in ((campaign, before), (restarted, after)):
+        propose_simulation(owner, 2, 1, surrogate, fit_id, owner.state())
+    assert len(campaign.state().simulations_of(2)) == 1
+
+
+def test_a_fit_for_tools_keeps_its_health_and_can_be_had_again(campaign):
+    surrogate = fit(campaign, 2, grown_by(0), ["K1"])
+    (row,) = campaign.lake.rows(FitRow, purpose="tools")
+    assert row["shared_variance"] == pytest.approx(
+        surrogate.parameters.rho**2
+        * surrogate.parameters.sd_h**2
+        / (surrogate.parameters.rho**2 * surrogate.parameters.sd_h**2 + surrogate.parameters.sd_e**2)
+    )
+    assert row["measured_only_loo_rmse_n"] > 0
+    again = fitted_before(row, grown_by(0))
+    points = random_unit(20, np.random.default_rng(0))
+    np.testing.assert_allclose(again.mean(points, REAL), surrogate.mean(points, REAL))
+
+
+def begun(campaign: Campaign, **word) -> Campaign:
+    """Initial tools printed (`word` of the person) and measured, they and the initial designs simulated."""
+    propose_initial(campaign)
+    confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada", **word))
+    state = campaign.state()
+    for number, tool in enumerate(state.tools):
+        if state.confirmed[tool.tool_id] == "printed":
+            for object_id, repeat in campaign.config.objects.cells(0):
+                append_grasp(campaign, tool, object_id, repeat, 10.0 + number + object_id)
+    for number, design in enumerate([s.design for s in state.simulations] + [t.design for t in state.tools]):
+        for object_id in campaign.object_ids:
+            append_simulation(campaign, design, object_id, 5.0 + number)
+    return campaign
+
+
+def propose_one(campaign: Campaign, index: int = 0) -> Design:
+    state = campaign.state()
+    surrogate = fit(campaign, 2, observe(campaign, state, [1]), [])
+    propose_simulation(campaign, 2, index, surrogate, "F1", state)
+    return campaign.state().simulations_of(2)[-1].design
+
+
+def only_candidates(monkeypatch: pytest.MonkeyPatch, designs: list[Design]) -> None:
+    monkeypatch.setattr("models.scientist.propose.candidate_points", lambda *_: to_unit(designs))
+
+
+def test_a_design_that_always_fails_is_recorded_kept_off_and_never_simulated_again(campaign, monkeypatch):
+    campaign = begun(campaign)
+    failing = propose_one(campaign)
+    for object_id in campaign.object_ids:
+        append_simulation(campaign, failing, object_id, None)
+    state = campaign.state()
+    assert [r["status"] for r in campaign.lake.rows(SimulationRow, design_id=failing.design_id)] == ["failed"] * 2
+    assert not state.missing_objects(failing.design_id, campaign.object_ids)
+    point = np.append(to_unit([failing])[0], SIM)
+    assert any(np.allclose(point, other) for other in pending_points(campaign, state))
+    fresh = random_designs(1, np.random.default_rng(9))[0]
+    only_candidates(monkeypatch, [failing, fresh])
+    assert propose_one(campaign, 1) == fresh
+
+
+def test_no_design_is_proposed_twice_at_one_fidelity(campaign, monkeypatch):
+    """Neither what is under way, nor done, nor a tool that came out with other thicknesses, nor a reject."""
+    measured = {0: MeasuredTool(measured_front_thickness_mm=3.2)}
+    campaign = begun(campaign, measured=measured, rejected={1: "torn"})
+    state = campaign.state()
+    fresh = random_designs(2, np.random.default_rng(9))
+    known = [t.design for t in state.tools] + [s.design for s in state.simulations]
+    only_candidates(monkeypatch, [*known, fresh[0]])
+    assert propose_one(campaign) == fresh[0]
+    only_candidates(monkeypatch, [*known, *fresh])
+    assert propose_one(campaign, 1) == fresh[1]  # the first is under way
+    only_candidates(monkeypatch, [*[t.design for t in state.tools], *fresh])
+    data = observe(campaign, campaign.state(), [1])
+    propose_tools(campaign, 2, data, fit(campaign, 2, data, []), campaign.state())
+    assert {t.design for t in campaign.state().tools_of(2)} == set(fresh)  # simulated is not printed
+
+
+def test_only_tools_of_open_batches_are_waited_for(campaign):
+    campaign = begun(campaign, rejected={1: "torn"})
+    state = campaign.state()
+    assert closed_batches(campaign, state) == [1]
+    assert not (pending_points(campaign, state)[:, -1] == REAL).any()
+    data = observe(campaign, state, [1])
+    propose_tools(campaign, 2, data, fit(campaign, 2, data, []), state)
+    tool = campaign.state().tools_of(2)[0]
+    confirm_print(campaign.lake, "small", 2, PrintConfirmation(operator="ada"))
+    for object_id, repeat in campaign.config.objects.cells(0):
+        append_grasp(campaign, tool, object_id, repeat, 11.0)
+    waited = pending_points(campaign, campaign.state())
+    # The first tool is measured, but the batch is not closed, so that it is not learned from yet either.
+    assert (waited[:, -1] == REAL).sum() == 2
+    assert (waited[:, -1] == SIM).sum() == 2  # and their simulations have not run
+
+
+def test_a_manufacturable_campaign_prints_nothing_else(campaign):
+    rules = PrintingRules(min_cavity_mm=5.0, max_mass_g=30.0)
+    scientist = ScientistSettings(manufacturable=True, printing=rules)
+    simulator = campaign.config.simulator.model_copy(update={"simulate_tools": False})
+    changes = {"scientist": scientist, "simulator": simulator}
+    campaign = begun(Campaign(campaign.lake, campaign.config.model_copy(update=changes)))
+    data = observe(campaign, campaign.state(), [1])
+    propose_tools(campaign, 2, data, fit(campaign, 2, data, []), campaign.state())
+    designs = [propose_one(campaign), *(tool.design for tool in campaign.state().tools)]
+    assert len(designs) == 5
+    assert not any(broken_rules(design, rules) for design in designs)
+    impossible = scientist.model_copy(update={"printing": PrintingRules(max_mass_g=1.0)})
+    with pytest.raises(UsageError, match="only 0 of 200 random designs keep the rules"):
+        propose_initial(Campaign(campaign.lake, campaign.config.model_copy(update={"scientist": impossible})))

@@ -18,7 +18,7 @@ from lake.tables.campaign import (
     Row,
     SimulatorVersionRow,
 )
-from lake.tables.rows_of import missing_version_rows, version_rows
+from lake.tables.catalogue_rows import missing_version_rows, version_rows
 from models.design.space import PARAMETERS
 from models.errors import ConfigError
 from models.records import EffectValue, SimulatorVersion

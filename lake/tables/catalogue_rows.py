@@ -1,8 +1,10 @@
-"""Rows that describe a simulator version: the version itself, and one row per effect that it switches on."""
+"""Rows of what the program itself knows: test objects, simulator versions and the effects that they switch on."""
 
 from lake.store import Lake
-from lake.tables.campaign import EffectRow, SimulatorVersionRow
+from lake.tables.campaign import EffectRow, ObjectRow, SimulatorVersionRow
 from lake.tables.row import Row
+from models.ids import canonical_json
+from models.objects.catalogue import OBJECTS
 from models.records import EffectValue, SimulatorVersion
 from models.simulation.effects.catalogue import CATALOGUE, build_effects
 
@@ -39,3 +41,17 @@ def _effect_row(version_id: str, place: int, value: EffectValue) -> EffectRow:
         parameters=tuple(parameters),
         parameter_values=tuple(parameters.values()),
     )
+
+
+def object_rows() -> list[ObjectRow]:
+    """A row for each of the 36 test objects."""
+    return [
+        ObjectRow(
+            object_id=obj.object_id,
+            name=obj.name,
+            object_class=obj.object_class,
+            orientation=obj.orientation,
+            parameters_json=canonical_json(obj.parameters),
+        )
+        for obj in OBJECTS
+    ]

@@ -1,6 +1,6 @@
 """Laws that a world can hide: the physics of the effect catalogue, each by another law than the catalogue's.
 
-A gap-discovery method that only finds its own formula again has found nothing (notes/gap.md 4.1), so nothing here is
+A gap-discovery method that only finds its own formula again has found nothing, so nothing here is
 imported from, or shared with, the catalogue. Parameter names are the catalogue's, so that a world file reads naturally.
 """
 

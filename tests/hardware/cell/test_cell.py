@@ -41,9 +41,9 @@ def physics(request):
     return GraspSimulation(trace, 8.0, 5.0, 0.2, 1, 1, 1, 0.0)
 
 
-def measure(world, plan, slot=3, physics=physics, setup=SETUP, prepare=lambda bench: None, stop_after=99):
+def measure(world, plan, slot=3, physics=physics, setup=SETUP, prepare=lambda bench: None, stop_after=99, wires="memory"):
     grasps = []
-    with open_virtual_bench(world, TOOLS, physics) as bench:
+    with open_virtual_bench(world, TOOLS, physics, wires=wires) as bench:
         prepare(bench)
         bench.cell.measure_tool(slot, plan, setup, grasps.append, lambda: len(grasps) >= stop_after)
         assert bench.changer.current_slot() is None, "the tool is parked"
@@ -141,7 +141,7 @@ def test_requests_made_ahead_are_those_the_bench_asks_for():
         request = build_request(world, "a/B02T1", design, object_id, setup)
         ahead.put(request, physics(request))
     grasps = []
-    with open_virtual_bench(world, {1: MountedTool("a/B02T1", design)}, ahead) as bench:
+    with open_virtual_bench(world, {1: MountedTool("a/B02T1", design)}, ahead, wires="memory") as bench:
         bench.cell.measure_tool(1, [(2, 0), (11, 0)], setup, grasps.append, lambda: False)
     assert [g.status for g in grasps] == ["ok", "ok"]
 
@@ -185,14 +185,14 @@ def run_into(bench, error, match, plan=((0, 0), (1, 0))):
 
 
 def test_a_frozen_transmitter_fails_the_grasp_and_then_the_batch():
-    with open_virtual_bench(NOISY, TOOLS, physics) as bench:
+    with open_virtual_bench(NOISY, TOOLS, physics, wires="memory") as bench:
         inject_when_pulled(bench, "transmitter_frozen")
         grasps = run_into(bench, DeviceError, "it is frozen")
         assert grasps[0].status == "failed"
 
 
 def test_losing_the_lock_in_a_lift_holds_everything():
-    with open_virtual_bench(QUIET, TOOLS, physics) as bench:
+    with open_virtual_bench(QUIET, TOOLS, physics, wires="memory") as bench:
         inject_when_pulled(bench, "lock_sensor_dead")
         grasps = run_into(bench, InterlockError, "lock sensor went off")
         assert [g.status for g in grasps] == ["failed"]
@@ -211,7 +211,7 @@ def test_losing_the_lock_in_a_lift_holds_everything():
 
 
 def test_a_person_recovers_and_the_tool_on_the_head_is_known():
-    with open_virtual_bench(QUIET, TOOLS, physics) as bench:
+    with open_virtual_bench(QUIET, TOOLS, physics, wires="memory") as bench:
         inject_when_pulled(bench, "lock_sensor_dead", above_n=6.0)
         run_into(bench, InterlockError, "lock sensor went off", plan=((0, 0),))
         bench.virtual.state.clear("lock_sensor_dead")
@@ -224,7 +224,7 @@ def test_a_person_recovers_and_the_tool_on_the_head_is_known():
 
 
 def test_a_stuck_valve_opens_again_and_stops_the_batch():
-    with open_virtual_bench(QUIET, TOOLS, physics) as bench:
+    with open_virtual_bench(QUIET, TOOLS, physics, wires="memory") as bench:
         bench.virtual.state.inject("grip_valve_stuck")
         grasps = run_into(bench, DeviceError, "has 0 psi 2 s after its valve opened, it needs 28 psi")
         assert [g.status for g in grasps] == ["failed"]
@@ -232,27 +232,27 @@ def test_a_stuck_valve_opens_again_and_stops_the_batch():
 
 
 def test_a_wrong_tool_is_found_by_its_mass():
-    with open_virtual_bench(QUIET, TOOLS, physics) as bench:
+    with open_virtual_bench(QUIET, TOOLS, physics, wires="memory") as bench:
         wrong = MountedTool("a/B01T3", DESIGN, mass_kg=TOOLS[3].expected_mass_kg * 1.08)
         bench.virtual.state.docked[3] = wrong
         assert run_into(bench, InterlockError, "Tool a/B01T3 weighs 0.*kg, the table says") == []
 
 
 def test_an_empty_slot_is_found_before_the_head_goes_down():
-    with open_virtual_bench(QUIET, TOOLS, physics) as bench:
+    with open_virtual_bench(QUIET, TOOLS, physics, wires="memory") as bench:
         del bench.virtual.state.docked[3]
         run_into(bench, InterlockError, "Slot 3 should hold a/B01T3, its sensor shows it empty")
 
 
 def test_the_emergency_stop_refuses_to_start():
-    with open_virtual_bench(QUIET, TOOLS, physics) as bench:
+    with open_virtual_bench(QUIET, TOOLS, physics, wires="memory") as bench:
         bench.virtual.state.inject("estop_pressed")
         bench.clock.sleep(0.1)
         assert run_into(bench, InterlockError, "emergency stop is pressed") == []
 
 
 def test_plans_that_cannot_be_carried_out_move_nothing():
-    with open_virtual_bench(QUIET, TOOLS, physics) as bench:
+    with open_virtual_bench(QUIET, TOOLS, physics, wires="memory") as bench:
         before = bench.gantry.position_mm(), bench.clock.now_s()
         cases = [
             (5, [(0, 0)], SETUP, "Slot 5 has no tool; mounted are slots .0, 3."),
@@ -270,7 +270,7 @@ def test_a_callback_that_fails_leaves_the_gripper_open():
     def full_disk(grasp):
         raise LakeError("The disk is full.")
 
-    with open_virtual_bench(QUIET, TOOLS, physics) as bench:
+    with open_virtual_bench(QUIET, TOOLS, physics, wires="memory") as bench:
         with pytest.raises(LakeError, match="disk is full"):
             bench.cell.measure_tool(3, [(0, 0)], SETUP, full_disk, lambda: False)
         assert not bench.pneumatics.is_gripping()
@@ -281,7 +281,7 @@ def test_a_callback_that_fails_leaves_the_gripper_open():
 
 
 def test_a_plc_that_vanishes_in_a_lift_holds_the_gantry():
-    with open_virtual_bench(QUIET, TOOLS, physics) as bench:
+    with open_virtual_bench(QUIET, TOOLS, physics, wires="memory") as bench:
         when_pulled(bench, bench.virtual.plc.server.stop)
         grasps = run_into(bench, DeviceError, "CLICK PLC at")
         assert [g.status for g in grasps] == ["failed"]
@@ -293,7 +293,7 @@ def test_a_plc_that_vanishes_in_a_lift_holds_the_gantry():
 
 
 def test_a_gantry_that_vanishes_in_a_lift_loses_its_motor_enable():
-    with open_virtual_bench(QUIET, TOOLS, physics) as bench:
+    with open_virtual_bench(QUIET, TOOLS, physics, wires="memory") as bench:
         when_pulled(bench, lambda: bench.virtual.grbl.inject("unplug"))
         grasps = run_into(bench, DeviceError, "position is unknown|is gone")
         assert [g.status for g in grasps] == ["failed"]
@@ -339,7 +339,7 @@ def test_every_device_that_does_not_connect_is_named():
 
 def test_nothing_is_left_running():
     before = set(threading.enumerate())
-    measure(QUIET, [(0, 0)])
+    measure(QUIET, [(0, 0)], wires="lines")
     assert set(threading.enumerate()) == before
 
 

@@ -19,7 +19,7 @@ SETUP = GraspSetup()
 def measured_s(plans):
     """Bench time of the plans, one tool after the other."""
     made = []
-    with open_virtual_bench(WORLD, TOOLS, holds_to_the_top) as bench:
+    with open_virtual_bench(WORLD, TOOLS, holds_to_the_top, wires="memory") as bench:
         first_x_mm, first_y_mm = bench.settings.layout.dock_xy_mm(next(iter(plans)))
         bench.gantry.move_to(first_x_mm, first_y_mm, bench.settings.layout.top_z_mm)
         start_s = bench.clock.now_s()

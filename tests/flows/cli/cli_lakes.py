@@ -1,6 +1,9 @@
 """Lakes and a runner for the tests of the command line."""
 
 import json
+import shutil
+import tempfile
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -63,7 +66,22 @@ def write_config(folder: Path, text: str = QUICK) -> Path:
 def proposed_lake(folder: Path, address: str | None = None) -> Path:
     """A lake, in the folder or at an address, whose campaign `quick` waits for the print of its first tools."""
     config = write_config(folder)
-    campaign = Campaign(Lake.open(address or folder / "lake", create=True), load_config(config))
+    if address is None:
+        shutil.copytree(Path(_proposed_once().name) / "lake", folder / "lake")
+        return folder / "lake"
+    return _propose(config, address)
+
+
+@cache
+def _proposed_once() -> "tempfile.TemporaryDirectory[str]":
+    """The folder with the lake that every test gets a copy of."""
+    folder = tempfile.TemporaryDirectory(prefix="fast-proposed-")
+    _propose(write_config(Path(folder.name)), Path(folder.name) / "lake")
+    return folder
+
+
+def _propose(config: Path, address: str | Path) -> Path:
+    campaign = Campaign(Lake.open(address, create=True), load_config(config))
     register(campaign, QUICK)
     propose_initial(campaign)
     return campaign.lake.root

@@ -110,8 +110,7 @@ ELSEWHERE = {
 }
 
 
-# What only a line shows: it hangs up, or nothing answers within the time that a real device may take.
-ON_LINES = {"usb_unplugged", "grbl_silent", "plc_unplugged", "transmitter_unplugged"}
+ON_LINES = {"usb_unplugged", "plc_unplugged", "transmitter_unplugged"}  # a hang-up as the operating system tells it
 
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: f"{row.fault}-{getattr(row.moment, '__name__', 'before')}")

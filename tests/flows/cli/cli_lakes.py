@@ -1,6 +1,7 @@
 """Lakes and a runner for the tests of the command line."""
 
 import json
+import os
 import shutil
 import tempfile
 from functools import cache
@@ -67,17 +68,16 @@ def proposed_lake(folder: Path, address: str | None = None) -> Path:
     """A lake, in the folder or at an address, whose campaign `quick` waits for the print of its first tools."""
     config = write_config(folder)
     if address is None:
-        shutil.copytree(Path(_proposed_once().name) / "lake", folder / "lake")
+        shutil.copytree(_proposed_once(), folder / "lake")
         return folder / "lake"
     return _propose(config, address)
 
 
 @cache
-def _proposed_once() -> "tempfile.TemporaryDirectory[str]":
-    """The folder with the lake that every test gets a copy of."""
-    folder = tempfile.TemporaryDirectory(prefix="fast-proposed-")
-    _propose(write_config(Path(folder.name)), Path(folder.name) / "lake")
-    return folder
+def _proposed_once() -> Path:
+    """The lake that every test gets a copy of, in a folder that goes with this session."""
+    folder = Path(tempfile.mkdtemp(dir=os.environ["XDG_STATE_HOME"]))
+    return _propose(write_config(folder), folder / "lake")
 
 
 def _propose(config: Path, address: str | Path) -> Path:

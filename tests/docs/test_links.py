@@ -58,6 +58,11 @@ def test_every_page_is_in_the_navigation():
     assert pages <= listed
 
 
+def test_every_decision_is_listed():
+    listed = links_of(DOCS / "decisions" / "README.md")
+    assert [path.name for path in sorted((DOCS / "decisions").glob("[0-9]*.md")) if path.name not in listed] == []
+
+
 def test_wrong_links_are_found(tmp_path: Path):
     page = tmp_path / "page.md"
     page.write_text("# One title\n[a](#one-title) [b](#two) ![c](c.png) `[d](d.md)`\n```\n[e](e.md)\n```\n")

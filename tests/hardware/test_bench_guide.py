@@ -1,4 +1,4 @@
-"""docs/how-to/set-up-a-bench.md against the code: address map, ladder, GRBL settings, and the places that unverified facts point to."""
+"""docs/how-to/set-up-a-bench.md against the code: address map, ladder, GRBL settings, where unverified facts point."""
 
 import re
 from itertools import product

@@ -5,7 +5,9 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from models.ids import content_id
+import pytest
+
+from models.ids import PREFIXES, content_id
 from tests.docs.pages import DOCS, ROOT
 
 LAYERS = ("flows", "tasks", "lake", "hardware", "models")
@@ -24,4 +26,10 @@ def test_every_prefix_is_explained():
     used = {prefix for layer in LAYERS for path in (ROOT / layer).rglob("*.py") for prefix in prefixes_in(path)}
     explained = re.findall(r"^\| `([A-Z]+)` \|", PAGE.read_text(encoding="utf-8"), flags=re.M)
     assert len(used) > 15
-    assert used - set(explained) == set()
+    assert len(explained) == len(set(explained)), "one meaning each"
+    assert used <= set(PREFIXES) == set(explained)
+
+
+def test_a_prefix_without_a_meaning_is_refused():
+    with pytest.raises(ValueError, match="no meaning"):
+        content_id("O", [])

@@ -4,7 +4,6 @@ import hashlib
 import json
 from typing import Any
 
-
 # What each prefix of an id stands for: one meaning each. `docs/reference/identifiers.md` says what an id is made from.
 PREFIXES = {
     "A": "a run of gap discovery",

@@ -6,7 +6,7 @@ from typing import Any
 from models.effects.catalogue import CATALOGUE
 from models.effects.table import catalogue_entries, catalogue_rows
 
-PAGE = Path(__file__).parents[2] / "docs" / "effects.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "effects.md"
 
 
 def line(cells: list[Any]) -> str:

@@ -14,7 +14,7 @@ from models.features.names import FEATURES
 from tests.flows.cli_lakes import Fast
 from tests.flows.synthetic_lake import build
 
-PAGE = (Path(__file__).parents[2] / "docs" / "features.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "explanation" / "trace-features.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture

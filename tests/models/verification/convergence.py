@@ -3,7 +3,7 @@
     python -m tests.models.verification.convergence
 
 solves every case that docs/verification/convergence.json lacks (a CPU minute in all) and writes the table into
-docs/verification.md. A case belongs to the settings that it was solved with: change a default, and it is solved again.
+docs/reference/verification.md. A case belongs to the settings that it was solved with: change a default, and it is solved again.
 """
 
 import json
@@ -19,7 +19,7 @@ from models.objects.catalogue import get_object
 from models.records import REFERENCE_MESH, MeshSettings, SimulatorVersion
 
 CACHE = Path(__file__).parents[3] / "docs" / "verification" / "convergence.json"
-PAGE = CACHE.parents[1] / "verification.md"
+PAGE = CACHE.parents[1] / "reference" / "verification.md"
 OBJECTS = (1, 14, 24, 26, 28, 30)  # sphere, tube, cone, diabolo, hourglass, cube
 PRODUCTION = MeshSettings()
 

@@ -3,7 +3,8 @@
     python -m tests.models.verification.convergence
 
 solves every case that docs/verification/convergence.json lacks (a CPU minute in all) and writes the table into
-docs/reference/verification.md. A case belongs to the settings that it was solved with: change a default, and it is solved again.
+docs/reference/verification.md. A case belongs to the settings that it was solved with: change a default, and it is
+solved again.
 """
 
 import json

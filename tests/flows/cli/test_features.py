@@ -14,7 +14,7 @@ from models.traces.names import FEATURES
 from tests.flows.cli.cli_lakes import Fast
 from tests.flows.synthetic_lake import build
 
-PAGE = (Path(__file__).parents[3] / "docs" / "features.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[3] / "docs" / "explanation" / "trace-features.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture

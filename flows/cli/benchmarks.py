@@ -1,6 +1,6 @@
 """`fast bench`: run benchmarks and print what one unit of work costs here; `python -m tests.studies` shares it."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,16 +18,23 @@ app = App(name="bench", help="What simulations, fits, the lake and campaigns cos
 @Parameter(name="*")
 @dataclass(frozen=True)
 class Chosen:
-    """Options as they are typed; None leaves the choice to the benchmark."""
+    """Options of benchmarks and studies as they are typed; None leaves the choice to them."""
 
     designs: Annotated[int | None, Parameter(help="How many designs of the fixed random sequence.")] = None
     objects: Annotated[str | None, Parameter(help="Object ids, e.g. 0,14,30.")] = None
-    tiers: Annotated[str | None, Parameter(help="Tiers of the simulator, e.g. production,screening.")] = None
     results: Annotated[
         Path | None, Parameter(help="JSON-lines file of the outcomes; what is in it is not simulated again.")
     ] = None
     limit_minutes: Annotated[float | None, Parameter(help="Stop after this time; --results continues.")] = None
     workers: Annotated[int | None, Parameter(help="Worker processes.")] = None
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class BenchChosen(Chosen):
+    """What only benchmarks take."""
+
+    tiers: Annotated[str | None, Parameter(help="Tiers of the simulator, e.g. production,screening.")] = None
     grasps: Annotated[str | None, Parameter(help="Sizes of lakes, in grasps, e.g. 8640,1000000.")] = None
     n_sim: Annotated[int | None, Parameter(help="Simulations of a made-up problem.")] = None
     n_real: Annotated[int | None, Parameter(help="Measured designs of a made-up problem.")] = None
@@ -37,7 +44,7 @@ class Chosen:
 def run(
     name: Annotated[str, Parameter(help="One of `fast bench list`.")],
     *,
-    chosen: Chosen = Chosen(),
+    chosen: BenchChosen = BenchChosen(),
     json: AsJson = False,
 ) -> None:
     """Run one benchmark; figures are CPU seconds unless their name says otherwise."""
@@ -66,12 +73,11 @@ def run_benchmark(benchmarks: Mapping[str, "Benchmark"], name: str, chosen: Chos
 
     if name not in benchmarks:
         raise UsageError(f"there is no benchmark `{name}`; {closest(name, list(benchmarks))}")
-    typed: dict[str, Any] = vars(chosen) | {
-        "objects": _object_ids(chosen.objects),
-        "tiers": tuple(chosen.tiers.split(",")) if chosen.tiers else None,
-        "grasps": _sizes(chosen.grasps),
+    given: dict[str, Any] = {
+        option: _PARSERS[option](value) if option in _PARSERS else value
+        for option, value in vars(chosen).items()
+        if value is not None
     }
-    given = {option: value for option, value in typed.items() if value is not None}
     _check_options(name, benchmarks[name], given)
     tables = benchmarks[name].measure(Options(**given, tell=tell))
     head = {"benchmark": name, "options": given, **circumstances()}
@@ -85,7 +91,7 @@ def show_list(benchmarks: Mapping[str, "Benchmark"], as_json: bool) -> None:
     show(rows, "\n".join(f"{row['name']:<{width}} {row['measures']}" for row in rows), as_json)
 
 
-def _object_ids(text: str | None) -> tuple[int, ...] | None:
+def _object_ids(text: str) -> tuple[int, ...]:
     """Object ids from `0,14,30`.
 
     Raises:
@@ -94,15 +100,13 @@ def _object_ids(text: str | None) -> tuple[int, ...] | None:
     from models.errors import UsageError
     from models.objects.catalogue import get_object
 
-    if text is None:
-        return None
     try:
         return tuple(get_object(int(word)).object_id for word in text.split(","))
     except ValueError as error:
         raise UsageError(f"--objects `{text}` is no list of object ids; write it like 0,14,30.") from error
 
 
-def _sizes(text: str | None) -> tuple[int, ...] | None:
+def _sizes(text: str) -> tuple[int, ...]:
     """Numbers of grasps from `8640,1000000`.
 
     Raises:
@@ -110,10 +114,18 @@ def _sizes(text: str | None) -> tuple[int, ...] | None:
     """
     from models.errors import UsageError
 
-    words = text.split(",") if text is not None else []
+    words = text.split(",")
     if not all(word.strip().isdecimal() and int(word) > 0 for word in words):
         raise UsageError(f"--grasps `{text}` is no list of numbers of grasps; write it like 8640,1000000.")
-    return tuple(int(word) for word in words) or None
+    return tuple(int(word) for word in words)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    """Names from `production,screening`."""
+    return tuple(text.split(","))
+
+
+_PARSERS: dict[str, Callable[[str], tuple[Any, ...]]] = {"objects": _object_ids, "tiers": _names, "grasps": _sizes}
 
 
 def _check_options(name: str, benchmark: "Benchmark", given: dict[str, Any]) -> None:

@@ -23,7 +23,7 @@ app = App(
 @Parameter(name="*")
 @dataclass(frozen=True)
 class StudyChosen(Chosen):
-    """Options as they are typed; None leaves the choice to the study."""
+    """What only studies take."""
 
     figure: Annotated[Path | None, Parameter(help="Picture to draw, e.g. traces.png.")] = None
     n: Annotated[int | None, Parameter(help="How many kills.")] = None

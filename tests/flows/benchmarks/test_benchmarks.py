@@ -20,6 +20,7 @@ from flows.benchmarks.robustness import measure_robustness, memory, parts
 from flows.benchmarks.study import cases_of, run_study
 from flows.benchmarks.summary import failed_grasps, failures_by_reason
 from flows.benchmarks.tiers import SIMULATORS, TIERS
+from flows.cli.benchmarks import BenchChosen
 from models.design.space import numbered_design
 from models.records import GraspSetup, MeshSettings, SimulatorVersion
 from models.solver_code import solver_id
@@ -186,5 +187,6 @@ def test_a_results_file_of_something_else_is_refused(capsys, tmp_path):
     assert "line 1 is no outcome" in Fast(capsys).refused("bench", "run", "grasp", "--results", path)
 
 
-def test_every_benchmark_says_what_it_measures():
+def test_every_benchmark_says_what_it_measures_and_every_option_has_a_user():
     assert all(benchmark.about for benchmark in BENCHMARKS.values())
+    assert {option for benchmark in BENCHMARKS.values() for option in benchmark.options} == set(vars(BenchChosen()))

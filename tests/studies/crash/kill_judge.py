@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from flows.benchmarks.fingerprints import Label, SparseTraceError, label_problem, read_fingerprint
+from flows.benchmarks.fingerprints import Label
 from flows.benchmarks.made_up_batch import CAMPAIGN_ID, Batch
 from hardware.virtual.world.file import World
 from lake.maintenance import check
@@ -20,6 +20,7 @@ from models.records import BENCH_FAULT
 from models.traces import peak_force_n
 from tasks.bench.measure import planned_cells
 from tasks.campaign.campaign import Campaign
+from tests.studies.crash.labels import SparseTraceError, label_problem, read_fingerprint
 
 Grasp = dict[str, Any]
 UNKILLED_LIVES = 3  # the first, the last, and one that was faster than its kill

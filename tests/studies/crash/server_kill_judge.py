@@ -6,7 +6,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from flows.benchmarks.fingerprints import SparseTraceError, label_problem
 from flows.benchmarks.made_up_campaign import N_SIMULATIONS, N_TOOLS, OBJECTS, labels_of, world_of
 from flows.server.crashed_runs import ACTIVE
 from lake.maintenance import check
@@ -14,6 +13,7 @@ from lake.store import Lake
 from lake.tables.campaign import GraspRow, ProposalRow, Row, SimulationRow
 from models.errors import LakeError
 from models.records import BENCH_FAULT
+from tests.studies.crash.labels import SparseTraceError, label_problem
 
 N_SIMULATED = (N_SIMULATIONS + N_TOOLS) * len(OBJECTS)
 

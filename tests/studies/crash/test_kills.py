@@ -7,13 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.benchmarks.fingerprints import (
-    PLATEAUS_MM,
-    SparseTraceError,
-    fingerprint_world,
-    label_problem,
-    read_fingerprint,
-)
+from flows.benchmarks.fingerprints import PLATEAUS_MM, fingerprint_world
 from flows.benchmarks.made_up_batch import Batch, lockstep_bench, measure_missing
 from lake.tables.campaign import GraspRow, TraceRow
 from models.errors import InterlockError
@@ -21,6 +15,7 @@ from models.records import BENCH_FAULT, Trace
 from tasks.campaign.campaign import Campaign
 from tests.studies.crash.kill_judge import Told, judge
 from tests.studies.crash.kills import batch_of_about, kill_and_continue, kill_often, kill_outside
+from tests.studies.crash.labels import SparseTraceError, label_problem, read_fingerprint
 
 BATCH = Batch(n_tools=2, object_ids=(3, 29), n_repeats=2)
 WORLD = fingerprint_world(BATCH.labels)

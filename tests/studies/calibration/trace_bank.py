@@ -81,7 +81,7 @@ class Bank:
 
 def job_id(job: BankJob) -> str:
     """Id derived from the content."""
-    return content_id("J", job.model_dump(mode="json"))
+    return content_id("U", job.model_dump(mode="json"))
 
 
 def bank_jobs(

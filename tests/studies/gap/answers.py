@@ -61,7 +61,7 @@ class Answer(Record):
     @property
     def answer_hash(self) -> str:
         """Hash of the answer, which is kept before a key is looked at."""
-        return content_id("A", self.model_dump(mode="json"))
+        return content_id("U", self.model_dump(mode="json"))
 
     @property
     def named(self) -> tuple[str, ...]:

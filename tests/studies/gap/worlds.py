@@ -76,7 +76,7 @@ class WorldKey(Record):
     @property
     def world_id(self) -> str:
         """Id derived from the content."""
-        return content_id("W", self.model_dump(mode="json"))
+        return content_id("U", self.model_dump(mode="json"))
 
     @property
     def names(self) -> tuple[str, ...]:

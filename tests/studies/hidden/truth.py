@@ -45,7 +45,7 @@ class TrueGrasp(Record):
     @property
     def grasp_id(self) -> str:
         """Id derived from the content and from the code that decides the result."""
-        return content_id("T", {"grasp": self.model_dump(mode="json"), "code": truth_code(self.law)})
+        return content_id("U", {"grasp": self.model_dump(mode="json"), "code": truth_code(self.law)})
 
     @property
     def tool_seed(self) -> int:
@@ -98,7 +98,7 @@ def truth_code(law: str) -> str:
     """Id of the code that decides a true grasp under a law: the solver's, this module's, and the law's own class."""
     here = source_id(Path(__file__).parent, ("truth.py",))
     models = source_id(Path(inspect.getfile(Effect)).parents[2], _MODEL_SOURCES)
-    own = "" if not law else content_id("L", {"source": inspect.getsource(hidden_law(law).kind)})
+    own = "" if not law else content_id("U", {"source": inspect.getsource(hidden_law(law).kind)})
     return f"{models}-{here}{own}"
 
 

@@ -25,7 +25,7 @@ _FAR_SD = 2.0  # prior standard deviations of ln E that call for a suspicion
 _NEAR_BOUND, _PILE = 0.02, 0.05  # share of the range, and of the draws in it
 _SCALE_LIMITS = {"object_sd": 0.1, "cell_sd": 0.1, "tool_sd": 0.1}
 # What the numerical error is worth in theta: in worlds of a finer mesh and another contact law, Young's modulus and
-# friction (relative) and Poisson ratio are found off by so much (the study `calibration-traces`).
+# friction (relative) and Poisson ratio are found off by so much (`fast bench run calibration-traces`).
 MODULUS_SHIFT, FRICTION_SHIFT, RATIO_SHIFT = 0.02, 0.03, 0.015
 FREEDOM = 4.0
 _SPREAD_STEPS, _SPREAD_CHANGE = 12, 0.05

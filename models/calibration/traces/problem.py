@@ -12,7 +12,7 @@ MIN_TOOLS = 3
 NEAR_MM = 10.0  # lift over which errors of the simulator are alike: a contact moves so far along the wall
 OWN_SHARE = 0.1
 # What a finer mesh, another contact law and an object 0.2 mm off change in a feature, in its unit: root mean squares of
-# the paired runs of the study `calibration-traces`. The first millimetres have few steps, and a peak moves along
+# the paired runs of `fast bench run calibration-traces`. The first millimetres have few steps, and a peak moves along
 # its plateau.
 NUMERICAL_SHARE = 0.02
 NUMERICAL_SHARES = {"dip_n": 0.07, "lift_at_peak_mm": 0.35}

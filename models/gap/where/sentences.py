@@ -15,7 +15,7 @@ from models.gap.where.words import size_words
 from models.objects.catalogue import get_object
 
 # Of the peak, beyond what other meshes of the bank change: meshes and contact laws that the bank does not know make
-# gaps of 2 % here and there (null worlds of the study `gap`, docs/gap-limits.md).
+# gaps of 2 % here and there (null worlds of `fast bench run gap`, docs/gap-limits.md).
 LEAST_SHARE = 0.025
 LEAST_DRIFT = 0.01  # meshes do not drift, so that less can be believed
 MOST = 8

@@ -50,8 +50,8 @@ class PhysicsRequest(Record):
 
     @property
     def request_id(self) -> str:
-        """Id derived from the whole content, `P` and 12 hex digits."""
-        return content_id("P", self.model_dump(mode="json"))
+        """Id derived from the whole content, `B` and 12 hex digits."""
+        return content_id("B", self.model_dump(mode="json"))
 
 
 Physics = Callable[[PhysicsRequest], GraspSimulation]

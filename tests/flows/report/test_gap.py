@@ -15,10 +15,10 @@ from models.gap.evaluation.held_out import HeldOut, scattered
 from models.gap.evaluation.show import AFTER, BEFORE, Shown, show
 from models.gap.findings import Alias, Candidate, Findings, Gap, Named, NamedParameter, NextExperiment, Round
 from models.gap.naming.isolability import Isolability
-from models.gap.synthetic import GapTruth, made_up_gap
 from models.gap.where.locate import locate
 from models.gap.where.residuals import Residuals
 from models.records import EffectValue
+from tests.synthetic.gap import GapTruth, made_up_gap
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.3})
 NAMED = Named(

@@ -10,7 +10,6 @@ import socket
 import httpx
 import pytest
 
-from flows.benchmarks.sockets import family, is_loopback, listening
 from flows.cli.real import is_rehearsal
 from flows.server.lab import LabPlan, open_lab
 from flows.server.server import ANY_PORT
@@ -25,6 +24,7 @@ from models.errors import FastError
 from tasks.campaign.requests import exclusive
 from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake
 from tests.flows.server.on_server import wait_for
+from tests.studies.platform.sockets import family, is_loopback, listening
 
 OWN = ("flows", "tasks", "lake", "hardware", "models")
 # Between a process and the workers it started, over their pipe; nothing from a lake or the network.

@@ -10,8 +10,8 @@ from models.gap.fit.fit import Fit
 from models.gap.fit.frame import recalibrated
 from models.gap.fit.posterior import Surface, effects_at, joint_posterior
 from models.gap.fit.whiten import training
-from models.gap.synthetic import GapTruth, made_up_gap
 from models.records import EffectValue
+from tests.synthetic.gap import GapTruth, made_up_gap
 from tests.tasks.calibration.trace_lake import normal_draws
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.25})

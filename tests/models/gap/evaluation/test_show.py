@@ -7,9 +7,9 @@ from models.errors import UsageError
 from models.gap.bank.predict import Predictor
 from models.gap.evaluation.held_out import HeldOut, Prediction, metrics, scattered
 from models.gap.evaluation.show import AFTER, BEFORE, Shown, show
-from models.gap.synthetic import GapTruth, made_up_gap
 from models.gap.where.residuals import Residuals
 from models.records import EffectValue
+from tests.synthetic.gap import GapTruth, made_up_gap
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.3})
 

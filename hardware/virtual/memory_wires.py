@@ -2,7 +2,7 @@
 
 Sockets, ptys and the switching between threads cost ten times what a grasp in lockstep costs else, and there is nobody
 to share the time with: the devices only move while the host waits. Drivers, codecs, device code and wire log are the
-same as on real lines. A line can be unplugged here too; what else it can do wrong (late or lost bytes) needs a real one.
+same as on real lines. A line can be unplugged here too; what else it can do wrong (late, lost bytes) needs a real one.
 """
 
 import struct

@@ -8,13 +8,14 @@ import pytest
 from flows.cli.virtual import rack
 from hardware.bench import open_virtual_servers
 from hardware.clock import RealClock
-from hardware.virtual.world.file import World
+from hardware.virtual.world.file import Sensor, World
 from tests.flows.cli.cli_lakes import Fast
 
 
 @pytest.fixture(scope="module")
 def addresses():
-    with open_virtual_servers(World(seed=7), rack(None), lambda request: None, RealClock()) as bench:
+    world = World(seed=7, sensor=Sensor(noise_sd_n=0.12))
+    with open_virtual_servers(world, rack(None), lambda request: None, RealClock()) as bench:
         yield asdict(bench.endpoints)
 
 

@@ -34,7 +34,9 @@ def python(code: str, *words: object) -> "subprocess.CompletedProcess[str]":
 def cpu_s(*words: object) -> float:
     """CPU seconds of a program that succeeds."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    assert subprocess.run([sys.executable, *map(str, words)], cwd=ROOT, capture_output=True, timeout=120).returncode == 0
+    assert (
+        subprocess.run([sys.executable, *map(str, words)], cwd=ROOT, capture_output=True, timeout=120).returncode == 0
+    )
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 

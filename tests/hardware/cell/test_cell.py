@@ -41,7 +41,9 @@ def physics(request):
     return GraspSimulation(trace, 8.0, 5.0, 0.2, 1, 1, 1, 0.0)
 
 
-def measure(world, plan, slot=3, physics=physics, setup=SETUP, prepare=lambda bench: None, stop_after=99, wires="memory"):
+def measure(
+    world, plan, slot=3, physics=physics, setup=SETUP, prepare=lambda bench: None, stop_after=99, wires="memory"
+):
     grasps = []
     with open_virtual_bench(world, TOOLS, physics, wires=wires) as bench:
         prepare(bench)
@@ -289,7 +291,7 @@ def test_nothing_is_left_running():
 
 def test_a_clock_that_runs_by_itself():
     grasps = []
-    with open_virtual_bench(QUIET, TOOLS, physics, clock="real", speed_up=10.0) as bench:
+    with open_virtual_bench(QUIET, TOOLS, physics, speed_up=10.0) as bench:
         bench.cell.measure_tool(3, [(35, 0)], SETUP, grasps.append, lambda: False)
     assert grasps[0].status == "ok", grasps[0].reason
     assert peak_force_n(grasps[0].trace) == pytest.approx(42.5, abs=0.5)

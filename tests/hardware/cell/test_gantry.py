@@ -8,14 +8,13 @@ from hypothesis import strategies as st
 
 from hardware.cell.gantry import Gantry
 from hardware.clock import ScaledClock, VirtualClock
-from hardware.grbl.errors import GrblAlarmError
 from hardware.grbl.link import GrblLink
 from hardware.grbl.profile import GrblProfile
 from hardware.grbl.workspace import WORKSPACE_SIZE_MM, Workspace
 from hardware.virtual.grbl.server import VirtualGrbl
 from hardware.virtual.memory_wires import MemoryTransport
 from hardware.wire.serial import SerialTransport
-from models.errors import InterlockError, UsageError
+from models.errors import InterlockError
 
 SPEED_UP = 5.0  # of the clock that runs by itself
 
@@ -98,23 +97,6 @@ def test_lift_by_a_force_threshold(homed, controller, clock):
     assert 90 <= stopped[2] <= 91
     assert clock.now_s() - start_s < 7
     assert homed.stop_lift() == stopped
-
-
-def test_recovery_from_a_limit_needs_an_axis_and_a_direction(homed):
-    for axis, direction in (("a", "+"), ("x", ""), ("xy", "+"), ("", "-")):
-        with pytest.raises(UsageError, match=r"say x, y or z and \+ or -"):
-            homed.recover_from_limit(axis, direction)
-    with pytest.raises(InterlockError, match="closed limit switches are none"):
-        homed.recover_from_limit("x", "-")
-
-
-def test_recovery_from_a_limit_ends_homed(homed, controller):
-    controller.inject("nudge", axis="z", distance_mm=3.0)
-    with pytest.raises(GrblAlarmError, match="ALARM:1"):
-        homed.status()
-    assert homed.recover_from_limit("z", "-") == pytest.approx(WORKSPACE_SIZE_MM)
-    homed.move_to(600, 600, 60)
-    assert controller.position_mm() == pytest.approx((600, 600, 60), abs=0.01)
 
 
 def test_lift_stays_in_the_box(homed):

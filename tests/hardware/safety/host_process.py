@@ -11,7 +11,6 @@ from hardware.clock import ScaledClock
 from models.errors import FastError
 from tests.hardware.safety.scenario_bench import SETUP, TOOLS
 
-
 OBJECTS = (35,)  # close to home
 
 

@@ -1,4 +1,4 @@
-"""Every fault of `hardware.virtual.faults`, injected by name, ends as the table says: on the wire, in words, with the data.
+"""Every fault of the virtual bench, injected by name, ends as the table says: on the wire, in words, with the data.
 
 One row of `TABLE` is one row of that table. What is asserted: what moved and what was switched after the fault, the
 typed error with its sentence, and the grasps that were kept.

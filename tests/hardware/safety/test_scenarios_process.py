@@ -14,8 +14,8 @@ import pytest
 from hardware.bench import open_virtual_servers
 from hardware.clock import ScaledClock
 from hardware.virtual.bench import VirtualBench
-from tests.hardware.safety.scenario_bench import REST_Z_MM, TOOLS, WORLD, is_pulling, physics
 from tests.hardware.safety.host_process import OBJECTS
+from tests.hardware.safety.scenario_bench import REST_Z_MM, TOOLS, WORLD, is_pulling, physics
 
 SPEED_UP = 8.0
 ROOT = Path(__file__).parents[3]

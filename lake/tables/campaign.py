@@ -199,7 +199,6 @@ class _TraceColumns(Row):
         """The samples as a trace."""
         return Trace(time_s=self.time_s, lift_mm=self.lift_mm, force_n=self.force_n)
 
-
     @classmethod
     def id_column(cls) -> str:
         """The first field after the inherited channels."""

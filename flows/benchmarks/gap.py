@@ -21,7 +21,7 @@ from flows.benchmarks.gap_worlds import Group, WorldKey, Worlds
 from flows.benchmarks.outcomes import RecordFile, read_records
 from models.design.space import numbered_design
 from models.errors import UsageError
-from models.gap.problem import Bank
+from models.gap.bank.bank import Bank
 from models.records import GraspSetup, Record, SimulatorVersion
 
 if TYPE_CHECKING:
@@ -95,22 +95,22 @@ def results_folder(options: Options) -> Path:
 def open_panels(folder: Path, options: Options) -> tuple[Panels, Bank]:
     """True grasps, and the bank of the simulator's grasps of the same designs and objects."""
     from lake.store import Lake
-    from tasks.gap.bank import bank_of
+    from tasks.gap.bank import read_bank
 
     designs, objects = DESIGNS[: options.designs], options.objects or OBJECTS
     panels = Panels.read(folder / "truth.jsonl", designs, objects)
     own = [numbered_design(number) for number in designs]
-    bank = bank_of(Lake(str(folder / "lake")), SimulatorVersion(), own, objects, GraspSetup())
+    bank = read_bank(Lake(str(folder / "lake")), SimulatorVersion(), own, objects, GraspSetup())
     return panels, with_known_fields(bank)
 
 
 def with_known_fields(bank: Bank) -> Bank:
     """The bank without the effects that were not simulated in nine cells of ten: they cannot be named."""
     known = {
-        name: field for name, field in bank.fields.items() if np.isfinite(field.steps_n).all(axis=(2, 3)).mean() > 0.9
+        name: field for name, field in bank.effects.items() if np.isfinite(field.steps_n).all(axis=(2, 3)).mean() > 0.9
     }
     changes = {name: getattr(bank, name) for name in Bank.__dataclass_fields__}
-    return Bank(**{**changes, "fields": known})
+    return Bank(**{**changes, "effects": known})
 
 
 def read_outcomes(path: Path | None) -> dict[tuple[str, str, int, bool], GapOutcome]:

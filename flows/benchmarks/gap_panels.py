@@ -12,7 +12,7 @@ from hardware.hidden.lab import Lab, Site, Variants
 from hardware.hidden.lab_laws import LAB_LAWS
 from hardware.hidden.truth import hidden_law, tool_modulus_factor
 from models.errors import UsageError
-from models.gap.problem import Bank
+from models.gap.bank.bank import Bank
 from models.records import Trace
 from models.traces.step_features import N_STEPS, is_usable, step_means
 

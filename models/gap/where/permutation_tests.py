@@ -11,17 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.where.features import (
-    FAMILY,
-    OBJECT_FEATURES,
-    TOOL_FEATURES,
-    family_numbers,
-    object_table,
-    tool_table,
-)
-from models.gap.where.phases import PHASES
-from models.gap.where.residuals import Residuals
-from models.gap.where.variance_shares import LEAST_OWN
+from models.gap.where.residuals import PHASES, Residuals
+from models.gap.where.strata import FAMILY, OBJECT_FEATURES, TOOL_FEATURES
+from models.gap.where.variance_components import LEAST_OWN
 
 N_DRAWS = 1999
 Q = 0.05
@@ -65,17 +57,21 @@ def run_tests(residuals: Residuals, seed: int = 0) -> TestTree:
     phases = np.array([phase for phase, _ in names])
     p_global = _largest(z)
     p_phase = {phase: _largest(z[phases == phase]) for phase in PHASES if (phases == phase).any()}
-    q_phase = dict(zip(p_phase, bh(np.array(list(p_phase.values()))), strict=True))
+    q_phase = dict(zip(p_phase, adjust_bh(np.array(list(p_phase.values()))), strict=True))
     factors: list[Hypothesis] = []
     for phase, of_phase in q_phase.items():
         rows = np.flatnonzero(phases == phase)
         is_open = p_global <= Q and of_phase <= Q
-        q = np.maximum(np.minimum(step_down(z[rows]), bh(p[rows])), of_phase) if is_open else np.ones(len(rows))
+        q = (
+            np.maximum(np.minimum(adjust_step_down(z[rows]), adjust_bh(p[rows])), of_phase)
+            if is_open
+            else np.ones(len(rows))
+        )
         factors += [Hypothesis(*names[r], float(p[r]), float(x)) for r, x in zip(rows, q, strict=True)]
     return TestTree(p_global, {k: float(v) if p_global <= Q else 1.0 for k, v in q_phase.items()}, tuple(factors))
 
 
-def bh(p: np.ndarray) -> np.ndarray:
+def adjust_bh(p: np.ndarray) -> np.ndarray:
     """The q of p values of one family (m), after Benjamini and Hochberg 1995."""
     order = np.argsort(p)
     q = p[order] * len(p) / (np.arange(len(p)) + 1)
@@ -84,7 +80,7 @@ def bh(p: np.ndarray) -> np.ndarray:
     return np.minimum(out, 1.0)
 
 
-def step_down(z: np.ndarray) -> np.ndarray:
+def adjust_step_down(z: np.ndarray) -> np.ndarray:
     """Adjusted p (m) of standardised statistics (m x (1 + b)), each against the largest of those not above it."""
     order = np.argsort(-z[:, 0])
     largest = np.maximum.accumulate(z[order][::-1], axis=0)[::-1]
@@ -127,14 +123,14 @@ def _statistics(residuals: Residuals, u: np.ndarray, draws: _Draws) -> dict[str,
     by_tool, by_obj = _main_effects(cells, weight)
     signed_cells = weight * (cells - by_tool[:, None])
     found = {EVERYWHERE: np.abs(draws.signs @ by_tool), BY_OBJECT: np.linalg.norm(draws.signs @ signed_cells, axis=1)}
-    table = tool_table(residuals)[tools]
+    table = residuals.tool_table[tools]
     found |= {
         n: _correlation(by_tool, x, draws.tools) for n, x in zip(TOOL_FEATURES, table.T, strict=True) if x.std() > 0
     }
-    table = object_table(residuals)[objects]
+    table = residuals.object_table[objects]
     found |= {n: _correlation(by_obj, x, draws.objects)
               for n, x in zip(OBJECT_FEATURES[:2], table.T, strict=False) if x.std() > 0}  # fmt: skip
-    found[FAMILY] = _between(by_obj, family_numbers(residuals)[objects], draws.objects)
+    found[FAMILY] = _between(by_obj, residuals.family[objects], draws.objects)
     found |= _histories(residuals, u, is_there, t, o, draws)
     return found
 

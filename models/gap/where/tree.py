@@ -11,11 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.where.features import FAMILY, OBJECT_FEATURES, TOOL_FEATURES, object_table, tool_table
-from models.gap.where.object_shape import FAMILIES
-from models.gap.where.phases import PHASES
-from models.gap.where.residuals import Residuals
-from models.gap.where.words import condition, stratum_words
+from models.gap.where.residuals import PHASES, Residuals
+from models.gap.where.strata import (
+    FAMILIES,
+    FAMILY,
+    OBJECT_FEATURES,
+    TOOL_FEATURES,
+    describe_condition,
+    describe_stratum,
+)
 
 DEPTH = 3
 MIN_DESIGNS, MIN_OBJECTS = 3, 4
@@ -46,7 +50,7 @@ class Leaf:
     @property
     def words(self) -> str:
         """Which objects and tools."""
-        return stratum_words(tuple(condition(s.feature, s.limit, s.is_above) for s in self.splits))
+        return describe_stratum(tuple(describe_condition(s.feature, s.limit, s.is_above) for s in self.splits))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +73,7 @@ class _Question:
     gain: float
 
 
-def honest_tree(residuals: Residuals, phase: str, factors: Collection[str], seed: int = 0) -> tuple[Leaf, ...]:
+def grow_honest_tree(residuals: Residuals, phase: str, factors: Collection[str], seed: int = 0) -> tuple[Leaf, ...]:
     """Leaves of the tree of a phase; one leaf without splits where no question is stable.
 
     factors: names of `TOOL_FEATURES`, of the first two of `OBJECT_FEATURES`, and `FAMILY`, that may be asked about.
@@ -79,8 +83,7 @@ def honest_tree(residuals: Residuals, phase: str, factors: Collection[str], seed
     cells = _cells(residuals, place)
     rng = np.random.default_rng(seed)
     halves = _halves(np.flatnonzero(cells.tool.any(axis=0)), rng)
-    tool, obj = tool_table(residuals), object_table(residuals)
-    x = np.hstack([tool[residuals.tool], obj[residuals.obj]])
+    x = np.hstack([residuals.tool_table[residuals.tool], residuals.object_table[residuals.obj]])
     return tuple(_grow(cells, x, (), columns, halves))
 
 
@@ -92,7 +95,7 @@ def _cells(residuals: Residuals, place: int) -> _Cells:
     names, row = np.unique(t * n_objects + o, return_inverse=True)
     u = np.bincount(row, residuals.relative[is_there, place]) / np.bincount(row)
     t, o = names // n_objects, names % n_objects
-    x = np.hstack([tool_table(residuals)[t], object_table(residuals)[o]])
+    x = np.hstack([residuals.tool_table[t], residuals.object_table[o]])
     return _Cells(u, x, np.eye(len(residuals.tools))[t], np.eye(n_objects)[o])
 
 

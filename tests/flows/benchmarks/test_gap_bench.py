@@ -21,7 +21,7 @@ from lake.handoff.import_folder import import_handoff
 from lake.provenance import Provenance
 from lake.store import Lake
 from models.errors import UsageError
-from models.gap.problem import Bank
+from models.gap.bank.bank import Bank
 from models.simulation.effects.catalogue import CATALOGUE
 
 SMALL = Path(__file__).parents[2] / "data" / "gap-small.npz"
@@ -205,10 +205,10 @@ def test_a_world_is_imported_as_a_campaign_that_hides_its_key(worlds: Worlds, tm
 def test_effects_without_simulations_cannot_be_named(small: tuple[Panels, Bank]) -> None:
     """A bank that is half filled answers with what it has."""
     _, bank = small
-    field = bank.fields["shear_adhesion"]
+    field = bank.effects["shear_adhesion"]
     kept = field.steps_n.copy()
     field.steps_n[:4] = np.nan
-    known = with_known_fields(bank).fields
+    known = with_known_fields(bank).effects
     field.steps_n[:] = kept
     assert "shear_adhesion" not in known
     assert "static_kinetic_friction" in known

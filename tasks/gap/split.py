@@ -1,4 +1,4 @@
-"""Which designs and objects are kept for SHOW: chosen once from a seed, and written down before anything is looked at.
+"""Which designs and objects are held out: chosen once from a seed, and written down before anything is looked at.
 
 New designs and objects join the split of the same seed; none ever changes sides, so what was held out stays unseen.
 """
@@ -19,7 +19,7 @@ from tasks.calibration.mean_data import TooLittleDataError
 
 KIND = "gap_split"
 MIN_DESIGNS, MIN_OBJECTS = 7, 5  # five tools and four objects are left to look at
-DESIGN_SHARE, OBJECT_SHARE = 0.3, 0.22  # notes/gap.md 3 (iv): 6 of 20 designs, 8 of 36 objects
+DESIGN_SHARE, OBJECT_SHARE = 0.3, 0.22  # 6 of 20 designs, 8 of 36 objects
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Split:
         return {"designs": dict(self.designs), "objects": {str(key): held for key, held in self.objects.items()}}
 
 
-def frozen_split(
+def freeze_split(
     lake: Lake, campaign_id: str | None, design_ids: Sequence[str], object_ids: Sequence[int], seed: int
 ) -> Split:
     """The split of these designs and objects, from the lake or made now and written there.

@@ -1,11 +1,16 @@
-"""The data of gap discovery in the space where errors are alike: features of training grasps, whitened by cell.
+"""Whitened features: features of grasps in the space where errors are alike, and what an error costs there.
 
 A cell is a tool on an object. Its repeats share placement, mesh and surface errors, so their mean is known less well
 than their differences: repeats are rotated to their mean and contrasts, and each is whitened with its own covariance.
 Rows stay within their cell, so tools and objects can still be left out.
+
+Errors have heavy tails. A finger that snaps on the bench and not in the simulator, or a peak that jumps to another
+place, is off by many standard deviations in a whole row, and means little. So the mean of a cell and each contrast of
+its repeats have errors of a multivariate t distribution (Lange, Little and Taylor 1989), with the degrees of freedom
+that make null worlds likeliest.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,15 +21,14 @@ from models.calibration.traces.problem import (
     units_of,
 )
 from models.calibration.traces.response_surface import ResponseSurfaces
-from models.gap.bank.features import FEATURES, features_of_steps
-from models.gap.bank.predict import Predictor
-from models.gap.bank.sensor_effects import N_LEAD, sensed
-from models.gap.problem import Bank, GapProblem
+from models.gap.bank.bank import Bank
+from models.gap.bank.sensor_effects import N_LEAD, apply_sensor_effect
+from models.gap.bank.surrogate import FEATURES, Surrogate, features_of_steps
 from models.simulation.effects.lift_misalignment import LiftMisalignment
 from models.traces.step_features import BIN_EDGES_MM, LIFT_MM, STEP_MM
 from models.traces.step_noise import feature_noise
 
-# Errors of a cell, with the weights (and the tails of `robust`) that make 24 null worlds likeliest: docs/gap-worlds.md.
+# Errors of a cell, with the weights (and the tails) that make 24 null worlds likeliest: docs/gap-worlds.md.
 FLOOR_SHARE = 0.0066  # of the cell's largest force, common to neighbouring bins
 OWN_SHARE = 0.0045  # the same, of each feature by itself
 PLACEMENT_SHARE = 0.0166  # scatter of the force of a tool on an object, relative
@@ -34,8 +38,9 @@ COMMON_SHIFT_MM = 0.03
 NUMERICAL_WEIGHT = 0.47  # of the variance that other meshes show
 SURFACE_WEIGHT = 0.06  # of the squared errors of surfaces at left-out grid points, which lie at the ends of the grid
 CONTRAST_SHARE = 0.003  # what repeats of a cell differ by for no reason, relative
-TARE_SD_N = 0.05  # zero of the load cell from grasp to grasp: notes/gap.md section 4.1
-REPEAT_SD = 0.01  # scatter of the force from grasp to grasp, relative; notes/gap.md section 4.1
+TARE_SD_N = 0.05  # zero of the load cell from grasp to grasp, as unloaded cells show
+REPEAT_SD = 0.01  # scatter of the force from grasp to grasp, relative
+FREEDOM = 5.0  # degrees of freedom of the tails
 
 IS_LIFT = are_lifts(FEATURES)
 _UNIT = units_of(FEATURES)
@@ -45,17 +50,17 @@ _IS_AMPLITUDE = ~IS_LIFT & (_UNIT == 1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Working:
+class WhitenedFeatures:
     """m measured grasps that may be learnt from, as f features.
 
-    predictor: of these grasps. measured: m x f, free of the bias of sensor noise. amplitude: m x f, what a relative
+    surrogate: of these grasps. measured: m x f, free of the bias of sensor noise. amplitude: m x f, what a relative
     error of 1 is. cells: rows of the repeats of the c cells
     with r of them, c x r for each r.
     whiteners: m x f x f. numerical: v x m x f, what other meshes and, last, forces that are late by `COMMON_SHIFT_MM`
     change at the centre's modulus, not whitened.
     """
 
-    predictor: Predictor
+    surrogate: Surrogate
     measured: np.ndarray
     amplitude: np.ndarray
     cells: tuple[np.ndarray, ...]
@@ -65,12 +70,12 @@ class Working:
     @property
     def tool(self) -> np.ndarray:
         """Tool of each row, m."""
-        return self.predictor.grasps.tool
+        return self.surrogate.grasps.tool
 
     @property
     def obj(self) -> np.ndarray:
         """Object of each row, m."""
-        return self.predictor.grasps.obj
+        return self.surrogate.grasps.obj
 
     @property
     def is_mean(self) -> np.ndarray:
@@ -80,15 +85,15 @@ class Working:
             rows[places[:, 0]] = True
         return rows
 
-    def whitened(self, values: np.ndarray) -> np.ndarray:
+    def whiten(self, values: np.ndarray) -> np.ndarray:
         """Features (... x m x f) in units of their standard deviations, repeats of a cell rotated."""
         rotated = np.zeros_like(values)
         for places in self.cells:
             rotated[..., places, :] = _rotation(places.shape[1]) @ values[..., places, :]
         return np.asarray((self.whiteners @ rotated[..., None])[..., 0])
 
-    def unwhitened(self, values: np.ndarray) -> np.ndarray:
-        """Inverse of `whitened`."""
+    def unwhiten(self, values: np.ndarray) -> np.ndarray:
+        """Inverse of `whiten`."""
         rotated = np.linalg.solve(self.whiteners, values[..., None])[..., 0]
         found = np.zeros_like(values)
         for places in self.cells:
@@ -96,28 +101,13 @@ class Working:
         return found
 
 
-def training(problem: GapProblem) -> GapProblem:
-    """The problem with the grasps that may be learnt from: not held out, finite, with simulations."""
-    usable = Predictor.of(problem).is_usable & np.isfinite(problem.grasps.steps_n).all(axis=-1) & ~problem.is_held_out
-    rows, grasps = np.flatnonzero(usable), problem.grasps
-    kept = replace(
-        grasps,
-        tool=grasps.tool[rows],
-        obj=grasps.obj[rows],
-        contexts=tuple(grasps.contexts[row] for row in rows),
-        steps_n=grasps.steps_n[rows],
-        grasp_ids=tuple(grasps.grasp_ids[row] for row in rows),
-    )
-    return replace(problem, grasps=kept)
+def whiten_features(surrogate: Surrogate, with_lead_n: np.ndarray, stiffer: float) -> WhitenedFeatures:
+    """The features of a surrogate's grasps; errors are judged at what is predicted of the grasps (m x 132).
 
-
-def working(problem: GapProblem, predictor: Predictor, with_lead_n: np.ndarray, stiffer: float) -> Working:
-    """The working data of a training problem; errors are judged at what is predicted of its grasps (m x 132).
-
-    with_lead_n: of `Predictor.with_lead`. stiffer: Young's modulus over the bank's.
+    with_lead_n: of `Surrogate.predict_with_lead`. stiffer: Young's modulus over the bank's.
     """
     predicted_n = with_lead_n[:, N_LEAD:]
-    grasps, bank = problem.grasps, problem.bank
+    grasps, bank = surrogate.grasps, surrogate.bank
     cells, inverse = np.unique(np.stack([grasps.tool, grasps.obj], axis=1), axis=0, return_inverse=True)
     first = np.array([np.flatnonzero(inverse == number)[0] for number in range(len(cells))])
     speed = grasps.setup.lift_speed_mm_per_s
@@ -137,16 +127,30 @@ def working(problem: GapProblem, predictor: Predictor, with_lead_n: np.ndarray, 
     whiteners, places = _whiteners(inverse, contrast, scatter)
     changed = _features(bank.numerical_steps_n) - _features(bank.centre_steps_n)[:, :, None]
     of_meshes = np.moveaxis(np.nan_to_num(changed)[grasps.tool, grasps.obj], 1, 0)
-    late_n = sensed([LiftMisalignment(COMMON_SHIFT_MM)] * len(with_lead_n), with_lead_n, grasps.setup)[:, N_LEAD:]
+    late_n = apply_sensor_effect([LiftMisalignment(COMMON_SHIFT_MM)] * len(with_lead_n), with_lead_n, grasps.setup)[
+        :, N_LEAD:
+    ]
     late = (features_of_steps(late_n) - features_of_steps(predicted_n)) / in_unit
-    return Working(
-        predictor=predictor,
+    return WhitenedFeatures(
+        surrogate=surrogate,
         measured=features_of_steps(grasps.steps_n) - bias[inverse],
         amplitude=amplitude[inverse],
         cells=places,
         whiteners=whiteners,
         numerical=np.concatenate([of_meshes, late[None]]),
     )
+
+
+def compute_root_weights(residual: np.ndarray) -> np.ndarray:
+    """Roots of the weights of iterated least squares, m x 1; residual: whitened, m x f."""
+    return np.sqrt((FREEDOM + residual.shape[1]) / (FREEDOM + _squares(residual)))
+
+
+def apply_robust_loss(residual: np.ndarray) -> np.ndarray:
+    """Scale a whitened residual (m x f): half its squares are the negative log likelihood, but for a constant."""
+    squares = _squares(residual)
+    cost = (FREEDOM + residual.shape[1]) * np.log1p(squares / FREEDOM)
+    return np.asarray(residual * np.sqrt(cost / np.maximum(squares, 1e-12)))
 
 
 def _whiteners(
@@ -217,3 +221,7 @@ def _features(steps_n: np.ndarray) -> np.ndarray:
 
 def _outer(rows: np.ndarray) -> np.ndarray:
     return rows[..., :, None] * rows[..., None, :]
+
+
+def _squares(residual: np.ndarray) -> np.ndarray:
+    return np.asarray((residual**2).sum(axis=1, keepdims=True))

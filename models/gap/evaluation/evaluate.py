@@ -1,15 +1,59 @@
-"""How much of the gap was closed: of what is above the noise floor, with an interval over designs and objects."""
+"""The evaluation: before, after, floor and peers on the held-out grasps, in one go, and how much of the gap is closed.
+
+Closed is counted of what is above the noise floor, with an interval over designs and objects.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.evaluation.held_out import HeldOut, Prediction
+from models.gap.evaluation.baselines import predict_baselines
+from models.gap.evaluation.held_out import BLOCKS, HeldOut, Metrics, Prediction, compute_class_errors, compute_metrics
 from models.gap.findings import Gap
+from models.gap.where.residuals import Residuals
+from models.objects.catalogue import get_object
 
+BEFORE, AFTER = "theta recalibrated", "with the named effect"
+WORSE = 1.05  # an effect that makes a class of objects worse by more than this is reported
 N_BOOTSTRAP = 2000
 _LEAST_GAP = 1.02  # before over floor: less than that above it is no gap to close
 
 
-def gap_closed(held_out: HeldOut, before: Prediction, after: Prediction, seed: int = 0) -> Gap:
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """The last word on a gap. `predictions`: before, after, and peers; `metrics`: of each, over every block."""
+
+    held_out: HeldOut
+    gap: Gap
+    predictions: tuple[Prediction, ...]
+    metrics: tuple[Metrics, ...]
+    by_class: dict[str, dict[str, float]]
+    warnings: tuple[str, ...]
+
+    def of(self, label: str, block: str = BLOCKS[0]) -> Metrics:
+        """Metrics of one prediction."""
+        return next(m for m in self.metrics if m.label == label and m.block == block)
+
+
+def evaluate(
+    held_out: HeldOut, before: Prediction, after: Prediction, residuals: Residuals | None = None, seed: int = 0
+) -> Evaluation:
+    """Compare `after` with `before`, the floor and, if the residuals to learn from are given, the peers."""
+    peers = () if residuals is None else predict_baselines(residuals, held_out, before.steps_n, seed)
+    predictions = (before, after, *peers)
+    names = {number: get_object(number).object_class for number in held_out.objects}
+    by_class = {p.label: compute_class_errors(held_out, p, names) for p in predictions}
+    return Evaluation(
+        held_out=held_out,
+        gap=measure_gap_closed(held_out, before, after, seed),
+        predictions=predictions,
+        metrics=tuple(compute_metrics(held_out, p, block) for p in predictions for block in held_out.blocks),
+        by_class=by_class,
+        warnings=_warnings(held_out, by_class[before.label], by_class[after.label]),
+    )
+
+
+def measure_gap_closed(held_out: HeldOut, before: Prediction, after: Prediction, seed: int = 0) -> Gap:
     """Root mean square errors before and after, the floor, and the closed share of what is above it.
 
     The floor is the scatter of repeats or what other meshes change, whichever is larger. Designs and objects are drawn
@@ -28,6 +72,20 @@ def gap_closed(held_out: HeldOut, before: Prediction, after: Prediction, seed: i
         closed_fraction=float(np.nan_to_num(value)),
         ci95=(float(low), float(high)),
     )
+
+
+def _warnings(held_out: HeldOut, before: dict[str, float], after: dict[str, float]) -> tuple[str, ...]:
+    worse = [name for name in before if after[name] > WORSE * before[name]]
+    found = [f"Held-out grasps of class {name} got worse, {before[name]:.2f} to {after[name]:.2f} N." for name in worse]
+    n_tools, n_objects = (
+        len(np.unique(x)) for x in (held_out.tool[held_out.is_new_tool], held_out.obj[held_out.is_new_object])
+    )
+    if min(n_tools, n_objects) < 3:
+        found.append(
+            f"{n_tools} designs and {n_objects} objects were held out; intervals of fewer than 3 of either are too "
+            "narrow, hold out more."
+        )
+    return tuple(found)
 
 
 class _Cells:

@@ -15,20 +15,19 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-from models.gap.where.phases import PHASES
-from models.gap.where.residuals import Residuals
+from models.gap.where.residuals import PHASES, Residuals
 
 LEAST_OWN = 0.3  # of the spread of repeat or order: if tool and object know more, nothing can be said of it
 SOURCES = ("common", "tool", "object", "tool x object", "repeat", "order", "noise")
 
 
 @dataclass(frozen=True)
-class PhaseShares:
+class PhaseComponents:
     """Where the squares of one phase come from: relative to the predicted peak, squared.
 
     `parts`: by `SOURCES`, with 90 % intervals; they add up to the mean square but for noise. `noise`: repeat to repeat.
-    `numerical`: mean square of what other meshes change. `order_alias`: how much of the order is known from the object
-    and the tool (1: nothing can be said about it).
+    `numerical`: mean square of what other meshes change. `order_confounding`: how much of the order is known from
+    the object and the tool (1: nothing can be said about it).
     """
 
     phase: str
@@ -36,7 +35,7 @@ class PhaseShares:
     parts: dict[str, float]
     intervals: dict[str, tuple[float, float]]
     numerical: float
-    order_alias: float
+    order_confounding: float
 
     @property
     def gap(self) -> float:
@@ -44,8 +43,8 @@ class PhaseShares:
         return max(self.mean_square - self.parts["noise"] - self.numerical, 0.0)
 
 
-def variance_shares(residuals: Residuals) -> tuple[PhaseShares, ...]:
-    """Shares of every phase that was seen in enough grasps."""
+def estimate_variance_components(residuals: Residuals) -> tuple[PhaseComponents, ...]:
+    """Components of every phase that was seen in enough grasps."""
     found = []
     for place, phase in enumerate(PHASES):
         u = residuals.relative[:, place]
@@ -56,13 +55,13 @@ def variance_shares(residuals: Residuals) -> tuple[PhaseShares, ...]:
         value, low, high = jackknife(_parts_of(rows), rows.tool, rows.obj)
         numerical = residuals.numerical_relative[:, is_there, place]
         found.append(
-            PhaseShares(
+            PhaseComponents(
                 phase=phase,
                 mean_square=float(np.mean(rows.u**2)),
                 parts=dict(zip(SOURCES, np.maximum(value, 0.0).tolist(), strict=True)),
                 intervals={s: (max(a, 0.0), max(b, 0.0)) for s, a, b in zip(SOURCES, low, high, strict=True)},
                 numerical=float(np.nanmean(numerical**2)),
-                order_alias=_alias(rows),
+                order_confounding=_measure_confounding(rows),
             )
         )
     return tuple(found)
@@ -180,6 +179,6 @@ def _absorbed(values: np.ndarray, tool: np.ndarray, obj: np.ndarray) -> np.ndarr
     return np.asarray(left)
 
 
-def _alias(rows: _Rows) -> float:
+def _measure_confounding(rows: _Rows) -> float:
     total = float(np.var(rows.order))
     return 1.0 if total == 0 else 1.0 - float(np.mean(_absorbed(rows.order, rows.tool, rows.obj) ** 2)) / total

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.problem import Field
+from models.gap.bank.bank import EffectRuns
 from models.simulation.effects.catalogue import CATALOGUE
 from models.units import unit_of
 
@@ -31,27 +31,27 @@ class Shape:
 
 
 @dataclass(frozen=True, eq=False)
-class FieldSurface:
+class EffectSurface:
     """Changes of step means by one effect; `shapes` in increasing order."""
 
     effect: str
     shapes: tuple[Shape, ...]
 
     @staticmethod
-    def of(field: Field, centre_steps_n: np.ndarray) -> "FieldSurface":
-        """The surface of a field; where its simulation or the centre's failed, it changes nothing."""
-        name, shape_name = _names(field.effect)
-        rows = [_whole(field.effect, parameters) for parameters in field.parameters]
-        change_n = np.nan_to_num(field.steps_n - centre_steps_n[:, :, None])
+    def of(runs: EffectRuns, centre_steps_n: np.ndarray) -> "EffectSurface":
+        """The surface of an effect's runs; where its simulation or the centre's failed, it changes nothing."""
+        name, shape_name = _names(runs.effect)
+        rows = [_whole(runs.effect, parameters) for parameters in runs.parameters]
+        change_n = np.nan_to_num(runs.steps_n - centre_steps_n[:, :, None])
         shapes = []
         for value in sorted({row[shape_name] if shape_name else 1.0 for row in rows}):
             places = [i for i, row in enumerate(rows) if not shape_name or row[shape_name] == value]
-            at = np.array([0.0, *(_amplitude(field.effect, rows[place][name]) for place in places)])
+            at = np.array([0.0, *(_amplitude(runs.effect, rows[place][name]) for place in places)])
             order = np.argsort(at)
             nothing = np.zeros((*change_n.shape[:2], 1, change_n.shape[-1]))
             change = np.concatenate([nothing, change_n[:, :, places]], axis=2)
             shapes.append(Shape(value, at[order], change[:, :, order]))
-        return FieldSurface(field.effect, tuple(shapes))
+        return EffectSurface(runs.effect, tuple(shapes))
 
     def change_n(
         self, parameters: Mapping[str, float], stiffer: np.ndarray, tool: np.ndarray, obj: np.ndarray

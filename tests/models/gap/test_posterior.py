@@ -1,15 +1,14 @@
-"""The joint posterior of theta and effects: its gradient, the surface under it, and that it finds the truth."""
+"""The posterior of theta and effects: its gradient, the surface under it, and that it finds the truth."""
 
 import numpy as np
 import pytest
 
 from models.calibration.inference.outcome import refusal
 from models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings
-from models.gap.fit import posterior as joint
+from models.gap.fit import posterior
 from models.gap.fit.fit import Fit
-from models.gap.fit.frame import recalibrated
-from models.gap.fit.posterior import Surface, effects_at, joint_posterior
-from models.gap.fit.whiten import training
+from models.gap.fit.posterior import LikelihoodSurface, effects_at, sample_posterior
+from models.gap.fit.recalibrate import recalibrate
 from models.gap.synthetic import GapTruth, made_up_gap
 from models.records import EffectValue
 from tests.tasks.calibration.trace_lake import normal_draws
@@ -22,8 +21,8 @@ SETTINGS = CalibrationSettings(chains=4, draws=300, tune=50, workers=1)
 def fit_of(*hidden: EffectValue) -> Fit:
     """A fit of the hidden effects to made-up grasps, from their neutral values."""
     # The simulator's own mesh: with another, parameters are off by more than their intervals say (docs/gap-limits.md).
-    problem = made_up_gap(7, 6, 3, GapTruth(effects=hidden, mesh=0.0), n_repeats=2)
-    return recalibrated(training(problem), [EffectValue(effect=value.effect) for value in hidden])
+    data = made_up_gap(7, 6, 3, GapTruth(effects=hidden, mesh=0.0), n_repeats=2)
+    return recalibrate(data.training, [EffectValue(effect=value.effect) for value in hidden])
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +32,7 @@ def lagging() -> Fit:
 
 @pytest.mark.parametrize("hidden", [(LAG,), (FRICTION,), ()])
 def test_the_gradient_is_that_of_the_density(hidden: tuple[EffectValue, ...]) -> None:
-    surface = Surface.around(fit_of(*hidden), SETTINGS.priors)
+    surface = LikelihoodSurface.around(fit_of(*hidden), SETTINGS.priors)
     density = surface.density
     u = density.outside(surface.point + 0.4 * density.spread @ np.ones(len(surface.point)))
     steps = 1e-5 * np.eye(len(u))
@@ -42,7 +41,7 @@ def test_the_gradient_is_that_of_the_density(hidden: tuple[EffectValue, ...]) ->
 
 
 def test_the_surface_is_the_likelihood_where_the_posterior_is(lagging: Fit) -> None:
-    surface = Surface.around(lagging, SETTINGS.priors)
+    surface = LikelihoodSurface.around(lagging, SETTINGS.priors)
     rng = np.random.default_rng(1)
     points = surface.point + rng.standard_normal((12, len(surface.point))) @ surface.density.spread.T
     assert surface.error_nats(points) < 0.3
@@ -52,8 +51,8 @@ def test_the_surface_is_the_likelihood_where_the_posterior_is(lagging: Fit) -> N
 
 
 def test_theta_and_the_effect_are_found_together(lagging: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(joint, "sample", normal_draws)
-    result = joint_posterior(lagging, SETTINGS)
+    monkeypatch.setattr(posterior, "sample", normal_draws)
+    result = sample_posterior(lagging, SETTINGS)
     assert result.names == ("young_modulus_mpa", "friction", "poisson_ratio", "load_cell_lag.time_constant_s")
     assert result.method == WITH_EFFECTS
     assert refusal(result) == ""

@@ -36,12 +36,12 @@ class GapData:
     @cached_property
     def training(self) -> Surrogate:
         """The surrogate of the grasps that may be learnt from: not held out, finite, with simulations."""
-        return self.surrogate.take(np.flatnonzero(self._is_usable & ~self.is_held_out))
+        return self.surrogate.select(np.flatnonzero(self._is_usable & ~self.is_held_out))
 
     @cached_property
     def held_out(self) -> Surrogate:
         """The surrogate of the grasps that are kept for the evaluation: held out, finite, with simulations."""
-        return self.surrogate.take(np.flatnonzero(self._is_usable & self.is_held_out))
+        return self.surrogate.select(np.flatnonzero(self._is_usable & self.is_held_out))
 
     @property
     def _is_usable(self) -> np.ndarray:

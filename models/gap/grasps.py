@@ -1,6 +1,7 @@
 """Measured grasps one by one, and the cross-validation folds in which they are left out: designs, objects by class."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -32,7 +33,7 @@ class Grasps:
     noise: SensorNoise
     setup: GraspSetup
 
-    def take(self, rows: np.ndarray) -> "Grasps":
+    def select(self, rows: np.ndarray) -> "Grasps":
         """The grasps of these rows, with all tools and objects."""
         return replace(
             self,
@@ -43,8 +44,24 @@ class Grasps:
             grasp_ids=tuple(self.grasp_ids[row] for row in rows),
         )
 
+    @cached_property
+    def design_folds(self) -> np.ndarray:
+        """Fold of each grasp when designs are left out, n."""
+        return assign_design_folds(self, N_DESIGN_FOLDS)
 
-def assign_design_folds(grasps: Grasps, n_folds: int = N_DESIGN_FOLDS) -> np.ndarray:
+    @cached_property
+    def object_folds(self) -> np.ndarray:
+        """Fold of each grasp when object classes are left out, n."""
+        return assign_object_folds(self, N_OBJECT_FOLDS)
+
+    @cached_property
+    def is_in_first_half(self) -> np.ndarray:
+        """Whether the grasp's object is in the first half of all objects, n: they tell a new tool's modulus."""
+        _, place = np.unique(self.obj, return_inverse=True)
+        return np.asarray(place % 2 == 0)
+
+
+def assign_design_folds(grasps: Grasps, n_folds: int) -> np.ndarray:
     """Fold of each grasp by its tool, n; tools of equal designs stay together."""
     ids = [design.design_id for design in grasps.designs]
     present = sorted({ids[tool] for tool in grasps.tool})
@@ -52,7 +69,7 @@ def assign_design_folds(grasps: Grasps, n_folds: int = N_DESIGN_FOLDS) -> np.nda
     return np.array([fold[ids[tool]] for tool in grasps.tool])
 
 
-def assign_object_folds(grasps: Grasps, n_folds: int = N_OBJECT_FOLDS) -> np.ndarray:
+def assign_object_folds(grasps: Grasps, n_folds: int) -> np.ndarray:
     """Fold of each grasp by its object's class, n; the largest classes are spread first."""
     classes = [get_object(number).object_class for number in grasps.objects]
     names, counts = np.unique([classes[obj] for obj in np.unique(grasps.obj)], return_counts=True)
@@ -62,10 +79,3 @@ def assign_object_folds(grasps: Grasps, n_folds: int = N_OBJECT_FOLDS) -> np.nda
         fold[str(names[place])] = int(np.argmin(load))
         load[fold[str(names[place])]] += counts[place]
     return np.array([fold[classes[obj]] for obj in grasps.obj])
-
-
-def choose_first_half(grasps: Grasps) -> np.ndarray:
-    """Whether the grasp's object is in the first half of its tool's objects, n: they tell a new tool's modulus."""
-    objects = np.unique(grasps.obj)
-    first = dict(zip(objects.tolist(), (np.arange(len(objects)) % 2 == 0).tolist(), strict=True))
-    return np.array([first[obj] for obj in grasps.obj.tolist()])

@@ -100,7 +100,7 @@ def read_grasps(lake: Lake, campaign_id: str | None) -> MeasuredGrasps:
     tools, objects = sorted({row.tool_id for row in used}), sorted({row.object_id for row in used})
     nominal = {row.tool_id: row.design_id for row in used}
     known = designs_of(lake, [*nominal.values()])
-    printed, printed_sentences = _as_printed(lake, {tool: known[nominal[tool]] for tool in tools})
+    printed, printed_sentences = _read_printed(lake, {tool: known[nominal[tool]] for tool in tools})
     contexts = rebuild_contexts(lake, campaign_id)
     tool = np.array([tools.index(row.tool_id) for row in used])
     obj = np.array([objects.index(row.object_id) for row in used])
@@ -228,7 +228,7 @@ def _noise(
         ]
 
 
-def _as_printed(lake: Lake, designs: Mapping[str, Design]) -> tuple[tuple[Design, ...], list[str]]:
+def _read_printed(lake: Lake, designs: Mapping[str, Design]) -> tuple[tuple[Design, ...], list[str]]:
     """Designs of tools with the thicknesses that a person measured, and those that the simulator cannot make."""
     said = {row.tool_id: row for row in lake.records(ToolRow, tool_id=list(designs))}
     printed, sentences = [], []

@@ -147,7 +147,7 @@ def evaluate_rounds(lake: Lake, data: GapData, rounds: Sequence[Round], seed: in
     steps_n = [_simulate_held_out(lake, data, simulator.version) for simulator in simulators]
     rows = np.flatnonzero(np.isfinite(np.array(steps_n)).all(axis=(0, 2)))
     held_out = HeldOut.of(data, simulators[0].version.theta, rows)
-    surrogate, noise_sd_n = data.held_out.take(rows), _step_noise_sd_n(data)
+    surrogate, noise_sd_n = data.held_out.select(rows), _step_noise_sd_n(data)
 
     def predict(label: str, simulator: CalibratedSimulator, simulated_n: np.ndarray) -> Prediction:
         """The simulated means with intervals: draws as the surrogate predicts them, moved to the simulated means."""

@@ -64,13 +64,13 @@ def freeze_split(
                 "finds about 8 of 10 effects that change forces by 5 %, so measure more."
             )
     known = _newest(lake, campaign_id, seed)
-    split = _extended(known, sorted(set(design_ids)), sorted(set(object_ids)), seed)
+    split = _extend(known, sorted(set(design_ids)), sorted(set(object_ids)), seed)
     if split != known:
         _write(lake, campaign_id, seed, split)
     return split
 
 
-def _extended(known: Split, design_ids: Sequence[str], object_ids: Sequence[int], seed: int) -> Split:
+def _extend(known: Split, design_ids: Sequence[str], object_ids: Sequence[int], seed: int) -> Split:
     """The split with those it lacks; shares are of all, so that later ones make up for what came before."""
     rng = np.random.default_rng(seed_from(seed, "gap split", len(known.designs), len(known.objects)))
     all_designs = list(dict.fromkeys([*known.designs, *design_ids]))

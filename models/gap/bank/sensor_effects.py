@@ -40,7 +40,7 @@ def apply_sensor_effect(effects: Sequence[Effect], steps_n: np.ndarray, setup: G
     """Step means with their lead (n x 132) with one effect, as it acts in each of n grasps (`Effect.in_grasp`)."""
     law = _LAWS.get(type(effects[0]))
     if law is None:
-        return _replayed(effects, steps_n, setup)
+        return _replay(effects, steps_n, setup)
     fine_n = _fine(steps_n)
     change_n = law(effects, fine_n, setup) - fine_n
     end = N_LEAD + _N_FINE * _PARTS
@@ -78,7 +78,7 @@ def _fine(steps_n: np.ndarray) -> np.ndarray:
     return np.concatenate([first, parts.reshape(len(steps_n), -1), later], axis=1)
 
 
-def _replayed(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+def _replay(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
     traces = [make_trace(row, setup) for row in steps_n]
     changes = [
         step_means(effect.modify_trace(trace)) - step_means(trace)

@@ -69,9 +69,9 @@ class Surrogate:
             is_usable=is_known[grasps.tool, grasps.obj],
         )
 
-    def take(self, rows: np.ndarray) -> "Surrogate":
+    def select(self, rows: np.ndarray) -> "Surrogate":
         """The surrogate of some of the grasps; nothing is fitted again."""
-        return replace(self, grasps=self.grasps.take(rows), rows_n=self.rows_n[rows], is_usable=self.is_usable[rows])
+        return replace(self, grasps=self.grasps.select(rows), rows_n=self.rows_n[rows], is_usable=self.is_usable[rows])
 
     @property
     def centre(self) -> Theta:
@@ -116,7 +116,7 @@ class Surrogate:
     ) -> np.ndarray:
         """The end of closing and step means, n x 132; what an effect of the bank changes first, it changes before."""
         tool, obj = self.grasps.tool, self.grasps.obj
-        acting = self._acting(effects)
+        acting = self._list_acting(effects)
         memory = _Memory.of(acting, self.grasps, self.centre)
         factor = 1.0 if tool_factor is None else tool_factor[tool]
         stiffer = theta[0] / self.centre.young_modulus_mpa * factor * memory.modulus
@@ -139,7 +139,7 @@ class Surrogate:
                 steps = apply_sensor_effect(of_grasps, steps, self.grasps.setup)
         return steps
 
-    def _acting(self, effects: Sequence[EffectValue]) -> list[list[Effect]]:
+    def _list_acting(self, effects: Sequence[EffectValue]) -> list[list[Effect]]:
         """Effects that no surface stands for, layer by layer, each as it acts in every grasp."""
         for value in effects:
             if value.effect in CATALOGUE and not self.can_predict(value.effect):

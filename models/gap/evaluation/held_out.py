@@ -42,7 +42,7 @@ class HeldOut:
         Raises:
             UsageError: nothing is held out.
         """
-        held_out = data.held_out if rows is None else data.held_out.take(rows)
+        held_out = data.held_out if rows is None else data.held_out.select(rows)
         grasps, bank = held_out.grasps, data.bank
         if not len(grasps.tool):
             raise UsageError("no grasp is held out, so nothing can be shown; hold out two designs and two objects.")

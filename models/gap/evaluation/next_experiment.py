@@ -176,7 +176,7 @@ def choose_next_experiment(
     responses = {s.name: {n: s.respond(n, _whole(n, (parameters or {}).get(n, {}))) for n in names} for s in settings}
     weights = {n: (probabilities or {}).get(n, 1.0 / len(names)) for n in names}
     best = max(settings, key=lambda s: _gain(responses[s.name], weights, s.sd) / s.cost)
-    separated, n_comparisons = _separated(responses[best.name], best.sd)
+    separated, n_comparisons = _separate(responses[best.name], best.sd)
     if not separated:
         return None
     n_grasps = best.n_grasps * n_comparisons
@@ -221,7 +221,7 @@ def _nats(a: float, b: float, sd: float) -> float:
     return float((a - b) ** 2 / (2.0 * sd**2))
 
 
-def _separated(responses: Mapping[str, float], sd: float) -> tuple[tuple[str, ...], int]:
+def _separate(responses: Mapping[str, float], sd: float) -> tuple[tuple[str, ...], int]:
     """Effects that fall apart within `MOST` comparisons, and how many that takes."""
     needed = {
         pair: int(np.ceil(ENOUGH / max(_nats(responses[pair[0]], responses[pair[1]], sd), 1e-9)))

@@ -26,7 +26,7 @@ class Axis:
 
     def inner(self, value: float) -> float:
         """The coordinate of a value; about one unit is what it may plausibly vary by."""
-        return (self._transformed(value) - self.middle) / self.sd
+        return (self._transform(value) - self.middle) / self.sd
 
     def value(self, inner: float) -> float:
         """The value of a coordinate, within the bounds."""
@@ -43,7 +43,7 @@ class Axis:
         ends = (self.inner(self.lower), self.inner(self.upper))
         return min(ends), max(ends)
 
-    def _transformed(self, value: float) -> float:
+    def _transform(self, value: float) -> float:
         if self.kind == "linear":
             return value
         return float(np.log(value)) if self.kind == "log" else 1.0 / value

@@ -15,7 +15,6 @@ from models.gap.bank.surrogate import N_BINS
 from models.gap.fit.fit import Fit
 from models.gap.fit.recalibrate import Fitter, estimate_theta
 from models.gap.fit.whitened_features import apply_robust_loss
-from models.gap.grasps import assign_design_folds, assign_object_folds
 from models.gap.naming.rank_effects import EffectRanking, compute_left_out_errors
 from models.records import EffectValue
 
@@ -176,8 +175,8 @@ def _make_score(fit: Fit, by_design: np.ndarray, by_class: np.ndarray) -> Score:
 def _compute_left_out_ways(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
     """Whitened errors (m x f each) of designs and of object classes that were left out."""
     grasps = fit.features.surrogate.grasps
-    by_design = _leave_out(fit, assign_design_folds(grasps), is_new_tool=True)
-    return by_design, _leave_out(fit, assign_object_folds(grasps), is_new_tool=False)
+    by_design = _leave_out(fit, grasps.design_folds, is_new_tool=True)
+    return by_design, _leave_out(fit, grasps.object_folds, is_new_tool=False)
 
 
 def _leave_out(fit: Fit, folds: np.ndarray, *, is_new_tool: bool) -> np.ndarray:

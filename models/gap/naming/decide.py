@@ -64,13 +64,13 @@ def decide(candidates: CandidateSet, thresholds: Thresholds, again: Fit | None) 
         or not _is_credible(best, candidates, thresholds)
         or _is_incomplete(best, candidates, thresholds, again)
     ):
-        return _unknown(candidates)
+        return _answer_unknown(candidates)
     fit = again or best.fit
-    chosen = _told_apart_from(best, fit, candidates, thresholds)
-    share = min(_explained(fit, candidates, thresholds), 1.0)
+    chosen = _choose_alike(best, fit, candidates, thresholds)
+    share = min(_measure_explained(fit, candidates, thresholds), 1.0)
     if len(chosen) == 1:
-        return _effect(best, fit, share)
-    return _set(chosen, share)
+        return _answer_effect(best, fit, share)
+    return _answer_set(chosen, share)
 
 
 def is_alarm(candidates: CandidateSet, thresholds: Thresholds) -> bool:
@@ -117,10 +117,10 @@ def _is_incomplete(best: FittedCandidate, candidates: CandidateSet, thresholds: 
     with_best = [candidate for candidate in candidates.pairs if best.effects[0] in candidate.effects]
     pair = max(with_best, key=lambda candidate: candidate.r2, default=best)
     fits = [again or best.fit, pair.fit]
-    return max(_explained(fit, candidates, thresholds) for fit in fits) < thresholds.share
+    return max(_measure_explained(fit, candidates, thresholds) for fit in fits) < thresholds.share
 
 
-def _explained(fit: Fit, candidates: CandidateSet, thresholds: Thresholds) -> float:
+def _measure_explained(fit: Fit, candidates: CandidateSet, thresholds: Thresholds) -> float:
     """The share of what is unusual in the misfits that a fit takes away; 1 if it leaves them below their lines.
 
     A strong effect is never met to the last bit: the law of the simulator is not that of the bench.
@@ -135,7 +135,7 @@ def _explained(fit: Fit, candidates: CandidateSet, thresholds: Thresholds) -> fl
     return float(weight @ (before - now) / max(weight @ (before - usual), 1e-9))
 
 
-def _told_apart_from(
+def _choose_alike(
     best: FittedCandidate, fit: Fit, candidates: CandidateSet, thresholds: Thresholds
 ) -> list[FittedCandidate]:
     """The best effect and those that could stand for it: as probable as that, or the same in their predictions."""
@@ -146,7 +146,7 @@ def _told_apart_from(
     ]
     total = sum(candidate.probability for candidate in credible)
     if best.probability >= thresholds.probability * max(total, 1e-12):
-        nearly = _NEARLY if _explained(fit, candidates, thresholds) >= _ROUGH else _NEARLY_IF_ROUGH
+        nearly = _NEARLY if _measure_explained(fit, candidates, thresholds) >= _ROUGH else _NEARLY_IF_ROUGH
         return [best, *(candidate for candidate in credible if _is_alike(candidate, best, thresholds, nearly))][
             :_LARGEST_SET
         ]
@@ -177,7 +177,7 @@ def _is_alike(candidate: FittedCandidate, best: FittedCandidate, thresholds: Thr
     return is_near or compute_nats_apart(candidate.fit, best.fit) < thresholds.least_nats
 
 
-def _effect(candidate: FittedCandidate, fit: Fit, share: float) -> Decision:
+def _answer_effect(candidate: FittedCandidate, fit: Fit, share: float) -> Decision:
     """The name; `share`: of what is unusual, explained. What it leaves may be another law, and so it is less sure."""
     name = candidate.effects[0]
     spec = CATALOGUE[name]
@@ -194,7 +194,7 @@ def _effect(candidate: FittedCandidate, fit: Fit, share: float) -> Decision:
     )
 
 
-def _set(chosen: Sequence[FittedCandidate], share: float) -> Decision:
+def _answer_set(chosen: Sequence[FittedCandidate], share: float) -> Decision:
     names = tuple(candidate.effects[0] for candidate in chosen)
     titles = "; or: ".join(CATALOGUE[name].title for name in names)
     total = min(sum(candidate.probability for candidate in chosen), 1.0)
@@ -206,6 +206,6 @@ def _set(chosen: Sequence[FittedCandidate], share: float) -> Decision:
     )
 
 
-def _unknown(candidates: CandidateSet) -> Decision:
+def _answer_unknown(candidates: CandidateSet) -> Decision:
     sentence = "Something is missing that no effect of the catalogue explains, or not by itself."
     return Decision(kind="unknown", probability=max(candidates.unknown, 0.0), sentence=sentence)

@@ -13,7 +13,6 @@ import numpy as np
 
 from models.gap.bank.bank import AMPLITUDES
 from models.gap.fit.fit import Fit
-from models.gap.grasps import assign_design_folds, assign_object_folds, choose_first_half
 from models.records import EffectValue
 from models.simulation.effects.catalogue import CATALOGUE
 
@@ -139,8 +138,8 @@ def compute_grouped_r2(fit: Fit, changes: np.ndarray) -> np.ndarray:
     Designs in folds and object classes in folds; the smaller counts.
     """
     grasps = fit.features.surrogate.grasps
-    by_design = _compute_left_out_r2(fit, changes, assign_design_folds(grasps), is_new_tool=True)
-    return np.minimum(by_design, _compute_left_out_r2(fit, changes, assign_object_folds(grasps), is_new_tool=False))
+    by_design = _compute_left_out_r2(fit, changes, grasps.design_folds, is_new_tool=True)
+    return np.minimum(by_design, _compute_left_out_r2(fit, changes, grasps.object_folds, is_new_tool=False))
 
 
 def _compute_left_out_r2(fit: Fit, changes: np.ndarray, folds: np.ndarray, *, is_new_tool: bool) -> np.ndarray:
@@ -178,7 +177,7 @@ def compute_left_out_errors(fit: Fit, changes: np.ndarray, is_out: np.ndarray, *
 def _take_off_moduli(fit: Fit, errors: np.ndarray, is_out: np.ndarray) -> np.ndarray:
     """Errors (... x rows x f) less the modulus of each left-out tool, estimated on the half that is not scored."""
     grasps = fit.features.surrogate.grasps
-    half, tools = choose_first_half(grasps)[is_out], grasps.tool[is_out]
+    half, tools = grasps.is_in_first_half[is_out], grasps.tool[is_out]
     left = errors.copy()
     for tool in np.unique(tools):
         column, precision = fit.columns[3 + tool][is_out], fit.precision[3 + tool]

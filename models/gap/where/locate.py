@@ -71,7 +71,7 @@ def find_where(residuals: Residuals, tests: TestTree, seed: int = 0) -> tuple[Wh
     """Findings of every phase that was rejected, the largest first."""
     found: list[WhereFinding] = []
     for phase in PHASES:
-        rejected = tests.rejected(phase)
+        rejected = tests.rejected[phase]
         if rejected:
             found += _of_phase(residuals, phase, rejected, seed)
     found.sort(key=lambda f: -abs(f.share or 0.0))
@@ -197,7 +197,7 @@ def _with_notes(found: tuple[WhereFinding, ...], residuals: Residuals, tests: Te
         notes.append(
             "nothing before that" if found[0].phase == PHASES[first] else f"nothing before {WORDS[PHASES[first]]}"
         )
-    if not any(h.factor == REPEAT for phase in PHASES for h in tests.rejected(phase)) and residuals.repeat.max() > 0:
+    if not any(h.factor == REPEAT for phase in PHASES for h in tests.rejected[phase]) and residuals.repeat.max() > 0:
         notes.append("the same in all repeats")
     lead = found[0].sentence.removesuffix(".") + "".join(f"; {note}" for note in notes) + "."
     return (found[0].model_copy(update={"sentence": lead}), *found[1:])

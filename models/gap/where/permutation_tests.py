@@ -8,6 +8,7 @@ standard deviations of its draws, is compared with the largest of that branch in
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -38,9 +39,11 @@ class TestTree:
     phases: dict[str, float]
     factors: tuple[Hypothesis, ...]
 
-    def rejected(self, phase: str) -> tuple[Hypothesis, ...]:
-        """Factors that a phase goes with, the surest first."""
-        return tuple(sorted((h for h in self.factors if h.phase == phase and h.q_value <= Q), key=lambda h: h.p_value))
+    @cached_property
+    def rejected(self) -> dict[str, tuple[Hypothesis, ...]]:
+        """Factors that each phase goes with, the surest first."""
+        surest = sorted((h for h in self.factors if h.q_value <= Q), key=lambda h: h.p_value)
+        return {phase: tuple(h for h in surest if h.phase == phase) for phase in PHASES}
 
 
 def run_tests(residuals: Residuals, seed: int = 0) -> TestTree:
@@ -52,7 +55,7 @@ def run_tests(residuals: Residuals, seed: int = 0) -> TestTree:
         for factor, values in _statistics(residuals, residuals.relative[:, place], draws).items():
             names.append((phase, factor))
             statistics.append(values)
-    z = _standardised(np.array(statistics))  # m x (1 + draws), the first column is what was observed
+    z = _standardise(np.array(statistics))  # m x (1 + draws), the first column is what was observed
     p = np.mean(z >= z[:, :1], axis=1)
     phases = np.array([phase for phase, _ in names])
     p_global = _largest(z)
@@ -173,18 +176,18 @@ def _histories(
         y, x_left = u, x
         for _ in range(1 if len(groups) == 1 else 20):
             for group in groups:
-                y, x_left = _centred(y, group), _centred(x_left, group)
+                y, x_left = _centre(y, group), _centre(x_left, group)
         if x_left.std() > LEAST_OWN * max(x.std(), 1e-12):  # else the objects tell the order
             slopes = np.bincount(t, x_left * y) / np.maximum(np.bincount(t, x_left**2), 1e-12)
             found[factor] = np.abs(draws.signs @ slopes)
     return found
 
 
-def _centred(values: np.ndarray, group: np.ndarray) -> np.ndarray:
+def _centre(values: np.ndarray, group: np.ndarray) -> np.ndarray:
     return values - (np.bincount(group, weights=values) / np.maximum(np.bincount(group), 1))[group]
 
 
-def _standardised(statistics: np.ndarray) -> np.ndarray:
+def _standardise(statistics: np.ndarray) -> np.ndarray:
     """Statistics (m x (1 + b)) less the mean of their draws, over its standard deviation; ties stay ties."""
     drawn = statistics[:, 1:]
     spread = np.maximum(drawn.std(axis=1, keepdims=True), 1e-300)

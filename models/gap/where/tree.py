@@ -62,7 +62,7 @@ class _Cells:
     tool: np.ndarray
     obj: np.ndarray
 
-    def take(self, rows: np.ndarray) -> "_Cells":
+    def select(self, rows: np.ndarray) -> "_Cells":
         return _Cells(self.u[rows], self.x[rows], self.tool[rows], self.obj[rows])
 
 
@@ -112,7 +112,7 @@ def _halves(tools: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:
 def _grow(
     cells: _Cells, x: np.ndarray, splits: tuple[Split, ...], columns: tuple[int, ...], halves: Sequence[np.ndarray]
 ) -> list[Leaf]:
-    here = cells.take(_follows(cells.x, splits))
+    here = cells.select(_follows(cells.x, splits))
     question = _stable_question(here, columns, halves, DEPTH - len(splits))
     if question is None:
         return [Leaf(splits, _follows(x, splits), _honest(cells, splits, halves))]
@@ -143,7 +143,7 @@ def _stable_question(
     ]
     limit = float(np.median(first))
     is_above = cells.x[:, most] > limit
-    sizes = [_clusters(cells.take(side)) for side in (is_above, ~is_above)]
+    sizes = [_clusters(cells.select(side)) for side in (is_above, ~is_above)]
     if min(t for t, _ in sizes) < MIN_DESIGNS or min(o for _, o in sizes) < MIN_OBJECTS:
         return None
     return most, limit, stability
@@ -155,7 +155,7 @@ def _questions(cells: _Cells, least_designs: int, columns: tuple[int, ...], dept
     if question is None:
         return []
     is_above = cells.x[:, question.feature] > question.limit
-    below = [_questions(cells.take(side), least_designs, columns, depth - 1) for side in (is_above, ~is_above)]
+    below = [_questions(cells.select(side), least_designs, columns, depth - 1) for side in (is_above, ~is_above)]
     return [question, *below[0], *below[1]]
 
 
@@ -198,7 +198,7 @@ def _honest(cells: _Cells, splits: tuple[Split, ...], halves: Sequence[np.ndarra
         grown = _in(cells, half)
         own: list[Split] = []
         for split in splits:
-            node = grown.take(_follows(grown.x, tuple(own)))
+            node = grown.select(_follows(grown.x, tuple(own)))
             question = _best_question(node, 1, (FEATURES.index(split.feature),))
             limit = question.limit if question is not None else split.limit
             own.append(Split(split.feature, limit, split.is_above, split.stability))
@@ -210,7 +210,7 @@ def _honest(cells: _Cells, splits: tuple[Split, ...], halves: Sequence[np.ndarra
 
 
 def _in(cells: _Cells, half: np.ndarray) -> _Cells:
-    return cells.take(cells.tool[:, half].sum(axis=1) > 0)
+    return cells.select(cells.tool[:, half].sum(axis=1) > 0)
 
 
 def _follows(x: np.ndarray, splits: tuple[Split, ...]) -> np.ndarray:

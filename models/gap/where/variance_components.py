@@ -51,7 +51,7 @@ def estimate_variance_components(residuals: Residuals) -> tuple[PhaseComponents,
         is_there = np.isfinite(u)
         if is_there.sum() < 0.5 * len(u):
             continue
-        rows = _Rows(u, residuals.tool, residuals.obj, residuals.repeat, residuals.order).take(is_there)
+        rows = _Rows(u, residuals.tool, residuals.obj, residuals.repeat, residuals.order).select(is_there)
         value, low, high = jackknife(_parts_of(rows), rows.tool, rows.obj)
         numerical = residuals.numerical_relative[:, is_there, place]
         found.append(
@@ -100,7 +100,7 @@ class _Rows:
     repeat: np.ndarray
     order: np.ndarray
 
-    def take(self, rows: np.ndarray) -> "_Rows":
+    def select(self, rows: np.ndarray) -> "_Rows":
         return _Rows(*(getattr(self, name)[rows] for name in ("u", "tool", "obj", "repeat", "order")))
 
 
@@ -108,7 +108,7 @@ def _parts_of(rows: _Rows) -> Callable[[np.ndarray], np.ndarray]:
     """The sources' mean squares as a function of which grasps are used."""
 
     def parts(chosen: np.ndarray) -> np.ndarray:
-        some = rows.take(chosen)
+        some = rows.select(chosen)
         repeats, order, rest = _repeat_and_order(some)
         common, tool, obj, cell, noise = _moments(rest, some.tool, some.obj)
         return np.array([common, tool, obj, cell, repeats, order, noise])
@@ -154,8 +154,8 @@ def _repeat_and_order(rows: _Rows) -> tuple[float, float, np.ndarray]:
     if not columns:
         return 0.0, 0.0, rows.u
     X = np.column_stack(columns)
-    within = np.column_stack([_absorbed(c, rows.tool, rows.obj) for c in X.T])
-    y = _absorbed(rows.u, rows.tool, rows.obj)
+    within = np.column_stack([_absorb(c, rows.tool, rows.obj) for c in X.T])
+    y = _absorb(rows.u, rows.tool, rows.obj)
     scale = np.sqrt((within**2).mean(axis=0))
     kept = scale > LEAST_OWN
     beta = np.zeros(X.shape[1])
@@ -170,7 +170,7 @@ def _repeat_and_order(rows: _Rows) -> tuple[float, float, np.ndarray]:
     return parts[0], parts[1], rows.u - centred @ beta
 
 
-def _absorbed(values: np.ndarray, tool: np.ndarray, obj: np.ndarray) -> np.ndarray:
+def _absorb(values: np.ndarray, tool: np.ndarray, obj: np.ndarray) -> np.ndarray:
     """Values without what tools and objects explain, by alternating means."""
     left = values - values.mean()
     for _ in range(20):
@@ -181,4 +181,4 @@ def _absorbed(values: np.ndarray, tool: np.ndarray, obj: np.ndarray) -> np.ndarr
 
 def _measure_confounding(rows: _Rows) -> float:
     total = float(np.var(rows.order))
-    return 1.0 if total == 0 else 1.0 - float(np.mean(_absorbed(rows.order, rows.tool, rows.obj) ** 2)) / total
+    return 1.0 if total == 0 else 1.0 - float(np.mean(_absorb(rows.order, rows.tool, rows.obj) ** 2)) / total

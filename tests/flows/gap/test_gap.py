@@ -9,7 +9,6 @@ import pytest
 
 from flows.campaign.launch import Voice
 from flows.gap import search
-from flows.gap import search
 from flows.gap.folder import write_folder
 from flows.gap.scheduled import markdown
 from flows.gap.search import GapOrder, run_gap

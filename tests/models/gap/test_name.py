@@ -7,8 +7,6 @@ import pytest
 
 from models.gap.data import GapData
 from models.gap.evaluation.next_experiment import find_confounds
-from models.gap.data import GapData
-from models.gap.evaluation.next_experiment import find_confounds
 from models.gap.naming.name import NamingResult, name_effect
 from models.gap.naming.thresholds import Statistics, Thresholds, fit_thresholds
 from models.gap.synthetic import GapTruth, made_up_gap

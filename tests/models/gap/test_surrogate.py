@@ -8,7 +8,6 @@ import pytest
 from models.errors import UsageError
 from models.gap.bank.sensor_effects import N_LEAD, make_trace, read_lead
 from models.gap.bank.surrogate import Surrogate
-from models.gap.bank.surrogate import Surrogate
 from models.gap.data import GapData
 from models.gap.synthetic import made_up_gap
 from models.records import EffectValue, GraspSetup, Trace
@@ -155,14 +154,6 @@ def test_an_effect_without_simulations_is_refused(surrogate: Surrogate) -> None:
 def test_some_of_the_grasps_are_predicted_as_among_all(data: GapData, surrogate: Surrogate) -> None:
     rows = np.array([3, 17, 30])
     effects = [EffectValue(effect=name, parameters=ON_TRACES[name]) for name in ("load_cell_lag", "mullins_softening")]
-    some = surrogate.take(rows)
-    assert some.grasps.grasp_ids == tuple(data.grasps.grasp_ids[row] for row in rows)
-    np.testing.assert_allclose(some.predict_steps(THETA, effects), surrogate.predict_steps(THETA, effects)[rows])
-
-
-def test_some_of_the_grasps_are_predicted_as_among_all(data: GapData, surrogate: Surrogate) -> None:
-    rows = np.array([3, 17, 30])
-    effects = [EffectValue(effect=name, parameters=ON_TRACES[name]) for name in ("load_cell_lag", "mullins_softening")]
-    some = surrogate.take(rows)
+    some = surrogate.select(rows)
     assert some.grasps.grasp_ids == tuple(data.grasps.grasp_ids[row] for row in rows)
     np.testing.assert_allclose(some.predict_steps(THETA, effects), surrogate.predict_steps(THETA, effects)[rows])

@@ -126,7 +126,7 @@ def list_secants(effect: str) -> list[EffectValue]:
 
 
 def _free_of_fit(fit: Fit, changes: np.ndarray) -> np.ndarray:
-    """Fields (s x m x f) less what the fit's columns, held by their priors, make of them."""
+    """Changes (s x m x f) less what the fit's columns, held by their priors, make of them."""
     flat, columns = changes.reshape(len(changes), -1), fit.columns.reshape(len(fit.columns), -1)
     shares = (flat @ columns.T) @ fit.covariance
     return np.asarray((flat - shares @ columns).reshape(changes.shape))

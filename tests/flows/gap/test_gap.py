@@ -17,6 +17,7 @@ from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, EventRow, GapFindingRow, SimulatorVersionRow, TraceRow
 from models.calibration.inference.settings import CalibrationSettings
 from models.errors import FastError
+from models.gap.bank.surrogate import Surrogate
 from models.gap.findings import Findings
 from models.gap.fit import posterior
 from models.records import EffectValue
@@ -86,12 +87,16 @@ def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path)
     assert again.sentence.startswith("nothing new since gap search")
 
 
-def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path) -> None:
+def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    built: list[Surrogate] = []
+    of = Surrogate.of
+    monkeypatch.setattr(Surrogate, "of", staticmethod(lambda *words: built.append(of(*words)) or built[-1]))
     outcome = run_gap(gap_lake(tmp_path / "lake"), ORDER, silent())
     assert [found.named.kind for found in outcome.run.findings.rounds] == ["none"]
     assert not outcome.run.findings.alarm
     assert outcome.run.before_version_id == outcome.run.after_version_id
     assert "no gap beyond noise and numerical error" in outcome.sentence
+    assert len(built) == 1  # once for naming, calibration, residuals and evaluation
 
 
 def test_the_split_is_frozen_before_traces_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

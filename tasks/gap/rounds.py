@@ -144,7 +144,7 @@ def evaluate_rounds(lake: Lake, data: GapData, rounds: Sequence[Round], seed: in
         UsageError: there is no held-out grasp that both simulated.
     """
     simulators = (rounds[0].before, rounds[-1].after)
-    steps_n = [_simulate_held_out(lake, data, simulator.version) for simulator in simulators]
+    steps_n = [_simulate_held_out(lake, data, simulator) for simulator in simulators]
     rows = np.flatnonzero(np.isfinite(np.array(steps_n)).all(axis=(0, 2)))
     held_out = HeldOut.of(data, simulators[0].version.theta, rows)
     surrogate, noise_sd_n = data.held_out.select(rows), _step_noise_sd_n(data)
@@ -184,16 +184,16 @@ def _with_posterior(named: Decision, simulator: CalibratedSimulator) -> Decision
     return named.model_copy(update={"parameters": found, "sentence": sentence})
 
 
-def _simulate_held_out(lake: Lake, data: GapData, version: SimulatorVersion) -> np.ndarray:
-    """Step means of held-out grasps as a version predicts them, m x 120; NaN where one was not simulated or failed."""
+def _simulate_held_out(lake: Lake, data: GapData, simulator: CalibratedSimulator) -> np.ndarray:
+    """Step means of held-out grasps by a simulator, m x 120; NaN where one was not simulated or failed."""
+    version = simulator.version
     surrogate, solid = data.held_out, keep_simulated_effects(data, version)
     grasps = surrogate.grasps
     steps_n = read_simulated_steps(lake, [solid], grasps.designs, grasps.objects, grasps.setup)[:, :, 0]
     simulated = steps_n[grasps.tool, grasps.obj]
     if solid == version or not len(simulated):
         return np.asarray(simulated)
-    theta = np.array([version.theta.young_modulus_mpa, version.theta.friction, version.theta.poisson_ratio])
-    with_all, with_solid = (surrogate.predict_steps(theta, of.effects) for of in (version, solid))
+    with_all, with_solid = (surrogate.predict_steps(simulator.theta, of.effects) for of in (version, solid))
     return np.asarray(simulated + with_all - with_solid)
 
 

@@ -29,15 +29,14 @@ _LEAST = 0.3  # of the small size: what turns round with the force at the start 
 class EffectRanking:
     """s secants of effects at a fit.
 
-    effects: name of each (s); values: with their parameters (s). changes: s x m x f, whitened and weighted.
-    own: s x m x f, what theta, tools and numerical error cannot make up for. visible: s, its share of the size.
+    effects: name of each (s); values: with their parameters (s). own: s x m x f, of the whitened and weighted changes
+    what theta, tools and numerical error cannot make up for. visible: s, its share of the size.
     gain: s, of the score when the secant may be scaled by a positive factor. grouped_r2: s, the smaller of left-out
     designs and classes.
     """
 
     effects: tuple[str, ...]
     values: tuple[EffectValue, ...]
-    changes: np.ndarray
     own: np.ndarray
     visible: np.ndarray
     gain: np.ndarray
@@ -79,7 +78,6 @@ def rank_effects(fit: Fit, effects: Sequence[str]) -> EffectRanking:
     return EffectRanking(
         effects=tuple(value.effect for value in values),
         values=tuple(values),
-        changes=changes,
         own=own,
         visible=visible,
         gain=gain,

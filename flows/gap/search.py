@@ -14,7 +14,7 @@ from flows.campaign.progress import in_words
 from flows.simulation.progress import n_missing, simulate_missing
 from lake.provenance import current_provenance
 from lake.store import Lake
-from lake.tables.rows_of import missing_version_rows
+from lake.tables.catalogue_rows import missing_version_rows
 from models.calibration.inference.settings import CalibrationSettings
 from models.errors import FastError
 from models.gap.data import GapData

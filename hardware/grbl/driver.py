@@ -23,8 +23,7 @@ from hardware.grbl.errors import (
 )
 from hardware.grbl.link import Ticket
 from hardware.grbl.messages import ErrorReply, RealTime, StatusReport, Vector
-from hardware.grbl.motion import DEADLINE_FACTOR, limit_along, move_deadline_s, move_duration_s
-from hardware.grbl.profile import GrblProfile
+from hardware.grbl.profile import DEADLINE_FACTOR, GrblProfile, limit_along, move_deadline_s, move_duration_s
 from hardware.grbl.session import FULL_OVERRIDES, HOLD_POLL_S, HOLD_TIMEOUT_S, GrblSession
 from hardware.grbl.switch_search import SwitchSearch
 from hardware.wire.serial import Transport

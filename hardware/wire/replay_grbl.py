@@ -15,8 +15,7 @@ from dataclasses import dataclass, field
 from hardware.clock import VirtualClock
 from hardware.grbl.driver import GrblDriver
 from hardware.grbl.messages import RealTime
-from hardware.grbl.motion import limit_along
-from hardware.grbl.profile import GrblProfile
+from hardware.grbl.profile import GrblProfile, limit_along
 from hardware.wire.log import OPENED, WireEntry
 from hardware.wire.replay_device import PATIENCE_S, Difference, Replay, ReplayEnded, serial_device
 from hardware.wire.serial import SerialTransport

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, EventRow, SimulatorVersionRow
-from lake.tables.rows_of import missing_version_rows
+from lake.tables.catalogue_rows import missing_version_rows
 from models.calibration.inference.settings import WITH_EFFECTS
 from models.ids import canonical_json, content_id
 from models.records import Design, SimulatorVersion

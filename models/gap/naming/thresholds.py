@@ -36,7 +36,7 @@ class Thresholds(Record):
     evidence in nats. probability: from here on one effect is named. least_nats: between predictions of two effects that
     are told apart.
 
-    Default lines are those of 40 null worlds of `fast bench run gap` (14 designs, 8 objects, 3 repeats; a finer mesh
+    Default lines are those of 40 null worlds of the study `gap` (14 designs, 8 objects, 3 repeats; a finer mesh
     with another contact law), at least three standard deviations above their mean; the temperature is that of 20 worlds
     with an effect. With these lines none of 60 sealed null worlds raised an alarm (docs/gap-worlds.md).
     """

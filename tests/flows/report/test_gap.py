@@ -23,10 +23,10 @@ from models.gap.findings import (
     RoundFindings,
 )
 from models.gap.naming.rank_effects import Separability
-from models.gap.synthetic import GapTruth, made_up_gap
 from models.gap.where.locate import locate
 from models.gap.where.residuals import Residuals
 from models.records import EffectValue
+from tests.synthetic.gap import GapTruth, made_up_gap
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.3})
 NAMED = Decision(

@@ -9,7 +9,6 @@ import socket
 import httpx
 import pytest
 
-from flows.benchmarks.sockets import family, is_loopback, listening
 from flows.cli.real import is_rehearsal
 from flows.server.lab import LabPlan, open_lab
 from flows.server.server import ANY_PORT
@@ -23,6 +22,7 @@ from lake.store import Lake
 from models.errors import FastError
 from tasks.campaign.requests import exclusive
 from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake
+from tests.studies.platform.sockets import family, is_loopback, listening
 
 OWN = ("flows", "tasks", "lake", "hardware", "models")
 # Between a process and the workers it started, over their pipe; nothing from a lake or the network.

@@ -175,7 +175,7 @@ def test_every_named_fault_has_its_scenario():
 
 
 def test_every_named_fault_is_told_to_people():
-    page = (Path(__file__).parents[3] / "docs" / "safety.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "explanation" / "safety.md").read_text(encoding="utf-8")
     assert [fault for fault in FAULTS if f"`{fault}`" not in page] == []
 
 

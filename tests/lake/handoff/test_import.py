@@ -171,7 +171,7 @@ def test_everything_the_format_holds_survives_a_round_trip(tmp_path_factory, fil
 
 READER = """
 import pyarrow as pa
-from lake.handoff_readers import HandoffTables
+from lake.handoff import HandoffTables
 
 def read(path):
     text = (path / "forces.txt").read_text().split()

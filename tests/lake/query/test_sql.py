@@ -3,8 +3,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from lake.query.engine import tables_used
-from lake.query.sql import check_reads_only, run_sql
+from lake.query.engine import check_reads_only, tables_used
+from lake.query.sql import run_sql
 from lake.store import Lake
 from lake.tables.campaign import GraspRow, TraceRow
 from models import traces as features

@@ -9,9 +9,9 @@ from models.gap.data import GapData
 from models.gap.evaluation.next_experiment import find_confounds
 from models.gap.naming.name import NamingResult, name_effect
 from models.gap.naming.thresholds import Statistics, Thresholds, fit_thresholds
-from models.gap.synthetic import GapTruth, made_up_gap
 from models.records import EffectValue
 from models.simulation.effects.catalogue import CATALOGUE
+from tests.synthetic.gap import GapTruth, made_up_gap
 
 # Made-up grasps have less to hide than a simulator's: their lines are of made-up null worlds.
 LINES = Thresholds(

@@ -9,8 +9,8 @@ from models.gap.fit import posterior
 from models.gap.fit.fit import Fit
 from models.gap.fit.posterior import LikelihoodSurface, effects_at, sample_posterior
 from models.gap.fit.recalibrate import recalibrate
-from models.gap.synthetic import GapTruth, made_up_gap
 from models.records import EffectValue
+from tests.synthetic.gap import GapTruth, made_up_gap
 from tests.tasks.calibration.trace_lake import normal_draws
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.25})

@@ -9,11 +9,11 @@ from models.errors import UsageError
 from models.gap.bank.sensor_effects import N_LEAD, make_trace, read_lead
 from models.gap.bank.surrogate import Surrogate
 from models.gap.data import GapData
-from models.gap.synthetic import made_up_gap
 from models.records import EffectValue, GraspSetup, Trace
 from models.simulation.effects.catalogue import CATALOGUE, build_effects
-from models.simulation.effects.replay import replayed
 from models.traces.step_features import step_means
+from tests.synthetic.gap import made_up_gap
+from tests.synthetic.simulation import replayed
 
 CENTRE = np.array([10.0, 0.6, 0.42])
 THETA = np.array([8.0, 0.7, 0.4])

@@ -18,11 +18,11 @@ from lake.tables.campaign import (
 from lake.tables.row import Row
 from models.design.space import numbered_design, to_unit
 from models.gap.bank.bank import NUMERICAL_MESHES
-from models.gap.synthetic import made_up_trace
 from models.records import Design, EffectValue, GraspContext, GraspSetup, SimulatorVersion, Theta, Trace
 from models.simulation.effects.catalogue import CATALOGUE, build_effects
 from tasks.gap.bank import plan_bank
 from tasks.simulation.plan import SimulationPlan
+from tests.synthetic.gap import made_up_trace
 from tests.tasks.calibration.trace_lake import PROVENANCE, grasp_rows
 
 BASE, SETUP = SimulatorVersion(), GraspSetup()

@@ -6,9 +6,9 @@ import pytest
 from models.errors import UsageError
 from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate
 from models.gap.evaluation.held_out import HeldOut, Prediction, add_scatter, compute_metrics
-from models.gap.synthetic import GapTruth, made_up_gap
 from models.gap.where.residuals import Residuals
 from models.records import EffectValue
+from tests.synthetic.gap import GapTruth, made_up_gap
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.3})
 

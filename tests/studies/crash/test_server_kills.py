@@ -10,7 +10,8 @@ from tests.studies.crash.server_kill_judge import judge_campaign, judge_server
 from tests.studies.crash.server_kills import TARGETS, Kill, measure_server_kills, summary
 
 
-@pytest.mark.parametrize("n", [pytest.param(1, marks=pytest.mark.slow), pytest.param(100, marks=pytest.mark.study)])
+@pytest.mark.study
+@pytest.mark.parametrize("n", [1, 100])
 @pytest.mark.timeout(6 * 3600)
 def test_nothing_is_lost_or_made_twice_and_no_run_or_lock_is_stuck(n, monkeypatch):
     monkeypatch.delenv("PREFECT_API_URL", raising=False)

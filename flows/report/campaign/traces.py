@@ -29,6 +29,7 @@ STEP_MM = 1.0
 WIDTH_IN, HEIGHT_IN = 2.9, 1.75
 _STILL = 0.04  # of the largest force; beyond, nothing happens any more
 _ROOM_MM = 3.0
+_SIMULATED_SHARE = 1.5  # of the largest measured force; simulated ones beyond are cut off
 _LOWEST_SHARE = 0.35  # forces below zero get at most this share of the height of those above
 _SIMULATED_LINE: dict[str, Any] = {"color": SIMULATED, "linestyle": (0, (3, 1.5)), "linewidth": 1.3}
 
@@ -57,14 +58,19 @@ class Window:
     force_n: tuple[float, float]
 
     @classmethod
-    def of(cls, curves: Sequence[Curve]) -> "Window":
-        """Window of all curves; pushes far below zero, at the start of a lift, are cut off."""
+    def of(cls, curves: Sequence[Curve], simulated: Sequence[Curve] = ()) -> "Window":
+        """Window of all curves; pushes far below zero, at the start of a lift, are cut off.
+
+        Simulated curves get at most half as much again above the measured ones, which they must not press flat.
+        """
         force = np.concatenate([c.force_n for c in curves])
         top = max(float(force.max()), 1e-6)
         still = [c.lift_mm[c.force_n > _STILL * top] for c in curves]
         furthest = max((float(lift.max()) for lift in still if lift.size), default=10.0)
         end = min(furthest + _ROOM_MM, max(float(c.lift_mm.max()) for c in curves))
-        return cls((0.0, end), (max(float(min(force.min(), 0.0)), -_LOWEST_SHARE * top) - 0.02 * top, 1.05 * top))
+        bottom = max(float(min(force.min(), 0.0)), -_LOWEST_SHARE * top) - 0.02 * top
+        higher = max((float(c.force_n.max()) for c in simulated), default=0.0)
+        return cls((0.0, end), (bottom, 1.05 * max(top, min(higher, _SIMULATED_SHARE * top))))
 
     def apply(self, axes: Axes, has_lift: bool = True) -> None:
         """Set limits, zero line, grid and small labels; the lift is named where `has_lift`."""
@@ -117,7 +123,9 @@ def traces_section(content: Content, folder: Folder) -> Markup:
         )
         shown.append(result)
         simulated = {object_id: curve for (object_id,), curve in curves_by(result.rows, "object_id").items()}
-    panels = BatchPanels(sorted({first, last}), best, content.tools, Window.of([*curves.values(), *simulated.values()]))
+    panels = BatchPanels(
+        sorted({first, last}), best, content.tools, Window.of(list(curves.values()), list(simulated.values()))
+    )
     names = {row["object_id"]: row["object_name"] for row in content.work.rows}
     cells = []
     for object_id in sorted({key[0] for key in curves}):
@@ -131,7 +139,8 @@ def traces_section(content: Content, folder: Folder) -> Markup:
         f"Fig. 5a and b of the paper: {batches}, each line the mean of a tool's repeats in steps of {STEP_MM:g} mm; "
         "the darker, the better the tool over all objects. All panels share their axes. Below zero the object is still "
         "pushed down; the highest point is the peak pull-off force; where the line returns to zero the object has left "
-        f"the grip. {describe_specialists(content.work.rows, (first, last))}", "note",
+        "the grip. Simulated forces far above all measured ones are cut off. "
+        f"{describe_specialists(content.work.rows, (first, last))}", "note",
     )  # fmt: skip
     key = [f"<span><i></i>{best.label}, the best tool, on the right</span>"]
     key += [f'<span><i class="sim"></i>{best.label} simulated</span>'] if simulated else []

@@ -120,6 +120,12 @@ def test_window_cuts_pushes_but_keeps_the_whole_pull():
     assert 45.0 < window.lift_mm[1] < 55.0
 
 
+def test_simulated_forces_do_not_press_the_measured_ones_flat():
+    measured, simulated = (Curve(np.linspace(0, 10, 11), np.full(11, force)) for force in (20.0, 100.0))
+    assert Window.of([measured], [simulated]).force_n[1] == pytest.approx(1.05 * 1.5 * 20.0)
+    assert Window.of([measured], [measured]).force_n[1] == pytest.approx(1.05 * 20.0)
+
+
 def test_objects_of_a_group_are_of_many_classes():
     flat = GROUPS[0]
     classes = {30: "cube", 31: "cube", 32: "cube", 33: "prism", 34: "prism", 21: "triangle", 24: "cone"}

@@ -79,7 +79,8 @@ def _draw(
     recording: "GraspRecording",
     title: str,
 ) -> None:
-    from flows.report.campaign.grasp import five_instants, instants_figure, trace_figure
+    from flows.report.campaign.grasp import instants_figure, trace_figure
+    from flows.report.grasp_frames import five_instants
     from flows.report.style import figure_style
 
     with figure_style():

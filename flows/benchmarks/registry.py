@@ -24,8 +24,6 @@ from flows.benchmarks.kills import measure_host_kills, measure_kills
 from flows.benchmarks.lake import measure_lake
 from flows.benchmarks.object_store import measure_object_store
 from flows.benchmarks.overhead import measure_overhead
-from flows.benchmarks.profile import measure_profile
-from flows.benchmarks.ranking import measure_ranking
 from flows.benchmarks.robustness import measure_robustness
 from flows.benchmarks.scale import measure_scale
 from flows.benchmarks.scientist import measure_scientist
@@ -52,9 +50,7 @@ def _first_line(measure: Callable[..., Tables]) -> str:
 
 BENCHMARKS: dict[str, Benchmark] = {
     "grasp": _sampled(measure_grasp, _STUDY | {"tiers"}),
-    "profile": _sampled(measure_profile, _SAMPLE | {"tiers"}),
     "accuracy": _sampled(measure_accuracy, _STUDY | {"tiers"}),
-    "ranking": _sampled(measure_ranking, _STUDY),
     "robustness": _sampled(measure_robustness, _STUDY | {"tiers"}),
     "fanout": _sampled(measure_fanout, _SAMPLE | {"workers"}),
     "gap": _sampled(measure_gap, _SAMPLE | {"results", "limit_minutes", "worlds"}),

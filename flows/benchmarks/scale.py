@@ -77,7 +77,7 @@ def _warm(engine: Engine, n_workers: int) -> None:
 
 
 def _measure(root: Path, engine: Engine, n_workers: int, cpu_s: float, pids: list[int]) -> dict[str, Any]:
-    data = {"name": "scale", "objects": {"ids": OBJECTS}, "simulator": {"tier": "screening"}, "bench": {"world": ""}}
+    data = {"name": "scale", "objects": {"ids": OBJECTS}, "bench": {"world": ""}}
     campaign = Campaign(Lake.open(root, create=True), CampaignConfig.model_validate(data))
     designs = [numbered_design(number) for number in range(n_workers * N_DESIGNS)]
     with _made_up(cpu_s), ThreadPoolExecutor(n_workers) as threads:

@@ -19,7 +19,7 @@ def run(
     *,
     designs: Annotated[int | None, Parameter(help="How many designs of the fixed random sequence.")] = None,
     objects: Annotated[str | None, Parameter(help="Object ids, e.g. 0,14,30.")] = None,
-    tiers: Annotated[str | None, Parameter(help="Tiers of the simulator, e.g. production,screening.")] = None,
+    tiers: Annotated[str | None, Parameter(help="Tiers of the simulator, e.g. production,reference.")] = None,
     results: Annotated[
         Path | None, Parameter(help="JSON-lines file of the outcomes; what is in it is not simulated again.")
     ] = None,

@@ -10,7 +10,6 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from models.design.space import BEST_PUBLISHED
 from models.errors import MeshingFailed, SimulationFailed
 from models.ids import canonical_json
 from models.objects.catalogue import get_object
-from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion
+from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion, check_tier
 from models.simulation.effects.catalogue import build_effects
 from models.simulation.mesh.build import build_mesh
 from models.simulation.mesh.solid import SolidMesh
@@ -70,17 +69,22 @@ class Attempt:
 
 
 def attempt_grasp(job: GraspJob) -> Attempt:
-    """Mesh and simulate; a failed grasp is an outcome like any other. Runs in a worker process."""
+    """Mesh and simulate; a failed grasp is an outcome like any other. Runs in a worker process.
+
+    Raises:
+        UsageError: the job's tier was removed.
+    """
     from models.simulation.grasp import simulate_grasp  # compiled kernels are loaded in workers only
 
     wall, started, meshed = time.perf_counter(), time.process_time(), time.process_time()
     result, reason, message = None, "", ""
     try:
-        _load_kernels("screening" if job.version.tier == "screening" else "production")
+        check_tier(job.version.tier)
+        _load_kernels()
         wall, started = time.perf_counter(), time.process_time()
         obj = get_object(job.object_id)
         mesh = job.mesh
-        if mesh is None and job.version.tier != "screening":  # which has a plane mesh, made in no time
+        if mesh is None:
             version_json = canonical_json(job.version.model_dump())
             mesh = _mesh_of(job.design, version_json, not obj.mirror_y, job.lake_root)
         meshed = time.process_time()
@@ -103,8 +107,8 @@ def attempt_grasp(job: GraspJob) -> Attempt:
 
 
 @cache
-def _load_kernels(tier: Literal["screening", "production"]) -> None:
-    """Have the kernels of a tier (the reference has those of production) loaded by a short grasp.
+def _load_kernels() -> None:
+    """Have the solver's kernels loaded by a short grasp.
 
     After an update they are compiled first, on a busy machine for minutes. That time belongs to no grasp: counted
     against a deadline, it would be kept as a failure for good.
@@ -112,7 +116,7 @@ def _load_kernels(tier: Literal["screening", "production"]) -> None:
     from models.simulation.grasp import simulate_grasp
 
     setup = GraspSetup(max_lift_mm=1.0)
-    simulate_grasp(BEST_PUBLISHED, get_object(WARM_UP_OBJECT), SimulatorVersion(tier=tier), setup)
+    simulate_grasp(BEST_PUBLISHED, get_object(WARM_UP_OBJECT), setup=setup)
 
 
 def _max_rss_mb() -> float:

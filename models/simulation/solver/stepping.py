@@ -8,7 +8,6 @@ import numpy as np
 
 from models.errors import SimulationFailed
 from models.simulation.finger import FingerState, FingerStep
-from models.simulation.section.finger import PlaneFinger
 from models.simulation.solver.newton import NewtonSolver
 
 TOUCH_MM = 0.02
@@ -22,8 +21,6 @@ MAX_SINKING_MM, MAX_DEPTH_MM = 1.0, 5.0
 MAX_JUMP_MM = 0.5
 # A node this much faster than the base has just snapped; where it was is a better guess than where it was going.
 MAX_SPEED_RATIO = 3.0
-
-Finger = FingerStep | PlaneFinger
 
 
 @dataclass(frozen=True)
@@ -100,7 +97,7 @@ class FingerRecord:
 class Stepper:
     """Walks a finger along paths with step control; counts steps."""
 
-    finger: Finger
+    finger: FingerStep
     newton: NewtonSolver
     limits: StepLimits
     friction: Callable[[FingerState], np.ndarray]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from models.design.space import BEST_PUBLISHED, random_designs
-from models.errors import SimulationFailed
+from models.errors import SimulationFailed, UsageError
 from models.objects.catalogue import RigidObject, get_object
 from models.records import Design, GraspSetup, GraspSimulation, MeshSettings, Placement, SimulatorVersion, Theta
 from models.simulation.contact.law import ContactLaw
@@ -165,6 +165,11 @@ def test_slip_weakening_converges_with_the_step() -> None:
     steps = Numerics(limits=StepLimits(closing_mm=1.0, fine_lift_mm=0.25, lift_mm=1.0))
     fine = simulate_grasp(BEST_PUBLISHED, SPHERE, effects=[effect], numerics=steps)
     assert coarse.peak_force_n == pytest.approx(fine.peak_force_n, rel=0.05)
+
+
+def test_a_removed_tier_is_refused_in_one_sentence() -> None:
+    with pytest.raises(UsageError, match="The simulator tier `screening` was removed; simulate with `production`"):
+        simulate_grasp(BEST_PUBLISHED, SPHERE, SimulatorVersion(tier="screening"))
 
 
 def test_time_and_step_limits_fail_with_a_reason() -> None:

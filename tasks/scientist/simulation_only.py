@@ -32,7 +32,7 @@ def propose_improvement(campaign: Campaign, batch: int, index: int, state: Campa
         pending,
         np.random.default_rng(seed),
         min_distance=0.0,
-        acquisition="nei",
+        acquisition=IMPROVEMENT,
         taken=to_unit(simulated_designs(campaign, state)),
         printing=campaign.config.scientist.printing_rules,
     )[0]

@@ -20,7 +20,7 @@ from models.gap.bank.features import FEATURES, features_of_steps
 from models.gap.bank.predict import Predictor
 from models.gap.bank.sensor_effects import N_LEAD, sensed
 from models.gap.problem import Bank, GapProblem
-from models.simulation.effects.lift_misalignment import LiftMisalignment
+from models.simulation.effects.sensor import LiftMisalignment
 from models.traces.step_features import BIN_EDGES_MM, LIFT_MM, STEP_MM
 from models.traces.step_noise import feature_noise
 

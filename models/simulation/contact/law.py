@@ -4,8 +4,7 @@ Contact points are midpoints of a fine subdivision of the quadratic faces, each 
 penetration d = -distance > 0 the pressure is p = kn d^2 / (2 d0) below d0 and kn (d - d0/2) above (continuous
 slope), the nodal force w (p n + t) and the tangent w (p'(d) n n^T + friction); the curvature of the obstacle is
 left out of the tangent, which stays positive semi-definite. The spacing along z must resolve the objects' edge
-radius of 1 mm: with 1 mm spacing an edge hooks between two rows of points and the peak is 33 % too high
-(notes/fem.md section 1).
+radius of 1 mm: with 1 mm spacing an edge hooks between two rows of points and the peak is 33 % too high.
 """
 
 from dataclasses import dataclass

@@ -11,7 +11,7 @@ from models.simulation.finger import FingerState, FingerStep
 from models.simulation.solver.newton import NewtonSolver
 
 TOUCH_MM = 0.02
-# The peak sits in the first millimetres of lift: 1 mm steps lose 1.5 % of it (notes/fem.md section 7).
+# The peak sits in the first millimetres of lift: 1 mm steps lose 1.5 % of it.
 FINE_LIFT_MM = 3.0
 CUT, GROW, EASY_ITERATIONS = 0.4, 1.5, 14
 # A point that sinks a millimetre in one step, or five in all, may have passed through something thin.

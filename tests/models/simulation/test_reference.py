@@ -1,4 +1,4 @@
-"""The solver against CalculiX 2.20: dead loads to 1e-5, frictionless contact to 1 % (notes/fem.md section 5)."""
+"""The solver against CalculiX 2.20: dead loads to 1e-5, frictionless contact to 1 %."""
 
 from pathlib import Path
 

@@ -5,7 +5,7 @@ from models.design.space import BEST_PUBLISHED
 from models.objects.catalogue import get_object
 from models.records import EffectValue, GraspSetup, SimulatorVersion, Theta
 from models.simulation.actuation import ClosingStall, Jaw
-from models.simulation.effects.base_compliance import BaseCompliance
+from models.simulation.effects.actuation import BaseCompliance
 from models.simulation.grasp import simulate_grasp
 from models.simulation.solver.stepping import Step
 

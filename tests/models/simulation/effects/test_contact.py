@@ -10,11 +10,13 @@ from models.objects.primitives import bounds
 from models.records import GraspSetup, MeshSettings, Placement, SimulatorVersion, Theta
 from models.simulation.body.assembly import ElasticBody, Material
 from models.simulation.contact.law import NO_STOP, ContactLaw, ContactSurface, ObjectObstacle, PointSpacing
-from models.simulation.effects.finger_finger_contact import FingerFingerContact
-from models.simulation.effects.object_edge_radius import ObjectEdgeRadius
-from models.simulation.effects.pressure_dependent_friction import PressureDependentFriction
-from models.simulation.effects.shear_adhesion import ShearAdhesion
-from models.simulation.effects.static_kinetic_friction import StaticKineticFriction
+from models.simulation.effects.contact import (
+    FingerFingerContact,
+    ObjectEdgeRadius,
+    PressureDependentFriction,
+    ShearAdhesion,
+    StaticKineticFriction,
+)
 from models.simulation.grasp import simulate_grasp
 from models.simulation.mesh.build import build_mesh
 

@@ -9,14 +9,12 @@ from models.design.space import BEST_PUBLISHED
 from models.errors import ConfigError, UsageError
 from models.objects.catalogue import get_object
 from models.records import EffectValue, GraspContext, GraspSetup, GraspSimulation, SimulatorVersion, Theta
-from models.simulation.effects.base import Effect
+from models.simulation.effects.base import LAYERS, Effect, EffectSpec
 from models.simulation.effects.catalogue import CATALOGUE, build_effects
-from models.simulation.effects.load_cell_gain import LoadCellGain
-from models.simulation.effects.load_cell_lag import LoadCellLag
+from models.simulation.effects.material import StressRelaxation
 from models.simulation.effects.replay import replayed
 from models.simulation.effects.scaling import scales_with_modulus
-from models.simulation.effects.spec import LAYERS, EffectSpec
-from models.simulation.effects.stress_relaxation import StressRelaxation
+from models.simulation.effects.sensor import LoadCellGain, LoadCellLag
 from models.simulation.grasp import simulate_grasp
 from models.units import unit_of
 

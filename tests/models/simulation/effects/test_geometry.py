@@ -8,8 +8,7 @@ from models.design.space import BEST_PUBLISHED, random_designs
 from models.objects.catalogue import get_object
 from models.records import Design, GraspSetup, MeshSettings
 from models.simulation.body.assembly import ElasticBody, Material
-from models.simulation.effects.rib_imperfection import RibImperfection
-from models.simulation.effects.wall_thickness_offset import WallThicknessOffset
+from models.simulation.effects.geometry import RibImperfection, WallThicknessOffset
 from models.simulation.grasp import simulate_grasp
 from models.simulation.mesh.build import build_mesh
 

@@ -9,8 +9,7 @@ from models.records import GraspSetup, MeshSettings, Theta
 from models.simulation.body.assembly import ElasticBody, Material
 from models.simulation.body.elasticity import element_force, element_stiffness, lame_constants
 from models.simulation.body.shape_functions import quadrature_of, shape_of
-from models.simulation.effects.hyperelastic_stiffening import HyperelasticStiffening
-from models.simulation.effects.print_anisotropy import PrintAnisotropy
+from models.simulation.effects.material import HyperelasticStiffening, PrintAnisotropy
 from models.simulation.mesh.build import build_mesh
 from models.simulation.problem import FingerProblem
 from tests.models.simulation.dead_load import solve_dead_load

@@ -51,7 +51,7 @@ def gap(
     from flows.gap.search import GapOrder, run_gap
 
     if catalogue:
-        from models.simulation.effects.table import catalogue_entries, catalogue_rows
+        from models.simulation.effects.catalogue import catalogue_entries, catalogue_rows
 
         show(catalogue_entries(), f"{table_text(catalogue_rows())}\n\n{_COSTS}", json)
         return

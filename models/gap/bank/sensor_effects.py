@@ -13,15 +13,11 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from models.records import GraspSetup, Trace
+from models.simulation.effects.actuation import LiftStartError
 from models.simulation.effects.base import Effect
-from models.simulation.effects.lift_misalignment import LiftMisalignment
-from models.simulation.effects.lift_start_error import LiftStartError
-from models.simulation.effects.load_cell_drift import LoadCellDrift
-from models.simulation.effects.load_cell_lag import LoadCellLag
-from models.simulation.effects.load_cell_offset import LoadCellOffset
-from models.simulation.effects.object_post_compliance import ObjectPostCompliance
-from models.simulation.effects.stress_relaxation import StressRelaxation
-from models.simulation.effects.tool_weight import ToolWeight
+from models.simulation.effects.contact import ObjectPostCompliance
+from models.simulation.effects.material import StressRelaxation
+from models.simulation.effects.sensor import LiftMisalignment, LoadCellDrift, LoadCellLag, LoadCellOffset, ToolWeight
 from models.traces.step_features import N_STEPS, STEP_MM, step_means
 
 N_LEAD = 12
@@ -107,7 +103,7 @@ def _relaxation(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetu
 
 
 def _lag(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    """The recursion of `models.simulation.effects.load_cell_lag`, step by step for all grasps."""
+    """The recursion of `models.simulation.effects.sensor`, step by step for all grasps."""
     tau_s = _column(effects, "time_constant_s")[:, 0]
     steps_s = np.diff(_AT_MM) / setup.lift_speed_mm_per_s
     decays = np.exp(-steps_s / np.where(tau_s > 0, tau_s, 1.0)[:, None]) * (tau_s > 0)[:, None]

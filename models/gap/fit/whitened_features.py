@@ -24,7 +24,7 @@ from models.calibration.traces.response_surface import ResponseSurfaces
 from models.gap.bank.bank import Bank
 from models.gap.bank.sensor_effects import N_LEAD, apply_sensor_effect
 from models.gap.bank.surrogate import FEATURES, Surrogate, features_of_steps
-from models.simulation.effects.lift_misalignment import LiftMisalignment
+from models.simulation.effects.sensor import LiftMisalignment
 from models.traces.step_features import BIN_EDGES_MM, LIFT_MM, STEP_MM
 from models.traces.step_noise import feature_noise
 

@@ -72,13 +72,6 @@ def test_outputs_hold_every_step(grasp: tuple[GraspSimulation, GraspRecording], 
     assert rows["/force/load_cell"] == len(result.trace.time_s)
 
 
-def test_without_a_recording_the_trace_is_still_written(
-    grasp: tuple[GraspSimulation, GraspRecording], tmp_path: Path
-) -> None:
-    files = write_outputs(tmp_path, BEST_PUBLISHED, SPHERE, {}, grasp[0], GraspRecording())
-    assert [file.name for file in files] == ["result.json", "trace.csv", "trace.png"]
-
-
 def test_simulate_takes_the_best_design_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = "simulate --design best --object 1 --set edge_mm=10 --set closed_gap_mm=36 --set max_lift_mm=2 --json"
     assert run([*words.split(), "--export-calculix", str(tmp_path)]) == 0

@@ -1,4 +1,4 @@
-"""Noisy expected improvement of a batch (Letham et al. 2019; Ament et al. 2023), for what is measured.
+"""Noisy expected improvement (Letham et al. 2019; Ament et al. 2023): the rule of the baseline `simulation only`.
 
 The best outcome so far is unknown, because measurements are noisy: each joint path over candidates and measured
 designs has its own. A candidate is worth its mean improvement over the paths; the batch is chosen greedily, a path's
@@ -10,8 +10,8 @@ import numpy as np
 from scipy.special import logsumexp
 
 from models.errors import UsageError
+from models.scientist.acquisition.candidates import Spacing
 from models.scientist.acquisition.paths import real_paths
-from models.scientist.acquisition.spacing import Spacing
 from models.scientist.surrogate.observations import REAL
 from models.scientist.surrogate.posterior import Surrogate
 
@@ -19,7 +19,7 @@ N_PATHS = 256
 _SMOOTHING = 0.01  # of the spread of the best outcome over the paths
 
 
-def select_by_nei(
+def select_by_improvement(
     surrogate: Surrogate,
     points: np.ndarray,
     fidelity: int,
@@ -36,7 +36,7 @@ def select_by_nei(
         UsageError: asked for simulations, which improve nothing by themselves.
     """
     if fidelity != REAL:
-        raise UsageError("Acquisition `nei` chooses what to measure, not what to simulate; use thompson, mes or jes.")
+        raise UsageError("Acquisition `ei` improves on the target, fidelity 1; choose simulations with `mes`.")
     measured = surrogate.data.x[surrogate.data.s == REAL]
     rivals = np.concatenate([measured, pending[pending[:, -1] == REAL, :-1]])
     paths = real_paths(surrogate, np.concatenate([points, rivals]), N_PATHS, rng)

@@ -14,7 +14,8 @@ def compute_smallest_share(n_tools: int, n_objects: int) -> float:
     """The smallest gap, relative, that so many tools show on half of the designs with probability `POWER`.
 
     Two groups of tools are compared, which scatter by `TOOL_SD`, and by `CELL_SD` on each object: Student's two-sided
-    test at `LEVEL`. Made-up worlds agree (docs/gap.md): 15 % is seen by 8 tools in 16 of 20, 5 % by 35 in 14 of 20.
+    test at `LEVEL`. Made-up worlds agree: 15 % is seen by 8 tools in 16 of 20, 5 % by 35 in
+    14 of 20 (docs/reference/measured-figures.md).
     """
     variance = TOOL_SD**2 + CELL_SD**2 / max(n_objects, 1)
     of_freedom = max(n_tools - 2, 1)

@@ -28,7 +28,7 @@ from models.simulation.effects.sensor import LiftMisalignment
 from models.traces.step_features import BIN_EDGES_MM, LIFT_MM, STEP_MM
 from models.traces.step_noise import feature_noise
 
-# Errors of a cell, with the weights (and the tails) that make 24 null worlds likeliest: docs/gap-worlds.md.
+# Errors of a cell, with the weights (and the tails) that make 24 null worlds likeliest.
 FLOOR_SHARE = 0.0066  # of the cell's largest force, common to neighbouring bins
 OWN_SHARE = 0.0045  # the same, of each feature by itself
 PLACEMENT_SHARE = 0.0166  # scatter of the force of a tool on an object, relative

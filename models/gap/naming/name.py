@@ -126,7 +126,7 @@ def _try_candidates(
         upper_bound=upper_bound,
         statistics=Statistics(
             effect_r2=max((single.r2 for single in singles), default=0.0),
-            ceiling_r2=upper_bound,
+            upper_bound_r2=upper_bound,
             misfit=misfit,
             contrast_misfit=contrast_misfit,
         ),

@@ -17,7 +17,7 @@ from models.gap.where.variance_components import PhaseComponents, estimate_varia
 from models.objects.catalogue import get_object
 
 # Of the peak, beyond what other meshes of the bank change: meshes and contact laws that the bank does not know make
-# gaps of 2 % here and there in null worlds (docs/gap-limits.md).
+# gaps of 2 % here and there in null worlds (docs/explanation/gap-discovery-limits.md).
 LEAST_SHARE = 0.025
 LEAST_DRIFT = 0.01  # meshes do not drift, so that less can be believed
 MOST = 8

@@ -16,7 +16,7 @@ from tests.synthetic.gap import GapTruth, made_up_gap
 # Made-up grasps have less to hide than a simulator's: their lines are of made-up null worlds.
 LINES = Thresholds(
     effect_r2=0.006,
-    ceiling_r2=0.02,
+    upper_bound_r2=0.02,
     misfit=1.95,
     contrast_misfit=1.62,
     usual_misfit=1.68,

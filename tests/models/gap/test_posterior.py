@@ -20,7 +20,7 @@ SETTINGS = CalibrationSettings(chains=4, draws=300, tune=50, workers=1)
 
 def fit_of(*hidden: EffectValue) -> Fit:
     """A fit of the hidden effects to made-up grasps, from their neutral values."""
-    # The simulator's own mesh: with another, parameters are off by more than their intervals say (docs/gap-limits.md).
+    # The simulator's own mesh: with another, parameters are off by more than their intervals say.
     data = made_up_gap(7, 6, 3, GapTruth(effects=hidden, mesh=0.0), n_repeats=2)
     return recalibrate(data.training, [EffectValue(effect=value.effect) for value in hidden])
 

@@ -31,7 +31,7 @@ OBJECTS = (1, 6, 14, 22, 25, 28, 30, 32)
 N_CALIBRATION_NULLS, N_CALIBRATION_SINGLES = 40, 20
 N_WORLDS: dict[Group, int] = {"null": 60, "nasty null": 20, "single": 60, "alias": 12, "unlisted": 12, "pair": 20}
 PUBLIC_SEED = 8
-MARGIN_SD, LEAST_EFFECT_R2, LEAST_CEILING_R2 = 3.0, 0.01, 0.005
+MARGIN_SD, LEAST_EFFECT_R2, LEAST_UPPER_BOUND_R2 = 3.0, 0.01, 0.005
 LEAST_TEMPERATURE = 3.0  # twenty worlds do not tell small ones apart, and laws differ from the catalogue's
 Stage = Literal["calibration", "development", "sealed"]
 
@@ -164,12 +164,12 @@ def with_margin(lines: "Thresholds", nulls: "Sequence[Statistics]") -> "Threshol
     """Lines no lower than `MARGIN_SD` standard deviations above the mean of null worlds.
 
     The largest of 40 worlds is crossed by one new world in 41, and there are four lines. An effect that predicts less
-    than `LEAST_EFFECT_R2`, a ceiling less than `LEAST_CEILING_R2`, is no gap, whatever null worlds give.
+    than `LEAST_EFFECT_R2`, an upper bound less than `LEAST_UPPER_BOUND_R2`, is no gap, whatever null worlds give.
     """
     found = {name: np.array([getattr(one, name) for one in nulls]) for name in type(nulls[0]).model_fields}
     high = {name: float(values.mean() + MARGIN_SD * values.std()) for name, values in found.items()}
     high["effect_r2"] = max(high["effect_r2"], LEAST_EFFECT_R2)
-    high["ceiling_r2"] = max(high["ceiling_r2"], LEAST_CEILING_R2)
+    high["upper_bound_r2"] = max(high["upper_bound_r2"], LEAST_UPPER_BOUND_R2)
     return lines.model_copy(update={name: max(getattr(lines, name), value) for name, value in high.items()})
 
 

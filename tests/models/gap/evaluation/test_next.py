@@ -75,6 +75,6 @@ def test_needs_agree_with_each_other() -> None:
     share = compute_smallest_share(20, 12)
     assert count_tools_needed(share, 12) == pytest.approx(20, abs=1)
     assert count_tools_needed(0.5, 12) == LEAST_TOOLS
-    assert compute_smallest_share(8, 14) == pytest.approx(0.15, abs=0.01)  # as seen in made-up worlds, docs/gap.md
+    assert compute_smallest_share(8, 14) == pytest.approx(0.15, abs=0.01)  # as seen in made-up worlds
     assert "if it is 15 % of the force or more; one of 5 % takes 39 designs" in write_power_sentence(8, 14)
     assert "takes" not in write_power_sentence(60, 18)

@@ -1,4 +1,4 @@
-"""What docs say of WHERE: how often a gap is seen (docs/gap.md), and one that is not there (docs/gap-limits.md)."""
+"""What docs/reference/measured-figures.md says of WHERE: how often a gap is seen, and one that is not there."""
 
 import numpy as np
 import pytest

@@ -157,7 +157,7 @@ class Approach:
         return len({tool.batch for tool in self.complete})
 
     @property
-    def course(self) -> "CampaignRun":
+    def as_run(self) -> "CampaignRun":
         """What `fast compare` draws and sums up."""
         from flows.scientist.campaign_runs import CampaignRun
 
@@ -187,9 +187,9 @@ def baselines_section(content: Content, folder: Folder) -> Markup:
         return section("baselines", _TITLE, paragraph(_NO_OTHERS))
     from flows.scientist.campaign_table import campaign_rows, campaigns_figure
 
-    courses = [approach.course for approach in (own, *others)]
-    figure = folder.figure("approaches", campaigns_figure(courses, own.name), "Best tool and last batch by approach")
-    rows = campaign_rows(courses)
+    runs = [approach.as_run for approach in (own, *others)]
+    figure = folder.figure("approaches", campaigns_figure(runs, own.name), "Best tool and last batch by approach")
+    rows = campaign_rows(runs)
     listed = table(
         ("approach", "campaigns", "last batch (N)", "SD (N)", "best tool (N)", "tools measured", "designs simulated"),
         [(r["strategy"], r["n_campaigns"], number(r["last_batch_n"], 2), number(r["last_batch_sd_n"], 2),

@@ -16,7 +16,6 @@ from prefect.client.schemas.actions import ArtifactUpdate
 from flows.campaign.forecast import Forecast, forecast
 from flows.campaign.progress import MOST_CPU, RateEstimate, Workload, workload
 from flows.server.server_process import OUTPUTS
-from lake.query.additions import mark_of
 from lake.query.engine import Mark
 from lake.tables.campaign import GraspRow, ProposalRow, SimulationRow, ToolRow
 from tasks.campaign.campaign import Campaign
@@ -65,7 +64,7 @@ class CampaignPage:
         self._next_s = began_s + min(max(pause_s, INTERVAL_S), QUIET_S)
 
     def _has_news(self, now_s: float) -> bool:
-        marks = [mark_of(self._campaign.lake, table) for table in _SHOWN]
+        marks = [self._campaign.lake.mark(table) for table in _SHOWN]
         known, self._marks = self._marks, marks
         return marks != known or now_s > self._quiet_until_s
 

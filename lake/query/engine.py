@@ -12,7 +12,7 @@ hides from DuckDB how many there are, and a join then holds all samples instead 
 import logging
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
@@ -41,15 +41,14 @@ _ENGINES = count()  # numbers of engines: their file numbers are their own
 
 
 class Mark(NamedTuple):
-    """How far an engine has read a table: files by number, and how often some that it had read went away."""
+    """How far an engine has read a table: files by number, and how often some that it had read went away.
+
+    The same mark again says that nothing came to the table since, and nothing went.
+    """
 
     engine: int
     next_number: int
     n_losses: int
-
-    def follows(self, earlier: "Mark") -> bool:
-        """True when files only came since."""
-        return (self.engine, self.n_losses) == (earlier.engine, earlier.n_losses)
 
 
 @dataclass
@@ -93,16 +92,18 @@ class Engine:
         self.connection.execute("SET enable_external_access = false")
         self.connection.execute("SET lock_configuration = true")
 
-    def sync(self, tables: Iterable[str], *, with_views: bool = True) -> None:
+    def sync(self, tables: Collection[str], views: Collection[str]) -> None:
         """Read what is new or changed in these tables, forget what is gone.
 
-        Without views, only `raw_` tables are up to date: a view of traces names all its files, a millisecond for 50.
+        Only the views of `views` are up to date then: a view of traces names all its files, a millisecond for 50.
+        What a row refers to is written before the row and read after it, so that it is found.
 
         Raises:
             LakeError: a file cannot be read; the message names it.
         """
-        for table in tables:
-            self._sync_table(TABLE_BY_NAME[table], with_views)
+        for row_type in reversed(TABLES):
+            if row_type.table in tables:
+                self._sync_table(row_type, row_type.table in views)
 
     def read(self, sql: str, params: Sequence[Any] | dict[str, Any] | None = None) -> pa.Table:
         """Result of a query over what was last synced, in a read-only transaction."""
@@ -340,6 +341,11 @@ def tables_used(sql: str) -> set[str]:
         used |= words & set(TABLE_BY_NAME)
         words = set().union(*(_view_words()[name] for name in words & set(_view_words())))
     return used
+
+
+def views_used(sql: str) -> set[str]:
+    """Those of `tables_used` that are not read as `raw_` tables alone."""
+    return tables_used(re.sub(r"\braw_\w+", "", sql.lower()))
 
 
 @cache

@@ -11,9 +11,7 @@ from models.ids import seed_from
 from models.records import SimulatorVersion
 from models.simulation.effects.scaling import force_ratio
 from tasks.campaign.config import CampaignConfig
-from tasks.campaign.state import CampaignState
-from tasks.campaign.state_keeper import kept_state
-from tasks.campaign.state_parts import Question
+from tasks.campaign.state import CampaignState, derive_state
 
 
 @dataclass(frozen=True)
@@ -69,7 +67,7 @@ class Campaign:
         """Where the campaign stands now, from the lake."""
         present = frozenset(self.force_ratios(self.version))
         older = frozenset(v.version_id for v in self.versions) - present
-        return kept_state(self.lake, Question(self.campaign_id, self.config.grasp.setup_id, present, older))
+        return derive_state(self.lake, self.campaign_id, self.config.grasp.setup_id, present, older)
 
     def seed(self, *parts: str | int) -> int:
         """A random seed for one decision, the same whenever it is taken again."""

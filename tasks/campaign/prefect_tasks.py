@@ -66,7 +66,7 @@ def print_batch(
         printing.confirm_print(campaign.lake, campaign.campaign_id, batch, word)
         return
     desk.ask(batch, sheet)
-    while not campaign.state().is_confirmed(batch):
+    while printing.open_slots(campaign.lake, campaign.campaign_id, batch):
         if should_stop():
             return
         time.sleep(campaign.config.execution.print_poll_s)

@@ -11,7 +11,6 @@ from typing import TextIO
 
 from hardware.safety.safe_state import EmergencyStopError, StopAskedError, Verb
 from hardware.wire.log_files import FOLDER_NAME
-from lake.query.additions import mark_of
 from lake.query.engine import Mark
 from lake.storage.files import writing_failed
 from lake.store import Lake
@@ -55,7 +54,7 @@ class Requests:
 
     def verb(self) -> Verb | None:
         """The latest verb since the campaign was last started, if any."""
-        mark = mark_of(self._lake, EventRow)
+        mark = self._lake.mark(EventRow)
         if mark != self._mark:
             self._verb = requested_verb(self._lake, self._campaign_id)
             self._mark = mark

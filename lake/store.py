@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 
 import duckdb
 import pyarrow as pa
-import pyarrow.dataset as pads
 
 from lake.provenance import Provenance, stamped
 from lake.query.engine import Engine, Mark, load_views, tables_used, views_used
@@ -252,6 +251,8 @@ class Lake:
             connection.execute(f"CREATE TABLE {table} AS SELECT * FROM rows_now")
             connection.unregister("rows_now")
             return
+        import pyarrow.dataset as pads  # half a second of imports (pandas), which no other question needs
+
         files = [str(path) for path in engine.files(table)]
         schema = schema_of(row_type)
         connection.register(f"{table}_files", pads.dataset(files, schema=schema) if files else schema.empty_table())

@@ -2,10 +2,10 @@
 
 from flows.calibration.calibrate import CalibrationOrder, run_calibration, write_page
 from flows.campaign.launch import Voice
-from flows.server.noted_run import NotedRun
 from lake.store import Lake
 from models.errors import FastError
 from tasks.calibration.mean_data import TooLittleDataError
+from tasks.campaign.flow_runs import record_sentence
 
 FLOW = "recalibrate"
 
@@ -19,8 +19,8 @@ def recalibrate_lake(lake: Lake, order: CalibrationOrder, flow_run_id: str, voic
     Raises:
         FastError: the calibration could not be done, or gave no simulator version.
     """
-    run = NotedRun(lake, FLOW, flow_run_id, order.campaign_id, order.settings.seed)
-    return run.of(lambda: _recalibrate(lake, order, voice))
+    seed = order.settings.seed
+    return record_sentence(lake, FLOW, flow_run_id, order.campaign_id, seed, lambda: _recalibrate(lake, order, voice))
 
 
 def _recalibrate(lake: Lake, order: CalibrationOrder, voice: Voice) -> str:

@@ -25,7 +25,7 @@ from lake.tables.campaign import TABLES
 from models.errors import FastError
 from tasks.campaign import prefect_tasks as steps
 from tasks.campaign.campaign import Campaign
-from tasks.campaign.flow_runs import recorded
+from tasks.campaign.flow_runs import record_run
 from tasks.campaign.prefect_tasks import opaque
 from tasks.campaign.requests import append_event
 from tasks.campaign.simulator_versions import at_stage, designs_to_rerun
@@ -53,7 +53,7 @@ def run_flow(
     def campaign_flow(campaign_id: str, config_hash: str, lake: str) -> bool:
         # Inside the flow, since Prefect sets its own SIGTERM handler when a flow starts.
         with interrupts():
-            return recorded(
+            return record_run(
                 campaign.lake,
                 "campaign",
                 campaign_id,

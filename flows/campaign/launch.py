@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from flows.cli.dependencies import CAMPAIGN, require
-from flows.server.crashed_runs import sweep
+from flows.server.crashed_runs import end_crashed_runs
 from flows.server.server import configure_client, server
 from hardware.bench import BenchSettings
 from hardware.safety.safe_state import Verb
@@ -82,7 +82,7 @@ def run_campaign(
         voice.progress("starting the Prefect server (ten seconds the first time, a minute on a busy machine)")
         api_url = stack.enter_context(server(campaign.lake.root))
         configure_client(api_url, campaign.lake.root)
-        for sentence in sweep(api_url).sentences:
+        for sentence in end_crashed_runs(api_url).sentences:
             voice.progress(sentence)
         voice.announce(f"Campaign {name}; watch it at {api_url.removesuffix('/api')}")
         # Prefect reads its settings when first imported, so only now.

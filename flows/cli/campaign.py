@@ -122,9 +122,9 @@ def open_lake(lake: Path) -> "Lake":
 
 def campaign_ids(lake: "Lake") -> list[str]:
     """All campaigns of the lake, oldest first."""
-    from lake.tables.campaign import CampaignRow
-
-    return [row["campaign_id"] for row in lake.rows(CampaignRow)]
+    # Times are left out of what is read: PyArrow would import pandas for them, half a second.
+    found = lake.query("SELECT campaign_id FROM campaigns ORDER BY created_at, campaign_id")
+    return [str(name) for name in found["campaign_id"].to_pylist()]
 
 
 def resolve_campaign(lake: "Lake", campaign: str | None) -> str:

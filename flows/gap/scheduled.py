@@ -9,13 +9,13 @@ from flows.campaign.launch import Voice
 from flows.campaign.notify import KINDS, SILENT, Notifier, notifier
 from flows.gap.folder import write_folder
 from flows.gap.search import GapOrder, GapOutcome, run_gap
-from flows.server.noted_run import NotedRun
 from lake.handoff.campaign import is_imported
 from lake.store import Lake
 from lake.tables.campaign import CampaignRow, GraspRow
 from models.validation import load_record
 from tasks.calibration.mean_data import TooLittleDataError
 from tasks.campaign.config import CampaignConfig
+from tasks.campaign.flow_runs import record_sentence
 
 FLOW = "close-gap"
 
@@ -29,7 +29,7 @@ def watch_gap(lake: Lake, order: GapOrder, flow_run_id: str, voice: Voice) -> st
     Raises:
         FastError: the search could not be done; what it simulated is in the lake.
     """
-    return NotedRun(lake, FLOW, flow_run_id, order.campaign_id, order.seed).of(lambda: _search(lake, order, voice))
+    return record_sentence(lake, FLOW, flow_run_id, order.campaign_id, order.seed, lambda: _search(lake, order, voice))
 
 
 def _search(lake: Lake, order: GapOrder, voice: Voice) -> str:

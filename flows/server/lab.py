@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.server.child_process import StandingProcess
-from flows.server.crashed_runs import sweep
+from flows.server.child_process import ChildProcess
+from flows.server.crashed_runs import end_crashed_runs
 from flows.server.server import (
     LOOPBACK,
     address_for_others,
@@ -49,7 +49,7 @@ class Lab:
     def __init__(self, lake: Lake, plan: LabPlan) -> None:
         self._lake = lake
         self._swept_s = 0.0
-        self._server: StandingProcess | None = None
+        self._server: ChildProcess | None = None
         named = os.environ.get("PREFECT_API_URL")
         if named is None:
             self._server = start_server(lake.root, plan.port, plan.host)
@@ -68,17 +68,18 @@ class Lab:
         }
         self._environment.setdefault("PREFECT_WORKER_QUERY_SECONDS", WORKER_POLL_S)
         log = state_folder(lake.root) / "worker.log"
-        arguments = [str(plan.n_runs), str(os.getpid())]
-        self._worker = StandingProcess("flows.server.worker_process", arguments, self._environment, log)
+        self._n_runs = plan.n_runs
+        self._worker = ChildProcess("flows.server.worker_process", [str(os.getpid())], self._environment, log)
         self._worker.start()
 
     def deploy(self) -> list[str]:
-        """Apply prefect.yaml; returns the names of the deployments.
+        """Limit the worker's runs and apply prefect.yaml; returns the names of the deployments.
 
         Raises:
             FastError: the worker made no pool, or Prefect refused a deployment.
         """
         self.wait_for_pool()
+        ask_server(self.api_url, f"/work_pools/{POOL}", {"concurrency_limit": self._n_runs}, method="PATCH")
         command = [sys.executable, "-m", "prefect", "--no-prompt", "deploy", "--all"]
         done = subprocess.run(
             command, cwd=CHECKOUT, env=self._environment, capture_output=True, text=True, timeout=DEPLOY_LIMIT_S
@@ -99,7 +100,7 @@ class Lab:
         if time.monotonic() - self._swept_s > SWEEP_S and is_healthy(self.api_url):
             self._swept_s = time.monotonic()
             only_worker_since = None if self._server is None else self._worker.since
-            for sentence in sweep(self.api_url, and_continue=True, worker_since=only_worker_since).sentences:
+            for sentence in end_crashed_runs(self.api_url, and_continue=True, worker_since=only_worker_since).sentences:
                 tell(sentence)
 
     def close(self) -> None:

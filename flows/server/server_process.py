@@ -60,11 +60,9 @@ def serve(listener: socket.socket, parent_pid: int, folder: Path) -> None:
     import uvicorn
     from prefect.server.api.server import create_app
 
-    from flows.server.background import calm_down
     from tasks.simulation.pool import follow_parent
 
     follow_parent(parent_pid)
-    calm_down()
     login = os.environ.get("PREFECT_SERVER_API_AUTH_STRING")
     config = uvicorn.Config(with_outputs(create_app(), folder, login), log_level="warning")
     uvicorn.Server(config).run(sockets=[listener])

@@ -245,7 +245,7 @@ class Engine:
     def _read_rows(self, row_type: type[Row], taken: _TableFiles, numbers: dict[str, int]) -> None:
         """Add the rows (of traces: the index, and which files lack a column) of the files with these numbers."""
         table = row_type.table
-        self.connection.register("new_files", _number_table(numbers))
+        self._hold_numbers(numbers)
         paths = _quoted_list(taken.paths(self._root.resolve() / table, numbers))
         held = "rows.* EXCLUDE (filename, file_row_number)"
         if has_samples(row_type):
@@ -258,7 +258,14 @@ class Engine:
             "JOIN new_files ON new_files._name = parse_filename(rows.filename)"
         )
         self._n_loose += inserted.fetchall()[0][0]
-        self.connection.unregister("new_files")
+
+    def _hold_numbers(self, numbers: dict[str, int]) -> None:
+        """Hold names and numbers of files for a join; not as an Arrow table, which would import pandas."""
+        self.connection.execute(
+            "CREATE OR REPLACE TEMP TABLE new_files AS SELECT unnest(?::VARCHAR[]) AS _name, "
+            "unnest(?::INTEGER[]) AS _file",
+            [list(numbers), list(numbers.values())],
+        )
 
     def _partial_files(self, row_type: type[Row], paths: list[Path]) -> set[str]:
         """Names of the files that lack a column: only for their sake need DuckDB compare the columns of all files."""
@@ -284,7 +291,7 @@ class Engine:
             return
         self.connection.execute(f"INSERT INTO touched {came}", [known.next_number])
         self.connection.execute(f"DELETE FROM superseded_{table} WHERE _id IN (SELECT _id FROM touched)")
-        self.connection.register("new_files", _number_table(self._files[table].numbers))
+        self._hold_numbers(self._files[table].numbers)
         repeated = (
             f"SELECT {key} FROM raw_{table} WHERE {key} IN (SELECT _id FROM touched) GROUP BY {key} HAVING count(*) > 1"
         )
@@ -294,7 +301,6 @@ class Engine:
             f"QUALIFY row_number() OVER (PARTITION BY {key} ORDER BY created_at DESC, _file DESC, _row DESC) > 1"
             ") JOIN new_files USING (_file)"
         )
-        self.connection.unregister("new_files")
 
     def _are_new(self, row_type: type[Row], known: _TableFiles) -> bool:
         """True when no id of the rows that came was there before, nor twice among them: nothing is superseded."""
@@ -379,11 +385,6 @@ def _settled_listing(folder: Path, known: dict[str, Signature]) -> dict[str, Sig
     while found != before:
         found, before = list_files(folder), found
     return found
-
-
-def _number_table(numbers: dict[str, int]) -> pa.Table:
-    columns = {"_name": pa.array(numbers, type=pa.string()), "_file": pa.array(numbers.values(), type=pa.int32())}
-    return pa.table(columns)
 
 
 def create_table(name: str, columns: Mapping[str, str]) -> str:

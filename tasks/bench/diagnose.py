@@ -2,8 +2,8 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from hardware.cell.cell import MeasuredGrasp
 from hardware.cell.diagnostics import NO_OBJECT, DiagnosticPlan, DiagnosticRun
 from lake.provenance import Provenance
 from lake.store import Lake
@@ -13,6 +13,9 @@ from models.ids import canonical_json
 from models.records import BENCH_FAULT
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.state import CampaignState, Cell, ProposedTool, tuples
+
+if TYPE_CHECKING:
+    from hardware.cell.cell import MeasuredGrasp  # with its drivers, which a look at the lake does without
 
 _Key = tuple[str, str, int | None, int]  # kind, knobs as JSON, object, repeat
 
@@ -70,7 +73,7 @@ def append_diagnostic(
     lake: Lake,
     provenance: Provenance,
     tool: ProposedTool,
-    grasp: MeasuredGrasp,
+    grasp: "MeasuredGrasp",
     *,
     campaign_id: str,
     n_grasps_before: int,

@@ -9,7 +9,6 @@ from lake.store import Lake
 from lake.tables.campaign import CampaignRow
 from models.ids import seed_from
 from models.records import SimulatorVersion
-from models.simulation.effects.scaling import force_ratio
 from tasks.campaign.config import CampaignConfig
 from tasks.campaign.state import CampaignState, derive_state
 
@@ -38,6 +37,8 @@ class Campaign:
     @property
     def older_versions(self) -> tuple[SimulatorVersion, ...]:
         """Those of its versions whose results are not those of the present one, newest first."""
+        from models.simulation.effects.scaling import force_ratio
+
         older: list[SimulatorVersion] = []
         for version in reversed(self.versions):
             if all(force_ratio(version, other) is None for other in (self.version, *older)):
@@ -49,6 +50,10 @@ class Campaign:
 
         `version` itself comes last.
         """
+        if not self.versions:
+            return {version.version_id: 1.0}
+        from models.simulation.effects.scaling import force_ratio  # all effects, a tenth of a second of imports
+
         ratios = {v.version_id: ratio for v in self.versions if (ratio := force_ratio(v, version)) is not None}
         ratios.pop(version.version_id, None)
         return ratios | {version.version_id: 1.0}

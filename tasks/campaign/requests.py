@@ -19,6 +19,10 @@ from models.errors import FastError, LakeError
 from models.ids import canonical_json, content_id
 from tasks.campaign.campaign import stored_provenance
 
+_LATEST = """
+    SELECT kind FROM events WHERE campaign_id = $campaign AND list_contains($kinds, kind)
+    ORDER BY created_at DESC, event_id LIMIT 1
+"""
 LEAST_FREE_MB = 100.0  # some thousand grasps of 30 kB
 
 
@@ -37,11 +41,8 @@ def append_event(lake: Lake, campaign_id: str, kind: str, message: str, **payloa
 
 def requested_verb(lake: Lake, campaign_id: str) -> Verb | None:
     """The latest verb that came after the campaign was last started, if any; the bench itself notes an e-stop."""
-    events = [r for r in lake.rows(EventRow, campaign_id=campaign_id) if r["kind"] in (*Verb, "started")]
-    if not events:
-        return None
-    latest = max(events, key=lambda row: row["created_at"])["kind"]
-    return None if latest == "started" else Verb(latest)
+    found = lake.query(_LATEST, {"campaign": campaign_id, "kinds": [*map(str, Verb), "started"]})["kind"].to_pylist()
+    return None if not found or found[0] == "started" else Verb(found[0])
 
 
 class Requests:

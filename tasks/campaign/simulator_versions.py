@@ -7,11 +7,9 @@ from typing import NamedTuple
 
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, EventRow, SimulatorVersionRow
-from lake.tables.rows_of import missing_version_rows
 from models.calibration.inference.settings import WITH_EFFECTS
 from models.ids import canonical_json, content_id
 from models.records import Design, SimulatorVersion
-from models.simulation.effects.scaling import force_ratio
 from tasks.campaign.campaign import Campaign
 from tasks.scientist.observe import means_of_simulations, means_of_tools, older_simulations, proposed_designs
 
@@ -99,6 +97,9 @@ def newest_calibrated(lake: Lake, base_version_id: str, campaign_id: str) -> tup
 
 def _decide(campaign: Campaign, stage: int) -> None:
     """Take the newest version for a stage and write down which it is."""
+    from lake.tables.rows_of import missing_version_rows
+    from models.simulation.effects.scaling import force_ratio
+
     base = campaign.config.simulator.version
     found = newest_calibrated(campaign.lake, base.version_id, campaign.campaign_id)
     version, calibration_id = found or (base, None)

@@ -8,7 +8,7 @@ import pytest
 
 from flows.server import server as prefect_server
 from flows.server.server import running_server
-from tests.flows.server.test_sweeper import GONE, OWN
+from tests.flows.server.test_crashed_runs import GONE, OWN
 
 
 @pytest.mark.parametrize(("owner", "is_taken"), [(OWN, True), (GONE, False)])

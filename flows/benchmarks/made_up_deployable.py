@@ -14,22 +14,25 @@ from flows.server.crashed_runs import CONTINUED
 
 def use_made_up_physics() -> None:
     """Have this process compute nothing: neither simulations nor the truth of the virtual bench."""
-    from flows.campaign import session
+    from flows.campaign import process
     from tasks.simulation import simulate as simulating
 
     simulating.attempt_grasp = made_up_attempt
-    session.simulate_request = fingerprint
+    process.simulate_request = fingerprint
 
 
 @flow(name=CONTINUED, flow_run_name="run {config}")
 def campaign(config: str, lake: str, auto_print: bool = True) -> State[Any]:
     """As `flows.deployments.campaign`, with made-up physics."""
-    from flows.campaign.launch import Voice, run_campaign
+    from flows.campaign.launch import run_campaign
+    from flows.progress import ProgressReporter
 
     use_made_up_physics()
 
     def work() -> str:
-        outcome = run_campaign(Path(config), lake, auto_print=auto_print, voice=Voice(_say_nothing, _say_nothing))
+        outcome = run_campaign(
+            Path(config), lake, auto_print=auto_print, reporter=ProgressReporter(_say_nothing, _say_nothing)
+        )
         return f"campaign {outcome.campaign_id} is {'complete' if outcome.is_complete else 'not complete'}"
 
     return ended(work)

@@ -1,7 +1,7 @@
 """Recalibration without a person: calibrate again when measurements or simulations are new, else say why not."""
 
 from flows.calibration.calibrate import CalibrationOrder, run_calibration, write_page
-from flows.campaign.launch import Voice
+from flows.progress import ProgressReporter
 from lake.store import Lake
 from models.errors import FastError
 from tasks.calibration.mean_data import TooLittleDataError
@@ -10,7 +10,7 @@ from tasks.campaign.flow_runs import record_sentence
 FLOW = "recalibrate"
 
 
-def recalibrate_lake(lake: Lake, order: CalibrationOrder, flow_run_id: str, voice: Voice) -> str:
+def recalibrate_lake(lake: Lake, order: CalibrationOrder, flow_run_id: str, voice: ProgressReporter) -> str:
     """Calibrate the lake if anything is new; a sentence says what was done, or why nothing was.
 
     The run and its sentence are a row of `flow_runs`. A new calibration gets its page, which shows theta over time, in
@@ -23,7 +23,7 @@ def recalibrate_lake(lake: Lake, order: CalibrationOrder, flow_run_id: str, voic
     return record_sentence(lake, FLOW, flow_run_id, order.campaign_id, seed, lambda: _recalibrate(lake, order, voice))
 
 
-def _recalibrate(lake: Lake, order: CalibrationOrder, voice: Voice) -> str:
+def _recalibrate(lake: Lake, order: CalibrationOrder, voice: ProgressReporter) -> str:
     from flows.campaign.events import announce_calibrated
 
     try:

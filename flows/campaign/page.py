@@ -14,7 +14,8 @@ from prefect.artifacts import create_markdown_artifact, create_progress_artifact
 from prefect.client.schemas.actions import ArtifactUpdate
 
 from flows.campaign.forecast import Forecast, forecast
-from flows.campaign.progress import MOST_CPU, RateEstimate, Workload, workload
+from flows.campaign.progress import MOST_CPU, Workload, workload
+from flows.progress import RateEstimate
 from flows.server.server_process import OUTPUTS
 from lake.query.engine import Mark
 from lake.tables.campaign import GraspRow, ProposalRow, SimulationRow, ToolRow

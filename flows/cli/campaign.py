@@ -10,7 +10,7 @@ from flows.cli.common import DEFAULT_LAKE, AsJson, CampaignId, LakePath, show, t
 from flows.cli.real import YesMove
 
 if TYPE_CHECKING:
-    from flows.campaign.launch import Outcome
+    from flows.campaign.process import CampaignOutcome
     from hardware.bench import BenchSettings
     from lake.store import Lake
 
@@ -41,19 +41,20 @@ def run(
     Ctrl-C pauses: it finishes the current grasp, parks the tool and ends. A second Ctrl-C stops: the bench goes to its
     safe state at once. The same command continues later.
     """
-    from flows.campaign.launch import Voice, run_campaign
+    from flows.campaign.launch import run_campaign
     from flows.cli.real import ask_leave
+    from flows.progress import ProgressReporter
 
     def confirm(bench_file: Path, settings: "BenchSettings") -> None:
         ask_leave(bench_file, settings, None, yes_move)
 
-    voice, leave = Voice(tell, tell), confirm if real else None
+    leave = confirm if real else None
     outcome = run_campaign(
         config,
         lake,
         auto_print=auto_print,
         confirm_real=leave,
-        voice=voice,
+        reporter=ProgressReporter(tell, tell),
         is_acknowledged=acknowledge,
     )
     _tell_outcome(outcome, json)
@@ -144,7 +145,7 @@ def resolve_campaign(lake: "Lake", campaign: str | None) -> str:
     return known[0]
 
 
-def _tell_outcome(outcome: "Outcome", as_json: bool) -> None:
+def _tell_outcome(outcome: "CampaignOutcome", as_json: bool) -> None:
     data: dict[str, Any] = {
         "campaign": outcome.campaign_id,
         "complete": outcome.is_complete,

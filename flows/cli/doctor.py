@@ -47,9 +47,9 @@ def _tell(checks: list[Check], as_json: bool) -> None:
 
 
 def _bench(bench_file: Path) -> list[Check]:
-    from flows.campaign.launch import read_bench
     from flows.cli.wire import log_folder
     from hardware.checkup.bench import check_bench
+    from tasks.campaign.setup import read_bench
 
     return [Check(*finding) for finding in check_bench(read_bench(bench_file), log_folder=log_folder(None))]
 

@@ -9,8 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from flows.campaign.launch import Voice
-from flows.campaign.progress import in_words
+from flows.progress import ProgressReporter, describe_duration
 from flows.simulation.progress import n_missing, simulate_missing
 from lake.provenance import current_provenance
 from lake.store import Lake
@@ -74,7 +73,9 @@ class GapOutcome:
         return f"gap search {run.gap_id} of {run.n_grasps} grasps: {answer(run.findings)}"
 
 
-def run_gap(lake: Lake, order: GapOrder, voice: Voice, should_stop: Callable[[], bool] = lambda: False) -> GapOutcome:
+def run_gap(
+    lake: Lake, order: GapOrder, voice: ProgressReporter, should_stop: Callable[[], bool] = lambda: False
+) -> GapOutcome:
     """Search for the gap of what a lake has measured; killed, the same order continues.
 
     Raises:
@@ -132,7 +133,7 @@ def _prepared(lake: Lake, order: GapOrder) -> _Search:
     return _Search(order, split, measured, version, gap_id_of(measured, version, split, settings))
 
 
-def _fill_bank(lake: Lake, search: _Search, voice: Voice, should_stop: Callable[[], bool]) -> None:
+def _fill_bank(lake: Lake, search: _Search, voice: ProgressReporter, should_stop: Callable[[], bool]) -> None:
     """Simulate what the bank lacks, as long as the budget lasts.
 
     Raises:
@@ -150,12 +151,12 @@ def _fill_bank(lake: Lake, search: _Search, voice: Voice, should_stop: Callable[
     n_left = n_missing(lake, search.plans)
     if n_left:
         raise FastError(
-            f"the bank lacks {n_left} of {n_all} simulations after {in_words(time.monotonic() - began)}; run the same "
-            "command again to go on from here."
+            f"the bank lacks {n_left} of {n_all} simulations after "
+            f"{describe_duration(time.monotonic() - began)}; run the same command again to go on from here."
         )
 
 
-def _searched(lake: Lake, search: _Search, voice: Voice) -> GapOutcome:
+def _searched(lake: Lake, search: _Search, voice: ProgressReporter) -> GapOutcome:
     """Round after round, then what it changed; writes the answer."""
     from tasks.gap.compare import compare, show_plans
     from tasks.gap.round import starting_model
@@ -204,7 +205,9 @@ def _searched(lake: Lake, search: _Search, voice: Voice) -> GapOutcome:
     return GapOutcome(run, True, tuple(turns), comparison)
 
 
-def _turns(lake: Lake, search: _Search, problem: GapProblem, model: "GapModel", voice: Voice) -> "list[Turn]":
+def _turns(
+    lake: Lake, search: _Search, problem: GapProblem, model: "GapModel", voice: ProgressReporter
+) -> "list[Turn]":
     """Rounds until one changes nothing, or as many as are asked for."""
     from tasks.gap.round import next_turn
 

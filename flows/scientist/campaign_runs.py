@@ -13,7 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from flows.campaign.launch import register
 from flows.scientist.strategies import Strategy
 from hardware.bench import Bench, open_virtual_bench
 from hardware.cell.cell import MeasuredGrasp
@@ -27,6 +26,7 @@ from tasks.bench.measure import measure_batch, measure_tool
 from tasks.bench.print import PrintConfirmation, confirm_print
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
+from tasks.campaign.setup import register
 from tasks.campaign.state import ProposedTool
 from tasks.campaign.summary import ranked_tools
 from tasks.scientist import propose as proposing

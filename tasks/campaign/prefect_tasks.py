@@ -25,7 +25,7 @@ from tasks.simulation.engine import Engine
 T = TypeVar("T")
 
 
-def opaque(value: T) -> T:
+def unmapped(value: T) -> T:
     """Pass a value to a task as it is: Prefect would otherwise walk into it, looking for futures."""
     return cast(T, quote(value))
 
@@ -57,7 +57,7 @@ def print_batch(
     batch: int,
     auto_print: bool,
     should_stop: Callable[[], bool],
-    desk: printing.Desk,
+    prompts: printing.OperatorPrompts,
 ) -> None:
     """Write tray and sheet, then wait until a person has confirmed the batch."""
     sheet = printing.ensure_tray(campaign.lake, campaign.campaign_id, batch)
@@ -65,13 +65,13 @@ def print_batch(
         word = printing.PrintConfirmation(operator="nobody (--auto-print)", confirmed_by="auto")
         printing.confirm_print(campaign.lake, campaign.campaign_id, batch, word)
         return
-    desk.ask(batch, sheet)
+    prompts.ask(batch, sheet)
     while printing.open_slots(campaign.lake, campaign.campaign_id, batch):
         if should_stop():
             return
         time.sleep(campaign.config.execution.print_poll_s)
-        desk.wait(batch, sheet)
-    desk.thank(batch)
+        prompts.remind(batch, sheet)
+    prompts.close(batch)
 
 
 @task(task_run_name="{label}", cache_policy=NO_CACHE)
@@ -117,12 +117,12 @@ def measure_batch(
     def measure(bench: Bench, tool: ProposedTool, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
         measure_tool(
             f"{label} gantry, tool {tool.slot}",
-            opaque(campaign),
-            opaque(bench),
-            opaque(tool),
+            unmapped(campaign),
+            unmapped(bench),
+            unmapped(tool),
             world_hash,
-            opaque(should_stop),
-            opaque(on_tool_grasp),
+            unmapped(should_stop),
+            unmapped(on_tool_grasp),
         )
 
     measuring.measure_batch(campaign, tools, open_bench, measure, should_stop=should_stop, on_grasp=on_grasp)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from flows.campaign.launch import register
 from flows.campaign.status import campaign_status, status_text
 from flows.report.campaign.page import write_report
 from flows.viewer.campaign import write_recording
@@ -17,6 +16,7 @@ from lake.tables.campaign import GraspRow
 from models.errors import ConfigError
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import load_config
+from tasks.campaign.setup import register
 from tests.flows.synthetic_lake import Campaign as Synthetic
 from tests.flows.synthetic_lake import build
 from tests.lake.handoff.handoff_folder import PROVENANCE, good_folder, grasp, read_csv, samples, write_csv

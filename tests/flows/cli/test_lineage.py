@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flows.campaign.launch import register
 from flows.report.campaign.queries import FITS, fetch
 from hardware.cell.cell import MeasuredGrasp
 from lake.provenance import Provenance
@@ -34,6 +33,7 @@ from tasks.bench.print import PrintConfirmation, confirm_print
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
 from tasks.campaign.requests import append_event
+from tasks.campaign.setup import register
 from tasks.scientist.fit import fit, surrogate_for_simulation
 from tasks.scientist.observe import observe, observed_rows
 from tasks.scientist.propose import propose_initial, propose_simulation, propose_tools

@@ -171,7 +171,7 @@ def _writer(store: "tuple[Lake, ProposedTool] | None", world: Path | None) -> "C
     if store is None:
         return lambda grasp: None
     from lake.tables.campaign import GraspRow
-    from tasks.bench.diagnose import append_diagnostic
+    from tasks.bench.measure import append_diagnostic
     from tasks.campaign.campaign import stored_provenance
     from tasks.campaign.setup import read_world
 

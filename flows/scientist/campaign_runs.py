@@ -23,6 +23,7 @@ from hardware.virtual.world.physics_cache import PhysicsFiles
 from lake.store import Lake
 from models.records import Design, GraspSimulation
 from tasks.bench.measure import measure_batch, measure_tool
+from tasks.bench.plan import ToolWork
 from tasks.bench.print import PrintConfirmation, confirm_print
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
@@ -188,9 +189,9 @@ class _Runner:
         self._say(f"measuring {len(tools)} tools of B{batch:02d}")
         measure_batch(campaign, tools, self._open_bench, self._measure_tool, should_stop=_never, on_grasp=_ignore)
 
-    def _measure_tool(self, bench: Bench, tool: ProposedTool, on_grasp: Callable[[MeasuredGrasp], None]) -> None:
+    def _measure_tool(self, bench: Bench, work: ToolWork, on_grasp: Callable[[MeasuredGrasp], None]) -> None:
         world_hash = self._world.world_hash
-        measure_tool(self._campaign, bench, tool, world_hash=world_hash, should_stop=_never, on_grasp=on_grasp)
+        measure_tool(self._campaign, bench, work, world_hash=world_hash, should_stop=_never, on_grasp=on_grasp)
 
     @contextmanager
     def _open_bench(self, tools: Sequence[ProposedTool]) -> Iterator[Bench]:

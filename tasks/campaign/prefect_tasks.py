@@ -15,6 +15,7 @@ from models.records import Design
 from tasks.bench import measure as measuring
 from tasks.bench import print as printing
 from tasks.bench.measure import OpenBench
+from tasks.bench.plan import ToolWork
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.run_names import PlaceInName
 from tasks.campaign.state import ProposedTool
@@ -79,14 +80,13 @@ def measure_tool(
     label: str,
     campaign: Campaign,
     bench: Bench,
-    tool: ProposedTool,
+    work: ToolWork,
     world_hash: str | None,
     should_stop: Callable[[], bool],
     on_grasp: Callable[[MeasuredGrasp], None],
 ) -> None:
     """Make the missing grasps of one tool; its run is named after the object it is at."""
-    done = campaign.state().measured.get(tool.tool_id, set())
-    place = PlaceInName(label, str(task_run.get_id()), campaign.config.objects, done)
+    place = PlaceInName(label, str(task_run.get_id()), campaign.config.objects, set(work.done))
 
     def count(grasp: MeasuredGrasp) -> None:
         on_grasp(grasp)
@@ -95,7 +95,7 @@ def measure_tool(
     measuring.measure_tool(
         campaign,
         bench,
-        tool,
+        work,
         world_hash=world_hash,
         should_stop=should_stop,
         on_grasp=count,
@@ -114,12 +114,12 @@ def measure_batch(
 ) -> None:
     """Measure the tools of a batch, each as a task of its own; errors as of `tasks.bench.measure.measure_batch`."""
 
-    def measure(bench: Bench, tool: ProposedTool, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
+    def measure(bench: Bench, work: ToolWork, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
         measure_tool(
-            f"{label} gantry, tool {tool.slot}",
+            f"{label} gantry, tool {work.tool.slot}",
             unmapped(campaign),
             unmapped(bench),
-            unmapped(tool),
+            unmapped(work),
             world_hash,
             unmapped(should_stop),
             unmapped(on_tool_grasp),

@@ -29,6 +29,7 @@ from lake.tables.schema import has_samples
 from models.design.space import BEST_PUBLISHED
 from models.records import GraspSetup, GraspSimulation, Trace
 from tasks.bench.measure import measure_tool
+from tasks.bench.plan import plan_tool
 from tasks.bench.print import PrintConfirmation, confirm_print
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
@@ -101,7 +102,8 @@ def measure(campaign, batch):
             "on_grasp": lambda _: None,
         }
         for _ in range(2):
-            measure_tool(campaign, SimpleNamespace(cell=Cell()), tool, **options)
+            work = plan_tool(campaign, campaign.state(), tool)
+            measure_tool(campaign, SimpleNamespace(cell=Cell()), work, **options)
 
 
 def run_campaign(campaign):

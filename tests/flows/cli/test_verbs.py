@@ -16,7 +16,8 @@ from hardware.tools.mounted import MountedTool
 from lake.store import Lake
 from lake.tables.campaign import EventRow, GraspRow
 from models.errors import UsageError
-from tasks.bench.measure import measure_batch, measure_tool, planned_cells
+from tasks.bench.measure import measure_batch, measure_tool
+from tasks.bench.plan import order_cells
 from tasks.bench.print import PrintConfirmation, confirm_print
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
@@ -88,7 +89,7 @@ def made(campaign):
 
 def first_cell(run, tools):
     """The first grasp of the plan, in its drawn order."""
-    return planned_cells(run.campaign, tools[0])[0]
+    return order_cells(run.campaign, tools[0])[0]
 
 
 def kinds(campaign):

@@ -28,7 +28,7 @@ from tasks.campaign.campaign import Campaign
 from tasks.campaign.flow_runs import record_run
 from tasks.campaign.prefect_tasks import unmapped
 from tasks.campaign.requests import append_event
-from tasks.campaign.simulator_versions import at_stage, designs_to_rerun
+from tasks.campaign.simulator_versions import at_stage, list_reruns
 from tasks.scientist.observe import closed_batches
 
 POLL_S = 2.0  # how often requests of people are looked up while nothing else happens
@@ -87,7 +87,7 @@ def run_stage(run: CampaignRun, stage: int, on_event: Callable[[], None]) -> boo
     if run.should_stop():
         return False
     campaign = run.campaign = at_stage(run.campaign, stage)
-    if designs := designs_to_rerun(campaign, stage):
+    if designs := list_reruns(campaign, stage):
         _run_loops(run, BenchLoop(run, []), RerunLoop(run, stage, designs), on_event)
         if run.should_stop():
             return False

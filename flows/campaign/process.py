@@ -33,8 +33,7 @@ from models.traces import peak_force_n
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
 from tasks.campaign.requests import append_event, bench_log_folder
-from tasks.campaign.state import ProposedTool
-from tasks.campaign.summary import ranked_tools
+from tasks.campaign.state import ProposedTool, rank_tools
 from tasks.simulation.attempt import hang_limit_s
 from tasks.simulation.engine import Engine, open_engine
 from tasks.simulation.pool import WorkerPool
@@ -69,7 +68,7 @@ def run_in_process(
     run = CampaignRun(
         campaign=campaign,
         pool=simulations,
-        open_bench=functools.partial(open_campaign_bench, campaign, setup, kept_physics(campaign, physics)),
+        open_bench=functools.partial(open_campaign_bench, campaign, setup, keep_physics(campaign, physics)),
         world_hash=setup.world_hash if isinstance(setup, World) else None,
         auto_print=auto_print,
         on_grasp=functools.partial(_tell_grasp, progress),
@@ -84,7 +83,7 @@ def run_in_process(
         outcome.append(_write_results(campaign, reporter))
 
     try:
-        is_complete = run_flow(run, finish, functools.partial(interrupts, run, reporter))
+        is_complete = run_flow(run, finish, functools.partial(hear_interrupts, run, reporter))
     except FastError as error:
         told.send("stopped", f"FAST stopped: campaign {campaign.campaign_id}", str(error))
         raise
@@ -98,7 +97,7 @@ def run_in_process(
     if outcome:
         told.send("done", f"FAST is done: campaign {campaign.campaign_id}", _best_in_words(outcome[0]))
         return outcome[0]
-    tools = ranked_tools(campaign.lake, campaign.campaign_id)
+    tools = rank_tools(campaign.lake, campaign.campaign_id)
     return CampaignOutcome(campaign.campaign_id, False, tools, ended_by=run.asked)
 
 
@@ -132,7 +131,7 @@ def open_campaign_bench(
         yield bench
 
 
-def kept_physics(campaign: Campaign, pool: WorkerPool) -> PhysicsCache:
+def keep_physics(campaign: Campaign, pool: WorkerPool) -> PhysicsCache:
     """The physics of the campaign's world, solved in the pool, once, and kept beside the lake's tables."""
     files = PhysicsFiles(campaign.lake.root / ".state" / "physics")
     return PhysicsCache(functools.partial(_solve_in_worker, pool), files)
@@ -154,7 +153,7 @@ def _tell_simulated(progress: CampaignProgress, label: str, n_failed: int) -> No
 
 
 @contextmanager
-def interrupts(run: CampaignRun, reporter: ProgressReporter) -> Iterator[None]:
+def hear_interrupts(run: CampaignRun, reporter: ProgressReporter) -> Iterator[None]:
     """Ctrl-C or SIGTERM: the first pauses, the second stops (safe state at once), the third is the default."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -197,5 +196,5 @@ def _write_results(campaign: Campaign, reporter: ProgressReporter) -> CampaignOu
     recording = campaign.output / f"{campaign.campaign_id}.rrd"
     write_recording(campaign.lake, campaign.campaign_id, recording)
     return CampaignOutcome(
-        campaign.campaign_id, True, ranked_tools(campaign.lake, campaign.campaign_id), report, recording
+        campaign.campaign_id, True, rank_tools(campaign.lake, campaign.campaign_id), report, recording
     )

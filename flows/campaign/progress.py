@@ -31,7 +31,7 @@ class Workload:
         return (self.grasps_done + self.simulated_done) / total if total else 1.0
 
 
-def workload(campaign: Campaign, state: CampaignState) -> Workload:
+def count_work(campaign: Campaign, state: CampaignState) -> Workload:
     """Count what is done and what the schedule asks for; rejected tools and given-up grasps are not owed."""
     config = campaign.config
     schedule, per_tool = config.schedule, config.objects.n_grasps
@@ -69,7 +69,7 @@ class CampaignProgress:
         if not force and now < self._next_s:
             return
         before_s = time.thread_time()
-        load = workload(self._campaign, at_present(self._campaign).state())
+        load = count_work(self._campaign, at_present(self._campaign).state())
         self._grasps.update(load.grasps_done, now)
         self._simulations.update(load.simulated_done, now)
         self._emit(

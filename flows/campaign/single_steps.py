@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from flows.campaign.process import kept_physics, open_campaign_bench
+from flows.campaign.process import keep_physics, open_campaign_bench
 from lake.store import Lake
 from models.errors import FastError
 from tasks.campaign import prefect_tasks as steps
@@ -39,7 +39,7 @@ def measure_one_batch(config_path: Path, lake: str, batch: int) -> str:
                 unmapped(campaign),
                 unmapped(tools),
                 unmapped(
-                    lambda mounted: open_campaign_bench(campaign, world, kept_physics(campaign, physics), mounted)
+                    lambda mounted: open_campaign_bench(campaign, world, keep_physics(campaign, physics), mounted)
                 ),
                 world.world_hash,
                 unmapped(lambda: False),

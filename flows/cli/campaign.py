@@ -65,20 +65,20 @@ def run(
 @app.command
 def status(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Where a campaign stands: done and left, best tool so far, what it waits for."""
-    from flows.campaign.status import campaign_status, status_text
+    from flows.campaign.status import format_status, read_status
 
     found = open_lake(lake)
-    state = campaign_status(found, resolve_campaign(found, campaign))
-    show(state, status_text(state), json)
+    state = read_status(found, resolve_campaign(found, campaign))
+    show(state, format_status(state), json)
 
 
 @app.command(name="list")
 def list_campaigns(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """All campaigns of the lake."""
-    from flows.campaign.status import campaign_status
+    from flows.campaign.status import read_status
 
     found = open_lake(lake)
-    rows = [campaign_status(found, name) for name in campaign_ids(found)]
+    rows = [read_status(found, name) for name in campaign_ids(found)]
     columns = ["campaign", "state", "grasps", "simulated", "best_tool", "best_n"]
     show(rows, table_text(rows, columns), json)
 

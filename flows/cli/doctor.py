@@ -142,11 +142,11 @@ def _serial_ports() -> str:
 def _running(lake: Path) -> str:
     import socket
 
-    from flows.server.server import DEFAULT_PORT, LOOPBACK, running_server
+    from flows.server.server import DEFAULT_PORT, LOOPBACK, find_server
     from lake.storage.folder import storage_at
 
     named = os.environ.get("PREFECT_API_URL")
-    known = named or running_server(storage_at(lake).root)
+    known = named or find_server(storage_at(lake).root)
     if known:
         return f"{'named by PREFECT_API_URL' if named else 'of this lake'}: {known.removesuffix('/api')}"
     with socket.socket() as probe:

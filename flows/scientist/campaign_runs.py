@@ -28,8 +28,7 @@ from tasks.bench.print import PrintConfirmation, confirm_print
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
 from tasks.campaign.setup import register
-from tasks.campaign.state import ProposedTool
-from tasks.campaign.summary import ranked_tools
+from tasks.campaign.state import ProposedTool, rank_tools
 from tasks.scientist import propose as proposing
 from tasks.scientist import simulation_only
 from tasks.scientist.observe import means_of_simulations, proposed_designs, unfinished_tools
@@ -203,7 +202,7 @@ class _Runner:
 def course_of(race: BenchRace, campaign: Campaign) -> BenchCourse:
     """What the lake of a race has by now."""
     state = campaign.state()
-    tools = ranked_tools(campaign.lake, campaign.campaign_id)
+    tools = rank_tools(campaign.lake, campaign.campaign_id)
     batches = sorted({tool["batch"] for tool in tools})
     done = means_of_simulations(campaign, campaign.version, proposed_designs(state))
     sql = "SELECT coalesce(sum(cpu_s), 0) AS cpu_s FROM simulations"

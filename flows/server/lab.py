@@ -14,9 +14,9 @@ from flows.server.crashed_runs import end_crashed_runs
 from flows.server.server import (
     LOOPBACK,
     address_for_others,
-    api_url_of,
     ask_server,
     client_environment,
+    get_api_url,
     is_healthy,
     note_server,
     start_server,
@@ -53,7 +53,7 @@ class Lab:
         named = os.environ.get("PREFECT_API_URL")
         if named is None:
             self._server = start_server(lake.root, plan.port, plan.host)
-            self.api_url = api_url_of(self._server)
+            self.api_url = get_api_url(self._server)
         elif is_healthy(named):
             self.api_url = named
         else:

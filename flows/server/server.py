@@ -121,7 +121,7 @@ def server(lake_root: Path, port: int | None = None) -> Iterator[str]:
     Raises:
         FastError: the server did not become healthy.
     """
-    known = os.environ.get("PREFECT_API_URL") or running_server(lake_root)
+    known = os.environ.get("PREFECT_API_URL") or find_server(lake_root)
     if known:
         yield known
         return
@@ -130,7 +130,7 @@ def server(lake_root: Path, port: int | None = None) -> Iterator[str]:
     keeper = threading.Thread(target=_keep_alive, args=(lake_root, process, is_over), daemon=True, name="server-keeper")
     keeper.start()
     try:
-        yield api_url_of(process)
+        yield get_api_url(process)
     finally:
         is_over.set()
         keeper.join()
@@ -144,7 +144,7 @@ def _keep_alive(lake_root: Path, process: ChildProcess, is_over: threading.Event
             note_server(lake_root, process)
 
 
-def running_server(lake_root: Path) -> str | None:
+def find_server(lake_root: Path) -> str | None:
     """API address of a server that already serves this lake, if it answers."""
     try:
         noted = json.loads(_address_file(lake_root).read_text())
@@ -200,7 +200,7 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> ChildProce
 def note_server(lake_root: Path, process: ChildProcess) -> None:
     """Write the address of a server where other processes of this machine look for it."""
     _address_file(lake_root).write_text(
-        json.dumps({"api_url": api_url_of(process), "pid": process.pid, "owner_pid": os.getpid()})
+        json.dumps({"api_url": get_api_url(process), "pid": process.pid, "owner_pid": os.getpid()})
     )
 
 
@@ -210,7 +210,7 @@ def stop_server(lake_root: Path, process: ChildProcess) -> None:
     process.stop()
 
 
-def api_url_of(process: ChildProcess) -> str:
+def get_api_url(process: ChildProcess) -> str:
     """API address of a server of ours, for processes of this machine."""
     return process.environment["PREFECT_API_URL"]
 

@@ -21,7 +21,7 @@ Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 
-def with_outputs(pages: App, folder: Path, login: str | None) -> App:
+def add_outputs(pages: App, folder: Path, login: str | None) -> App:
     """Prefect's application with reports and recordings of the lake under `/outputs/`, behind the same password."""
     from starlette.applications import Starlette
     from starlette.responses import PlainTextResponse
@@ -64,7 +64,7 @@ def serve(listener: socket.socket, parent_pid: int, folder: Path) -> None:
 
     follow_parent(parent_pid)
     login = os.environ.get("PREFECT_SERVER_API_AUTH_STRING")
-    config = uvicorn.Config(with_outputs(create_app(), folder, login), log_level="warning")
+    config = uvicorn.Config(add_outputs(create_app(), folder, login), log_level="warning")
     uvicorn.Server(config).run(sockets=[listener])
 
 

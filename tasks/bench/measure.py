@@ -18,7 +18,7 @@ from models.traces import initial_force_n, peak_force_n, work_j
 from tasks.bench.plan import ToolWork, plan_tool, seed_of_order
 from tasks.bench.reference_grasps import ReferenceGrasps
 from tasks.campaign.campaign import Campaign
-from tasks.campaign.requests import append_event, exclusive, require_room, verbs_noted
+from tasks.campaign.requests import append_event, exclusive, note_verbs, require_room
 from tasks.campaign.state import ProposedTool, tuples
 
 OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
@@ -74,7 +74,7 @@ def measure_batch(
 
         measure(bench, work, count)
 
-    noted = verbs_noted(campaign.lake, campaign.campaign_id)
+    noted = note_verbs(campaign.lake, campaign.campaign_id)
     with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), noted, open_bench(mounted) as bench:
         every = campaign.config.execution.position_check_tools
         for number, tool in enumerate(tools):

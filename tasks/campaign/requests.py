@@ -76,7 +76,7 @@ def require_acknowledgement(lake: Lake, campaign_id: str, is_acknowledged: bool)
 
 
 @contextmanager
-def verbs_noted(lake: Lake, campaign_id: str) -> Iterator[None]:
+def note_verbs(lake: Lake, campaign_id: str) -> Iterator[None]:
     """Bench work: a person's stop or abort is a normal end, an emergency stop is noted before it goes up."""
     try:
         yield

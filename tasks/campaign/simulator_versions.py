@@ -40,7 +40,7 @@ def at_present(campaign: Campaign) -> Campaign:
     return campaign if campaign.config.simulator.follow == "pinned" else _with_versions(campaign, _decisions(campaign))
 
 
-def designs_to_rerun(campaign: Campaign, stage: int) -> list[Design]:
+def list_reruns(campaign: Campaign, stage: int) -> list[Design]:
     """Designs that a stage simulates again because its simulator version is new, in order."""
     if campaign.config.simulator.follow == "pinned":
         return []

@@ -147,6 +147,11 @@ _SIMULATIONS = """
     SELECT design_id, list_contains($present, version_id) AS is_present, list(object_id), bool_or(status = 'ok')
     FROM simulations WHERE setup_id = $setup AND list_contains($wanted, version_id) GROUP BY ALL
 """
+_RANKING = """
+SELECT tool_id, batch, slot, tool_quality_n, n_objects, n_grasps
+FROM tool_quality WHERE campaign_id = ?
+ORDER BY n_objects = max(n_objects) OVER () DESC, tool_quality_n DESC
+"""
 
 
 def derive_state(
@@ -219,6 +224,24 @@ def _read_simulations(
         if has_result:
             fruitful.add(design_id)
     return {"simulated": present, "simulated_before": before, "fruitful": frozenset(fruitful)}
+
+
+def rank_tools(lake: Lake, campaign_id: str) -> list[dict[str, Any]]:
+    """Measured tools, best first, with tool quality (mean peak pull-off force over the objects) in N.
+
+    Tools that miss objects come after all others: their means are over easier or harder objects.
+    """
+    return lake.query(_RANKING, [campaign_id]).to_pylist()
+
+
+def format_ranking(tools: list[dict[str, Any]]) -> str:
+    """The ranking as a Markdown table."""
+    head = "| tool | batch | tool quality (N) | objects | grasps |\n| --- | --- | --- | --- | --- |"
+    rows = [
+        f"| {t['tool_id']} | {t['batch']} | {t['tool_quality_n']:.2f} | {t['n_objects']} | {t['n_grasps']} |"
+        for t in tools
+    ]
+    return "\n".join([head, *rows])
 
 
 def load_designs(lake: Lake) -> dict[str, Design]:

@@ -23,7 +23,7 @@ def test_lines_that_cost_much_come_seldom(monkeypatch):
         cpu_s[0] += 0.03
         return Workload(1, 2, 3, 4)
 
-    monkeypatch.setattr(progress, "workload", count)
+    monkeypatch.setattr(progress, "count_work", count)
     reporter = CampaignProgress(SimpleNamespace(), lines.append)
     for _ in range(200):
         clock[0] += 1.0
@@ -41,7 +41,7 @@ def test_after_a_break_no_time_is_said_until_the_rate_of_the_grasps_is_known_aga
         monotonic=lambda: clock[0], thread_time=lambda: 0.0, strftime=lambda form: "12:00:00",
     ))  # fmt: skip
     monkeypatch.setattr(progress, "at_present", lambda campaign: SimpleNamespace(state=lambda: None))
-    monkeypatch.setattr(progress, "workload", lambda campaign, state: Workload(grasps[0], 20, 30, 30))
+    monkeypatch.setattr(progress, "count_work", lambda campaign, state: Workload(grasps[0], 20, 30, 30))
     reporter = CampaignProgress(SimpleNamespace(), lines.append)
     for at_s, done in ((0.0, 9), (10.0, 10), (4000.0, 11), (4010.0, 12)):
         clock[0], grasps[0] = at_s, done

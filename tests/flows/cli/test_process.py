@@ -104,8 +104,7 @@ def test_exit_statuses(tmp_path):
 def test_a_bug_exits_with_1(tmp_path):
     lake = proposed_lake(tmp_path)
     code = (
-        "import flows.campaign.status as s; s.campaign_status = lambda *a: 1 / 0\n"
-        "from flows.cli.main import main; main()"
+        "import flows.campaign.status as s; s.read_status = lambda *a: 1 / 0\nfrom flows.cli.main import main; main()"
     )
     words = ["campaign", "list", "--lake", str(lake)]
     done = subprocess.run([sys.executable, "-c", code, *words], cwd=ROOT, capture_output=True, text=True, timeout=60)

@@ -7,7 +7,7 @@ from functools import partial
 import pytest
 
 from flows.campaign.loops import CampaignRun
-from flows.campaign.process import interrupts
+from flows.campaign.process import hear_interrupts
 from flows.cli.virtual import read_fault
 from flows.progress import ProgressReporter
 from hardware.bench import open_virtual_bench
@@ -148,7 +148,7 @@ def test_the_first_signal_pauses_the_second_stops_the_third_is_the_default(run, 
     said, heard = [], []
     run.ask = heard.append
     before = signal.getsignal(number)
-    with interrupts(run, ProgressReporter(said.append, said.append)):
+    with hear_interrupts(run, ProgressReporter(said.append, said.append)):
         signal.raise_signal(number)
         assert heard == [Verb.PAUSE]
         assert "Finishing the current grasp" in said[0]

@@ -13,7 +13,7 @@ from flows.benchmarks.sockets import family, is_loopback, listening
 from flows.cli.real import is_rehearsal
 from flows.server.lab import LabPlan, open_lab
 from flows.server.server import ANY_PORT
-from flows.server.server_process import with_outputs
+from flows.server.server_process import add_outputs
 from hardware.bench import BenchSettings, open_real_bench
 from hardware.cell.layout import BenchLayout
 from hardware.clock import ScaledClock
@@ -118,7 +118,7 @@ def outputs(tmp_path):
 
 
 def test_pages_show_the_output_folder_and_nothing_beside_it(outputs):
-    client = Client(with_outputs(_pages, outputs, None))
+    client = Client(add_outputs(_pages, outputs, None))
     assert client.get("/outputs/quick/index.html").text == "report"
     assert client.get("/outputs/quick/").text == "report"
     assert client.get("/dashboard").text == "prefect"
@@ -128,7 +128,7 @@ def test_pages_show_the_output_folder_and_nothing_beside_it(outputs):
 
 
 def test_outputs_need_the_password_of_the_server(outputs):
-    client = Client(with_outputs(_pages, outputs, "fast:open"))
+    client = Client(add_outputs(_pages, outputs, "fast:open"))
 
     def status(login):
         code = base64.b64encode(login.encode()).decode()

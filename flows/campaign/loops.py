@@ -157,11 +157,15 @@ class SimulationLoop:
     def advance(self, state: CampaignState) -> bool:
         """Fill idle workers; True while simulations are running."""
         while not self._run.should_stop() and len(self._running) < self._n_workers:
-            job = self._next(state)
+            job = self._find_unfinished(state)
             if job is None:
-                break
+                index = len(state.simulations_of(self._batch))
+                if index >= self._budget:
+                    break
+                proposing.propose_simulated(self._run.campaign, self._batch, index, state)
+                state = self._run.campaign.state()
+                job = self._proposed(state)[-1]
             self._submit(job)
-            state = self._run.campaign.state()
         return bool(self._running)
 
     def finish(self, future: PrefectFuture) -> bool:
@@ -189,19 +193,15 @@ class SimulationLoop:
         )
         self._running[run.watch(future)] = job
 
-    def _next(self, state: CampaignState) -> SimulationJob | None:
-        """What is not finished (after a restart, or not started) or, within the budget, a new proposal."""
+    def _find_unfinished(self, state: CampaignState) -> SimulationJob | None:
+        """A design that misses objects (after a restart, or not started) and that no worker has."""
         campaign = self._run.campaign
         running = {job.design.design_id for job in self._running.values()}
         for job in self._known(state):
             design_id = job.design.design_id
             if design_id not in running and state.missing_objects(design_id, campaign.object_ids):
                 return job
-        index = len(state.simulations_of(self._batch))
-        if index >= self._budget:
-            return None
-        proposing.propose_simulated(campaign, self._batch, index, state)
-        return self._proposed(campaign.state())[-1]
+        return None
 
     def _known(self, state: CampaignState) -> list[SimulationJob]:
         jobs = self._proposed(state)

@@ -73,13 +73,12 @@ class Lab:
         self._worker.start()
 
     def deploy(self) -> list[str]:
-        """Limit the worker's runs and apply prefect.yaml; returns the names of the deployments.
+        """Apply prefect.yaml; returns the names of the deployments.
 
         Raises:
             FastError: the worker made no pool, or Prefect refused a deployment.
         """
-        self.wait_for_pool()
-        ask_server(self.api_url, f"/work_pools/{POOL}", {"concurrency_limit": self._n_runs}, method="PATCH")
+        self.prepare_pool()
         command = [sys.executable, "-m", "prefect", "--no-prompt", "deploy", "--all"]
         done = subprocess.run(
             command, cwd=CHECKOUT, env=self._environment, capture_output=True, text=True, timeout=DEPLOY_LIMIT_S
@@ -114,8 +113,8 @@ class Lab:
         """Process ids of the server (0: it is not ours) and of the worker."""
         return self._server.pid if self._server else 0, self._worker.pid
 
-    def wait_for_pool(self) -> None:
-        """Wait until the worker has made its pool.
+    def prepare_pool(self) -> None:
+        """Wait until the worker has made its pool, and limit the runs at once: the server starts no more of them.
 
         Raises:
             FastError: it does not.
@@ -123,7 +122,7 @@ class Lab:
         deadline = time.monotonic() + POOL_LIMIT_S
         while True:
             try:
-                ask_server(self.api_url, f"/work_pools/{POOL}")
+                ask_server(self.api_url, f"/work_pools/{POOL}", {"concurrency_limit": self._n_runs}, method="PATCH")
                 return
             except OSError as error:
                 if time.monotonic() > deadline or not self._worker.is_alive():

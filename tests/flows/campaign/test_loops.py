@@ -69,10 +69,10 @@ def test_designs_are_simulated_again_in_order_and_nothing_new_is_proposed():
     run = SimpleNamespace(campaign=SimpleNamespace(config=config, object_ids=(4, 7)))
     loop = RerunLoop(run, 1, designs)
     state = CampaignState((), (), simulated={designs[0].design_id: {4, 7}, designs[1].design_id: {4}})
-    assert loop._next(state).design == designs[1]
-    assert loop._next(state).label == "simulated again 2 of 3"
+    assert loop._find_unfinished(state).design == designs[1]
+    assert loop._find_unfinished(state).label == "simulated again 2 of 3"
     done = CampaignState((), (), simulated={design.design_id: {4, 7} for design in designs})
-    assert loop._next(done) is None
+    assert loop._find_unfinished(done) is None
 
 
 def test_a_lake_that_stays_unreadable_ends_the_wheel(run):

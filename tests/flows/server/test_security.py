@@ -12,8 +12,9 @@ import pytest
 from flows.benchmarks.sockets import family, is_loopback, listening
 from flows.cli.real import is_rehearsal
 from flows.server.lab import LabPlan, open_lab
-from flows.server.server import ANY_PORT
+from flows.server.server import ANY_PORT, ask_server
 from flows.server.server_process import add_outputs
+from flows.server.worker_process import POOL
 from hardware.bench import BenchSettings, open_real_bench
 from hardware.cell.layout import BenchLayout
 from hardware.clock import ScaledClock
@@ -53,8 +54,9 @@ def test_a_virtual_bench_listens_on_the_loopback_address_only():
 def test_a_lab_listens_on_the_loopback_address_and_answers_to_its_password_only(tmp_path, monkeypatch):
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     monkeypatch.setenv("FAST_PASSWORD", "open")
-    with open_lab(Lake.open(tmp_path / "lake", create=True), LabPlan(ANY_PORT)) as lab:
-        lab.wait_for_pool()
+    with open_lab(Lake.open(tmp_path / "lake", create=True), LabPlan(ANY_PORT, n_runs=3)) as lab:
+        lab.prepare_pool()
+        assert ask_server(lab.api_url, f"/work_pools/{POOL}")["concurrency_limit"] == 3
         addresses = listening(set(lab.pids))
         assert httpx.post(f"{lab.api_url}/flows/filter", json={}).status_code == 401
         assert httpx.post(f"{lab.api_url}/flows/filter", json={}, auth=("fast", "shut")).status_code == 401

@@ -5,7 +5,6 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator
 
-from hardware.cell.route import shortest_tour
 from models.design.printability import PrintingRules
 from models.records import EffectValue, MeshSettings, Record, SimulatorVersion, Theta
 from tasks.simulation.engine import check_engine
@@ -66,6 +65,8 @@ class ObjectPlan(Record):
 
     def _pass(self, seed: int) -> list[int]:
         if self.order == "fixed":
+            from hardware.cell.route import shortest_tour
+
             return list(shortest_tour(self.object_ids))
         objects = list(self.object_ids)
         random.Random(seed).shuffle(objects)

@@ -17,15 +17,21 @@ class ProgressReporter:
 
 @dataclass
 class RateEstimate:
-    """Units per second over the recent past, for estimates of the time left; breaks in the work do not count."""
+    """Units per second over the recent past, for estimates of the time left; breaks in the work do not count.
+
+    It is known from the second unit on that ends after the first look: when the first one began, nobody saw.
+    """
 
     window: int = 40
     longest_gap_s: float = 90.0  # a longer one is a break: a print, a pause
-    marks: deque[tuple[float, int]] = field(default_factory=deque)
+    marks: deque[tuple[float, int]] = field(default_factory=deque)  # when a unit ended, and how many had
+    last_done: int | None = None
 
     def update(self, done: int, now_s: float) -> None:
         """Note that `done` units are finished at `now_s`."""
-        if self.marks and done == self.marks[-1][1]:
+        is_first_look, is_same = self.last_done is None, self.last_done == done
+        self.last_done = done
+        if is_first_look or is_same:
             return
         if self.marks and now_s - self.marks[-1][0] > self.longest_gap_s:
             self.marks.clear()

@@ -10,10 +10,13 @@ def test_time_left_follows_the_rate():
     assert rate.seconds_left(20) == pytest.approx(100.0)
 
 
-def test_nothing_is_known_before_the_second_unit():
+def test_nothing_is_known_before_the_second_unit_that_was_seen_to_end():
     rate = RateEstimate()
-    rate.update(0, 0.0)
-    assert rate.seconds_left(5) is None
+    for done, now_s in ((0, 9.0), (1, 10.0)):  # it began long before the first look
+        rate.update(done, now_s)
+        assert rate.seconds_left(5) is None
+    rate.update(2, 30.0)
+    assert rate.seconds_left(5) == pytest.approx(100.0)
 
 
 def test_waiting_for_a_person_does_not_slow_the_estimate():

@@ -43,7 +43,8 @@ def test_after_a_break_no_time_is_said_until_the_rate_of_the_grasps_is_known_aga
     monkeypatch.setattr(progress, "at_present", lambda campaign: SimpleNamespace(state=lambda: None))
     monkeypatch.setattr(progress, "count_work", lambda campaign, state: Workload(grasps[0], 20, 30, 30))
     reporter = CampaignProgress(SimpleNamespace(), lines.append)
-    for at_s, done in ((0.0, 9), (10.0, 10), (4000.0, 11), (4010.0, 12)):
+    for at_s, done in ((0.0, 8), (10.0, 9), (20.0, 10), (4000.0, 11), (4010.0, 12)):
         clock[0], grasps[0] = at_s, done
         reporter.line("a grasp")
-    assert [line.rpartition("  |  ")[2] for line in lines] == [UNKNOWN, "2 min left", UNKNOWN, "80 s left"]
+    said = [line.rpartition("  |  ")[2] for line in lines]
+    assert said == [UNKNOWN, UNKNOWN, "2 min left", UNKNOWN, "80 s left"]

@@ -10,7 +10,7 @@ export MKL_NUM_THREADS ?= 1
 # Many tests wait for devices and servers: one process more than there are cores.
 TEST_WORKERS ?= $(shell expr $$(nproc) + 1)
 
-.PHONY: help setup campaign test studies check audit-online format lock clean
+.PHONY: help setup campaign test studies check docs audit-online format lock clean
 
 help:           ## list the commands
 	@grep -E '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -30,7 +30,7 @@ campaign: setup ## a small complete campaign on the virtual bench, with report a
 test: setup     ## the test suite
 	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist worksteal
 
-studies: setup  ## tests that take minutes: hundreds of kills, campaigns in an object store
+studies: setup  ## tests that take minutes; `python -m tests.studies list` names the studies behind the docs
 	$(BIN)/python -m pytest -m study
 
 check: setup    ## format, lint, types, import layers, packages as locked
@@ -38,7 +38,10 @@ check: setup    ## format, lint, types, import layers, packages as locked
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m tests.audit
+	$(BIN)/python -m flows.cli.audit
+
+docs: setup     ## the documentation as a site, in build/site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 audit-online: setup  ## known vulnerabilities of the locked packages; asks a public service
 	$(PYTHON) -m venv $(VENV)-audit

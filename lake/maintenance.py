@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from lake.query.engine import Signature, list_files
+from lake.storage.base import MARKER, QUARANTINE, STAGED_MARKER, Entry, Storage
 from lake.storage.files import (
     FILE_PREFIX,
     FILE_SUFFIX,
@@ -25,7 +26,6 @@ from lake.storage.files import (
     file_name,
     stage,
 )
-from lake.storage.folder import MARKER, QUARANTINE, STAGED_MARKER, Entry, Storage
 from lake.store import Lake
 from lake.tables.campaign import TABLE_BY_NAME, TABLES, Row
 from lake.tables.schema import has_samples, schema_of

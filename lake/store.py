@@ -13,10 +13,10 @@ import duckdb
 import pyarrow as pa
 
 from lake.provenance import Provenance, stamped
-from lake.query.engine import Engine, Mark, load_views, tables_used, views_used
-from lake.query.sql import check_reads_only
+from lake.query.engine import Engine, Mark, check_reads_only, load_views, tables_used, views_used
+from lake.storage.base import MARKER, Storage
 from lake.storage.files import discard, read_row, stage
-from lake.storage.folder import MARKER, Storage, storage_at
+from lake.storage.open import storage_at
 from lake.tables.campaign import TABLE_BY_NAME, TABLES, Row, SimTraceRow, TraceRow
 from lake.tables.schema import has_samples, schema_of, to_arrow
 from models.errors import LakeError, UsageError

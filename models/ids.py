@@ -4,6 +4,32 @@ import hashlib
 import json
 from typing import Any
 
+# What each prefix of an id stands for: one meaning each. `docs/reference/identifiers.md` says what an id is made from.
+PREFIXES = {
+    "A": "a run of gap discovery",
+    "B": "a physics request of a virtual bench",
+    "C": "a calibration",
+    "D": "a design",
+    "E": "an event",
+    "F": "a fit of the surrogate",
+    "G": "a grasp setup",
+    "H": "the settings of a run",
+    "K": "a measured grasp",
+    "M": "a mesh",
+    "N": "a finding of gap discovery",
+    "P": "a proposal",
+    "Q": "draws of one parameter in one chain",
+    "R": "a diagnostic run",
+    "S": "a simulated grasp",
+    "T": "features of a trace",
+    "U": "a row of a study, never in a lake",
+    "V": "a simulator version",
+    "W": "a world",
+    "X": "an effect of a simulator version",
+    "Y": "an anomaly flag",
+    "Z": "a held-out split",
+}
+
 
 def canonical_json(payload: Any) -> str:
     """JSON with sorted keys and no spaces; floats as Python's shortest round-trip text."""
@@ -11,7 +37,13 @@ def canonical_json(payload: Any) -> str:
 
 
 def content_id(prefix: str, payload: Any) -> str:
-    """`prefix` plus 12 hex digits of the SHA-256 of `payload` (any JSON value)."""
+    """`prefix` (one of `PREFIXES`) plus 12 hex digits of the SHA-256 of `payload` (any JSON value).
+
+    >>> content_id("K", ["B01T0", 30, 0, 0])
+    'K32e915377c6e'
+    """
+    if prefix not in PREFIXES:
+        raise ValueError(f"the id prefix {prefix!r} has no meaning in models.ids.PREFIXES; give it one there")
     return prefix + hashlib.sha256(canonical_json(payload).encode()).hexdigest()[:12]
 
 

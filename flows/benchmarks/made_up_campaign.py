@@ -35,6 +35,15 @@ def made_up_attempt(job: GraspJob, wall_s: float = SIMULATION_S) -> Attempt:
     return Attempt(fingerprint(request), "", "", cpu_s=0.0, mesh_cpu_s=0.0, wall_s=wall_s, worker=os.getpid())
 
 
+def use_made_up_physics() -> None:
+    """Have this process compute nothing: neither simulations nor the truth of the virtual bench."""
+    from flows.campaign import process
+    from tasks.simulation import simulate as simulating
+
+    simulating.attempt_grasp = made_up_attempt
+    process.simulate_request = fingerprint
+
+
 def config_of(name: str, size: Size = Size()) -> CampaignConfig:
     """One batch of tools, with simulations beside it; nothing is learnt."""
     schedule = {"initial_tools": size.n_tools, "initial_simulations": size.n_simulations, "guided_batches": 0}

@@ -84,7 +84,7 @@ def _packages() -> Check:
 
 
 def _versions() -> Check:
-    from tests.audit import LOCK, mismatches
+    from flows.cli.audit import LOCK, mismatches
 
     wrong = list(mismatches(LOCK.read_text(encoding="utf-8"))) if LOCK.exists() else []
     others = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
@@ -104,7 +104,7 @@ def _fastapi() -> Check:
 
 
 def _disk(lake: Path) -> Check:
-    from lake.storage.folder import storage_at
+    from lake.storage.open import storage_at
 
     root = storage_at(lake).root.absolute()
     folder = next(p for p in [root, *root.parents] if p.exists())
@@ -115,7 +115,7 @@ def _disk(lake: Path) -> Check:
 
 
 def _lake(lake: Path) -> Check:
-    from lake.storage.folder import storage_at
+    from lake.storage.open import storage_at
     from lake.store import Lake
     from models.errors import FastError
 
@@ -143,7 +143,7 @@ def _running(lake: Path) -> str:
     import socket
 
     from flows.server.server import DEFAULT_PORT, LOOPBACK, find_server
-    from lake.storage.folder import storage_at
+    from lake.storage.open import storage_at
 
     named = os.environ.get("PREFECT_API_URL")
     known = named or find_server(storage_at(lake).root)

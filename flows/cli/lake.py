@@ -120,7 +120,7 @@ def lineage(
     json: AsJson = False,
 ) -> None:
     """Show what a row was made from, back to config, code and seed; each row with its parents in turn."""
-    from flows.cli.lineage_text import lineage_json, lineage_text
+    from flows.report.lineage import lineage_json, lineage_text
     from lake.query.lineage import find_lineage
     from lake.store import Lake
 

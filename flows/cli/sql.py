@@ -97,7 +97,7 @@ def _entry_text(entry: "Entry") -> str:
 
 
 def _formatted(table: "pa.Table", chosen: Format) -> bytes:
-    from lake.query.csv_text import csv_bytes, plain
+    from lake.query.sql import csv_bytes, plain
 
     if chosen == "csv":
         return csv_bytes(table)

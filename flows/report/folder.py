@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from flows.report.campaign.queries import Result
 from flows.report.html import Markup, picture, sources
 from flows.report.style import save_svg
-from lake.query.csv_text import csv_bytes
+from lake.query.sql import csv_bytes
 from models.errors import UsageError
 
 PRINT_DPI = 200

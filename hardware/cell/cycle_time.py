@@ -22,8 +22,7 @@ from hardware.cell.cell import (
 )
 from hardware.cell.diagnostics import NO_OBJECT, Cell, DiagnosticRun
 from hardware.cell.layout import BenchLayout
-from hardware.grbl.motion import limit_along, move_duration_s
-from hardware.grbl.profile import GrblProfile
+from hardware.grbl.profile import GrblProfile, limit_along, move_duration_s
 from hardware.tools import changer as tool_changer
 from hardware.tools.mounted import MountedTool
 from models.records import GraspSetup

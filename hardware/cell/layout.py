@@ -1,7 +1,7 @@
 """Where things are on the bench, in the gantry's workspace (x, y on the sheet, z up; 0 to 1500, 1500, 180 mm).
 
 Height of the head: `z_mm` = 0 is the lowest place of the Z axis. The base of the fingers (top of the compliant body's
-frame, design.md 5.1) then hangs `head_offset_mm` above the sheet, so base above sheet = z + 60. An object's bottom is
+frame of the grasp) then hangs `head_offset_mm` above the sheet, so base above sheet = z + 60. An object's bottom is
 `mount_height_mm` = 33 above the sheet, tips are `height_mm` below the base:
 
     tip in the object frame = z + 60 - height - 33,    so z = 33 + height - tip_below - 60 for a grasp.

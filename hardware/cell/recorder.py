@@ -15,7 +15,7 @@ CONTACT_READINGS = 20  # a quarter of a second: averages the noise, keeps the na
 class GraspRecorder:
     """Force at the transmitter's rate, position at a slower one, both on the bench's clock.
 
-    The force's time base does not hang on the position polls (notes/hardware.md 1.8): lift is interpolated to it.
+    The force's time base does not hang on the position polls: lift is interpolated to it.
     """
 
     def __init__(self, start_s: float, z_mm: float, baseline: Baseline) -> None:

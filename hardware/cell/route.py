@@ -5,8 +5,7 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 from hardware.cell.layout import N_SLOTS, BenchLayout
-from hardware.grbl.motion import limit_along, move_duration_s
-from hardware.grbl.profile import GrblProfile
+from hardware.grbl.profile import GrblProfile, limit_along, move_duration_s
 
 Point = tuple[float, float]
 

@@ -1,7 +1,7 @@
 """CLICK addresses and values on the Modbus wire: one table of banks, formulas both ways, no I/O.
 
 Documented addresses count from 1 (Y001 is 8193), the wire counts from 0 (8192). 32-bit values travel low word first,
-each word big-endian: the opposite of the Laumas transmitter. Source: notes/hardware.md section 2.1.
+each word big-endian: the opposite of the Laumas transmitter.
 """
 
 import math

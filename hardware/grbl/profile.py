@@ -4,7 +4,8 @@ GRBL's EEPROM check sum is weak: a half-written EEPROM passes it with absurd set
 `$$` and refuses to move on a difference.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from pydantic import Field, field_validator
@@ -140,3 +141,29 @@ class GrblProfile(Record):
     def homes_to_plus_end(self, axis: int) -> bool:
         """Whether axis 0, 1, 2 homes to its + end (bit of `$23` clear)."""
         return not int(self.settings[23]) >> axis & 1
+
+
+CONTROLLER_DELAY_S = 1.0  # parsing, dwell and polling around one move
+DEADLINE_FACTOR = 1.5  # wall time slips on a loaded host
+
+
+def limit_along(direction: Sequence[float], limits: Sequence[float]) -> float:
+    """Largest speed (or acceleration) along a unit direction that breaks no axis limit; same unit as `limits`.
+
+    >>> limit_along((0.6, 0.8, 0.0), (30.0, 80.0, 10.0))
+    50.0
+    """
+    return min(limit / abs(part) for part, limit in zip(direction, limits, strict=True) if part)
+
+
+def move_duration_s(distance_mm: float, speed_mm_per_s: float, acceleration_mm_per_s2: float) -> float:
+    """Ideal time of a move from rest to rest: trapezoid, or triangle when too short to reach the speed."""
+    if distance_mm * acceleration_mm_per_s2 < speed_mm_per_s**2:
+        return 2 * math.sqrt(distance_mm / acceleration_mm_per_s2)
+    return distance_mm / speed_mm_per_s + speed_mm_per_s / acceleration_mm_per_s2
+
+
+def move_deadline_s(distance_mm: float, speed_mm_per_s: float, acceleration_mm_per_s2: float) -> float:
+    """Time after which a move counts as stuck."""
+    ideal_s = move_duration_s(distance_mm, speed_mm_per_s, acceleration_mm_per_s2)
+    return (ideal_s + CONTROLLER_DELAY_S) * DEADLINE_FACTOR

@@ -1,7 +1,7 @@
 """Brings a GRBL controller into a known state and keeps it there: connect, query, poll, reset, alarms, trust.
 
 *Trust* is the knowledge that MPos is the true place. Homing gives it; an unasked banner, a position-losing alarm, a
-silent controller or a lost line takes it; a soft reset at rest and ALARM:2 leave it (hardware notes, 1.6).
+silent controller or a lost line takes it; a soft reset at rest and ALARM:2 leave it.
 """
 
 import logging

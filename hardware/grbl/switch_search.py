@@ -14,8 +14,7 @@ from collections.abc import Sequence
 from hardware.clock import Clock
 from hardware.grbl.errors import MoveTimeoutError
 from hardware.grbl.messages import RealTime, StatusReport, Vector
-from hardware.grbl.motion import move_deadline_s
-from hardware.grbl.profile import HARD_LIMITS, SOFT_LIMITS, GrblProfile
+from hardware.grbl.profile import HARD_LIMITS, SOFT_LIMITS, GrblProfile, move_deadline_s
 from hardware.grbl.session import GrblSession
 
 AXES = "XYZ"

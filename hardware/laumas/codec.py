@@ -1,7 +1,7 @@
 """Registers of a Laumas weight transmitter: typed readings from and to register blocks, no I/O.
 
 Weights are magnitudes, high word first; the sign sits in the status register. 0-based addresses are the documented
-ones minus 40001. Source: notes/hardware.md section 3.1.
+ones minus 40001.
 """
 
 import struct

@@ -2,7 +2,7 @@ r"""Strings of the fast continuous mode of a Laumas transmitter: bytes to weight
 
 Two forms: six characters of weight with CR LF, and `&T` gross `P` gross `\` check CR, whose check is the XOR of all
 characters between `&` and `\`, as two hex digits. Only the second form shows damage. On a fault the characters become
-the alarm text of the display (notes/hardware.md 3.2).
+the alarm text of the display.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""What is watched around every grasp, and the limits (notes/hardware.md 4.1): air, zero of the load cell, mass.
+"""What is watched around every grasp, and the limits: air, zero of the load cell, mass.
 
 A `GraspFaultError` costs the grasp: the gripper is lowered and opened, and the batch goes on. Every other error ends in
 the safe state.

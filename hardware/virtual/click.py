@@ -21,7 +21,7 @@ from models.records import GraspSetup
 SCAN_PERIOD_S = 0.01
 SCAN_JITTER = 0.2  # of the period, either way
 _SHORTEST_SCAN_S, _SCAN_SPREAD_S = (1 - SCAN_JITTER) * SCAN_PERIOD_S, 2 * SCAN_JITTER * SCAN_PERIOD_S
-MOST_CONNECTIONS = 3  # further ones are hung up (notes/hardware.md 2.1)
+MOST_CONNECTIONS = 3  # further ones are hung up
 IDLE_TIME_OUT_S = 60.0  # of the bench's clock, then the PLC hangs up (SD200 and following)
 CONNECTION_LIMIT_BIT = "SC92"  # on while every connection is in use
 _IDLE_LOOK_S = 1.0

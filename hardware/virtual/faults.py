@@ -1,4 +1,4 @@
-"""Every fault that the virtual bench can be given, by name: the table of notes/hardware.md 4.1.
+"""Every fault that the virtual bench can be given, by name.
 
 A name says what is wrong with the bench, not what the host should do; that is asserted in
 `tests/hardware/safety/test_scenarios.py`, one scenario for each.
@@ -7,16 +7,28 @@ A name says what is wrong with the bench, not what the host should do; that is a
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
+from hardware.virtual.click import VirtualClick
+from hardware.virtual.grbl.server import VirtualGrbl
+from hardware.virtual.laumas import VirtualLaumas
 from hardware.virtual.modbus_server import ModbusServerThread
+from hardware.virtual.world.state import WorldState
 from models.errors import UsageError
 from models.validation import closest
 
-if TYPE_CHECKING:
-    from hardware.virtual.bench import VirtualBench
 
-Act = Callable[["VirtualBench"], None]
+class FaultyBench(Protocol):
+    """The devices of a virtual bench that faults act on."""
+
+    grbl: VirtualGrbl
+    plc: VirtualClick
+    transmitter: VirtualLaumas
+    state: WorldState
+    is_lockstep: bool
+
+
+Act = Callable[[FaultyBench], None]
 
 
 @dataclass(frozen=True)
@@ -27,7 +39,7 @@ class BenchFault:
     inject: Act
     end: Act | None = None
 
-    def clear(self, bench: "VirtualBench") -> None:
+    def clear(self, bench: FaultyBench) -> None:
         """End it, if it is one that lasts."""
         if self.end is not None:
             self.end(bench)
@@ -45,15 +57,15 @@ def _world(meaning: str, name: str) -> BenchFault:
     return BenchFault(meaning, lambda bench: bench.state.inject(name), lambda bench: bench.state.clear(name))
 
 
-def _switch_plc_to_stop(bench: "VirtualBench") -> None:
+def _switch_plc_to_stop(bench: FaultyBench) -> None:
     bench.plc.is_running = False
 
 
-def _switch_plc_to_run(bench: "VirtualBench") -> None:
+def _switch_plc_to_run(bench: FaultyBench) -> None:
     bench.plc.is_running = True
 
 
-def _restart_plc(bench: "VirtualBench") -> None:
+def _restart_plc(bench: FaultyBench) -> None:
     bench.plc.restart()
 
 
@@ -65,21 +77,21 @@ def _unplug(server: ModbusServerThread, is_lockstep: bool) -> None:
         threading.Thread(target=server.stop, name="unplug", daemon=True).start()
 
 
-def _unplug_plc(bench: "VirtualBench") -> None:
+def _unplug_plc(bench: FaultyBench) -> None:
     _unplug(bench.plc.server, bench.is_lockstep)
 
 
-def _unplug_transmitter(bench: "VirtualBench") -> None:
+def _unplug_transmitter(bench: FaultyBench) -> None:
     _unplug(bench.transmitter.server, bench.is_lockstep)
 
 
-def _press_estop(bench: "VirtualBench") -> None:
+def _press_estop(bench: FaultyBench) -> None:
     """The button opens the PLC's input and takes the controller's power."""
     bench.state.inject("estop_pressed")
     bench.grbl.inject("power_cut")
 
 
-def _release_estop(bench: "VirtualBench") -> None:
+def _release_estop(bench: FaultyBench) -> None:
     bench.state.clear("estop_pressed")
     bench.grbl.clear("power_cut")
 

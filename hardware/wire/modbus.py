@@ -1,7 +1,7 @@
 """One Modbus connection to one device, with the rules that keep it in step.
 
 After any time-out the socket is thrown away: pymodbus (and others) can be out of step by one transaction afterwards.
-Reads are repeated on a fresh socket, writes never: the caller must read back first (notes/hardware.md 2.3 and 4.1).
+Reads are repeated on a fresh socket, writes never: the caller must read back first.
 """
 
 import logging

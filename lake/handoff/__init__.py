@@ -1,1 +1,8 @@
-"""Hand-off folders: import and export of grasps as CSV and Parquet."""
+"""Hand-off folders: grasps of other labs and simulators come in, and ours go out, as CSV and Parquet.
+
+A reader for another format is a function that returns `HandoffTables`.
+"""
+
+from lake.handoff.readers import HandoffTables
+
+__all__ = ["HandoffTables"]

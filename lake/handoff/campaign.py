@@ -16,7 +16,7 @@ from typing import Final
 from lake.handoff.files import FILE_NAMES, HandoffGrasp
 from lake.store import Lake
 from lake.tables.campaign import BatchRow, CampaignRow, ObjectRow, Row, ToolRow
-from lake.tables.objects import object_rows
+from lake.tables.catalogue_rows import object_rows
 from models.errors import UsageError
 
 _LOG = logging.getLogger(__name__)

@@ -100,7 +100,7 @@ def _tables(source: Path, reader: Reader) -> dict[str, pa.Table]:
     except Exception as error:  # whatever the function of another lab raises
         raise UsageError(
             f"The reader failed on {source} ({_short(error)}); nothing was imported: correct it, it must return "
-            "lake.handoff.readers.HandoffTables."
+            "lake.handoff.HandoffTables."
         ) from error
 
 

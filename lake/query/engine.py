@@ -9,12 +9,14 @@ out of the view `<table>`, which is what queries see. Files without such rows ar
 hides from DuckDB how many there are, and a join then holds all samples instead of the few rows it should.
 """
 
+from __future__ import annotations
+
 import logging
 import os
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from itertools import count
 from pathlib import Path
@@ -27,7 +29,7 @@ from lake.storage.files import FILE_PREFIX, FILE_SUFFIX, fault_of
 from lake.tables.campaign import TABLE_BY_NAME, TABLES, Row
 from lake.tables.schema import has_samples, schema_of, sql_columns
 from lake.tables.upgrades import Upgrades
-from models.errors import LakeError
+from models.errors import LakeError, UsageError
 
 _LOG = logging.getLogger(__name__)
 _READ_ATTEMPTS = 50  # a file may be merged into another between listing and reading
@@ -35,8 +37,6 @@ _LOOSE_ROWS = 50_000  # a tenth of a second to compress
 _MEMORY_LIMIT = "1500MB"  # tables held and queries at work; what is over goes to temporary files
 _TIMES_VIEW = {"traces": "trace_times"}  # views.sql says what it is for
 Signature = tuple[int, int, int]  # time, size, inode
-
-
 _ENGINES = count()  # numbers of engines: their file numbers are their own
 
 
@@ -414,3 +414,34 @@ def _unreadable(folder: Path, error: Exception) -> LakeError:
         f"The table `{folder.name}` in {folder.parent} cannot be read ({first_line}): "
         "run `fast lake check` to find the file at fault."
     )
+
+
+_READING = {duckdb.StatementType.SELECT}
+
+
+@lru_cache(maxsize=256)
+def check_reads_only(sql: str) -> None:
+    """Refuse anything but one statement that reads.
+
+    Raises:
+        UsageError: the statement writes, loads, attaches or sets something, or there is not exactly one.
+    """
+    try:
+        statements = duckdb.extract_statements(sql)
+    except duckdb.Error as error:
+        bare_order = re.search(r"(?<!\.)\border\b(?!\s+by\b)", sql, flags=re.IGNORECASE)
+        hint = "; `order` is a word of SQL: write g.order, with the table named g" if bare_order else ""
+        raise UsageError(f"This is not SQL that DuckDB understands{hint}: {error}") from error
+    if len(statements) != 1:
+        raise UsageError(f"Give exactly one SELECT statement, not {len(statements)}.")
+    if statements[0].type not in _READING:
+        raise UsageError(
+            f"{_first_word(statements[0].query)} is not allowed here, the lake is read-only to SQL: "
+            "use a SELECT statement."
+        )
+
+
+def _first_word(sql: str) -> str:
+    """What the statement does, by its own first word; comments before it are skipped."""
+    match = re.match(r"(?:\s|--[^\n]*\n|/\*.*?\*/)*(\w+)", sql, flags=re.DOTALL)
+    return match[1].upper() if match else "This statement"

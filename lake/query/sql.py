@@ -1,26 +1,24 @@
-"""Read-only SQL over a lake, for people (`fast sql`) and for `Lake.query`.
+"""Read-only SQL over a lake for people (`fast sql`), and its results as CSV.
 
 Three locks, each enough for its part: only SELECT-like statements are taken, they run in a read-only
 transaction (a WITH clause can hide an INSERT), and the connection has no access to files or network.
 """
 
-from __future__ import annotations
-
+import io
+import json
 import re
+from decimal import Decimal
 from difflib import get_close_matches
-from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import duckdb
 import pyarrow as pa
+from pyarrow import csv
 
+from lake.query.engine import check_reads_only
+from lake.store import Lake
 from models.errors import UsageError
 from models.validation import closest
 
-if TYPE_CHECKING:
-    from lake.store import Lake
-
-_READING = {duckdb.StatementType.SELECT}
 _ATTEMPTS = 5  # files of traces may be merged while a query runs
 
 
@@ -52,34 +50,6 @@ def run_sql(lake: Lake, sql: str) -> pa.Table:
     raise UsageError("The query was not answered; run it again.")
 
 
-@lru_cache(maxsize=256)
-def check_reads_only(sql: str) -> None:
-    """Refuse anything but one statement that reads.
-
-    Raises:
-        UsageError: the statement writes, loads, attaches or sets something, or there is not exactly one.
-    """
-    try:
-        statements = duckdb.extract_statements(sql)
-    except duckdb.Error as error:
-        bare_order = re.search(r"(?<!\.)\border\b(?!\s+by\b)", sql, flags=re.IGNORECASE)
-        hint = "; `order` is a word of SQL: write g.order, with the table named g" if bare_order else ""
-        raise UsageError(f"This is not SQL that DuckDB understands{hint}: {error}") from error
-    if len(statements) != 1:
-        raise UsageError(f"Give exactly one SELECT statement, not {len(statements)}.")
-    if statements[0].type not in _READING:
-        raise UsageError(
-            f"{_first_word(statements[0].query)} is not allowed here, the lake is read-only to SQL: "
-            "use a SELECT statement."
-        )
-
-
-def _first_word(sql: str) -> str:
-    """What the statement does, by its own first word; comments before it are skipped."""
-    match = re.match(r"(?:\s|--[^\n]*\n|/\*.*?\*/)*(\w+)", sql, flags=re.DOTALL)
-    return match[1].upper() if match else "This statement"
-
-
 def _sentence(connection: duckdb.DuckDBPyConnection, error: duckdb.Error) -> str:
     """What is wrong with the query, where possible in the lake's own words instead of DuckDB's."""
     text = str(error)
@@ -108,3 +78,23 @@ def _known_tables(connection: duckdb.DuckDBPyConnection) -> list[str]:
 def _columns(connection: duckdb.DuckDBPyConnection) -> list[str]:
     columns = connection.sql("SELECT DISTINCT column_name FROM duckdb_columns() WHERE NOT internal").fetchall()
     return [name for (name,) in columns if not name.startswith("_")]
+
+
+def csv_bytes(table: pa.Table) -> bytes:
+    """The table as CSV with a header; lists and structs as JSON text, since a CSV has plain values only."""
+    buffer = io.BytesIO()
+    csv.write_csv(_flat(table), buffer)
+    return buffer.getvalue()
+
+
+def plain(value: object) -> float | str:
+    """What JSON knows for a value that it does not: a number for a decimal, text for a time."""
+    return float(value) if isinstance(value, Decimal) else str(value)
+
+
+def _flat(table: pa.Table) -> pa.Table:
+    for place, field in enumerate(table.schema):
+        if pa.types.is_nested(field.type):
+            texts = [None if value is None else json.dumps(value, default=plain) for value in table[place].to_pylist()]
+            table = table.set_column(place, field.name, pa.array(texts, pa.string()))
+    return table

@@ -1,21 +1,15 @@
-"""Where the files of a lake are kept: in a folder, or in an object store of which a folder here is a copy.
+"""A lake in a folder."""
 
-Whatever the store, tables are read from a folder on this machine, `root`; locks, caches and outputs of the lake, which
-belong to the machine and not to the data, are in it too.
-"""
-
-import json
 import os
-import re
 import tempfile
 from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from typing import NamedTuple, Protocol
 
 import pyarrow as pa
 
 from lake.query.engine import Signature, list_files
+from lake.storage.base import MARKER, QUARANTINE, STAGED_MARKER, Entry, reason_of, reason_text
 from lake.storage.files import (
     FORBIDDEN,
     NOT_CONTENT,
@@ -29,116 +23,6 @@ from lake.storage.files import (
     writing_failed,
 )
 from models.errors import FastError, LakeError, UsageError
-
-MARKER = "lake.json"
-STAGED_MARKER = f".{MARKER}."  # with the number of the process that makes the lake
-QUARANTINE = "quarantine"
-# A path takes one of the two slashes away, and --lake is a path wherever it may be a folder.
-_OBJECT_STORE = re.compile(r"s3:/{1,2}(?P<bucket>[^/]+)/*(?P<prefix>.*)")
-
-_ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
-
-
-class Entry(NamedTuple):
-    """A file or folder of the store; `place` is what a person calls it."""
-
-    name: str
-    place: Path | str
-    is_file: bool
-    modified_s: float
-
-
-class Storage(Protocol):
-    """What a lake asks of the place that keeps its files."""
-
-    address: str
-    root: Path
-
-    def marker(self) -> str | None:
-        """Text of the file that makes this place a lake; None if there is none."""
-
-    def is_empty(self) -> bool:
-        """True when nothing is at this place.
-
-        Raises:
-            FastError: the object store does not answer.
-            OSError: the folder cannot be read.
-        """
-
-    def try_writing(self) -> None:
-        """Write a file that no reader looks at, and remove it: permissions alone do not tell.
-
-        Raises:
-            FastError: the object store does not take it.
-            OSError: the folder cannot be written.
-        """
-
-    def make(self, marker: str) -> None:
-        """Make a lake of an empty place.
-
-        Raises:
-            UsageError: it cannot be written, or holds something else.
-        """
-
-    def refresh(self, tables: Iterable[str], *, anew: bool = False) -> None:
-        """Bring the files that are read here in step with the store; `anew` trusts none that is here.
-
-        Raises:
-            FastError: the store does not answer; what is here is as before.
-        """
-
-    def file_name(self, rows: pa.Table) -> str:
-        """Name for the file of appended rows."""
-
-    def naming(self) -> AbstractContextManager[None]:
-        """Hold while files get their names, so that no file of the same name is removed meanwhile."""
-
-    def publish(self, staged: Path, final: Path) -> None:
-        """Give a staged file its name, at once for every reader, and make that last.
-
-        Raises:
-            FastError: it may not have its name; the staged file is gone.
-        """
-
-    def remove(self, folder: Path, files: Mapping[str, Signature]) -> None:
-        """Remove files whose rows are in other files, but for those that were written again since.
-
-        Raises:
-            FastError: some could not be removed.
-        """
-
-    def place(self, table: str) -> Path | str:
-        """What a person calls the folder of a table."""
-
-    def entries(self, table: str | None = None) -> list[Entry]:
-        """What is in the folder of a table, or at the top, by name; nothing if there is no such folder.
-
-        Raises:
-            OSError: it cannot be read.
-        """
-
-    def set_aside(self, entry: Path | str, reason: Mapping[str, str]) -> Path | str:
-        """Move a file to the quarantine, its reason first; returns where it is now.
-
-        Raises:
-            FastError: it could not be moved, and is where it was.
-        """
-
-
-def storage_at(address: Path | str) -> Storage:
-    """The storage at what a person gives as --lake: a folder, or `s3://bucket/prefix`.
-
-    Raises:
-        UsageError: it is the address of something else.
-    """
-    found = _OBJECT_STORE.fullmatch(str(address))
-    if found is None and _ADDRESS.match(str(address)):
-        raise UsageError(f"{address} is no lake: give a folder or s3://BUCKET/PREFIX with --lake.")
-    if found is None:
-        return FolderStorage(Path(address))
-    from lake.storage.object_store import ObjectStorage  # a tenth of a second that a folder does not need
-
-    return ObjectStorage(found["bucket"], found["prefix"].strip("/"))
 
 
 class FolderStorage:
@@ -253,16 +137,6 @@ class FolderStorage:
             return False
         names = [entry.name for entry in self.root.iterdir()]
         return any(not name.startswith(STAGED_MARKER) for name in names) and self.marker() is None
-
-
-def reason_of(target: Path) -> Path:
-    """File beside one in the quarantine that says why it is there."""
-    return target.with_name(f"{target.name}.reason.json")
-
-
-def reason_text(reason: Mapping[str, str]) -> str:
-    """Content of that file."""
-    return json.dumps(dict(reason), indent=2) + "\n"
 
 
 def _not_set_aside(path: Path, error: OSError) -> FastError:

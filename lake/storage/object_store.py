@@ -22,8 +22,8 @@ import pyarrow as pa
 from pyarrow.fs import FileInfo, FileType
 
 from lake.query.engine import Signature
+from lake.storage.base import MARKER, QUARANTINE, STAGED_MARKER, Entry, reason_text
 from lake.storage.files import FILE_PREFIX, FILE_SUFFIX, LEFTOVER_AGE_S, discard, file_name, make_folder, writing_failed
-from lake.storage.folder import MARKER, QUARANTINE, STAGED_MARKER, Entry, reason_text
 from lake.storage.s3_client import Connection, refusal
 from models.errors import LakeError, UsageError
 

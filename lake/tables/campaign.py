@@ -301,7 +301,7 @@ class DiagnosticRow(_TraceColumns):
     @staticmethod
     def make_id(tool_id: str, kind: str, started_at: datetime) -> str:
         """Id of a run: every one is a measurement of its own."""
-        return content_id("D", [tool_id, kind, started_at.isoformat()])
+        return content_id("R", [tool_id, kind, started_at.isoformat()])
 
 
 class FitRow(Row):

@@ -101,7 +101,7 @@ class PosteriorDrawsRow(Row):
 
 
 class EffectRow(Row):
-    """One effect of a simulator version; `lake.tables.rows_of.version_rows` makes them with the version's own row."""
+    """One effect of a simulator version; `lake.tables.catalogue_rows` makes them with the version's own row."""
 
     table: ClassVar[str] = "effects"
     effect_id: str

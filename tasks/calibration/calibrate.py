@@ -8,8 +8,8 @@ from typing import Any, ClassVar, Literal
 from lake.provenance import Provenance, current_provenance
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow
+from lake.tables.catalogue_rows import missing_version_rows
 from lake.tables.row import Row
-from lake.tables.rows_of import missing_version_rows
 from models.calibration.inference.outcome import refusal, theta_of, worst
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings

@@ -97,7 +97,7 @@ def newest_calibrated(lake: Lake, base_version_id: str, campaign_id: str) -> tup
 
 def _decide(campaign: Campaign, stage: int) -> None:
     """Take the newest version for a stage and write down which it is."""
-    from lake.tables.rows_of import missing_version_rows
+    from lake.tables.catalogue_rows import missing_version_rows
     from models.simulation.effects.scaling import force_ratio
 
     base = campaign.config.simulator.version

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from lake.provenance import Provenance, current_provenance
 from lake.store import Lake
 from lake.tables.campaign import DesignRow, SimulatorVersionRow
+from lake.tables.catalogue_rows import version_rows
 from lake.tables.row import Row
-from lake.tables.rows_of import version_rows
 from models.records import Design, GraspSetup, SimulatorVersion
 from tasks.campaign.state import tuples
 from tasks.simulation.attempt import GraspJob, answer, attempt_grasp

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from lake.tables.campaign import Row, SimTraceRow, SimulationRow, setup_columns
-from lake.tables.rows_of import missing_version_rows
+from lake.tables.catalogue_rows import missing_version_rows
 from models.ids import canonical_json
 from models.records import Design, GraspSimulation
 from tasks.campaign.campaign import Campaign

@@ -1,4 +1,4 @@
-"""docs/bench.md against the code: address map, ladder, GRBL settings, and the places that unverified facts point to."""
+"""docs/how-to/set-up-a-bench.md against the code: address map, ladder, GRBL settings, where unverified facts point."""
 
 import re
 from itertools import product
@@ -14,7 +14,7 @@ from hardware.grbl.profile import LAB_SETTINGS
 from hardware.virtual.click import VirtualClick
 
 ROOT = Path(__file__).parents[2]
-GUIDE = (ROOT / "docs" / "bench.md").read_text()
+GUIDE = (ROOT / "docs" / "how-to" / "set-up-a-bench.md").read_text()
 
 
 def rows_under(title):

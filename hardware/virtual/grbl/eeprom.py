@@ -5,7 +5,7 @@ import struct
 
 from hardware.virtual.grbl.gcode import GcodeError
 
-BYTE_WRITE_S = 0.0034  # interrupts are off meanwhile: bytes that arrive are lost (hardware notes, 1.7)
+BYTE_WRITE_S = 0.0034  # interrupts are off meanwhile: bytes that arrive are lost
 STARTUP_LINES = 2
 MIN_STEP_PULSE_US = 3
 STEP_PULSE, SOFT_LIMITS, HOMING = 0, 20, 22

@@ -1,4 +1,4 @@
-"""Firmware of the virtual gantry: behaves on the wire as grbl-Mega 1.1g (hardware notes, section 1). No I/O.
+"""Firmware of the virtual gantry: behaves on the wire as grbl-Mega 1.1g. No I/O.
 
 This is the main program: lines, G-code, `$` commands, homing. Bytes come in through `receive`, time through
 `advance`; what it says is collected with `take_output`.

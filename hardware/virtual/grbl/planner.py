@@ -5,7 +5,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from hardware.grbl.messages import Vector
-from hardware.grbl.motion import limit_along
+from hardware.grbl.profile import limit_along
 from hardware.virtual.grbl.carriage import Carriage
 from hardware.virtual.grbl.motion import Leg, Phase, stopping, trapezoid
 

@@ -34,8 +34,8 @@ AXIS_NAMES = "xyz"
 MAX_WAIT_S = 3600.0
 NOISE = b"\xff\x00~k\xe9<Idl\r\n"
 _REAL_TIME_BYTES = b"?!~\x18" + bytes(range(0x80, 0x100))
-REPORTS_PER_S = 40  # ceiling of the firmware at 115200 baud (hardware notes, 1.8)
-GARBAGE_SETTINGS = {0: 255.0, 132: 2147483.648}  # seen after a reset during the first boot (hardware notes, 1.6.16)
+REPORTS_PER_S = 40  # ceiling of the firmware at 115200 baud
+GARBAGE_SETTINGS = {0: 255.0, 132: 2147483.648}  # seen after a reset during the first boot
 
 
 class VirtualGrbl:
@@ -116,6 +116,11 @@ class VirtualGrbl:
                 (x, y, z), (x_0, y_0, z_0) = machine_mm, self._workspace.origin_mm
                 self._machine_mm, self._place_mm = machine_mm, (x - x_0, y - y_0, z - z_0)
             return self._place_mm
+
+    @property
+    def is_unplugged(self) -> bool:
+        """Whether the line has hung up."""
+        return self._is_closed
 
     @property
     def state(self) -> str:

@@ -1,4 +1,4 @@
-"""The world file: what a virtual bench hides (design.md 5.4)."""
+"""The world file: what a virtual bench hides."""
 
 import math
 import tomllib

@@ -50,8 +50,8 @@ class PhysicsRequest(Record):
 
     @property
     def request_id(self) -> str:
-        """Id derived from the whole content, `P` and 12 hex digits."""
-        return content_id("P", self.model_dump(mode="json"))
+        """Id derived from the whole content, `B` and 12 hex digits."""
+        return content_id("B", self.model_dump(mode="json"))
 
 
 Physics = Callable[[PhysicsRequest], GraspSimulation]
@@ -63,7 +63,7 @@ def build_request(world: World, tool_id: str, design: Design, object_id: int, se
     offsets_mm = world.scatter.placement_sd_mm * np.clip(draws, -3, 3)
     offset_x_mm, offset_z_mm = (float(value) + 0.0 for value in offsets_mm)  # no -0.0, which would be another request
     # Off-centre grasps break the mirror symmetry and cost the solver two fingers instead of one, while the force
-    # changes only in second order (0.3 % per mm, notes/gap.md G4).
+    # changes only in second order (0.3 % per mm).
     if abs(offset_x_mm) < NEGLIGIBLE_OFFSET_X_MM:
         offset_x_mm = 0.0
     return PhysicsRequest(

@@ -66,10 +66,10 @@ class PhysicsFiles:
             logger.warning("physics is not kept in %s (%s); it will be solved again", self._folder, error.strerror)
 
     def _path(self, content: dict[str, Any]) -> Path:
-        return self._folder / f"{content_id('P', content)}.json"
+        return self._folder / f"{content_id('B', content)}.json"
 
     def _remove_oldest(self) -> None:
-        files = list(self._folder.glob("P*.json"))
+        files = list(self._folder.glob("*.json"))
         if len(files) <= self._max_files:
             return
         for path in sorted(files, key=_age_key)[: len(files) - self._max_files]:

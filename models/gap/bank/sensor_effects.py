@@ -36,11 +36,11 @@ _IS_LIFT = _AT_MM > 0
 Law = Callable[[Sequence[Effect], np.ndarray, GraspSetup], np.ndarray]
 
 
-def sensed(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+def apply_sensor_effect(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
     """Step means with their lead (n x 132) with one effect, as it acts in each of n grasps (`Effect.in_grasp`)."""
     law = _LAWS.get(type(effects[0]))
     if law is None:
-        return _replayed(effects, steps_n, setup)
+        return _replay(effects, steps_n, setup)
     fine_n = _fine(steps_n)
     change_n = law(effects, fine_n, setup) - fine_n
     end = N_LEAD + _N_FINE * _PARTS
@@ -53,14 +53,14 @@ def acts_on_traces(effect: Effect) -> bool:
     return type(effect).modify_trace is not Effect.modify_trace
 
 
-def lead_means(trace: Trace, setup: GraspSetup) -> np.ndarray:
+def read_lead(trace: Trace, setup: GraspSetup) -> np.ndarray:
     """Forces (12) in N before the lift, the last where it starts; before the trace, its first force."""
     start_s = float(trace.time_s[trace.is_lift][0])
     at_s = start_s + _AT_MM[:N_LEAD] / setup.lift_speed_mm_per_s
     return np.interp(at_s, trace.time_s, trace.force_n)
 
 
-def trace_of_steps(steps_n: np.ndarray, setup: GraspSetup) -> Trace:
+def make_trace(steps_n: np.ndarray, setup: GraspSetup) -> Trace:
     """A trace with these step means and their lead (132), to first order: closed, then lifted at the setup's speed."""
     at_mm, force_n = np.append(_AT_MM, _AT_MM[-1] + 0.5 * STEP_MM), np.append(_fine(steps_n[None])[0], steps_n[-1])
     time_s = _closing_s(setup) + at_mm / setup.lift_speed_mm_per_s
@@ -78,8 +78,8 @@ def _fine(steps_n: np.ndarray) -> np.ndarray:
     return np.concatenate([first, parts.reshape(len(steps_n), -1), later], axis=1)
 
 
-def _replayed(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    traces = [trace_of_steps(row, setup) for row in steps_n]
+def _replay(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    traces = [make_trace(row, setup) for row in steps_n]
     changes = [
         step_means(effect.modify_trace(trace)) - step_means(trace)
         for effect, trace in zip(effects, traces, strict=True)

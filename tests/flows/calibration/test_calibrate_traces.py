@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from lake.tables.campaign import CalibrationRow, SimulationRow
-from lake.tables.rows_of import version_rows
+from lake.tables.catalogue_rows import version_rows
 from models.calibration.traces import calibrate as sampler
 from models.records import EffectValue, SimulatorVersion
 from tasks.simulation import plan as work

@@ -35,7 +35,7 @@ def test_plan_of_a_config_scaled_by_a_measured_time(fast):
 
 
 def test_the_order_in_the_docs_is_the_plan_s(fast):
-    reference = Path("docs/reference.md").read_text()
+    reference = Path("docs/reference/grasps.md").read_text()
     for order in ("fixed", "random"):
         for repeats in ("together", "interleaved"):
             data = fast("gantry", "plan", "--order", order, "--repeats-order", repeats, "--json").json

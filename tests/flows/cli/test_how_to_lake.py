@@ -1,4 +1,4 @@
-"""Runs the code of docs/how-to.md about import, export and reading the lake, as it is printed there."""
+"""Runs the code of the how-to pages about import, export and reading the lake, as it is printed there."""
 
 import re
 import shlex
@@ -10,7 +10,8 @@ from lake.tables.campaign import GraspRow
 from tests.flows.cli.cli_lakes import ROOT, Fast
 from tests.flows.synthetic_lake import Campaign, build
 
-HOW_TO = (ROOT / "docs" / "how-to.md").read_text(encoding="utf-8")
+PAGES = (ROOT / "docs" / "how-to" / name for name in ("use-python.md", "exchange-data.md"))
+HOW_TO = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
 
 
 def blocks(title: str, language: str) -> list[str]:
@@ -58,7 +59,7 @@ def test_each_way_in_gives_rows(fast, folder, block):
     for module in re.findall(r"import (polars|pandas)", block) + ["pandas"] * ("to_pandas" in block):
         pytest.importorskip(module)
     names: dict = {}
-    exec(compile(block, "how-to.md", "exec"), names)
+    exec(compile(block, "use-python.md", "exec"), names)
     results = [names[name] for name in ("table", "frame", "quality", "trace", "grasps") if name in names]
     assert len(results) == 1
     n_grasps = len(Lake.open(folder / "lake-data").ids(GraspRow))

@@ -1,4 +1,4 @@
-"""Runs every block of docs/tutorial-analysis.md, in order, on a made-up campaign."""
+"""Runs every block of docs/tutorial/own-analysis.md, in order, on a made-up campaign."""
 
 import re
 import shlex
@@ -9,7 +9,7 @@ from lake.store import Lake
 from tests.flows.cli.cli_lakes import ROOT, Fast
 from tests.flows.synthetic_lake import Campaign, build
 
-TEXT = (ROOT / "docs" / "tutorial-analysis.md").read_text(encoding="utf-8")
+TEXT = (ROOT / "docs" / "tutorial" / "own-analysis.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", TEXT, flags=re.S)
 
 
@@ -26,7 +26,7 @@ def test_every_block_runs_in_order(folder, monkeypatch, capsys):
     for language, block in BLOCKS:
         if language != "python" or (_lacks_polars() and "polars" in block):
             continue
-        exec(compile(block, "tutorial-analysis.md", "exec"), names)
+        exec(compile(block, "own-analysis.md", "exec"), names)
     printed = capsys.readouterr().out
     assert "'campaign_id': 'quick'" in printed
     assert re.search(r"6 measured and 10 simulated designs, rho -?\d", printed)

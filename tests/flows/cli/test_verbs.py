@@ -55,7 +55,7 @@ def run(campaign):
     @contextmanager
     def open_bench(mounted):
         rack = {tool.slot: MountedTool(tool.tool_id, tool.design) for tool in mounted}
-        with open_virtual_bench(WORLD, rack, physics) as bench:
+        with open_virtual_bench(WORLD, rack, physics, wires="memory") as bench:
             run.prepared(bench)
             yield bench
 

@@ -10,8 +10,7 @@ from flows.report.campaign.facts import agreement, object_pairs
 from flows.report.campaign.figures import agreement_figure, quality_figure
 from flows.report.campaign.page import write_report
 from lake.provenance import Provenance
-from lake.query.csv_text import csv_bytes
-from lake.query.sql import run_sql
+from lake.query.sql import csv_bytes, run_sql
 from lake.store import Lake
 from lake.tables.campaign import CampaignRow, GraspRow
 from models.errors import UsageError

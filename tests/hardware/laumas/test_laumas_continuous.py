@@ -21,8 +21,7 @@ from hardware.laumas.strings import (
     least_baud_rate,
     parse_line,
 )
-from hardware.virtual.laumas import VirtualLaumas
-from hardware.virtual.laumas_strings import StringServerThread
+from hardware.virtual.laumas import StringServerThread, VirtualLaumas
 from hardware.virtual.world.file import Sensor, World
 from hardware.virtual.world.state import HEAD_MASS_KG, WorldState
 from hardware.wire.serial import LinkLostError, SerialTransport

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from hardware.grbl.codec import LineDecoder
 from hardware.grbl.messages import Alarm, Banner, ErrorReply, Feedback, Ok, StartupRan, StatusReport
-from hardware.grbl.motion import move_duration_s
-from hardware.grbl.profile import GrblProfile
+from hardware.grbl.profile import GrblProfile, move_duration_s
 from hardware.virtual.grbl.gcode import GcodeError, Modal, Move, parse_jog, parse_line
 from hardware.virtual.grbl.machine import GrblMachine
 from hardware.virtual.grbl.motion import Leg, stopping, trapezoid

@@ -145,7 +145,7 @@ def folders(draw) -> dict[str, list[dict]]:
 
 
 @settings(
-    max_examples=8,
+    max_examples=4,
     phases=[Phase.explicit, Phase.generate],
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
@@ -171,7 +171,7 @@ def test_everything_the_format_holds_survives_a_round_trip(tmp_path_factory, fil
 
 READER = """
 import pyarrow as pa
-from lake.handoff_readers import HandoffTables
+from lake.handoff import HandoffTables
 
 def read(path):
     text = (path / "forces.txt").read_text().split()

@@ -1,4 +1,4 @@
-"""A made-up lake that contains what docs/queries.md asks for, and the same facts as pandas frames.
+"""A made-up lake that contains what docs/how-to/ask-the-lake.md asks for, and the same facts as pandas frames.
 
 Campaign `quick`, three batches of four tools. Built in: B01T1 slips off the turned cube, B02T1 was never measured on
 the hourglass, some attempts failed and were repeated, readings drift, B03 pushes objects down, simulation is off by a

@@ -1,4 +1,4 @@
-"""docs/queries.md: every query is answered on a made-up lake, and checked against pandas and numpy."""
+"""docs/how-to/ask-the-lake.md: every query is answered on a made-up lake, and checked against pandas and numpy."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -19,7 +19,7 @@ from tests.lake.query import query_lake
 from tests.lake.query.query_lake import Facts
 
 DOCS = Path(__file__).parents[3] / "docs"
-PAGE = (DOCS / "queries.md").read_text()
+PAGE = (DOCS / "how-to" / "ask-the-lake.md").read_text()
 SECTIONS = dict(enumerate(re.split(r"^### \d+\. ", PAGE, flags=re.MULTILINE)[1:], start=1))
 N_QUERIES = 22
 Check = Callable[[pd.DataFrame, Facts], None]
@@ -75,7 +75,7 @@ def test_query_can_be_pasted_between_double_quotes(number):
 
 @pytest.mark.parametrize("entry", [e for e in catalogue() if e.kind != "table"], ids=lambda entry: entry.name)
 def test_the_reference_names_every_view_and_macro(entry):
-    assert re.search(rf"^\| `{entry.name}[`(]", (DOCS / "reference.md").read_text(), flags=re.MULTILINE)
+    assert re.search(rf"^\| `{entry.name}[`(]", (DOCS / "reference" / "tables.md").read_text(), flags=re.MULTILINE)
     assert len(entry.comment) > 10
 
 

@@ -4,7 +4,8 @@ import duckdb
 import pyarrow as pa
 import pytest
 
-from lake.query.sql import check_reads_only, run_sql
+from lake.query.engine import check_reads_only
+from lake.query.sql import run_sql
 from lake.store import Lake
 from models.errors import LakeError, UsageError
 from tests.lake.query import query_lake

@@ -18,12 +18,12 @@ from lake.tables.campaign import (
     Row,
     SimulatorVersionRow,
 )
-from lake.tables.rows_of import missing_version_rows, version_rows
+from lake.tables.catalogue_rows import missing_version_rows, version_rows
 from models.design.space import PARAMETERS
 from models.errors import ConfigError
 from models.records import EffectValue, SimulatorVersion
 
-REFERENCE = (Path(__file__).parents[3] / "docs" / "reference.md").read_text(encoding="utf-8")
+REFERENCE = (Path(__file__).parents[3] / "docs" / "reference" / "tables.md").read_text(encoding="utf-8")
 SLIP = SimulatorVersion(
     effects=(
         EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.2}),

@@ -7,8 +7,8 @@ import numpy as np
 from lake.provenance import Provenance
 from lake.store import Lake
 from lake.tables.campaign import CampaignRow, DesignRow, GraspRow, SimulationRow, ToolRow, setup_columns
+from lake.tables.catalogue_rows import version_rows
 from lake.tables.row import Row
-from lake.tables.rows_of import version_rows
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.means.hypercube import HypercubePlan, hypercube

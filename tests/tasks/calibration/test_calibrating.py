@@ -15,7 +15,7 @@ from lake.tables.campaign import (
     SimulatorVersionRow,
     ToolRow,
 )
-from lake.tables.rows_of import missing_version_rows
+from lake.tables.catalogue_rows import missing_version_rows
 from models.errors import UsageError
 from models.records import EffectValue, SimulatorVersion
 from tasks.calibration.calibrate import find_calibration, infer

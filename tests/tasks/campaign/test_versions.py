@@ -7,7 +7,7 @@ import pytest
 
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, EventRow, SimulationRow
-from lake.tables.rows_of import version_rows
+from lake.tables.catalogue_rows import version_rows
 from models.calibration.inference.settings import WITH_EFFECTS
 from models.records import EffectValue, SimulatorVersion, Theta
 from models.scientist.surrogate.version_map import LEAST_SHARED

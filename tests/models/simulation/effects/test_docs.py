@@ -6,7 +6,7 @@ from typing import Any
 from models.simulation.effects.catalogue import CATALOGUE
 from models.simulation.effects.table import catalogue_entries, catalogue_rows
 
-PAGE = Path(__file__).parents[4] / "docs" / "effects.md"
+PAGE = Path(__file__).parents[4] / "docs" / "reference" / "effects.md"
 
 
 def line(cells: list[Any]) -> str:
@@ -25,7 +25,7 @@ def table_of_laws() -> list[str]:
 def test_the_page_shows_the_catalogue_as_it_is() -> None:
     page = PAGE.read_text().splitlines()
     missing = [text for text in table_of_parameters() + table_of_laws() if text not in page]
-    assert not missing, "docs/effects.md lacks these lines:\n" + "\n".join(missing)
+    assert not missing, "docs/reference/effects.md lacks these lines:\n" + "\n".join(missing)
     heads = [text for text in page if text.startswith("| ") and text.split(" | ")[0][2:] in _codes()]
     assert len(heads) == 2 * len(CATALOGUE)
 

@@ -13,12 +13,12 @@ from models.simulation.effects.base import Effect
 from models.simulation.effects.catalogue import CATALOGUE, build_effects
 from models.simulation.effects.load_cell_gain import LoadCellGain
 from models.simulation.effects.load_cell_lag import LoadCellLag
-from models.simulation.effects.replay import replayed
 from models.simulation.effects.scaling import scales_with_modulus
 from models.simulation.effects.spec import LAYERS, EffectSpec
 from models.simulation.effects.stress_relaxation import StressRelaxation
 from models.simulation.grasp import simulate_grasp
 from models.units import unit_of
+from tests.synthetic.simulation import replayed
 
 EVERY = sorted(CATALOGUE)
 CUBE = get_object(30)

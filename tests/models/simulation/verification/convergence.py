@@ -3,7 +3,8 @@
     python -m tests.models.simulation.verification.convergence
 
 solves every case that docs/verification/convergence.json lacks (a CPU minute in all) and writes the table into
-docs/verification.md. A case belongs to the settings that it was solved with: change a default, and it is solved again.
+docs/reference/verification.md. A case belongs to the settings that it was solved with: change a default, and it is
+solved again.
 """
 
 import json
@@ -19,7 +20,7 @@ from models.simulation.grasp import Numerics, simulate_grasp
 from models.simulation.solver.stepping import StepLimits
 
 CACHE = Path(__file__).parents[4] / "docs" / "verification" / "convergence.json"
-PAGE = CACHE.parents[1] / "verification.md"
+PAGE = CACHE.parents[1] / "reference" / "verification.md"
 OBJECTS = (1, 14, 24, 26, 28, 30)  # sphere, tube, cone, diabolo, hourglass, cube
 PRODUCTION = MeshSettings()
 

@@ -1,4 +1,4 @@
-"""The pictures of docs/verification.md.
+"""The pictures of docs/reference/verification.md.
 
     python -m tests.models.simulation.verification.figures
 

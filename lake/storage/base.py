@@ -1,0 +1,117 @@
+"""What a lake asks of the place that keeps its files: a folder, or an object store of which a folder here is a copy.
+
+Whatever the store, tables are read from a folder on this machine, `root`; locks, caches and outputs of the lake, which
+belong to the machine and not to the data, are in it too.
+"""
+
+import json
+from collections.abc import Iterable, Mapping
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import pyarrow as pa
+
+from lake.query.engine import Signature
+
+MARKER = "lake.json"
+STAGED_MARKER = f".{MARKER}."  # with the number of the process that makes the lake
+
+
+QUARANTINE = "quarantine"
+
+
+class Entry(NamedTuple):
+    """A file or folder of the store; `place` is what a person calls it."""
+
+    name: str
+    place: Path | str
+    is_file: bool
+    modified_s: float
+
+
+class Storage(Protocol):
+    """What a lake asks of the place that keeps its files."""
+
+    address: str
+    root: Path
+
+    def marker(self) -> str | None:
+        """Text of the file that makes this place a lake; None if there is none."""
+
+    def is_empty(self) -> bool:
+        """True when nothing is at this place.
+
+        Raises:
+            FastError: the object store does not answer.
+            OSError: the folder cannot be read.
+        """
+
+    def try_writing(self) -> None:
+        """Write a file that no reader looks at, and remove it: permissions alone do not tell.
+
+        Raises:
+            FastError: the object store does not take it.
+            OSError: the folder cannot be written.
+        """
+
+    def make(self, marker: str) -> None:
+        """Make a lake of an empty place.
+
+        Raises:
+            UsageError: it cannot be written, or holds something else.
+        """
+
+    def refresh(self, tables: Iterable[str], *, anew: bool = False) -> None:
+        """Bring the files that are read here in step with the store; `anew` trusts none that is here.
+
+        Raises:
+            FastError: the store does not answer; what is here is as before.
+        """
+
+    def file_name(self, rows: pa.Table) -> str:
+        """Name for the file of appended rows."""
+
+    def naming(self) -> AbstractContextManager[None]:
+        """Hold while files get their names, so that no file of the same name is removed meanwhile."""
+
+    def publish(self, staged: Path, final: Path) -> None:
+        """Give a staged file its name, at once for every reader, and make that last.
+
+        Raises:
+            FastError: it may not have its name; the staged file is gone.
+        """
+
+    def remove(self, folder: Path, files: Mapping[str, Signature]) -> None:
+        """Remove files whose rows are in other files, but for those that were written again since.
+
+        Raises:
+            FastError: some could not be removed.
+        """
+
+    def place(self, table: str) -> Path | str:
+        """What a person calls the folder of a table."""
+
+    def entries(self, table: str | None = None) -> list[Entry]:
+        """What is in the folder of a table, or at the top, by name; nothing if there is no such folder.
+
+        Raises:
+            OSError: it cannot be read.
+        """
+
+    def set_aside(self, entry: Path | str, reason: Mapping[str, str]) -> Path | str:
+        """Move a file to the quarantine, its reason first; returns where it is now.
+
+        Raises:
+            FastError: it could not be moved, and is where it was.
+        """
+
+
+def reason_of(target: Path) -> Path:
+    """File beside one in the quarantine that says why it is there."""
+    return target.with_name(f"{target.name}.reason.json")
+
+
+def reason_text(reason: Mapping[str, str]) -> str:
+    """Content of that file."""
+    return json.dumps(dict(reason), indent=2) + "\n"

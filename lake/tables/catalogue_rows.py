@@ -1,0 +1,57 @@
+"""Rows of what the program itself knows: test objects, simulator versions and the effects that they switch on."""
+
+from lake.store import Lake
+from lake.tables.campaign import EffectRow, ObjectRow, SimulatorVersionRow
+from lake.tables.row import Row
+from models.ids import canonical_json
+from models.objects.catalogue import OBJECTS
+from models.records import EffectValue, SimulatorVersion
+from models.simulation.effects.catalogue import CATALOGUE, build_effects
+
+
+def version_rows(version: SimulatorVersion) -> list[Row]:
+    """Rows of a simulator version and its effects, in the order of the version.
+
+    Raises:
+        ConfigError: an effect or parameter is unknown, or a value is out of bounds.
+    """
+    build_effects(version.effects)  # names the effect or parameter that is wrong
+    effects = [_effect_row(version.version_id, place, value) for place, value in enumerate(version.effects)]
+    return [*effects, SimulatorVersionRow.of(version)]
+
+
+def missing_version_rows(lake: Lake, version: SimulatorVersion) -> list[Row]:
+    """Rows of `version_rows` that the lake lacks; of a lake older than the table of effects, those alone."""
+    return [row for row in version_rows(version) if not lake.has(type(row), getattr(row, row.id_column()))]
+
+
+def _effect_row(version_id: str, place: int, value: EffectValue) -> EffectRow:
+    """Row of one effect, with the neutral value of every parameter that the version leaves out."""
+    spec = CATALOGUE[value.effect]
+    parameters = spec.neutral.parameters | value.parameters
+    return EffectRow(
+        effect_id=EffectRow.make_id(version_id, place, value.effect),
+        version_id=version_id,
+        place=place,
+        effect=value.effect,
+        title=spec.title,
+        code=spec.code,
+        layer=spec.layer,
+        effect_version=spec.version,
+        parameters=tuple(parameters),
+        parameter_values=tuple(parameters.values()),
+    )
+
+
+def object_rows() -> list[ObjectRow]:
+    """A row for each of the 36 test objects."""
+    return [
+        ObjectRow(
+            object_id=obj.object_id,
+            name=obj.name,
+            object_class=obj.object_class,
+            orientation=obj.orientation,
+            parameters_json=canonical_json(obj.parameters),
+        )
+        for obj in OBJECTS
+    ]

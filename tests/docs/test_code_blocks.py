@@ -1,0 +1,127 @@
+"""Code of the documentation: commands parse, Python compiles, TOML parses. What runs is tested with its subject."""
+
+import re
+import shlex
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from cyclopts import App
+from cyclopts.exceptions import CoercionError, CycloptsError, MissingArgumentError
+
+from flows.cli.main import app
+from tests.docs.pages import DOCS, PAGES, Block, blocks_of, name_of, prose_of
+
+FIRST_CAMPAIGN = DOCS / "tutorial" / "first-campaign.md"
+
+
+def words_of(line: str) -> list[str] | None:
+    """Words and operators of a shell line; None where a quotation is still open."""
+    lexer = shlex.shlex(line, posix=True, punctuation_chars=True)
+    lexer.whitespace_split = True
+    try:
+        return list(lexer)
+    except ValueError:
+        return None
+
+
+def commands_of(text: str) -> list[list[str]]:
+    """Words of every `fast` command in a shell block, without `fast` itself."""
+    text = re.sub(r"<<'(\w+)'\n.*?^\1$", "", text, flags=re.M | re.S).replace("\\\n", " ")
+    found, pending = [], ""
+    for line in text.splitlines():
+        pending += line + "\n"
+        words = words_of(pending)
+        if words is None:
+            continue
+        pending = ""
+        command: list[str] = []
+        for word in [*words, ";"]:
+            if not set(word) <= set("();<>|&"):
+                command.append(word)
+                continue
+            if command and command[0] == "fast":
+                found.append(command[1:])
+            command = []
+    assert not pending, f"no closing quotation: {pending}"
+    return found
+
+
+def complaint_about(words: list[str], *, is_whole: bool = True) -> str | None:
+    """What `fast` says against a command, which is parsed and not run.
+
+    One that is not whole may lack arguments, and have a word like `ID` in place of a number.
+    """
+    try:
+        app.parse_args(words, exit_on_error=False, print_error=False)
+    except (MissingArgumentError, CoercionError) as error:
+        return " ".join(str(error).split()) if is_whole else None
+    except CycloptsError as error:
+        return " ".join(str(error).split())
+    return None
+
+
+def complaints_in(page: Path) -> list[str]:
+    """What is wrong with the commands in the shell blocks of a page."""
+    commands = [command for block in blocks_of(page, "sh", "bash") for command in commands_of(block.text)]
+    return [f"fast {shlex.join(words)}: {why}" for words in commands if (why := complaint_about(words))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_parse(page: Path):
+    assert complaints_in(page) == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_named_in_the_text_exist(page: Path):
+    named = [words for code in re.findall(r"`(fast [a-z][^`\n]*)`", prose_of(page)) for words in commands_of(code)]
+    wrong = [f"fast {shlex.join(words)}: {why}" for words in named if (why := complaint_about(words, is_whole=False))]
+    assert wrong == []
+
+
+def test_the_first_tutorial_gives_commands():
+    commands = [command for block in blocks_of(FIRST_CAMPAIGN, "sh") for command in commands_of(block.text)]
+    names = {command[0] for command in commands}
+    assert {"doctor", "campaign", "print", "sql", "report", "view", "simulate", "serve"} <= names
+    assert len(commands) >= 12
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_python_compiles(page: Path):
+    for block in blocks_of(page, "python"):
+        compile(block.text, name_of(page), "exec")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_toml_parses(page: Path):
+    for block in blocks_of(page, "toml"):
+        tomllib.loads(block.text)
+
+
+def options_of(command: App, *path: str) -> Iterator[tuple[str, str]]:
+    """Every command below this one, with each of its options that is given by name."""
+    if command.default_command is not None:
+        for argument in command.assemble_argument_collection():
+            if argument.index is None:
+                yield from ((" ".join(path), name) for name in argument.names if name.startswith("--"))
+    for name in command:
+        if not name.startswith("-"):
+            yield from options_of(command[name], *path, name)
+
+
+def test_the_reference_names_every_option():
+    page = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
+    options = list(options_of(app, "fast"))
+    assert len(options) > 100
+    assert [pair for pair in options if not re.search(rf"{pair[1]}\b", page)] == []
+
+
+@pytest.mark.parametrize("words", ["campaign rn x", "sql --formt csv", "simulate --object five", "nothing"])
+def test_a_wrong_command_is_found(words: str):
+    assert complaint_about(words.split()) is not None
+
+
+def test_commands_are_found_in_shell():
+    block = Block("sh", "fast sql - <<'SQL'\nSELECT 1\nSQL\nexport A=b  # fast\nfast a \\\n  b && fast c < d  # e\n")
+    assert commands_of(block.text) == [["sql", "-"], ["a", "b"], ["c"]]

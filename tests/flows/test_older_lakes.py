@@ -1,0 +1,93 @@
+"""Lakes of version 0.1 open, report and continue (tests/data/lakes-0.1)."""
+
+import os
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+
+import pytest
+
+from flows.report.calibration.page import write_calibration_report
+from lake.store import Lake
+from lake.tables.campaign import CalibrationRow, GraspRow, PosteriorDrawsRow, SimulationRow, ToolRow
+from tests.flows.cli.cli_lakes import ROOT, Fast
+
+ARCHIVES = ROOT / "tests" / "data" / "lakes-0.1"
+N_GRASPS, N_SIMULATIONS = 16, 14
+
+
+@pytest.fixture
+def fast(capsys: pytest.CaptureFixture[str]) -> Fast:
+    return Fast(capsys)
+
+
+def unpacked(name: str, folder: Path) -> Path:
+    with tarfile.open(ARCHIVES / f"{name}.tar.gz") as archive:
+        archive.extractall(folder, filter="data")
+    return folder
+
+
+def test_a_stopped_campaign_opens_reports_and_is_sound(fast: Fast, tmp_path: Path) -> None:
+    root = unpacked("campaign", tmp_path) / "lake"
+    said = fast("campaign", "status", "--lake", root).out
+    assert "12/16" in said
+    assert "tiny/B01T0  10.74 N" in said
+    assert fast("lake", "check", "--lake", root).status == 0
+    best = fast("sql", "SELECT tool_id, tool_quality_n FROM tool_quality", "--lake", root, "--format", "json").json
+    assert {row["tool_id"]: round(row["tool_quality_n"], 2) for row in best} == {
+        "tiny/B01T0": 10.74,
+        "tiny/B01T1": 6.69,
+        "tiny/B02T0": 5.31,
+    }
+    answer = fast("report", "tiny", "--lake", root)
+    assert answer.status == 0, answer
+    assert (root / "outputs" / "tiny" / "report" / "index.html").is_file()
+
+
+@pytest.mark.slow
+def test_a_stopped_campaign_continues_at_the_missing_grasp(tmp_path: Path) -> None:
+    folder = unpacked("campaign", tmp_path)
+    before = Lake.open(folder / "lake")
+    kept = {row["grasp_id"]: row["peak_force_n"] for row in before.rows(GraspRow, status="ok")}
+    simulated = before.ids(SimulationRow)
+    assert 0 < len(kept) < N_GRASPS
+    words = ["campaign", "run", folder / "tiny.toml", "--lake", folder / "lake", "--auto-print"]
+    done = subprocess.run(
+        [sys.executable, "-m", "flows.cli.main", *words],
+        cwd=ROOT,
+        env={name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")},
+        capture_output=True,
+        text=True,
+        timeout=280,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    after = Lake.open(folder / "lake")
+    grasps = {row["grasp_id"]: row["peak_force_n"] for row in after.rows(GraspRow, status="ok")}
+    assert len(grasps) == N_GRASPS
+    assert kept.items() <= grasps.items(), "nothing was measured again"
+    assert simulated < after.ids(SimulationRow)
+    assert len(after.ids(SimulationRow)) == N_SIMULATIONS
+    assert len(after.ids(ToolRow)) == 4
+
+
+@pytest.mark.parametrize(("name", "data"), [("calibration", "design_mean"), ("traces", "trace")])
+def test_a_calibration_is_read_and_its_page_written(fast: Fast, tmp_path: Path, name: str, data: str) -> None:
+    root = unpacked(name, tmp_path / "lake")
+    lake = Lake.open(root)
+    (row,) = lake.records(CalibrationRow)
+    assert row.data == data
+    assert {draws["calibration_id"] for draws in lake.rows(PosteriorDrawsRow)} == {row.calibration_id}
+    lineage = fast("lake", "lineage", row.version_id, "--lake", root)
+    assert row.calibration_id in lineage.out
+    page = write_calibration_report(lake, row.calibration_id, tmp_path / "page", n_predicted=20)
+    assert row.calibration_id in page.read_text()
+
+
+def test_findings_of_a_gap_search_are_read(fast: Fast, tmp_path: Path) -> None:
+    root = unpacked("gap", tmp_path / "lake")
+    sql = "SELECT finding_id, effect FROM gap_findings WHERE kind = 'named' AND effect IS NOT NULL"
+    (found,) = fast("sql", sql, "--lake", root, "--format", "json").json
+    assert found["effect"] == "load_cell_lag"
+    assert fast("lake", "lineage", found["finding_id"], "--lake", root).status == 0

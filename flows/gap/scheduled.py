@@ -20,7 +20,7 @@ from tasks.campaign.flow_runs import record_sentence
 FLOW = "close-gap"
 
 
-def watch_gap(lake: Lake, order: GapOrder, flow_run_id: str, voice: ProgressReporter) -> str:
+def watch_gap(lake: Lake, order: GapOrder, flow_run_id: str, reporter: ProgressReporter) -> str:
     """Search the lake for its gap if anything is new; a sentence says what was found, or why nothing was done.
 
     A new answer gets its page in the lake's outputs, and is an artifact and an event of the Prefect server. If it found
@@ -29,12 +29,14 @@ def watch_gap(lake: Lake, order: GapOrder, flow_run_id: str, voice: ProgressRepo
     Raises:
         FastError: the search could not be done; what it simulated is in the lake.
     """
-    return record_sentence(lake, FLOW, flow_run_id, order.campaign_id, order.seed, lambda: _search(lake, order, voice))
+    return record_sentence(
+        lake, FLOW, flow_run_id, order.campaign_id, order.seed, lambda: _search(lake, order, reporter)
+    )
 
 
-def _search(lake: Lake, order: GapOrder, voice: ProgressReporter) -> str:
+def _search(lake: Lake, order: GapOrder, reporter: ProgressReporter) -> str:
     try:
-        outcome = run_gap(lake, order, voice)
+        outcome = run_gap(lake, order, reporter)
     except TooLittleDataError as error:
         return f"nothing to search: {error}"
     if not outcome.is_new:

@@ -74,7 +74,7 @@ class GapOutcome:
 
 
 def run_gap(
-    lake: Lake, order: GapOrder, voice: ProgressReporter, should_stop: Callable[[], bool] = lambda: False
+    lake: Lake, order: GapOrder, reporter: ProgressReporter, should_stop: Callable[[], bool] = lambda: False
 ) -> GapOutcome:
     """Search for the gap of what a lake has measured; killed, the same order continues.
 
@@ -87,12 +87,12 @@ def run_gap(
         known = find_run(lake, search.gap_id)
         if known is not None:
             return GapOutcome(known, False)
-        voice.progress(f"{search.summary}; held out: {search.split.words}, {search.split.split_id}")
+        reporter.progress(f"{search.summary}; held out: {search.split.words}, {search.split.split_id}")
         version_rows = missing_version_rows(lake, search.version)  # an imported lake has never simulated with it
         if version_rows:
             lake.append(version_rows, current_provenance(seed=order.seed))
-        _fill_bank(lake, search, voice, should_stop)
-        return _run_rounds(lake, search, voice)
+        _fill_bank(lake, search, reporter, should_stop)
+        return _run_rounds(lake, search, reporter)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ def _prepare(lake: Lake, order: GapOrder) -> _Search:
     return _Search(order, split, measured, version, make_gap_id(measured, version, split, settings))
 
 
-def _fill_bank(lake: Lake, search: _Search, voice: ProgressReporter, should_stop: Callable[[], bool]) -> None:
+def _fill_bank(lake: Lake, search: _Search, reporter: ProgressReporter, should_stop: Callable[[], bool]) -> None:
     """Simulate what the bank lacks, as long as the budget lasts.
 
     Raises:
@@ -146,8 +146,8 @@ def _fill_bank(lake: Lake, search: _Search, voice: ProgressReporter, should_stop
 
     n_all = sum(plan.n_grasps for plan in search.plans)
     n_left = n_missing(lake, search.plans)
-    voice.progress(f"bank: {n_all - n_left} of {n_all} simulations are in the lake")
-    simulate_missing(lake, search.plans, search.order.settings.workers, voice, is_over)
+    reporter.progress(f"bank: {n_all - n_left} of {n_all} simulations are in the lake")
+    simulate_missing(lake, search.plans, search.order.settings.workers, reporter, is_over)
     n_left = n_missing(lake, search.plans)
     if n_left:
         raise FastError(
@@ -156,7 +156,7 @@ def _fill_bank(lake: Lake, search: _Search, voice: ProgressReporter, should_stop
         )
 
 
-def _run_rounds(lake: Lake, search: _Search, voice: ProgressReporter) -> GapOutcome:
+def _run_rounds(lake: Lake, search: _Search, reporter: ProgressReporter) -> GapOutcome:
     """Round after round, then what it changed; writes the answer."""
     from tasks.gap.calibrate import SearchInputs, calibrate_simulator
     from tasks.gap.rounds import evaluate_rounds, plan_held_out
@@ -166,15 +166,15 @@ def _run_rounds(lake: Lake, search: _Search, voice: ProgressReporter) -> GapOutc
     data = make_data(search.measured, bank, search.split)
     warnings = [*search.measured.warnings, *check_units(data), *_failed(data)]
     effects = _effects_so_far(lake, search)
-    voice.progress(f"theta{' and ' if effects else ''}{', '.join(value.effect for value in effects)}: NUTS")
-    inputs = SearchInputs(lake, data, search.base, order.campaign_id, order.settings, voice.progress)
-    rounds = _repeat_rounds(inputs, calibrate_simulator(inputs, effects), order.rounds, voice)
+    reporter.progress(f"theta{' and ' if effects else ''}{', '.join(value.effect for value in effects)}: NUTS")
+    inputs = SearchInputs(lake, data, search.base, order.campaign_id, order.settings, reporter.progress)
+    rounds = _repeat_rounds(inputs, calibrate_simulator(inputs, effects), order.rounds, reporter)
     if not rounds[-1].is_last:
         warnings.append(f"{len(rounds)} rounds were made and the last one still found something; make more rounds.")
     before, after = rounds[0].before, rounds[-1].after
-    voice.progress("held-out grasps in the simulator, before and after")
+    reporter.progress("held-out grasps in the simulator, before and after")
     plans = plan_held_out(data, [before.version, after.version])
-    simulate_missing(lake, plans, order.settings.workers, voice)
+    simulate_missing(lake, plans, order.settings.workers, reporter)
     evaluation = evaluate_rounds(lake, data, rounds, order.seed)
     warnings += [*after.warnings, *evaluation.warnings]
     findings = Findings(
@@ -207,17 +207,17 @@ def _run_rounds(lake: Lake, search: _Search, voice: ProgressReporter) -> GapOutc
 
 
 def _repeat_rounds(
-    inputs: "SearchInputs", simulator: "CalibratedSimulator", most: int, voice: ProgressReporter
+    inputs: "SearchInputs", simulator: "CalibratedSimulator", most: int, reporter: ProgressReporter
 ) -> "list[Round]":
     """Rounds until one changes nothing, or as many as are asked for."""
     from tasks.gap.rounds import run_round
 
     rounds: list[Round] = []
     while len(rounds) < most and not (rounds and rounds[-1].is_last):
-        voice.progress(f"round {len(rounds) + 1}: where, and by what name")
+        reporter.progress(f"round {len(rounds) + 1}: where, and by what name")
         assumed = rounds[-1].assumed if rounds else ()
         done = run_round(inputs, simulator, assumed)
-        voice.announce(f"round {len(rounds) + 1}: {done.sentence}")
+        reporter.announce(f"round {len(rounds) + 1}: {done.sentence}")
         rounds.append(done)
         simulator = done.after
     return rounds

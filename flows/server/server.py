@@ -127,13 +127,15 @@ def server(lake_root: Path, port: int | None = None) -> Iterator[str]:
         return
     process = start_server(lake_root, port or ANY_PORT)
     is_over = threading.Event()
-    keeper = threading.Thread(target=_keep_alive, args=(lake_root, process, is_over), daemon=True, name="server-keeper")
-    keeper.start()
+    watcher = threading.Thread(
+        target=_keep_alive, args=(lake_root, process, is_over), daemon=True, name="server-watcher"
+    )
+    watcher.start()
     try:
         yield get_api_url(process)
     finally:
         is_over.set()
-        keeper.join()
+        watcher.join()
         stop_server(lake_root, process)
 
 
@@ -147,8 +149,8 @@ def _keep_alive(lake_root: Path, process: ChildProcess, is_over: threading.Event
 def find_server(lake_root: Path) -> str | None:
     """API address of a server that already serves this lake, if it answers."""
     try:
-        noted = json.loads(_address_file(lake_root).read_text())
-        url, owner_pid = str(noted["api_url"]), int(noted["owner_pid"])
+        entry = json.loads(_address_file(lake_root).read_text())
+        url, owner_pid = str(entry["api_url"]), int(entry["owner_pid"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
     if not is_process_alive(owner_pid):

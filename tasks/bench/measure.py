@@ -74,8 +74,8 @@ def measure_batch(
 
         measure(bench, work, count)
 
-    noted = note_verbs(campaign.lake, campaign.campaign_id)
-    with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), noted, open_bench(mounted) as bench:
+    verbs = note_verbs(campaign.lake, campaign.campaign_id)
+    with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), verbs, open_bench(mounted) as bench:
         every = campaign.config.execution.position_check_tools
         for number, tool in enumerate(tools):
             if should_stop():

@@ -130,8 +130,8 @@ def _worth_rerunning(campaign: Campaign) -> list[str]:
     ranked = (design_of[tool_id] for _, tool_id in sorted(zip(-measured.y, measured.ids, strict=True)))
     tools = [design_id for design_id in ranked if design_id in found.ids]
     simulated = [design_id for _, design_id in sorted(zip(-found.y, found.ids, strict=True))]
-    in_turn = (design_id for pair in zip_longest(tools, simulated) for design_id in pair if design_id is not None)
-    return list(dict.fromkeys(in_turn))[: campaign.config.simulator.reruns]
+    alternating = (design_id for pair in zip_longest(tools, simulated) for design_id in pair if design_id is not None)
+    return list(dict.fromkeys(alternating))[: campaign.config.simulator.reruns]
 
 
 def _with_versions(campaign: Campaign, decided: list[StageVersion]) -> Campaign:

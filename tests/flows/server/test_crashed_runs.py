@@ -43,7 +43,7 @@ def run(number=1, state="RUNNING", tags=(), age_s=10.0, **changes):
 
 
 class Server:
-    """Answers what the sweeper asks, from runs in memory, newest first."""
+    """Answers what is asked about runs, from runs in memory, newest first."""
 
     def __init__(self, *runs) -> None:
         self.runs = list(runs)

@@ -13,9 +13,9 @@ def test_prefect_knows_every_round_and_had_it_more_often(monkeypatch):
     usual = Settings().server
     for name, value in ROUNDS.items():
         monkeypatch.setenv(name, value)
-    calm = Settings().server
+    ours = Settings().server
     for service in ("late_runs", "foreman", "pause_expirations", "repossessor", "cleanup_reconciler"):
-        assert getattr(usual.services, service).loop_seconds < getattr(calm.services, service).loop_seconds
-    assert usual.services.cancellation_cleanup.loop_seconds < calm.services.cancellation_cleanup.loop_seconds
-    assert calm.services.scheduler == usual.services.scheduler  # plans of a new schedule come as soon as ever
-    assert usual.events.proactive_granularity < calm.events.proactive_granularity == timedelta(seconds=60)
+        assert getattr(usual.services, service).loop_seconds < getattr(ours.services, service).loop_seconds
+    assert usual.services.cancellation_cleanup.loop_seconds < ours.services.cancellation_cleanup.loop_seconds
+    assert ours.services.scheduler == usual.services.scheduler  # plans of a new schedule come as soon as ever
+    assert usual.events.proactive_granularity < ours.events.proactive_granularity == timedelta(seconds=60)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from flows.benchmarks.fingerprints import fingerprint
-from flows.campaign.status import campaign_status
+from flows.campaign.status import read_status
 from flows.scientist import campaign_runs as campaigns
 from flows.scientist.campaign_runs import CampaignRun, PlannedCampaign, run_campaigns, toml_of
 from flows.scientist.campaign_table import campaign_rows, campaigns_figure, paired_campaign_rows
@@ -185,7 +185,7 @@ def test_a_config_survives_as_toml():
 
 def test_the_lake_of_a_strategy_is_a_campaign_like_any_other(whole):
     planned, run = whole[REFERENCE]
-    status = campaign_status(lake_of(planned), "small")
+    status = read_status(lake_of(planned), "small")
     assert (status["grasps"], status["simulated"]) == ("12/12", "24/24")
     assert status["best_n"] == pytest.approx(run.best_n[-1])
 

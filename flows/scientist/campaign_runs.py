@@ -79,7 +79,7 @@ class PlannedCampaign:
 
 
 @dataclass(frozen=True)
-class CampaignRun:
+class StrategyRun:
     """What a campaign measured: mean peak force of every tool in N, by batch; designs simulated, and their CPU time."""
 
     strategy: str
@@ -99,7 +99,7 @@ class CampaignRun:
         return tuple(max(max(batch) for batch in self.batches_n[: n + 1]) for n in range(len(self.batches_n)))
 
 
-def run_campaigns(plan: Sequence[PlannedCampaign], tell: Callable[[str], None]) -> list[CampaignRun]:
+def run_campaigns(plan: Sequence[PlannedCampaign], tell: Callable[[str], None]) -> list[StrategyRun]:
     """Run or continue the campaigns, one after the other, with one worker process."""
     pool = WorkerPool(1)
     try:
@@ -108,7 +108,7 @@ def run_campaigns(plan: Sequence[PlannedCampaign], tell: Callable[[str], None]) 
         pool.close()
 
 
-def _run_one(planned: PlannedCampaign, pool: WorkerPool, tell: Callable[[str], None]) -> CampaignRun:
+def _run_one(planned: PlannedCampaign, pool: WorkerPool, tell: Callable[[str], None]) -> StrategyRun:
     campaign = Campaign(Lake.open(planned.lake_folder, create=True), planned.own_config)
     try:
         register(campaign, toml_of(campaign.config))
@@ -201,14 +201,14 @@ class _Runner:
             yield bench
 
 
-def read_run(planned: PlannedCampaign, campaign: Campaign) -> CampaignRun:
+def read_run(planned: PlannedCampaign, campaign: Campaign) -> StrategyRun:
     """What the lake of a campaign has by now."""
     state = campaign.state()
     tools = rank_tools(campaign.lake, campaign.campaign_id)
     batches = sorted({tool["batch"] for tool in tools})
     done = means_of_simulations(campaign, campaign.version, proposed_designs(state))
     sql = "SELECT coalesce(sum(cpu_s), 0) AS cpu_s FROM simulations"
-    return CampaignRun(
+    return StrategyRun(
         strategy=planned.strategy.name,
         seed=planned.seed,
         batches_n=tuple(tuple(t["tool_quality_n"] for t in tools if t["batch"] == batch) for batch in batches),

@@ -18,7 +18,7 @@ from lake.store import Lake
 from lake.tables.campaign import CampaignRow
 
 if TYPE_CHECKING:
-    from flows.scientist.campaign_runs import CampaignRun
+    from flows.scientist.campaign_runs import StrategyRun
 
 _TITLE = "Against other approaches"
 _NO_OTHERS = Markup(
@@ -157,15 +157,15 @@ class Approach:
         return len({tool.batch for tool in self.complete})
 
     @property
-    def as_run(self) -> "CampaignRun":
+    def as_run(self) -> "StrategyRun":
         """What `fast compare` draws and sums up."""
-        from flows.scientist.campaign_runs import CampaignRun
+        from flows.scientist.campaign_runs import StrategyRun
 
         batches: dict[int, list[float]] = {}
         for tool in self.complete:
             batches.setdefault(tool.batch, []).append(tool.quality_n or 0.0)
         cost = self.cost.rows
-        return CampaignRun(
+        return StrategyRun(
             self.name,
             self.seed,
             tuple(tuple(batches[b]) for b in sorted(batches)),

@@ -12,7 +12,7 @@ import numpy as np
 from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.outcomes import RecordFile, read_records
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.parameters import Layout
+from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.problem import THETA, CalibrationProblem, Standardised
 from models.calibration.means.synthetic import made_up_problem
 from models.records import Record
@@ -107,11 +107,11 @@ def exact_chain(problem: CalibrationProblem, number: int) -> ExactChain:
     from models.calibration.means.joint_nuts import sample_joint
 
     data = Standardised.of(problem)
-    layout = Layout.of(data, EXACT)
+    parameters = ParameterVector.of(data, EXACT)
     alone = EXACT.model_copy(update={"chains": 1, "seed": number})  # R-hat, which needs two, is of all together
-    samples, _ = sample_joint(data, layout, alone)
-    draws = layout.constrain(samples.flat, data.force_scale_n)
-    columns = {name: tuple(float(f"{value:.6g}") for value in draws[:, layout.names.index(name)]) for name in NAMES}
+    samples, _ = sample_joint(data, parameters, alone)
+    draws = parameters.constrain(samples.flat, data.force_scale_n)
+    columns = {name: tuple(float(f"{value:.6g}") for value in draws[:, parameters.names.index(name)]) for name in NAMES}
     return ExactChain(
         n_sim=problem.n_sim,
         n_real=problem.n_real,

@@ -14,7 +14,7 @@ from flows.benchmarks.base import Options, Rows, Tables
 from models.blas import one_blas_thread
 from models.calibration.inference.optimise import climb
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means import conditional_density as conditional
+from models.calibration.means import psi_density
 from models.calibration.means.factorised import factor_at
 from models.calibration.means.joint_nuts import first_guesses
 from models.calibration.means.problem import CalibrationProblem, Standardised
@@ -68,21 +68,21 @@ def problems_of(world: int, truth: Truth) -> tuple[CalibrationProblem, Calibrati
 def find(problem: CalibrationProblem, truth: Truth) -> Found:
     """Mode of the posterior given the emulator's best parameters, and the best density with theta at the truth."""
     from models.calibration.means import emulator
-    from models.calibration.means.conditional_density import Setting
-    from models.calibration.means.parameters import Layout
+    from models.calibration.means.parameters import ParameterVector
+    from models.calibration.means.psi_density import Setting
 
     started = time.process_time()
     data = Standardised.of(problem)
-    setting = Setting.of(data, Layout.of(data, CalibrationSettings()))
-    layout = setting.layout
+    setting = Setting.of(data, ParameterVector.of(data, CalibrationSettings()))
+    parameters = setting.parameters
     with one_blas_thread():
-        factor = factor_at(emulator.find_mode(data, layout, seed=0).values, setting)
-        guesses = [guess[layout.n_phi :] for guess in first_guesses(layout)]
-        best = climb(lambda psi: conditional.log_posterior(psi, factor, setting), guesses)[0]
-        true = layout.unconstrained_theta(np.array(truth.theta))
+        factor = factor_at(emulator.find_mode(data, parameters, seed=0).values, setting)
+        guesses = [guess[parameters.n_phi :] for guess in first_guesses(parameters)]
+        best = climb(lambda psi: psi_density.log_posterior(psi, factor, setting), guesses)[0]
+        true = parameters.unconstrained_theta(np.array(truth.theta))
 
         def at_truth(rest: np.ndarray) -> tuple[float, np.ndarray]:
-            value, gradient = conditional.log_posterior(np.concatenate([rest, true]), factor, setting)
+            value, gradient = psi_density.log_posterior(np.concatenate([rest, true]), factor, setting)
             return value, gradient[:-3]
 
         held = climb(at_truth, [best.vector[:-3]])[0]

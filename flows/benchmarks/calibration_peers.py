@@ -14,7 +14,7 @@ import numpy as np
 from flows.benchmarks.base import Options, Rows, Tables, timed
 from flows.benchmarks.outcomes import RecordFile, read_records
 from models.calibration.inference.settings import CalibrationSettings, ThetaPriors
-from models.calibration.means.mixture import Mixture
+from models.calibration.means.predict import Mixture
 from models.calibration.means.problem import THETA, CalibrationProblem
 from models.calibration.means.synthetic import Truth, discrepancy_n, force_n, made_up_problem
 from models.errors import MissingDependencyError

@@ -10,10 +10,9 @@ from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow
 from lake.tables.row import Row
 from lake.tables.rows_of import missing_version_rows
-from models.calibration.inference.outcome import refusal, theta_of, worst
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings
-from models.calibration.inference.summary import theta_summary
+from models.calibration.inference.summary import check_quality, find_theta, find_worst, theta_summary
 from models.calibration.means.problem import THETA
 from models.ids import canonical_json, content_id
 from models.records import SimulatorVersion
@@ -121,9 +120,9 @@ def infer(
 
 def new_version(base: SimulatorVersion, result: CalibrationResult) -> SimulatorVersion | None:
     """The simulator with the theta that was found, or None where nothing may be built on the draws."""
-    if refusal(result):
+    if check_quality(result):
         return None
-    return base.model_copy(update={"theta": theta_of(theta_summary(result))})
+    return base.model_copy(update={"theta": find_theta(theta_summary(result))})
 
 
 def draw_rows(calibration_id: str, result: CalibrationResult) -> list[Row]:
@@ -148,7 +147,7 @@ def _row(
 ) -> CalibrationRow:
     result, version = learned.result, learned.version
     summary = theta_summary(result)
-    r_hat, ess = worst(result)
+    r_hat, ess = find_worst(result)
     unit = {"young_modulus_mpa": "_mpa"}
     table_2 = {
         f"{name.removesuffix('_mpa')}_{column}{unit.get(name, '')}": getattr(summary[name], column)
@@ -162,7 +161,7 @@ def _row(
         version_id=version.version_id if version is not None else None,
         data=data.data,
         status="ok" if version is not None else "failed",
-        reason=refusal(result),
+        reason=check_quality(result),
         n_chains=result.draws.shape[0],
         n_draws=result.draws.shape[1],
         n_tune=settings.tune,

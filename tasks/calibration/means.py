@@ -10,8 +10,8 @@ import numpy as np
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, SimulatorVersionRow
 from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.held_out import Score, emulate, is_held_out, score
+from models.calibration.inference.settings import CalibrationSettings, read_settings
+from models.calibration.means.checks import Score, emulate, is_held_out, score
 from models.calibration.means.problem import CalibrationProblem
 from models.errors import UsageError
 from models.records import SimulatorVersion
@@ -108,6 +108,22 @@ def gather(
     measured = measured_tools(lake, campaign_id, only)
     base = base_version(lake, measured.campaign_ids, version_id)
     simulated = simulated_points(lake, base, measured, only)
+    return compare_means(campaign_id, base, measured, simulated, seed, print_scatter)
+
+
+def compare_means(
+    campaign_id: str | None,
+    base: SimulatorVersion,
+    measured: MeasuredTools,
+    simulated: SimulatedPoints,
+    seed: int,
+    print_scatter: float = 0.0,
+) -> CalibrationData:
+    """What a calibration compares, of what was measured and simulated; `seed` draws the held-out designs.
+
+    Raises:
+        UsageError: there is too little to learn from.
+    """
     problem = problem_of(measured, simulated, base, print_scatter)
     held_out = is_held_out(list(measured.design_ids), seed)
     return CalibrationData(campaign_id, base, measured, simulated, problem, held_out)
@@ -122,7 +138,7 @@ def regather(lake: Lake, calibration_id: str) -> CalibrationData | None:
     # A simulator that no campaign consults and nothing was simulated with is the program's own, and in no lake.
     base = row["base_version_id"] if lake.has(SimulatorVersionRow, row["base_version_id"]) else None
     try:
-        print_scatter = CalibrationSettings.model_validate_json(row["settings_json"]).print_scatter
+        print_scatter = read_settings(row["settings_json"]).print_scatter
         data = gather(lake, row["campaign_id"], base, row["seed"], set(row["parents"]), print_scatter)
     except UsageError:
         return None

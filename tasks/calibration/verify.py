@@ -5,7 +5,7 @@ import numpy as np
 from lake.provenance import current_provenance
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, SimulatorVersionRow
-from models.calibration.means.held_out import Score, score
+from models.calibration.means.checks import Score, score
 from models.ids import content_id
 from models.scientist.surrogate.imputation import mean_over_objects
 from tasks.calibration.means import CalibrationData, held_out_columns

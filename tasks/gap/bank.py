@@ -11,10 +11,11 @@ from models.calibration.traces.theta_grid import ThetaGrid
 from models.errors import UsageError
 from models.gap.bank.plan import AMPLITUDES, CENTRE, NUMERICAL_MESHES, WIDER_MM, bank_versions, wider_setups
 from models.gap.bank.sensor_effects import N_LEAD, lead_means
+from models.gap.fit.theta import make_grid_bank
 from models.gap.problem import Bank, Field
 from models.records import Design, GraspSetup, SimulatorVersion, Trace
 from models.traces.step_features import N_STEPS, is_usable, step_means
-from tasks.calibration.trace_rows import read_traces
+from tasks.gap.trace_rows import read_traces
 from tasks.simulation.plan import SimulationPlan
 
 _AT_ONCE = 4000  # traces held while they are averaged
@@ -78,12 +79,42 @@ def bank_of(
 
 def bank_ids(base: SimulatorVersion, designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup) -> list[str]:
     """Ids of all simulations of the bank."""
+    return plan_ids(bank_plans(base, designs, objects, setup))
+
+
+def plan_ids(plans: Sequence[SimulationPlan]) -> list[str]:
+    """Ids of all simulations of plans."""
     return [
         SimulationRow.make_id(design.design_id, object_id, version.version_id, plan.setup.setup_id)
-        for plan in bank_plans(base, designs, objects, setup)
+        for plan in plans
         for design, version in plan.points
         for object_id in plan.object_ids
     ]
+
+
+def grid_plan(
+    base: SimulatorVersion, designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup
+) -> SimulationPlan:
+    """The part of the bank that theta alone needs: the grid of friction and Poisson ratio."""
+    versions = bank_versions(base)[: len(ThetaGrid().points)]
+    points = tuple((design, version) for design in dict.fromkeys(designs) for version in versions)
+    return SimulationPlan(points, tuple(objects), setup)
+
+
+def bank_of_grid(
+    lake: Lake, base: SimulatorVersion, designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup
+) -> Bank:
+    """The bank for theta alone: the grid of t designs on o objects, of what the lake has.
+
+    Raises:
+        UsageError: no cell has enough of the grid.
+    """
+    versions = bank_versions(base)[: len(ThetaGrid().points)]
+    of_lead = partial(lead_means, setup=setup)
+    return make_grid_bank(
+        simulated_steps(lake, versions, designs, objects, setup),
+        simulated_steps(lake, versions, designs, objects, setup, of_trace=of_lead, n=N_LEAD),
+    )
 
 
 def _fields(steps_n: np.ndarray) -> dict[str, Field]:

@@ -9,10 +9,9 @@ import numpy as np
 
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, SimulationRow
-from models.calibration.inference.outcome import refusal, theta_of
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.inference.summary import theta_summary
+from models.calibration.inference.summary import check_quality, find_theta, theta_summary
 from models.gap.problem import GapProblem
 from models.ids import canonical_json
 from models.records import EffectValue, SimulatorVersion
@@ -109,8 +108,8 @@ def version_with(base: SimulatorVersion, result: CalibrationResult) -> Simulator
     """The simulator with the medians of theta and of the effects' parameters; None if the draws cannot be trusted."""
     from models.gap.fit.posterior import effects_at
 
-    if refusal(result):
+    if check_quality(result):
         return None
     medians = [float(np.median(result.of(name))) for name in result.names]
     effects = effects_at(result.names, medians)
-    return base.model_copy(update={"theta": theta_of(theta_summary(result)), "effects": (*base.effects, *effects)})
+    return base.model_copy(update={"theta": find_theta(theta_summary(result)), "effects": (*base.effects, *effects)})

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from flows.report.style import BEST, FIRST, MUTED, SIMULATED, WIDTH_IN, new_axes, new_figure
-from models.calibration.means.mixture import Mixture, Scores, scores_of
+from models.calibration.means.predict import Mixture, Scores, scores_of
 
 
 @dataclass(frozen=True, eq=False)

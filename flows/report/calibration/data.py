@@ -1,6 +1,5 @@
 """A calibration as the lake has it: its row, draws, history, and the data it learned from."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -14,10 +13,10 @@ from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow
 from models.calibration.inference.diagnostics import convergence
 from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.settings import CalibrationSettings
+from models.calibration.inference.settings import CalibrationSettings, read_settings
 from models.calibration.inference.summary import ParameterSummary, summary_of
-from models.calibration.means.leave_one_out import CalibrationChecks, check_calibration
-from models.calibration.means.parameters import Layout
+from models.calibration.means.checks import CalibrationChecks, check_calibration
+from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.predict import N_DRAWS, predict_measured, predict_simulated
 from models.calibration.means.problem import THETA, CalibrationProblem, Standardised
 from models.design.space import PARAMETERS
@@ -191,7 +190,7 @@ def _result(lake: Lake, row: CalibrationRow) -> CalibrationResult:
     return CalibrationResult(
         names=names,
         draws=values,
-        settings=_settings(row.settings_json),
+        settings=read_settings(row.settings_json),
         method=row.sampler,
         r_hat=r_hat,
         ess_bulk=ess_bulk,
@@ -204,16 +203,11 @@ def _result(lake: Lake, row: CalibrationRow) -> CalibrationResult:
 
 
 def _ordered(parameters: set[str]) -> tuple[str, ...]:
-    """The order of `Layout.names`; parameters that it does not know follow by name."""
+    """The order of `ParameterVector.names`; parameters that it does not know follow by name."""
     settings = CalibrationSettings()
     n_inputs = len(PARAMETERS) + (3 if "lengthscale_h.young_modulus_mpa" in parameters else 2)
-    known = Layout(n_inputs, "rho" in parameters, settings.priors).names
+    known = ParameterVector(n_inputs, "rho" in parameters, settings.priors).names
     return (*(name for name in known if name in parameters), *sorted(parameters.difference(known)))
-
-
-def _settings(settings_json: str) -> CalibrationSettings:
-    stored = json.loads(settings_json)
-    return CalibrationSettings(**{name: stored[name] for name in CalibrationSettings.model_fields if name in stored})
 
 
 def _interval(row: dict[str, float], name: str) -> tuple[float, float, float]:

@@ -7,9 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, new_figure
-from models.calibration.inference.density_plot import density_map_of, density_of
 from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.summary import prior_of, rank_correlations
+from models.calibration.inference.summary import density_map_of, density_of, prior_of, rank_correlations
 from models.calibration.means.problem import THETA
 
 Markers = Mapping[str, Mapping[str, float]]

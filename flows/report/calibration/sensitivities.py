@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 from scipy.stats import rv_continuous
 
 from flows.report.style import BEST, FAINT, MUTED, SIMULATED, WIDTH_IN, new_axes, new_figure
-from models.calibration.inference.density_plot import density_of
 from models.calibration.inference.result import CalibrationResult
+from models.calibration.inference.summary import density_of
 
 _SHOWN = 0.995  # quantile of the draws at the end of an axis
 

@@ -9,10 +9,14 @@ import numpy as np
 from models.calibration.inference.result import ESS_LIMIT, R_HAT_LIMIT
 from models.calibration.inference.settings import CalibrationSettings, ThetaPriors
 from models.calibration.means.problem import THETA, CalibrationProblem
+from models.errors import UsageError
 
 EDGE_SHARE, EDGE_LIMIT, OUTSIDE_LIMIT = 0.05, 0.2, 0.05
 OVERLAP_LIMIT = 0.85
 CORRELATION_LIMIT = 0.7
+GRAVITY_N_PER_KG = 9.81
+_UNIT_TOLERANCE = 0.4  # of the logarithm: how near a factor counts as suspected
+_FAR_SD = 2.0  # prior standard deviations of ln E that call for a suspicion
 _N_PRIOR_DRAWS, _N_BINS = 20_000, 30
 _WORDS = {"young_modulus_mpa": "Young's modulus", "friction": "friction", "poisson_ratio": "Poisson ratio"}
 _UNITS = {"young_modulus_mpa": " MPa", "friction": "", "poisson_ratio": ""}
@@ -162,3 +166,21 @@ def _correlation_sentences(flat: Mapping[str, np.ndarray]) -> list[str]:
                 "their combination, not each of them; quote them jointly" + (", or fix rho." if first == "rho" else ".")
             )
     return found
+
+
+def find_unit_warnings(modulus_mpa: float, priors: ThetaPriors) -> list[str]:
+    """What a first estimate of Young's modulus far from its prior says about the unit of the forces.
+
+    Raises:
+        UsageError: it is off by about a thousand.
+    """
+    ratio = np.log(modulus_mpa / priors.young_modulus_median_mpa)
+    if abs(ratio) < _FAR_SD * priors.young_modulus_log_sd:
+        return []
+    found = f"Measured forces ask for a Young's modulus of {modulus_mpa:.3g} MPa, the prior says "
+    found += f"{priors.young_modulus_median_mpa:.3g}"
+    if abs(abs(ratio) - np.log(1000.0)) < np.log(4.0):
+        raise UsageError(f"{found}; a factor of about 1000 is suspected in the unit of the forces: give them in N.")
+    if abs(abs(ratio) - np.log(GRAVITY_N_PER_KG)) < _UNIT_TOLERANCE:
+        return [f"{found}; a factor of 9.81 is suspected: check that forces are in N, not in kg."]
+    return [f"{found}; check the unit of the forces and the simulator."]

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.calibration.traces.problem import n_terms
-from models.calibration.traces.response_surface import ResponseSurfaces
+from models.calibration.traces.response_surface import ResponseSurfaces, n_terms
 from models.errors import UsageError
 from models.gap.bank.effect_fields import FieldSurface, friction_factor_of_reference
 from models.gap.bank.features import features_of_steps

@@ -17,11 +17,11 @@ import numpy as np
 from scipy.special import expit
 
 from models.calibration.inference.diagnostics import convergence
+from models.calibration.inference.optimise import approximate_at_mode
 from models.calibration.inference.parallel_chains import sample
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings, ThetaPriors
 from models.calibration.means.problem import THETA
-from models.calibration.traces.calibrate import laplace
 from models.gap.fit.fit import HELD, Axis, Fit, axes_of
 from models.gap.fit.robust import root_weights
 from models.gap.fit.whiten import IS_LIFT
@@ -124,9 +124,9 @@ def joint_posterior(
 ) -> CalibrationResult:
     """Draws of theta and of `<effect>.<parameter>` of every effect of a fit, by NUTS from the priors of the catalogue.
 
-    `fit`: of `models.gap.fit.frame.recalibrated`, with the effects. The error of other meshes is integrated out, so
-    theta is both the bench's and the simulator's. Uses priors, chains, draws, tune, target_accept, seed, workers of
-    settings.
+    `fit`: of `models.gap.fit.frame.recalibrated`, with the effects. Theta is the simulator's: what the other meshes of
+    the bank change is integrated out, but that is not all that a bench differs by (`models.gap.fit.theta`). Uses
+    priors, chains, draws, tune, target_accept, seed, workers of settings.
     """
     surface = Surface.around(fit, settings.priors)
     density = surface.density
@@ -208,7 +208,7 @@ class Surface:
         phi = max(1.0, float(at_fit @ bare.projected(at_fit)) / max(at_fit.size - len(point), 1))
         surface = replace(bare, phi=phi).moved(point, phi * fit.covariance[np.ix_(kept, kept)])
         for _ in range(_MOVES):
-            u, covariance = laplace(surface.density)
+            u, covariance = approximate_at_mode(surface.density, surface.density.start)
             share = expit(u)
             slope = (upper - lower) * np.maximum(share * (1.0 - share), _BESIDE * (1.0 - _BESIDE))
             surface = surface.moved(surface.density.inside(u), covariance * np.outer(slope, slope))

@@ -123,7 +123,7 @@ def test_a_calibration_without_a_version_says_why(tmp_path, fast, answers):
     lake = calibration_lake(tmp_path / "lake")
     answer = fast("calibrate", "--lake", lake.root, *SMALL)
     assert answer.status == 1
-    assert "gave no simulator version: the importance weights cannot be trusted" in answer.out
+    assert "gave no simulator version: the calibration has not converged: its importance weights" in answer.out
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from lake.provenance import Provenance
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow
 from models.calibration.inference.summary import theta_summary
-from models.calibration.means.mixture import Mixture
+from models.calibration.means.predict import Mixture
 from models.calibration.means.problem import THETA
 from models.calibration.means.synthetic import made_up_problem
 from models.errors import UsageError

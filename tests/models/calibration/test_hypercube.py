@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.held_out import emulate, is_held_out, score
+from models.calibration.means.checks import emulate, is_held_out, score
 from models.calibration.means.hypercube import HypercubePlan, hypercube
 from models.calibration.means.problem import THETA_LOWER, THETA_UPPER
 from models.calibration.means.synthetic import Truth, made_up_problem

@@ -3,13 +3,14 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from models.calibration.means.mixture import Mixture, scores_of
 from models.calibration.means.parameters import Phi
 from models.calibration.means.predict import (
+    Mixture,
     drawn_models,
     n_emulator_parameters,
     predict_measured,
     predict_simulated,
+    scores_of,
     thinned,
 )
 from models.calibration.means.problem import Standardised, unit_theta

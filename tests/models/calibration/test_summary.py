@@ -2,14 +2,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from models.calibration.inference.density_plot import density_of
 from models.calibration.inference.settings import ThetaPriors
-from models.calibration.inference.summary import prior_of, rank_correlations, summarise, summary_of, theta_summary
-from models.calibration.means.leave_one_out import check_calibration
-from models.calibration.means.mixture import scores_of
-from models.calibration.means.predict import drawn_models, predict_measured
+from models.calibration.inference.summary import (
+    density_of,
+    prior_of,
+    rank_correlations,
+    summarise,
+    summary_of,
+    theta_summary,
+)
+from models.calibration.means.checks import check_calibration, emulator_relevance, permutation_relevance
+from models.calibration.means.predict import drawn_models, predict_measured, scores_of
 from models.calibration.means.problem import THETA, Standardised
-from models.calibration.means.relevance import emulator_relevance, permutation_relevance
 from models.calibration.means.synthetic import made_up_problem
 from tests.models.calibration.calibration_draws import made_up_result
 

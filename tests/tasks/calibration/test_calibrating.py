@@ -21,7 +21,7 @@ from models.records import EffectValue, SimulatorVersion
 from tasks.calibration.calibrate import find_calibration, infer
 from tasks.calibration.mean_data import base_version, measured_tools, problem_of, simulated_points
 from tasks.calibration.means import gather, regather
-from tasks.calibration.trace_data import grid_points
+from tasks.gap.bank import grid_plan
 from tests.tasks.calibration.calibration_lake import (
     OBJECTS,
     PROVENANCE,
@@ -120,7 +120,7 @@ def test_versions_that_somebody_believes_in_are_not_part_of_the_hypercube(tmp_pa
 def test_the_grid_of_a_calibration_on_traces_is_not_part_of_the_hypercube(tmp_path):
     lake = calibration_lake(tmp_path / "lake", n_tools=6, n_points=0)
     measured = measured_tools(lake, None)
-    for design, version in grid_points(measured.designs[:2], SimulatorVersion()):
+    for design, version in grid_plan(SimulatorVersion(), measured.designs[:2], OBJECTS, measured.setup).points:
         rows = [simulation_row(design, object_id, version) for object_id in OBJECTS]
         lake.append([*missing_version_rows(lake, version), *rows], PROVENANCE)
     sentence = refused(lake)
@@ -191,7 +191,7 @@ def test_scatter_between_prints_makes_the_strongest_tools_the_least_certain(tmp_
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"r_hat": dict.fromkeys(("young_modulus_mpa", "friction", "poisson_ratio"), 1.2)}, "have not converged"),
+        ({"r_hat": dict.fromkeys(("young_modulus_mpa", "friction", "poisson_ratio"), 1.2)}, "has not converged"),
         ({"k_hat": 0.9}, "importance weights cannot be trusted"),
     ],
 )

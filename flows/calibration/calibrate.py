@@ -92,8 +92,9 @@ def run_calibration(
         FastError: another process calibrates this lake.
     """
     with exclusive(lake, "calibrate", f"the lake {lake.address} is already being calibrated"):
-        calibrate_by = _calibrate_traces if order.data == "trace" else _calibrate_means
-        return calibrate_by(lake, order, voice, should_stop)
+        if order.data == "trace":
+            return _calibrate_traces(lake, order, voice, should_stop)
+        return _calibrate_means(lake, order, voice, should_stop)
 
 
 def write_page(lake: Lake, outcome: CalibrationOutcome, out: Path | None = None) -> Path:

@@ -6,19 +6,26 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import rv_continuous
 
-from flows.report.calibration.agreement import Panel, before_after_figure, common_limits, panel_figure
-from flows.report.calibration.chains import chains_figure
 from flows.report.calibration.data import StoredCalibration
-from flows.report.calibration.pairs import LABELS, Markers, pairs_figure
-from flows.report.calibration.sensitivities import (
+from flows.report.calibration.posterior_figures import (
+    LABELS,
+    Markers,
+    chains_figure,
+    density_figure,
+    pairs_figure,
+    theta_history_figure,
+)
+from flows.report.calibration.prediction_figures import (
     DISCREPANCY_COLOUR,
     SIMULATOR_COLOUR,
-    density_figure,
+    Panel,
+    before_after_figure,
+    common_limits,
     emulator_inputs,
     lengthscales_of,
+    panel_figure,
     sensitivity_figure,
 )
-from flows.report.calibration.theta_history import theta_history_figure
 from flows.report.folder import Folder
 from flows.report.html import Markup, columns, number, paragraph, section, table, text, tiles
 from models.calibration.inference.result import ESS_LIMIT, K_HAT_LIMIT, R_HAT_LIMIT
@@ -156,9 +163,6 @@ def supplement_section(calibration: StoredCalibration, folder: Folder) -> Markup
         for name, parameter, label in (
             ("calibration_noise", "noise_sd_n", "measurement noise, sd (N)"),
             ("calibration_discrepancy", "sd_e_n", "discrepancy between simulation and measurement, sd (N)"),
-            ("calibration_tool_sd", "tool_sd", "modulus from print to print, relative sd"),
-            ("calibration_object_sd", "object_sd", "discrepancy by object, relative sd"),
-            ("calibration_cell_sd", "cell_sd", "discrepancy by tool and object, relative sd"),
         )
         if parameter in result.names
     ]

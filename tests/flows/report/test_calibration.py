@@ -9,12 +9,10 @@ import numpy as np
 import pyarrow.csv as csv
 import pytest
 
-from flows.report.calibration.agreement import Cloud, Panel, before_after_figure
-from flows.report.calibration.chains import chains_figure
 from flows.report.calibration.data import Evidence, StoredCalibration
 from flows.report.calibration.page import write_calibration_report
-from flows.report.calibration.pairs import pairs_figure
-from flows.report.calibration.sensitivities import sensitivity_figure
+from flows.report.calibration.posterior_figures import chains_figure, pairs_figure
+from flows.report.calibration.prediction_figures import Cloud, Panel, before_after_figure, sensitivity_figure
 from flows.report.campaign.page import write_report
 from lake.provenance import Provenance
 from lake.store import Lake

@@ -1,15 +1,17 @@
-"""Fig. 4 of the paper: joint posterior of theta with its margins, the prior behind them."""
+"""Figures of the draws: Fig. 4 of the paper, densities of one parameter, chains, and theta over time."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.stats import rankdata, rv_continuous
 
-from flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, new_figure
+from flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, WIDTH_IN, new_axes, new_figure
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.summary import density_map_of, density_of, prior_of, rank_correlations
 from models.calibration.means.problem import THETA
+from tasks.calibration.drift import PastCalibration
 
 Markers = Mapping[str, Mapping[str, float]]
 
@@ -18,6 +20,21 @@ SHARES = (0.9, 0.5)  # of the draws inside the contours
 _SHOWN = (0.001, 0.995)  # quantiles of the draws at the ends of an axis
 _N_DOTS = 1500
 _MARKERS = (("X", FIRST), ("D", SIMULATED), ("s", MUTED))
+_DENSITY_SHOWN = 0.995  # quantile of the draws at the end of an axis
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#5f6670", "#b2a400")
+_N_SHOWN = 400  # draws of a chain in a trace
+_N_BINS = 20
+_CHAIN_LABELS = {
+    "young_modulus_mpa": "E (MPa)",
+    "sd_e_n": "discrepancy (N)",
+    "noise_sd_n": "noise (N)",
+    "poisson_ratio": "Poisson's ratio",
+}
+_PANELS = (
+    ("young_modulus_mpa", "Young's modulus, MPa"),
+    ("friction", "friction"),
+    ("poisson_ratio", "Poisson's ratio"),
+)
 
 
 def pairs_figure(result: CalibrationResult, markers: Markers | None = None) -> Figure:
@@ -112,3 +129,84 @@ def _legend(figure: Figure, margin: Axes, joint: Axes) -> None:
         if label in labels:
             lines[labels.index(label)] = line
     figure.legend(lines, labels, loc="outside upper left", ncols=4, handlelength=1.6)
+
+
+def density_figure(draws: np.ndarray, x_label: str, prior: rv_continuous | None = None) -> Figure:
+    """Posterior density of one positive parameter, its mode marked, the prior behind it."""
+    figure, axes = new_axes(WIDTH_IN, 2.7, grid="")
+    grid, density = curve = density_of(draws)
+    axes.fill_between(grid, density, color=BEST, alpha=0.25, linewidth=0)
+    axes.plot(grid, density, color=BEST, label="posterior")
+    top = 1.08 * float(np.quantile(draws, _DENSITY_SHOWN))
+    if prior is not None:
+        points = np.linspace(0.0, top, 400)[1:]
+        axes.plot(points, prior.pdf(points), color=MUTED, linewidth=1.1, linestyle=(0, (4, 2)), label="prior")
+    axes.axvline(curve.mode, color=BEST, linewidth=1.0, linestyle=":", label=f"mode {curve.mode:.3g}")
+    axes.set_xlim(0.0, top)
+    axes.set_ylim(0.0, 1.1 * float(density.max()))
+    axes.set_yticks([])
+    axes.spines["left"].set_visible(False)
+    axes.set_xlabel(x_label)
+    axes.legend(loc="upper right")
+    return figure
+
+
+def chains_figure(result: CalibrationResult, names: Sequence[str]) -> Figure:
+    """One row a parameter: draws in order, and ranks among all chains (flat where chains agree)."""
+    figure = new_figure(8.4, 0.5 + 0.95 * len(names))
+    grid = figure.subplots(len(names), 2, squeeze=False, gridspec_kw={"width_ratios": (3, 2)})
+    for (trace, ranks), name in zip(grid, names, strict=True):
+        draws = result.of(name)
+        _trace(trace, draws)
+        _ranks(ranks, draws)
+        trace.set_ylabel(_chain_label(name), fontsize=8)
+        for axes in (trace, ranks):
+            axes.tick_params(labelbottom=name == names[-1])
+    grid[-1, 0].set_xlabel("draw")
+    grid[-1, 1].set_xlabel("rank among all chains")
+    return figure
+
+
+def _trace(axes: Axes, draws: np.ndarray) -> None:
+    step = max(1, draws.shape[1] // _N_SHOWN)
+    at = np.arange(0, draws.shape[1], step)
+    for chain, values in enumerate(draws):
+        axes.plot(at, values[::step], color=_COLOURS[chain % len(_COLOURS)], linewidth=0.5, alpha=0.7)
+    axes.set_xlim(0, draws.shape[1])
+
+
+def _ranks(axes: Axes, draws: np.ndarray) -> None:
+    ranks = rankdata(draws).reshape(draws.shape)
+    edges = np.linspace(0.5, ranks.size + 0.5, _N_BINS + 1)
+    expected = draws.shape[1] / _N_BINS
+    for chain, values in enumerate(ranks):
+        share = np.histogram(values, edges)[0] / expected
+        axes.stairs(share, edges, baseline=None, color=_COLOURS[chain % len(_COLOURS)], linewidth=0.9)
+    axes.axhline(1.0, color=MUTED, linewidth=0.8, linestyle=(0, (4, 2)))
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlim(0, ranks.size)
+    axes.set_xticks([0, ranks.size])
+
+
+def _chain_label(name: str) -> str:
+    return _CHAIN_LABELS.get(name, name.replace("_", " "))
+
+
+def theta_history_figure(history: Sequence[PastCalibration]) -> Figure:
+    """A panel for each parameter, with the intervals in the order in which they were inferred."""
+    figure = Figure(figsize=(WIDTH_IN, 4.6), layout="constrained")
+    panels = figure.subplots(len(_PANELS), 1, sharex=True)
+    for axes, (name, label) in zip(panels, _PANELS, strict=True):
+        _draw_panel(axes, history, name)
+        axes.set_ylabel(label)
+    panels[-1].set_xticks(range(len(history)), [f"{past.made_at:%Y-%m-%d\n%H:%M}" for past in history])
+    return figure
+
+
+def _draw_panel(axes: Axes, history: Sequence[PastCalibration], name: str) -> None:
+    places = range(len(history))
+    q05, median, q95 = zip(*(past.intervals[name] for past in history), strict=True)
+    axes.vlines(places, q05, q95, color=MUTED, linewidth=1.6)
+    axes.plot(places, median, "o", color=BEST, markersize=5)
+    axes.grid(axis="y")
+    axes.margins(x=0.1)

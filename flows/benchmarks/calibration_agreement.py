@@ -14,7 +14,7 @@ from flows.benchmarks.outcomes import RecordFile, read_records
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.problem import THETA, CalibrationProblem, Standardised
-from models.calibration.means.synthetic import made_up_problem
+from models.calibration.means.synthetic import make_up_problem
 from models.records import Record
 
 N_SIM, N_REAL, SEED = 300, 40, 0
@@ -59,14 +59,14 @@ def measure_calibration_agreement(options: Options) -> Tables:
 
 def problem_of(n_sim: int, n_real: int) -> CalibrationProblem:
     """The made-up problem of a size; Young's modulus is a factor, so that the posterior is a long ridge."""
-    return made_up_problem(n_sim, n_real, SEED, scales_with_modulus=True)
+    return make_up_problem(n_sim, n_real, SEED, scales_with_modulus=True)
 
 
 def posterior_rows(draws: np.ndarray) -> Rows:
     """Moments and quantiles of the logarithm of each of `NAMES`, from chains x n x names, with its effective draws."""
-    from models.calibration.inference.diagnostics import convergence
+    from models.calibration.inference.diagnostics import measure_convergence
 
-    r_hat, ess_bulk, ess_tail = convergence(NAMES, draws)
+    r_hat, ess_bulk, ess_tail = measure_convergence(NAMES, draws)
     rows: Rows = []
     for name, values in zip(NAMES, np.moveaxis(np.log(draws), 2, 0), strict=True):
         quantiles = dict(zip(("q05", "median", "q95"), np.quantile(values, QUANTILES).tolist(), strict=True))

@@ -15,10 +15,10 @@ from models.blas import one_blas_thread
 from models.calibration.inference.optimise import climb
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.means import psi_density
-from models.calibration.means.factorised import factor_at
-from models.calibration.means.joint_nuts import first_guesses
+from models.calibration.means.factorised import factorise_at
+from models.calibration.means.joint_nuts import guess_starts
 from models.calibration.means.problem import CalibrationProblem, Standardised
-from models.calibration.means.synthetic import Truth, made_up_problem, with_measured_designs
+from models.calibration.means.synthetic import Truth, make_up_problem, with_measured_designs
 
 N_WORLDS = 20
 N_REAL, N_THETAS, N_SIM = 16, 4, 264
@@ -59,8 +59,8 @@ def truth_of(world: int, discrepancy: float) -> Truth:
 
 def problems_of(world: int, truth: Truth) -> tuple[CalibrationProblem, CalibrationProblem]:
     """The same measurements with simulations in the order of `WAYS`."""
-    in_hypercube = made_up_problem(N_SIM, N_REAL, world, truth, scales_with_modulus=True)
-    fewer = made_up_problem(N_SIM - N_REAL * N_THETAS, N_REAL, world, truth, scales_with_modulus=True)
+    in_hypercube = make_up_problem(N_SIM, N_REAL, world, truth, scales_with_modulus=True)
+    fewer = make_up_problem(N_SIM - N_REAL * N_THETAS, N_REAL, world, truth, scales_with_modulus=True)
     same = with_measured_designs(fewer, N_THETAS, world)
     return in_hypercube, same
 
@@ -76,8 +76,8 @@ def find(problem: CalibrationProblem, truth: Truth) -> Found:
     setting = Setting.of(data, ParameterVector.of(data, CalibrationSettings()))
     parameters = setting.parameters
     with one_blas_thread():
-        factor = factor_at(emulator.find_mode(data, parameters, seed=0).values, setting)
-        guesses = [guess[parameters.n_phi :] for guess in first_guesses(parameters)]
+        factor = factorise_at(emulator.find_mode(data, parameters, seed=0).values, setting)
+        guesses = [guess[parameters.n_phi :] for guess in guess_starts(parameters)]
         best = climb(lambda psi: psi_density.log_posterior(psi, factor, setting), guesses)[0]
         true = parameters.unconstrained_theta(np.array(truth.theta))
 

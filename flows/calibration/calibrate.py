@@ -10,13 +10,13 @@ from flows.simulation.progress import n_missing, simulate_missing
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.hypercube import HypercubePlan, hypercube
+from models.calibration.means.hypercube import HypercubePlan, draw_hypercube
 from models.errors import UsageError
 from models.records import SimulatorVersion
 from tasks.calibration.calibrate import CalibrationSource, find_calibration, infer
-from tasks.calibration.mean_data import MeasuredTools, base_version, measured_tools, simulated_points
+from tasks.calibration.mean_data import MeasuredTools, find_base_version, read_measured_tools, read_simulated_points
 from tasks.calibration.means import CalibrationData, compare_means
-from tasks.calibration.verify import verification_plan, verify
+from tasks.calibration.verify import plan_verification, verify
 from tasks.campaign.requests import exclusive
 from tasks.gap.data import read_grasps
 from tasks.gap.theta import gather_traces, plan_grid
@@ -105,21 +105,21 @@ def write_page(lake: Lake, outcome: CalibrationOutcome, out: Path | None = None)
     return write_calibration_report(lake, calibration_id, out or lake.root / "outputs" / calibration_id / "report")
 
 
-def hypercube_simulations(plan: HypercubePlan, base: SimulatorVersion, measured: MeasuredTools) -> SimulationPlan:
+def plan_hypercube(plan: HypercubePlan, base: SimulatorVersion, measured: MeasuredTools) -> SimulationPlan:
     """The points of a plan as simulations by the family of `base`, grasped as the measured tools were."""
-    points = tuple((p.design, base.model_copy(update={"theta": p.theta})) for p in hypercube(plan))
+    points = tuple((p.design, base.model_copy(update={"theta": p.theta})) for p in draw_hypercube(plan))
     return SimulationPlan(points, measured.object_ids, measured.setup, plan.plan_id, plan.seed)
 
 
 def _calibrate_means(
     lake: Lake, order: CalibrationOrder, voice: Voice, should_stop: Callable[[], bool]
 ) -> CalibrationOutcome:
-    measured, settings = measured_tools(lake, order.campaign_id), order.settings
-    base = base_version(lake, measured.campaign_ids, order.version_id)
+    measured, settings = read_measured_tools(lake, order.campaign_id), order.settings
+    base = find_base_version(lake, measured.campaign_ids, order.version_id)
     if order.hypercube is not None:
-        plan = hypercube_simulations(order.hypercube, base, measured)
+        plan = plan_hypercube(order.hypercube, base, measured)
         simulate_missing(lake, [plan], settings.workers, voice, should_stop)
-    simulated = simulated_points(lake, base, measured)
+    simulated = read_simulated_points(lake, base, measured)
     data = compare_means(order.campaign_id, base, measured, simulated, settings.seed, settings.print_scatter)
     outcome = _calibrate_new(lake, data, settings, voice)
     if not order.verify:
@@ -131,7 +131,7 @@ def _calibrate_traces(
     lake: Lake, order: CalibrationOrder, voice: Voice, should_stop: Callable[[], bool]
 ) -> CalibrationOutcome:
     measured, settings = read_grasps(lake, order.campaign_id), order.settings
-    base = base_version(lake, measured.campaigns, order.version_id)
+    base = find_base_version(lake, measured.campaigns, order.version_id)
     plan = plan_grid(measured, base)
     if n_grasps := n_missing(lake, [plan]):
         voice.progress(f"{n_grasps} of {plan.n_grasps} grasps of the grid around the measured designs are missing")
@@ -152,7 +152,7 @@ def _calibrate_new(
 
 
 def _verify(lake: Lake, data: CalibrationData, row: CalibrationRow, n_workers: int, voice: Voice) -> CalibrationRow:
-    plan = verification_plan(lake, data, row)
+    plan = plan_verification(lake, data, row)
     if plan is None:
         voice.announce("nothing to verify: the calibration gave no simulator version, or no design was held out")
         return row

@@ -22,7 +22,7 @@ from models.gap.findings import Findings
 from models.gap.problem import GapProblem
 from models.ids import content_id
 from models.records import EffectValue, SimulatorVersion
-from tasks.calibration.mean_data import base_version
+from tasks.calibration.mean_data import find_base_version
 from tasks.campaign.requests import exclusive
 from tasks.campaign.simulator_versions import newest_calibrated
 from tasks.gap.bank import bank_of, bank_plans
@@ -123,7 +123,7 @@ def _prepared(lake: Lake, order: GapOrder) -> _Search:
     """Freeze the split, then read what was measured."""
     split = split_of(lake, order.campaign_id, order.seed)
     measured = read_grasps(lake, order.campaign_id)
-    version = base_version(lake, measured.campaigns, None)
+    version = find_base_version(lake, measured.campaigns, None)
     settings = {
         "rounds": order.rounds,
         "seed": order.seed,

@@ -11,11 +11,11 @@ from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, SimulationRow
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.inference.summary import check_quality, find_theta, theta_summary
+from models.calibration.inference.summary import check_quality, find_theta, summarise_theta
 from models.gap.problem import GapProblem
 from models.ids import canonical_json
 from models.records import EffectValue, SimulatorVersion
-from tasks.calibration.calibrate import CalibrationSource, Learned, Progress, settings_text
+from tasks.calibration.calibrate import CalibrationSource, Learned, Progress, write_settings
 from tasks.gap.bank import bank_ids
 
 
@@ -62,7 +62,7 @@ class JointCalibrationData(CalibrationSource):
 
     def calibration_id(self, settings: CalibrationSettings) -> str:
         """Id of the calibration of these data with these effects and settings."""
-        text = canonical_json([settings_text(settings), list(self.names)])
+        text = canonical_json([write_settings(settings), list(self.names)])
         return CalibrationRow.make_id(self.base.version_id, self.data, self.row_ids, text, settings.seed)
 
     def learn(self, settings: CalibrationSettings, progress: Progress | None) -> Learned:
@@ -112,4 +112,4 @@ def version_with(base: SimulatorVersion, result: CalibrationResult) -> Simulator
         return None
     medians = [float(np.median(result.of(name))) for name in result.names]
     effects = effects_at(result.names, medians)
-    return base.model_copy(update={"theta": find_theta(theta_summary(result)), "effects": (*base.effects, *effects)})
+    return base.model_copy(update={"theta": find_theta(summarise_theta(result)), "effects": (*base.effects, *effects)})

@@ -16,7 +16,7 @@ from models.gap.fit.whiten import training
 from models.gap.problem import GapProblem
 from models.records import SimulatorVersion
 from models.simulation.effects.catalogue import CATALOGUE, build_effects
-from tasks.calibration.calibrate import CalibrationSource, Learned, Progress, new_version
+from tasks.calibration.calibrate import CalibrationSource, Learned, Progress, make_version
 from tasks.gap.bank import bank_of_grid, grid_plan, plan_ids
 from tasks.gap.data import MeasuredGrasps, unit_sentences
 from tasks.simulation.plan import SimulationPlan
@@ -72,7 +72,7 @@ class TraceCalibrationData(CalibrationSource):
             "n_simulations": len(self.known_ids),
             "n_held_out": 0,
         }
-        return Learned(of_bench(result, self.training.bank.grid), new_version(self.base, result), columns)
+        return Learned(of_bench(result, self.training.bank.grid), make_version(self.base, result), columns)
 
 
 def plan_grid(measured: MeasuredGrasps, base: SimulatorVersion) -> SimulationPlan:

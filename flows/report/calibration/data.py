@@ -12,17 +12,18 @@ import numpy as np
 from flows.report.calibration.prediction_figures import Cloud, Panel
 from flows.report.campaign.queries import Result, fetch
 from lake.store import Lake
-from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow
-from models.calibration.inference.diagnostics import convergence
+from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow, SimulatorVersionRow
+from models.calibration.inference.diagnostics import measure_convergence
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings, read_settings
-from models.calibration.inference.summary import ParameterSummary, summary_of
+from models.calibration.inference.summary import ParameterSummary, summarise_all
 from models.calibration.means.checks import CalibrationChecks, check_calibration
 from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.predict import N_DRAWS, predict_measured, predict_simulated
 from models.calibration.means.problem import THETA, CalibrationProblem, Standardised
 from models.design.space import PARAMETERS
 from models.errors import UsageError
+from models.records import Theta
 from models.units import unit_of
 from models.validation import closest
 from tasks.calibration.drift import PastCalibration
@@ -87,6 +88,7 @@ class StoredCalibration:
     queries: dict[str, Result]
     evidence: Evidence | None = None
     n_predicted: int = N_DRAWS
+    version_theta: Theta | None = None  # of the simulator version that it gave
 
     @staticmethod
     def load(
@@ -110,12 +112,14 @@ class StoredCalibration:
             for name, sql in (("calibration", CALIBRATION), ("posterior_draws", DRAWS), ("history", HISTORY))
         }
         found = Evidence.of(lake, calibration_id) if evidence is None else evidence
-        return StoredCalibration(row, rows[-1]["created_at"], _result(lake, row), results, found, n_predicted)
+        versions = lake.records(SimulatorVersionRow, version_id=row.version_id) if row.version_id else []
+        theta = versions[-1].version.theta if versions else None
+        return StoredCalibration(row, rows[-1]["created_at"], _result(lake, row), results, found, n_predicted, theta)
 
     @cached_property
     def summary(self) -> dict[str, ParameterSummary]:
         """Statistics of every parameter."""
-        return summary_of(self.result, self.force_scale_n)
+        return summarise_all(self.result, self.force_scale_n)
 
     @property
     def simulations(self) -> str:
@@ -189,7 +193,7 @@ def _result(lake: Lake, row: CalibrationRow) -> CalibrationResult:
         what = f"draws of {missing[0]}" if missing else "any draws"
         raise UsageError(f"Calibration {row.calibration_id} is stored without {what}; run `fast calibrate` again.")
     values = np.array([[draws[name, chain] for name in names] for chain in chains]).swapaxes(1, 2)
-    r_hat, ess_bulk, ess_tail = convergence(names, values)
+    r_hat, ess_bulk, ess_tail = measure_convergence(names, values)
     return CalibrationResult(
         names=names,
         draws=values,

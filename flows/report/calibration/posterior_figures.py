@@ -9,7 +9,7 @@ from scipy.stats import rankdata, rv_continuous
 
 from flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, WIDTH_IN, new_axes, new_figure
 from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.summary import density_map_of, density_of, prior_of, rank_correlations
+from models.calibration.inference.summary import correlate_ranks, estimate_density, estimate_density_map, find_prior
 from models.calibration.means.problem import THETA
 from tasks.calibration.drift import PastCalibration
 
@@ -72,10 +72,10 @@ def _limits(draws: np.ndarray, markers: Markers | None, name: str) -> tuple[floa
 
 
 def _margin(axes: Axes, result: CalibrationResult, name: str, limits: tuple[float, float]) -> None:
-    grid, density = density_of(result.of(name))
+    grid, density = estimate_density(result.of(name))
     axes.fill_between(grid, density, color=BEST, alpha=0.25, linewidth=0)
     axes.plot(grid, density, color=BEST, label="posterior")
-    prior = prior_of(name, result.settings.priors)
+    prior = find_prior(name, result.settings.priors)
     if prior is not None:
         points = np.linspace(*limits, 400)
         axes.plot(points, prior.pdf(points), color=MUTED, linewidth=1.1, linestyle=(0, (4, 2)), label="prior")
@@ -88,14 +88,14 @@ def _joint(axes: Axes, result: CalibrationResult, x_name: str, y_name: str) -> N
     draws = result.flat(x_name, y_name)
     dots = draws[:: max(1, len(draws) // _N_DOTS)]
     axes.plot(*dots.T, ".", color=FAINT, markersize=1.6, markeredgewidth=0, rasterized=True)
-    joint = density_map_of(*draws.T)
+    joint = estimate_density_map(*draws.T)
     levels = joint.levels(*SHARES)
     axes.contourf(joint.x, joint.y, joint.density, [*levels, np.inf], colors=[BEST, BEST], alpha=0.22)
     axes.contour(joint.x, joint.y, joint.density, levels, colors=[BEST], linewidths=[0.9, 1.4])
 
 
 def _correlation(axes: Axes, result: CalibrationResult, x_name: str, y_name: str) -> None:
-    names, correlations = rank_correlations(result)
+    names, correlations = correlate_ranks(result)
     value = correlations[names.index(x_name), names.index(y_name)]
     axes.text(0.5, 0.5, f"{value:+.2f}".replace("-", "\u2212"), transform=axes.transAxes, ha="center", va="center",
               fontsize=9 + 6 * abs(value), color=MUTED)  # fmt: skip
@@ -134,7 +134,7 @@ def _legend(figure: Figure, margin: Axes, joint: Axes) -> None:
 def density_figure(draws: np.ndarray, x_label: str, prior: rv_continuous | None = None) -> Figure:
     """Posterior density of one positive parameter, its mode marked, the prior behind it."""
     figure, axes = new_axes(WIDTH_IN, 2.7, grid="")
-    grid, density = curve = density_of(draws)
+    grid, density = curve = estimate_density(draws)
     axes.fill_between(grid, density, color=BEST, alpha=0.25, linewidth=0)
     axes.plot(grid, density, color=BEST, label="posterior")
     top = 1.08 * float(np.quantile(draws, _DENSITY_SHOWN))

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, WIDTH_IN, new_axes, new_figure
 from models.calibration.inference.result import CalibrationResult
-from models.calibration.means.predict import Mixture, Scores, scores_of
+from models.calibration.means.predict import Mixture, Scores, score_mixture
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class Cloud:
     @property
     def scores(self) -> Scores:
         """How well they agree."""
-        return scores_of(self.predicted, self.measured_n)
+        return score_mixture(self.predicted, self.measured_n)
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,7 +41,7 @@ def diagnose(
     n_deepest: int = 0,
 ) -> Diagnosis:
     """Diagnose constrained draws (chains x n x len(names)), see `CalibrationResult`."""
-    r_hat, ess_bulk, ess_tail = convergence(names, draws)
+    r_hat, ess_bulk, ess_tail = measure_convergence(names, draws)
     flat = {name: draws[:, :, i].ravel() for i, name in enumerate(names)}
     sentences = [
         *_sampler_sentences(draws.shape[0] * draws.shape[1], settings, n_divergences, n_deepest),
@@ -53,7 +53,9 @@ def diagnose(
     return Diagnosis(r_hat, ess_bulk, ess_tail, tuple(sentences))
 
 
-def convergence(names: Sequence[str], draws: np.ndarray) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
+def measure_convergence(
+    names: Sequence[str], draws: np.ndarray
+) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
     """Rank-normalised R-hat, bulk ESS and tail ESS by name (Vehtari et al. 2021), of chains x n x len(names)."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # announcements of ArviZ's next version
@@ -66,7 +68,7 @@ def convergence(names: Sequence[str], draws: np.ndarray) -> tuple[dict[str, floa
     return r_hat, ess_bulk, ess_tail
 
 
-def overlap(first: np.ndarray, second: np.ndarray) -> float:
+def measure_overlap(first: np.ndarray, second: np.ndarray) -> float:
     """Area common to the densities of two sets of draws, 0 apart, 1 the same; by histograms over both."""
     edges = np.quantile(np.concatenate([first, second]), np.linspace(0.0, 1.0, _N_BINS + 1))
     shares = [np.histogram(draws, edges)[0] / len(draws) for draws in (first, second)]
@@ -143,7 +145,7 @@ def _overlap_sentences(priors: ThetaPriors, flat: Mapping[str, np.ndarray]) -> l
     prior = priors.draw(_N_PRIOR_DRAWS, np.random.default_rng(0))
     found = []
     for k, name in enumerate(THETA):
-        common = overlap(prior[:, k], flat[name])
+        common = measure_overlap(prior[:, k], flat[name])
         if common > OVERLAP_LIMIT:
             found.append(
                 f"the measurements say little about the {_WORDS[name]}: posterior and prior overlap by "

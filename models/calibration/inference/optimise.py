@@ -66,7 +66,7 @@ def climb_scaled(
     return Optimum(start + root @ best.vector, best.value)
 
 
-def laplace_covariance(log_density: LogDensity, mode: np.ndarray) -> np.ndarray:
+def find_laplace_covariance(log_density: LogDensity, mode: np.ndarray) -> np.ndarray:
     """Inverse of the negative Hessian at a maximum, k x k, from central differences of the gradient.
 
     Curvatures below a floor count as the floor: the maximum need not be exact.
@@ -76,17 +76,17 @@ def laplace_covariance(log_density: LogDensity, mode: np.ndarray) -> np.ndarray:
         step = np.zeros_like(mode)
         step[k] = _STEP
         columns.append((log_density(mode - step)[1] - log_density(mode + step)[1]) / (2.0 * _STEP))
-    return covariance_of(np.array(columns))
+    return invert_hessian(np.array(columns))
 
 
-def covariance_of(hessian: np.ndarray) -> np.ndarray:
+def invert_hessian(hessian: np.ndarray) -> np.ndarray:
     """Inverse of a numerical negative Hessian (k x k), its curvatures at least that of the widest prior."""
     curvatures, directions = np.linalg.eigh(0.5 * (hessian + hessian.T))
     covariance = (directions / np.maximum(curvatures, _LEAST_CURVATURE)) @ directions.T
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
-def starts_around(
+def draw_starts(
     log_density: LogDensity, optima: Sequence[Optimum], covariance: np.ndarray, n_chains: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Starts of chains, n_chains x k: the good optima in turn, each with a draw of the normal approximation added.

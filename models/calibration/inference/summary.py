@@ -38,7 +38,7 @@ def summarise(draws: np.ndarray, prior: stats.rv_continuous | None = None) -> Pa
     """Summary of draws of one parameter (any shape); `prior` is a frozen distribution of scipy."""
     values = np.ravel(draws)
     q05, median, q95 = np.quantile(values, (0.05, 0.5, 0.95))
-    grid, density = curve = density_of(values)
+    grid, density = curve = estimate_density(values)
     sd = float(np.std(values, ddof=1))
     return ParameterSummary(
         mean=float(np.mean(values)),
@@ -52,19 +52,20 @@ def summarise(draws: np.ndarray, prior: stats.rv_continuous | None = None) -> Pa
     )
 
 
-def summary_of(result: CalibrationResult, force_scale_n: float | None = None) -> dict[str, ParameterSummary]:
+def summarise_all(result: CalibrationResult, force_scale_n: float | None = None) -> dict[str, ParameterSummary]:
     """Summary of every parameter. `force_scale_n` (`Standardised`) turns the priors of sd and noise into N."""
     return {
-        name: summarise(result.of(name), prior_of(name, result.settings.priors, force_scale_n)) for name in result.names
+        name: summarise(result.of(name), find_prior(name, result.settings.priors, force_scale_n))
+        for name in result.names
     }
 
 
-def theta_summary(result: CalibrationResult) -> dict[str, ParameterSummary]:
+def summarise_theta(result: CalibrationResult) -> dict[str, ParameterSummary]:
     """Table 2 of the paper: young_modulus_mpa, friction, poisson_ratio."""
-    return {name: summarise(result.of(name), prior_of(name, result.settings.priors)) for name in THETA}
+    return {name: summarise(result.of(name), find_prior(name, result.settings.priors)) for name in THETA}
 
 
-def prior_of(name: str, priors: ThetaPriors, force_scale_n: float | None = None) -> stats.rv_continuous | None:
+def find_prior(name: str, priors: ThetaPriors, force_scale_n: float | None = None) -> stats.rv_continuous | None:
     """Prior of a parameter as a frozen distribution of scipy, in the unit of its draws; None where it has none."""
     if name == "young_modulus_mpa":
         return stats.lognorm(priors.young_modulus_log_sd, scale=priors.young_modulus_median_mpa)
@@ -84,7 +85,7 @@ def prior_of(name: str, priors: ThetaPriors, force_scale_n: float | None = None)
     return None
 
 
-def rank_correlations(result: CalibrationResult) -> tuple[tuple[str, ...], np.ndarray]:
+def correlate_ranks(result: CalibrationResult) -> tuple[tuple[str, ...], np.ndarray]:
     """Names and Spearman's correlations, k x k, of theta, rho where it is free, discrepancy and noise."""
     names = tuple(name for name in (*THETA, "rho", "sd_e_n", "noise_sd_n") if name in result.names)
     ranks = np.apply_along_axis(stats.rankdata, 0, result.flat(*names))
@@ -94,7 +95,7 @@ def rank_correlations(result: CalibrationResult) -> tuple[tuple[str, ...], np.nd
 def check_quality(result: CalibrationResult) -> str:
     """The quality gate: why no simulator may be built on these draws, and what to do; empty if one may."""
     fault = check_convergence(result)
-    if not fault and find_theta(theta_summary(result)) is None:
+    if not fault and find_theta(summarise_theta(result)) is None:
         return "the median of theta is outside what the simulator takes; compare the data's units and setup."
     return fault
 
@@ -154,7 +155,7 @@ class Density(NamedTuple):
         return float(self.grid[np.argmax(self.density)])
 
 
-def density_of(draws: np.ndarray) -> Density:
+def estimate_density(draws: np.ndarray) -> Density:
     """Kernel density of draws (any shape) by ArviZ, mirrored at both ends: mass at a bound is not smeared over it.
 
     The bandwidth is the mean of Silverman's rule and of Botev et al. (2010).
@@ -183,7 +184,7 @@ class DensityMap(NamedTuple):
         return sorted(float(ranked[np.searchsorted(held, share)]) for share in shares)
 
 
-def density_map_of(x: np.ndarray, y: np.ndarray, n_cells: int = 128) -> DensityMap:
+def estimate_density_map(x: np.ndarray, y: np.ndarray, n_cells: int = 128) -> DensityMap:
     """Kernel density of joint draws (n each), on cells between the smallest and the largest: mirrored at the ends.
 
     Gaussian, with Scott's bandwidth for two dimensions on each axis.

@@ -7,7 +7,7 @@ from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.inference.summary import check_convergence, has_good_weights
 from models.calibration.means.joint_nuts import calibrate_joint
-from models.calibration.means.problem import CalibrationProblem, without_repeats
+from models.calibration.means.problem import CalibrationProblem, drop_repeats
 
 JOINT_LIMIT = 600  # simulations and designs that full joint NUTS samples in minutes
 LONGER = 3  # times the draws, where the first were too few
@@ -24,12 +24,12 @@ def calibrate(
     What was tried in vain, and rows left out, are among `warnings`.
 
     Example:
-        >>> from models.calibration.means.synthetic import made_up_problem
+        >>> from models.calibration.means.synthetic import make_up_problem
         >>> settings = CalibrationSettings(method="joint", chains=2, draws=50, tune=50, workers=1)
-        >>> calibrate(made_up_problem(30, 10, seed=0), settings).of("friction").shape
+        >>> calibrate(make_up_problem(30, 10, seed=0), settings).of("friction").shape
         (2, 50)
     """
-    problem, repeats = without_repeats(problem)
+    problem, repeats = drop_repeats(problem)
     if settings.method == "auto":
         result = _calibrate_checked(problem, settings, progress)
     else:

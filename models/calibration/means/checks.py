@@ -21,7 +21,7 @@ import numpy as np
 
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.means.parameters import Phi
-from models.calibration.means.predict import N_DRAWS, DrawnModel, Emulator, Mixture, drawn_models
+from models.calibration.means.predict import N_DRAWS, DrawnModel, Emulator, Mixture, condition_models
 from models.calibration.means.problem import CalibrationProblem, Standardised
 from models.calibration.means.reweight import smooth_weights
 from models.ids import seed_from
@@ -56,7 +56,7 @@ def check_calibration(
 ) -> CalibrationChecks:
     """All checks in one pass over thinned draws. theta_before: 3, physical."""
     rng = np.random.default_rng(result.settings.seed)
-    parts = [_at_draw(model, problem.x_real, theta_before, rng) for model in drawn_models(problem, result, n_draws)]
+    parts = [_at_draw(model, problem.x_real, theta_before, rng) for model in condition_models(problem, result, n_draws)]
     before, after, left_out, discrepancy = (
         Mixture.equal(*(np.array([part[place][side] for part in parts]) for side in (0, 1))) for place in range(4)
     )
@@ -78,8 +78,8 @@ def _at_draw(model: DrawnModel, x: np.ndarray, theta_before: np.ndarray, rng: np
         model.simulated(x),
         model.leave_one_out(),
         model.discrepancy(x),
-        emulator_relevance(model, rng),
-        discrepancy_relevance(model, rng),
+        measure_emulator_relevance(model, rng),
+        measure_discrepancy_relevance(model, rng),
     )
 
 
@@ -90,7 +90,7 @@ def _left_out_weights(left_out: Mixture, y: np.ndarray) -> tuple[np.ndarray, np.
     return np.column_stack([weights for weights, _ in smoothed]), np.array([k_hat for _, k_hat in smoothed])
 
 
-def permutation_relevance(
+def measure_relevance(
     predict: Callable[[np.ndarray], np.ndarray], inputs: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
     """Relevance of each column of `inputs` (n x d) for a function of them that returns n values, d."""
@@ -108,16 +108,16 @@ def permutation_relevance(
     return relevance
 
 
-def emulator_relevance(model: DrawnModel, rng: np.random.Generator) -> np.ndarray:
+def measure_emulator_relevance(model: DrawnModel, rng: np.random.Generator) -> np.ndarray:
     """Relevance of the simulator's inputs at up to `N_POINTS` of the simulations, d: nine of a design, then theta."""
     z = model.emulator.data.z_sim
     points = z[rng.permutation(len(z))[:N_POINTS]]
-    return permutation_relevance(model.emulator.mean, points, rng)
+    return measure_relevance(model.emulator.mean, points, rng)
 
 
-def discrepancy_relevance(model: DrawnModel, rng: np.random.Generator) -> np.ndarray:
+def measure_discrepancy_relevance(model: DrawnModel, rng: np.random.Generator) -> np.ndarray:
     """Relevance of the design's parameters for the discrepancy, at the measured designs, 9."""
-    return permutation_relevance(model.discrepancy_mean, model.emulator.data.x_real, rng)
+    return measure_relevance(model.discrepancy_mean, model.emulator.data.x_real, rng)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.calibration.inference.optimise import climb, climb_scaled, laplace_covariance
+from models.calibration.inference.optimise import climb, climb_scaled, find_laplace_covariance
 from models.calibration.means.parameters import LENGTHSCALE, NUGGET, SD_H, ParameterVector, Phi
 from models.calibration.means.problem import Standardised
 from models.gaussian_process.density import half_weights, lengthscale_gradient, log_normal
@@ -85,7 +85,7 @@ def find_mode(
         return log_posterior(values, subset, parameters)
 
     found = climb(of_subset, [start], SEARCH_ITERATIONS, TOLERANCE)[0].vector
-    root = np.linalg.cholesky(laplace_covariance(of_subset, found))
+    root = np.linalg.cholesky(find_laplace_covariance(of_subset, found))
     tell(f"emulator: optimum on {len(subset.y_sim):,} of {len(data.y_sim):,} simulations found")
     if subset is not data:
         found = climb_scaled(

@@ -16,19 +16,19 @@ from scipy.stats import gamma, norm
 
 from models.blas import one_blas_thread
 from models.calibration.inference.diagnostics import diagnose
-from models.calibration.inference.optimise import Optimum, climb, climb_scaled, laplace_covariance, starts_around
+from models.calibration.inference.optimise import Optimum, climb, climb_scaled, draw_starts, find_laplace_covariance
 from models.calibration.inference.parallel_chains import Progress, Samples, sample
 from models.calibration.inference.result import K_HAT_LIMIT, CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.means import emulator, psi_density
 from models.calibration.means.joint_density import JointDensity
-from models.calibration.means.joint_nuts import first_guesses
+from models.calibration.means.joint_nuts import guess_starts
 from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.problem import CalibrationProblem, Standardised
 from models.calibration.means.psi_density import Setting
-from models.calibration.means.reweight import Weighted, approximate_phi, effective_size, resample, weigh
+from models.calibration.means.reweight import Weighted, approximate_phi, find_effective_size, resample, weigh
 from models.calibration.means.ridge import ReparameterisedDensity, RidgeTempering, temper_ridge
-from models.calibration.means.theta_surrogate import Box, ThetaSurrogate, build_accurate
+from models.calibration.means.theta_surrogate import Box, ThetaSurrogate, build_accurate_surrogate
 from models.errors import FastError
 
 N_WEIGHTED = 2800  # draws that are weighted exactly, at most
@@ -42,7 +42,7 @@ _RIDGE_TAIL = 1e-4  # the same for friction, where the first box takes all that 
 
 
 @dataclass
-class Steps:
+class _Steps:
     """CPU seconds by step, of this process and of those it started."""
 
     tell: Progress
@@ -62,7 +62,7 @@ class Steps:
 
 
 @dataclass(frozen=True, eq=False)
-class Peak:
+class _Peak:
     """Mode of the joint posterior: vector (n_phi + n_psi), covariance of psi there given phi (n_psi x n_psi)."""
 
     vector: np.ndarray
@@ -82,45 +82,45 @@ def calibrate_factorised(
     """
     data = Standardised.of(problem)
     setting = Setting.of(data, ParameterVector.of(data, settings))
-    steps = Steps(progress or (lambda line: None))
+    steps = _Steps(progress or (lambda line: None))
     rng = np.random.default_rng([settings.seed, 2])
     with one_blas_thread():
-        peak = find_peak(setting, settings, steps)
+        peak = _find_peak(setting, settings, steps)
         with steps("curvature"):
             density = JointDensity(data, setting.parameters)
             normal_phi, cpu_s = approximate_phi(density, peak.vector, settings.workers, progress)
             steps.add("curvature", cpu_s)
-        sampled, samples = sample_psi(setting, settings, peak, steps, rng, length)
+        sampled, samples = _sample_psi(setting, settings, peak, steps, rng, length)
         with steps("weights"):
             weighted = weigh(samples.draws, sampled, normal_phi, length * N_WEIGHTED, settings.workers, rng, progress)
             steps.add("weights", weighted.cpu_s)
     return _result(problem, setting, settings, samples, weighted, steps, rng)
 
 
-def find_peak(setting: Setting, settings: CalibrationSettings, steps: Steps) -> Peak:
+def _find_peak(setting: Setting, settings: CalibrationSettings, steps: _Steps) -> _Peak:
     """Mode of the joint posterior, found from those of phi alone and of psi given phi."""
     data, parameters = setting.data, setting.parameters
     with steps("emulator"):
         phi = emulator.find_mode(data, parameters, settings.seed, steps.tell)
     with steps("optimum"):
-        factor = factor_at(phi.values, setting)
-        guesses = [guess[parameters.n_phi :] for guess in first_guesses(parameters)]
+        factor = factorise_at(phi.values, setting)
+        guesses = [guess[parameters.n_phi :] for guess in guess_starts(parameters)]
         optima = climb(lambda v: psi_density.log_posterior(v, factor, setting), guesses, tolerance=1e-7)
         psi = optima[0].vector
-        covariance = laplace_covariance(lambda v: psi_density.log_posterior(v, factor, setting), psi)
+        covariance = find_laplace_covariance(lambda v: psi_density.log_posterior(v, factor, setting), psi)
         root = np.zeros((parameters.n_phi + parameters.n_psi,) * 2)
         root[: parameters.n_phi, : parameters.n_phi] = phi.root
         root[parameters.n_phi :, parameters.n_phi :] = np.linalg.cholesky(covariance)
         start = np.concatenate([phi.values, psi])
         vector = climb_scaled(JointDensity(data, parameters), start, root, 40, emulator.TOLERANCE).vector
-        factor = factor_at(vector[: parameters.n_phi], setting)
-        covariance = laplace_covariance(
+        factor = factorise_at(vector[: parameters.n_phi], setting)
+        covariance = find_laplace_covariance(
             lambda v: psi_density.log_posterior(v, factor, setting), vector[parameters.n_phi :]
         )
-    return Peak(vector, factor, covariance, optima)
+    return _Peak(vector, factor, covariance, optima)
 
 
-def factor_at(phi: np.ndarray, setting: Setting) -> emulator.Factor:
+def factorise_at(phi: np.ndarray, setting: Setting) -> emulator.Factor:
     """Factor of the emulator at a phi in vector form.
 
     Raises:
@@ -134,25 +134,25 @@ def factor_at(phi: np.ndarray, setting: Setting) -> emulator.Factor:
     return factor
 
 
-def sample_psi(
+def _sample_psi(
     setting: Setting,
     settings: CalibrationSettings,
-    peak: Peak,
-    steps: Steps,
+    peak: _Peak,
+    steps: _Steps,
     rng: np.random.Generator,
     length: int = 1,
 ) -> tuple[ReparameterisedDensity, Samples]:
     """NUTS on psi at the mode's phi, in a box of theta that grows until short trial chains stay inside."""
     psi = peak.vector[setting.parameters.n_phi :]
-    box = first_box(setting, psi, peak.psi_covariance)
+    box = find_first_box(setting, psi, peak.psi_covariance)
     for attempt in range(MAX_GROWTH + 1):
         with steps("theta surrogate"):
-            surrogate = build_accurate(peak.factor, setting, box, psi, peak.psi_covariance, rng)
+            surrogate = build_accurate_surrogate(peak.factor, setting, box, psi, peak.psi_covariance, rng)
             orders = " x ".join(str(n) for n in surrogate.orders)
             steps.tell(f"theta surrogate: {orders} nodes, {len(surrogate.basis)} matrices, error {surrogate.error:.3f}")
         with steps("passes of the ridge"):
             density = ReparameterisedDensity(surrogate, _temper(surrogate, psi))
-        starts = starts_around(surrogate, [Optimum(psi, surrogate(psi)[0])], peak.psi_covariance, settings.chains, rng)
+        starts = draw_starts(surrogate, [Optimum(psi, surrogate(psi)[0])], peak.psi_covariance, settings.chains, rng)
         covariance = density.covariance(peak.psi_covariance, psi)
         fewer = _at_most(settings, TRIAL_DRAWS, TRIAL_TUNE)
         trial = _run(density, density.from_psi(starts), covariance, fewer, "trial chains", steps)
@@ -185,7 +185,7 @@ def _run(
     covariance: np.ndarray,
     settings: CalibrationSettings,
     step: str,
-    steps: Steps,
+    steps: _Steps,
 ) -> Samples:
     with steps(step):
         samples = sample(density, starts, settings, scale=covariance, progress=steps.tell)
@@ -204,7 +204,7 @@ def _outside(draws: np.ndarray, surrogate: ThetaSurrogate) -> np.ndarray:
     return np.asarray(surrogate.box.is_outside(t).mean(axis=0))
 
 
-def first_box(setting: Setting, psi: np.ndarray, covariance: np.ndarray) -> Box:
+def find_first_box(setting: Setting, psi: np.ndarray, covariance: np.ndarray) -> Box:
     """Box of the inputs t around the mode, within what the prior of theta allows.
 
     The Poisson ratio keeps its whole range: it is short, and posteriors lean against its ends. Where E is a factor,
@@ -237,7 +237,7 @@ def _result(
     settings: CalibrationSettings,
     samples: Samples,
     weighted: Weighted,
-    steps: Steps,
+    steps: _Steps,
     rng: np.random.Generator,
 ) -> CalibrationResult:
     parameters, weights = setting.parameters, weighted.weights
@@ -248,7 +248,7 @@ def _result(
         found = diagnose(problem, parameters.names, draws, settings, samples.n_divergences, samples.n_deepest)
     k_hat = weighted.k_hat
     steps.tell(
-        f"k-hat {k_hat:.2f} (limit {K_HAT_LIMIT:g}), {effective_size(weights):.0f} effective of {len(weights)} "
+        f"k-hat {k_hat:.2f} (limit {K_HAT_LIMIT:g}), {find_effective_size(weights):.0f} effective of {len(weights)} "
         f"weighted draws, {samples.n_gradients:,} gradients, {samples.n_divergences} divergences"
     )
     return CalibrationResult(

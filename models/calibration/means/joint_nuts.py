@@ -10,7 +10,7 @@ import numpy as np
 
 from models.blas import one_blas_thread
 from models.calibration.inference.diagnostics import diagnose
-from models.calibration.inference.optimise import climb, laplace_covariance, starts_around
+from models.calibration.inference.optimise import climb, draw_starts, find_laplace_covariance
 from models.calibration.inference.parallel_chains import Progress, Samples, sample
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
@@ -62,10 +62,10 @@ def sample_joint(
     density = JointDensity(data, parameters)
     started = time.process_time()
     with one_blas_thread():
-        optima = climb(density, first_guesses(parameters))
-        covariance = laplace_covariance(density, optima[0].vector)
+        optima = climb(density, guess_starts(parameters))
+        covariance = find_laplace_covariance(density, optima[0].vector)
         rng = np.random.default_rng([settings.seed, 1])
-        starts = starts_around(density, optima, covariance, settings.chains, rng)
+        starts = draw_starts(density, optima, covariance, settings.chains, rng)
         found_s = time.process_time() - started
         if progress is not None:
             progress(f"joint NUTS: optimum found in {found_s:.1f} s of CPU; sampling {settings.chains} chains")
@@ -73,7 +73,7 @@ def sample_joint(
     return samples, {"optimum": found_s, "sampling": samples.cpu_s}
 
 
-def first_guesses(parameters: ParameterVector) -> list[np.ndarray]:
+def guess_starts(parameters: ParameterVector) -> list[np.ndarray]:
     """Medians of the priors, with a soft, a likely and a hard material."""
     phi = [LENGTHSCALE[0]] * parameters.n_inputs + [SD_H[0], NUGGET[0]]
     psi = [LENGTHSCALE[0]] * N_DESIGN + [SD_E[0], NOISE_SD[0]] + [RHO_MEAN] * parameters.has_rho

@@ -115,7 +115,7 @@ class Scores(Record):
     crps_n: float
 
 
-def scores_of(predicted: Mixture, y: np.ndarray) -> Scores:
+def score_mixture(predicted: Mixture, y: np.ndarray) -> Scores:
     """Scores of predictions at outcomes y (m, N)."""
     mean, (lower, upper) = predicted.mean, predicted.interval(0.9)
     varies = len(y) > 2 and np.ptp(mean) > 0 and np.ptp(y) > 0
@@ -257,14 +257,14 @@ class DrawnModel:
         return _squares(solve_triangular(self.factor, cross.T, lower=True, check_finite=False))
 
 
-def drawn_models(problem: CalibrationProblem, result: CalibrationResult, n: int = N_DRAWS) -> Iterator[DrawnModel]:
+def condition_models(problem: CalibrationProblem, result: CalibrationResult, n: int = N_DRAWS) -> Iterator[DrawnModel]:
     """The model at n draws spread evenly over the chains; draws that share phi share its Cholesky factor.
 
     The order is by phi, not by draw.
     """
     data = Standardised.of(problem)
     draws = thinned(result, n)
-    n_phi = n_emulator_parameters(result)
+    n_phi = count_emulator_parameters(result)
     phis, group = np.unique(draws[:, :n_phi], axis=0, return_inverse=True)
     for number, phi in enumerate(phis):
         with one_blas_thread():
@@ -287,7 +287,7 @@ def predict_measured(
     `problem` is what was calibrated, without the designs that are predicted. `variance` (m, N^2): of objects that
     were missing in the measurements to compare with.
     """
-    parts = [model.measured(x, variance) for model in drawn_models(problem, result, n_draws)]
+    parts = [model.measured(x, variance) for model in condition_models(problem, result, n_draws)]
     return Mixture.equal(*_stacked(parts))
 
 
@@ -299,7 +299,7 @@ def predict_simulated(
     n_draws: int = N_DRAWS,
 ) -> Mixture:
     """Forces that the simulator would give for designs x (m x 9, unit cube), at theta (3) or at each draw's theta."""
-    parts = [model.simulated(x, theta) for model in drawn_models(problem, result, n_draws)]
+    parts = [model.simulated(x, theta) for model in condition_models(problem, result, n_draws)]
     return Mixture.equal(*_stacked(parts))
 
 
@@ -310,7 +310,7 @@ def thinned(result: CalibrationResult, n: int) -> np.ndarray:
     return np.asarray(flat[rows])
 
 
-def n_emulator_parameters(result: CalibrationResult) -> int:
+def count_emulator_parameters(result: CalibrationResult) -> int:
     """How many of the leading names belong to the emulator: its lengthscales, sd and nugget."""
     return sum(name.startswith("lengthscale_h.") for name in result.names) + 2
 

@@ -229,7 +229,7 @@ def friction_at(unit: np.ndarray) -> np.ndarray:
     return np.asarray(np.exp(lower + unit * (upper - lower)) - FRICTION_OFFSET)
 
 
-def without_repeats(problem: CalibrationProblem) -> tuple[CalibrationProblem, tuple[str, ...]]:
+def drop_repeats(problem: CalibrationProblem) -> tuple[CalibrationProblem, tuple[str, ...]]:
     """The problem with each row once, and a sentence for every kind of row left out.
 
     A row is left out when its design, theta, force and variance all repeat an earlier one: a deterministic simulator

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.calibration.inference.optimise import covariance_of
+from models.calibration.inference.optimise import invert_hessian
 from models.calibration.inference.processes import spread
 from models.calibration.means import psi_density
 from models.calibration.means.emulator import factorise
@@ -50,7 +50,7 @@ def approximate_phi(
     """
     n_phi = density.parameters.n_phi
     rows, cpu_s = spread(_row, (density, mode), list(range(n_phi)), n_workers, progress, "curvature of the emulator")
-    return NormalPhi(mode[:n_phi], np.linalg.cholesky(covariance_of(np.array(rows)[:, :n_phi]))), cpu_s
+    return NormalPhi(mode[:n_phi], np.linalg.cholesky(invert_hessian(np.array(rows)[:, :n_phi]))), cpu_s
 
 
 def _row(shared: tuple[JointDensity, np.ndarray], i: int) -> np.ndarray:
@@ -92,7 +92,7 @@ def weigh(
     psi = thin(chains, n)  # phis x PSI_PER_PHI x n_psi
     phi, log_q = normal_phi.draw(len(psi), rng)
     jobs = list(zip(phi, psi, strict=True))
-    exact, cpu_s = spread(exact_log_density, setting, jobs, n_workers, progress, "exact weights")
+    exact, cpu_s = spread(compute_exact_log_density, setting, jobs, n_workers, progress, "exact weights")
     approximate = np.array(
         [[surrogate.log_likelihood(values) - tempering(values) for values in group] for group in psi]
     )
@@ -110,7 +110,7 @@ def thin(chains: np.ndarray, n: int) -> np.ndarray:
     return chains[:, rows].reshape(n_chains * n_groups, PSI_PER_PHI, k)
 
 
-def exact_log_density(setting: Setting, job: _Job) -> np.ndarray:
+def compute_exact_log_density(setting: Setting, job: _Job) -> np.ndarray:
     """Log p(phi) p(y_S | phi) p(y_R | psi, phi) of one phi and its group of psi, PSI_PER_PHI."""
     phi, group = job
     factor = factorise(setting.parameters.phi(phi), setting.data)
@@ -133,7 +133,7 @@ def smooth_weights(log_weights: np.ndarray) -> tuple[np.ndarray, float]:
     return np.exp(logs), float(k_hat)
 
 
-def effective_size(weights: np.ndarray) -> float:
+def find_effective_size(weights: np.ndarray) -> float:
     """Kish's effective number of draws of weights that sum to 1."""
     return float(1.0 / np.sum(weights**2))
 

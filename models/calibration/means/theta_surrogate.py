@@ -105,7 +105,7 @@ class ThetaSurrogate:
         return _product([row[0] for row in rows]), slopes * (bend_slope / half)[:, None]
 
 
-def build_accurate(
+def build_accurate_surrogate(
     factor: Factor,
     setting: Setting,
     box: Box,
@@ -123,7 +123,7 @@ def build_accurate(
     width = 2.0 * _half_width(box) / factor.phi.lengthscales[-len(box.lower) :]
     orders = np.clip(np.ceil(FIRST_NODES + NODES_PER_LENGTHSCALE * width).astype(int), FIRST_NODES, MAX_NODES)
     while True:
-        found = build(factor, setting, box, tuple(orders.tolist()), mode)
+        found = build_surrogate(factor, setting, box, tuple(orders.tolist()), mode)
         error = _spread([found.log_likelihood(psi) for psi in draws] - exact)
         if error <= MAX_ERROR or orders.min() >= MAX_NODES:
             return replace(found, error=error)
@@ -137,7 +137,9 @@ def _spread(errors: np.ndarray) -> float:
     return float(np.std(errors)) if np.isfinite(errors).all() else np.inf
 
 
-def build(factor: Factor, setting: Setting, box: Box, orders: tuple[int, ...], typical: np.ndarray) -> ThetaSurrogate:
+def build_surrogate(
+    factor: Factor, setting: Setting, box: Box, orders: tuple[int, ...], typical: np.ndarray
+) -> ThetaSurrogate:
     """Interpolate m and V in `box` with `orders` nodes by input; `typical` (n_psi) sets what may be dropped of V."""
     nodes = [chebyshev.chebpts1(n) for n in orders]
     center, half = 0.5 * (box.lower + box.upper), _half_width(box)

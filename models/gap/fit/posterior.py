@@ -16,7 +16,7 @@ from itertools import combinations
 import numpy as np
 from scipy.special import expit
 
-from models.calibration.inference.diagnostics import convergence
+from models.calibration.inference.diagnostics import measure_convergence
 from models.calibration.inference.optimise import approximate_at_mode
 from models.calibration.inference.parallel_chains import sample
 from models.calibration.inference.result import CalibrationResult
@@ -140,7 +140,7 @@ def joint_posterior(
     v = density.inside(samples.draws)
     names = (*THETA, *(f"{axis.effect}.{axis.name}" for axis in density.axes))
     draws = density.values(v)
-    r_hat, ess_bulk, ess_tail = convergence(names, draws)
+    r_hat, ess_bulk, ess_tail = measure_convergence(names, draws)
     chosen = v.reshape(-1, v.shape[-1])[rng.choice(samples.draws[..., 0].size, _CHECKED_DRAWS, replace=False)]
     return CalibrationResult(
         names=names,

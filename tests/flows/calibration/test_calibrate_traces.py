@@ -57,6 +57,8 @@ def test_what_is_missing_of_the_grid_is_simulated_once_and_theta_inferred(tmp_pa
     html = (page / "index.html").read_text()
     assert "4 measured designs and 144 simulated grasps on 3 objects" in html
     assert "Compared were force traces" in html
+    assert f"Simulator version {row.version_id} has the theta with which this simulator" in html
+    assert "Sensor noise is estimated from the readings before the fingers touch" in html
     assert (page / "figures" / "calibration_pairs.svg").is_file()
     assert (page / "data" / "posterior.nc").is_file()
     simulator.jobs.clear()

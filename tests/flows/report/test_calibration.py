@@ -17,10 +17,10 @@ from flows.report.campaign.page import write_report
 from lake.provenance import Provenance
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow
-from models.calibration.inference.summary import theta_summary
+from models.calibration.inference.summary import summarise_theta
 from models.calibration.means.predict import Mixture
 from models.calibration.means.problem import THETA
-from models.calibration.means.synthetic import made_up_problem
+from models.calibration.means.synthetic import make_up_problem
 from models.errors import UsageError
 from tasks.calibration.calibrate import infer
 from tasks.calibration.means import gather
@@ -37,7 +37,7 @@ PROVENANCE = Provenance(code_version="0.1.0+abc1234", code_dirty=False)
 
 def calibration_rows(calibration_id: str, result, n_designs: int, shift: float = 1.0) -> list:
     """Rows of a calibration, draws first; `shift` scales the medians of the row alone."""
-    summary = theta_summary(result)
+    summary = summarise_theta(result)
     unit = {"young_modulus_mpa": "_mpa"}
     table_2 = {
         f"{name.removesuffix('_mpa')}_{column}{unit.get(name, '')}": shift * getattr(summary[name], column)
@@ -59,7 +59,7 @@ def calibration_rows(calibration_id: str, result, n_designs: int, shift: float =
 
 @pytest.fixture(scope="module")
 def evidence() -> Evidence:
-    problem = made_up_problem(40, 15, seed=3)
+    problem = make_up_problem(40, 15, seed=3)
     held_out = np.arange(15) % 5 == 0
     return Evidence(
         problem.take_real(~held_out),

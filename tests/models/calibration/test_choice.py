@@ -6,19 +6,19 @@ import re
 import numpy as np
 import pytest
 
-from models.calibration.inference.diagnostics import diagnose, overlap
+from models.calibration.inference.diagnostics import diagnose, measure_overlap
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.inference.summary import check_convergence, check_quality
 from models.calibration.means import calibrate as choice
 from models.calibration.means.calibrate import calibrate
 from models.calibration.means.parameters import ParameterVector
-from models.calibration.means.problem import THETA, Standardised, without_repeats
-from models.calibration.means.synthetic import made_up_problem
+from models.calibration.means.problem import THETA, Standardised, drop_repeats
+from models.calibration.means.synthetic import make_up_problem
 from models.errors import UsageError
 
 SETTINGS = CalibrationSettings(chains=2, draws=1000, tune=50)
-PROBLEM = made_up_problem(40, 10, seed=0)
+PROBLEM = make_up_problem(40, 10, seed=0)
 NAMES = ("rho", *THETA)
 
 
@@ -74,7 +74,7 @@ def test_bad_weights_fall_back_to_the_joint_sampler_and_say_so(monkeypatch, k_ha
 
 
 def test_a_large_problem_with_bad_weights_has_not_converged_and_is_not_replaced(monkeypatch):
-    large = made_up_problem(600, 10, seed=0)
+    large = make_up_problem(600, 10, seed=0)
     result, used = calibrate_with(monkeypatch, made_up_result("factorised", 0.9), large)
     assert used == ["factorised"]
     assert re.search(
@@ -83,7 +83,7 @@ def test_a_large_problem_with_bad_weights_has_not_converged_and_is_not_replaced(
 
 
 def test_short_chains_of_a_large_problem_are_sampled_again_and_what_is_still_short_is_refused(monkeypatch):
-    large, short = made_up_problem(600, 10, seed=0), made_up_result("factorised", 0.3, ess=14.0)
+    large, short = make_up_problem(600, 10, seed=0), made_up_result("factorised", 0.3, ess=14.0)
     enough, used = calibrate_with(monkeypatch, short, large, longer=made_up_result("factorised", 0.3))
     assert used == ["factorised", "3 times factorised"]
     assert (enough.warnings, enough.cpu_s, enough.k_hat) == (("own",), 4.0, 0.3)
@@ -110,7 +110,7 @@ def test_rows_entered_twice_are_left_out_and_told(monkeypatch):
         y_sim=np.append(PROBLEM.y_sim, [PROBLEM.y_sim[0], 99.0]),
         variance_sim=np.append(PROBLEM.variance_sim, PROBLEM.variance_sim[:2]),
     )
-    fewer, sentences = without_repeats(twice)
+    fewer, sentences = drop_repeats(twice)
     assert fewer.n_sim == 41
     np.testing.assert_array_equal(fewer.y_sim, np.append(PROBLEM.y_sim, 99.0))
     assert sentences == (
@@ -119,7 +119,7 @@ def test_rows_entered_twice_are_left_out_and_told(monkeypatch):
     )
     result, _ = calibrate_with(monkeypatch, made_up_result("factorised", k_hat=0.3), twice)
     assert result.warnings == (*sentences, "own")
-    assert without_repeats(PROBLEM) == (PROBLEM, ())
+    assert drop_repeats(PROBLEM) == (PROBLEM, ())
 
 
 @pytest.mark.parametrize(
@@ -141,7 +141,7 @@ def test_bad_input_is_refused_in_a_sentence(changes, match):
 @pytest.mark.parametrize(("n_sim", "n_real", "match"), [(19, 10, "19 simulations, it .* 20"), (40, 4, "4 measured")])
 def test_too_few_designs_are_refused(n_sim, n_real, match):
     with pytest.raises(UsageError, match=match):
-        made_up_problem(n_sim, n_real, seed=0)
+        make_up_problem(n_sim, n_real, seed=0)
 
 
 def some_draws(seed=0, **columns):
@@ -189,7 +189,7 @@ def test_every_problem_of_the_draws_is_said(columns, n_divergences, sentence):
 
 
 def test_the_range_of_a_factor_is_no_range():
-    problem = made_up_problem(40, 10, seed=0, scales_with_modulus=True)
+    problem = make_up_problem(40, 10, seed=0, scales_with_modulus=True)
     draws = some_draws(young_modulus_mpa=lambda rng, found: 1.5 + 0.05 * rng.standard_normal(3000))
     assert diagnose(problem, NAMES, draws, SETTINGS, 0).warnings == ()
 
@@ -197,9 +197,9 @@ def test_the_range_of_a_factor_is_no_range():
 def test_overlap_is_one_for_equal_and_zero_for_distant_draws():
     rng = np.random.default_rng(0)
     first = rng.standard_normal(20_000)
-    assert overlap(first, rng.standard_normal(20_000)) > 0.97
-    assert overlap(first, 10 + first) < 0.01
-    assert overlap(first, 1 + rng.standard_normal(20_000)) == pytest.approx(0.617, abs=0.03)
+    assert measure_overlap(first, rng.standard_normal(20_000)) > 0.97
+    assert measure_overlap(first, 10 + first) < 0.01
+    assert measure_overlap(first, 1 + rng.standard_normal(20_000)) == pytest.approx(0.617, abs=0.03)
 
 
 @pytest.mark.parametrize("rho", ["fixed", "free"])

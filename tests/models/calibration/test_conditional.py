@@ -12,7 +12,7 @@ from models.calibration.means import emulator, psi_density
 from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.problem import Standardised
 from models.calibration.means.psi_density import Setting
-from models.calibration.means.synthetic import made_up_problem
+from models.calibration.means.synthetic import make_up_problem
 from models.gaussian_process.matern import matern52
 
 
@@ -27,7 +27,7 @@ class _Case:
 @pytest.fixture(params=[("fixed", False), ("free", False), ("fixed", True), ("free", True)], ids=str)
 def case(request: pytest.FixtureRequest) -> _Case:
     rho, scales = request.param
-    data = Standardised.of(made_up_problem(50, 15, 0, scales_with_modulus=scales))
+    data = Standardised.of(make_up_problem(50, 15, 0, scales_with_modulus=scales))
     parameters, rng = ParameterVector.of(data, CalibrationSettings(rho=rho)), np.random.default_rng(1)
     phi, psi = rng.normal(0.0, 0.3, parameters.n_phi), rng.normal(0.0, 0.3, parameters.n_psi)
     phi[-1], psi[10], psi[-3] = np.log(0.1), np.log(0.1), np.log(8.0)
@@ -73,7 +73,7 @@ def test_both_parts_multiply_to_the_joint_density_of_all_forces(case: _Case) -> 
 
 
 def test_mode_of_the_emulator_is_flat_and_beats_the_prior_mode() -> None:
-    data = Standardised.of(made_up_problem(120, 10, 0))
+    data = Standardised.of(make_up_problem(120, 10, 0))
     parameters = ParameterVector.of(data, CalibrationSettings())
     mode = emulator.find_mode(data, parameters, seed=0).values
     value, gradient = emulator.log_posterior(mode, data, parameters)

@@ -8,13 +8,13 @@ from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.means.joint_density import JointDensity
 from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.problem import Standardised, unit_theta
-from models.calibration.means.synthetic import made_up_problem
+from models.calibration.means.synthetic import make_up_problem
 
 CASES = [(scales, rho) for scales in (False, True) for rho in ("fixed", "free")]
 
 
-def density_of(scales, rho, n_sim=25, n_real=8):
-    problem = made_up_problem(n_sim, n_real, seed=2, scales_with_modulus=scales)
+def estimate_density(scales, rho, n_sim=25, n_real=8):
+    problem = make_up_problem(n_sim, n_real, seed=2, scales_with_modulus=scales)
     data = Standardised.of(problem)
     return JointDensity(data, ParameterVector.of(data, CalibrationSettings(rho=rho)))
 
@@ -55,7 +55,7 @@ def covariance_by_loops(density, vector):
 
 @pytest.mark.parametrize(("scales", "rho"), CASES)
 def test_the_density_is_the_normal_density_of_equation_10_times_the_priors(scales, rho):
-    density = density_of(scales, rho)
+    density = estimate_density(scales, rho)
     vector = some_vector(density)
     K, residual = covariance_by_loops(density, vector)
     n_phi = density.parameters.n_phi
@@ -66,7 +66,7 @@ def test_the_density_is_the_normal_density_of_equation_10_times_the_priors(scale
 
 @pytest.mark.parametrize(("scales", "rho"), CASES)
 def test_the_gradient_is_that_of_finite_differences(scales, rho):
-    density = density_of(scales, rho)
+    density = estimate_density(scales, rho)
     vector, step = some_vector(density), 1e-5
     gradient = density(vector)[1]
     for k in range(len(vector)):
@@ -78,7 +78,7 @@ def test_the_gradient_is_that_of_finite_differences(scales, rho):
 
 
 def test_a_singular_covariance_has_no_density():
-    density = density_of(False, "fixed")
+    density = estimate_density(False, "fixed")
     vector = some_vector(density)
     vector[: density.parameters.n_inputs] = 20.0
     vector[density.parameters.n_phi - 1] = -40.0

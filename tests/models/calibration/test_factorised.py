@@ -5,16 +5,16 @@ import pytest
 
 from models.calibration.inference.result import K_HAT_LIMIT, CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.factorised import calibrate_factorised, first_box
+from models.calibration.means.factorised import calibrate_factorised, find_first_box
 from models.calibration.means.joint_density import JointDensity
-from models.calibration.means.joint_nuts import calibrate_joint, first_guesses
+from models.calibration.means.joint_nuts import calibrate_joint, guess_starts
 from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.problem import THETA, Standardised
 from models.calibration.means.psi_density import Setting
-from models.calibration.means.reweight import PSI_PER_PHI, NormalPhi, approximate_phi, exact_log_density, thin
-from models.calibration.means.synthetic import made_up_problem
+from models.calibration.means.reweight import PSI_PER_PHI, NormalPhi, approximate_phi, compute_exact_log_density, thin
+from models.calibration.means.synthetic import make_up_problem
 
-PROBLEM = made_up_problem(40, 8, seed=3, scales_with_modulus=True)
+PROBLEM = make_up_problem(40, 8, seed=3, scales_with_modulus=True)
 SHORT = CalibrationSettings(chains=2, draws=50, tune=50, target_accept=0.8, workers=1)
 
 
@@ -26,7 +26,7 @@ def setting() -> Setting:
 
 @pytest.fixture(scope="module")
 def psi(setting: Setting) -> np.ndarray:
-    return first_guesses(setting.parameters)[1][setting.parameters.n_phi :]
+    return guess_starts(setting.parameters)[1][setting.parameters.n_phi :]
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def normal_phi(setting: Setting) -> NormalPhi:
 
 def test_weights_are_of_the_joint_density(setting: Setting, normal_phi: NormalPhi, psi: np.ndarray) -> None:
     group = np.array([psi, psi + 0.1])
-    exact = exact_log_density(setting, (normal_phi.mean, group))
+    exact = compute_exact_log_density(setting, (normal_phi.mean, group))
     joint = JointDensity(setting.data, setting.parameters)
     for value, row in zip(exact, group, strict=True):
         prior = setting.parameters.log_prior_psi(row)[0]
@@ -71,7 +71,7 @@ def test_the_recipe_runs_and_says_how_good_it_is() -> None:
 
 
 def test_the_box_holds_the_whole_poisson_ratio_and_stays_within_the_prior(setting: Setting, psi: np.ndarray) -> None:
-    box = first_box(setting, psi, 100.0 * np.eye(len(psi)))
+    box = find_first_box(setting, psi, 100.0 * np.eye(len(psi)))
     friction, poisson = zip(box.lower, box.upper, strict=True)
     assert -0.02 < friction[0] < friction[1] < 2.0
     assert poisson == pytest.approx((0.0, 1.0), abs=1e-5)
@@ -89,7 +89,7 @@ def test_pairs_are_neighbours_of_a_chain() -> None:
 @pytest.mark.timeout(3600)
 def test_the_factorised_method_agrees_with_joint_sampling() -> None:
     """A problem small enough for joint NUTS, with an emulator good enough for the factorised method."""
-    problem = made_up_problem(250, 15, seed=3)
+    problem = make_up_problem(250, 15, seed=3)
     settings = CalibrationSettings(chains=4, draws=800, tune=400)
     joint = calibrate_joint(problem, settings)
     factorised = calibrate_factorised(problem, settings)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.calibration.means.reweight import effective_size, resample, smooth_weights
+from models.calibration.means.reweight import find_effective_size, resample, smooth_weights
 
 
 def test_k_hat_is_the_shape_of_a_pareto_tail() -> None:
@@ -15,7 +15,7 @@ def test_k_hat_is_the_shape_of_a_pareto_tail() -> None:
 def test_weights_of_nothing_but_equals_stay_equal_and_are_not_trusted() -> None:
     weights, k_hat = smooth_weights(np.zeros(100))
     np.testing.assert_allclose(weights, 0.01)
-    assert effective_size(weights) == pytest.approx(100.0)
+    assert find_effective_size(weights) == pytest.approx(100.0)
 
 
 def test_an_impossible_draw_has_no_weight() -> None:

@@ -7,19 +7,19 @@ import pytest
 
 from models.calibration.inference.parallel_chains import sample
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.factorised import factor_at
+from models.calibration.means.factorised import factorise_at
 from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.problem import Standardised
 from models.calibration.means.psi_density import Setting
 from models.calibration.means.ridge import ReparameterisedDensity, find_profile, find_share_taken_off, temper_ridge
-from models.calibration.means.synthetic import made_up_problem
-from models.calibration.means.theta_surrogate import Box, build
+from models.calibration.means.synthetic import make_up_problem
+from models.calibration.means.theta_surrogate import Box, build_surrogate
 
 
 @cache
 def straightened(scales_with_modulus: bool) -> tuple[ReparameterisedDensity, np.ndarray]:
     """A density, and a psi inside its box."""
-    data = Standardised.of(made_up_problem(40, 8, seed=3, scales_with_modulus=scales_with_modulus))
+    data = Standardised.of(make_up_problem(40, 8, seed=3, scales_with_modulus=scales_with_modulus))
     setting = Setting.of(data, ParameterVector.of(data, CalibrationSettings()))
     draw = setting.parameters.draw_prior(np.random.default_rng(4))
     psi = draw[setting.parameters.n_phi :]
@@ -27,7 +27,7 @@ def straightened(scales_with_modulus: bool) -> tuple[ReparameterisedDensity, np.
     k = 2 if scales_with_modulus else 3
     box = Box(np.full(k, 0.05), np.full(k, 0.95))
     return ReparameterisedDensity(
-        build(factor_at(draw[: setting.parameters.n_phi], setting), setting, box, (5,) * k, psi)
+        build_surrogate(factorise_at(draw[: setting.parameters.n_phi], setting), setting, box, (5,) * k, psi)
     ), psi
 
 

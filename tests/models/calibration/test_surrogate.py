@@ -9,13 +9,13 @@ from models.calibration.means.emulator import Factor, factorise
 from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.problem import Standardised
 from models.calibration.means.psi_density import Setting
-from models.calibration.means.synthetic import made_up_problem
-from models.calibration.means.theta_surrogate import MAX_ERROR, Box, ThetaSurrogate, build
+from models.calibration.means.synthetic import make_up_problem
+from models.calibration.means.theta_surrogate import MAX_ERROR, Box, ThetaSurrogate, build_surrogate
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["E an input", "E a factor"])
 def prepared(request: pytest.FixtureRequest) -> tuple[Setting, Factor, ThetaSurrogate, np.ndarray]:
-    data = Standardised.of(made_up_problem(80, 15, 0, scales_with_modulus=request.param))
+    data = Standardised.of(make_up_problem(80, 15, 0, scales_with_modulus=request.param))
     parameters = ParameterVector.of(data, CalibrationSettings())
     phi = np.concatenate([np.full(data.n_inputs, 0.5), [0.3, np.log(0.03)]])
     factor = factorise(parameters.phi(phi), data)
@@ -26,11 +26,11 @@ def prepared(request: pytest.FixtureRequest) -> tuple[Setting, Factor, ThetaSurr
     )
     ends = parameters.theta(psi[-3:] + np.array([[-0.5], [0.5]]))
     box = Box(setting.inputs(ends[0]), setting.inputs(ends[1]))
-    return setting, factor, build(factor, setting, box, (8,) * len(box.lower), psi), psi
+    return setting, factor, build_surrogate(factor, setting, box, (8,) * len(box.lower), psi), psi
 
 
 def test_inside_the_box_it_is_the_likelihood(prepared: tuple[Setting, Factor, ThetaSurrogate, np.ndarray]) -> None:
-    """As near as `build_accurate` asks for: a constant error moves no draw."""
+    """As near as `build_accurate_surrogate` asks for: a constant error moves no draw."""
     setting, factor, surrogate, psi = prepared
     rng = np.random.default_rng(1)
     errors = []

@@ -11,7 +11,7 @@ from lake.tables.row import Row
 from lake.tables.rows_of import version_rows
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.hypercube import HypercubePlan, hypercube
+from models.calibration.means.hypercube import HypercubePlan, draw_hypercube
 from models.calibration.means.synthetic import force_n
 from models.design.space import numbered_design, to_unit
 from models.records import Design, GraspSetup, SimulatorVersion, Theta
@@ -85,7 +85,7 @@ def grasp_row(
 def simulated_rows(n: int, base: SimulatorVersion | None = None, seed: int = 0) -> list[Row]:
     """A hypercube of n points on all objects."""
     rows: list[Row] = []
-    for point in hypercube(HypercubePlan(n=n, seed=seed)):
+    for point in draw_hypercube(HypercubePlan(n=n, seed=seed)):
         version = (base or SimulatorVersion()).model_copy(update={"theta": point.theta})
         rows += [DesignRow.of(point.design), *version_rows(version)]
         rows += [simulation_row(point.design, object_id, version) for object_id in OBJECTS]

@@ -26,7 +26,7 @@ from models.gap.fit import posterior, theta
 from models.gap.fit.theta import MODULUS_SHIFT, calibrate_theta
 from models.records import EffectValue, GraspSetup, SimulatorVersion, Theta
 from tasks.calibration.calibrate import find_calibration, infer
-from tasks.calibration.drift import theta_history
+from tasks.calibration.drift import read_theta_history
 from tasks.calibration.means import regather
 from tasks.gap.data import read_grasps
 from tasks.gap.theta import TraceCalibrationData, gather_traces, plan_grid
@@ -118,8 +118,10 @@ def test_the_same_data_and_settings_are_the_same_calibration(inferred: Inferred)
 
 def test_traces_and_means_are_not_taken_for_each_other(inferred: Inferred) -> None:
     lake, _, row, _, _ = inferred
-    assert [past.calibration_id for past in theta_history(lake, BASE.version_id, None, "trace")] == [row.calibration_id]
-    assert theta_history(lake, BASE.version_id, None, "design_mean") == []
+    assert [past.calibration_id for past in read_theta_history(lake, BASE.version_id, None, "trace")] == [
+        row.calibration_id
+    ]
+    assert read_theta_history(lake, BASE.version_id, None, "design_mean") == []
     assert regather(lake, row.calibration_id) is None
 
 

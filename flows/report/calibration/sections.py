@@ -40,8 +40,8 @@ _OF_TRACES = (
     "are no mean forces of designs left out to compare."
 )
 _OF_TRACES_NOISE = (
-    "Sensor noise is estimated from the readings before the fingers touch; scatter of prints, of placement and what the "
-    "simulator misses have sizes that were learnt from worlds without an effect."
+    "Sensor noise is estimated from the readings before the fingers touch; scatter of prints and placement, and what "
+    "the simulator misses, have sizes that were learnt from worlds without an effect."
 )
 _GONE = (
     "The data that this calibration learned from cannot be found in the lake as they were, so that nothing can be "

@@ -7,7 +7,7 @@ import numpy as np
 from scipy import stats
 from scipy.ndimage import gaussian_filter
 
-from models.calibration.inference.result import ESS_LIMIT, K_HAT_LIMIT, CalibrationResult
+from models.calibration.inference.result import K_HAT_LIMIT, CalibrationResult
 from models.calibration.inference.settings import ThetaPriors
 from models.calibration.means.parameters import LENGTHSCALE, NOISE_SD, NUGGET, RHO_MEAN, RHO_SD, SD_E, SD_H
 from models.calibration.means.problem import THETA
@@ -15,6 +15,7 @@ from models.records import Record, Theta
 
 WEIGHTED = "factorised"  # the method whose draws are as good as their importance weights
 R_HAT_REFUSED, ESS_REFUSED = 1.05, 100.0  # beyond these the draws say nothing that a simulator may be built on
+ESS_WEIGHTED = 280.0  # a tenth of the draws that are weighted at most, unless they are drawn again for longer
 
 
 class ParameterSummary(Record):
@@ -103,7 +104,7 @@ def check_quality(result: CalibrationResult) -> str:
 def check_convergence(result: CalibrationResult) -> str:
     """Why these draws are not of the posterior, and what to do; empty if they are.
 
-    Weighted draws must have weights that hold, and an effective size of a tenth of their number, at most `ESS_LIMIT`.
+    Weighted draws must have weights that hold, and be worth a tenth of their number, at most `ESS_WEIGHTED`.
     """
     is_weighted = result.method == WEIGHTED  # another method keeps the k-hat for which it replaced this one
     if is_weighted and not has_good_weights(result):
@@ -113,7 +114,7 @@ def check_convergence(result: CalibrationResult) -> str:
             f"below {K_HAT_LIMIT:g}); simulate more designs, or give --method joint, which is exact and slow."
         )
     r_hat, ess = find_worst(result)
-    wanted = min(ESS_LIMIT, 0.1 * result.draws.shape[0] * result.draws.shape[1]) if is_weighted else 0.0
+    wanted = min(ESS_WEIGHTED, 0.1 * result.draws.shape[0] * result.draws.shape[1]) if is_weighted else 0.0
     needed = max(ESS_REFUSED, wanted)
     if not (r_hat <= R_HAT_REFUSED and ess >= needed):
         return (

@@ -1,3 +1,4 @@
+import dataclasses
 import re
 import sys
 import warnings
@@ -191,6 +192,22 @@ def test_campaign_report_shows_the_newest_calibration(result, tmp_path):
     index = write_report(lake, "demo", tmp_path / "out")
     assert "Calibration C000000000002 of" in text_of(index)
     assert (tmp_path / "out" / "figures" / "calibration_pairs.svg").is_file()
+
+
+def test_a_calibration_on_traces_of_an_older_version_is_shown(result, tmp_path):
+    """It has scatters among its draws, and settings that name a method there is no more."""
+    places = [result.names.index(name) for name in THETA]
+    scatter = np.random.default_rng(0).lognormal(np.log(0.04), 0.2, (*result.draws.shape[:2], 1))
+    draws = np.concatenate([result.draws[:, :, places], scatter], axis=2)
+    old = dataclasses.replace(result, names=(*THETA, "tool_sd"), draws=draws)
+    lake = Lake.open(tmp_path / "lake", create=True)
+    *rows, row = calibration_rows("C1", old, 12)
+    changes = {"data": "trace", "sampler": "trace", "settings_json": '{"method": "blocked", "rho": "fixed"}'}
+    lake.append([*rows, row.model_copy(update=changes)], PROVENANCE)
+    seen = text_of(write_calibration_report(lake, "C1", tmp_path / "out", n_predicted=10))
+    assert "modulus from print to print (relative sd)" in seen
+    assert "Compared were force traces" in seen
+    assert StoredCalibration.load(lake, "C1").result.names == (*THETA, "tool_sd")
 
 
 def test_campaign_report_survives_a_calibration_without_draws(result, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 
 from models.calibration.inference.diagnostics import diagnose, measure_overlap
 from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.settings import CalibrationSettings
+from models.calibration.inference.settings import CalibrationSettings, read_settings
 from models.calibration.inference.summary import check_convergence, check_quality
 from models.calibration.means import calibrate as choice
 from models.calibration.means.calibrate import calibrate
@@ -214,3 +214,8 @@ def test_vectors_become_parameters_in_their_units(rho):
     assert row.get("rho", 1.0) == psi.rho
     assert [row[name] for name in THETA] == pytest.approx(list(psi.theta))
     np.testing.assert_allclose(parameters.unconstrained_theta(psi.theta), vector[-3:])
+
+
+def test_settings_that_an_older_version_stored_are_read():
+    stored = read_settings('{"method": "blocked", "print_scatter": 0.05, "gone": 1}')
+    assert (stored.method, stored.print_scatter) == ("auto", 0.05)

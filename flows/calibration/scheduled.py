@@ -10,7 +10,7 @@ from tasks.campaign.flow_runs import record_sentence
 FLOW = "recalibrate"
 
 
-def recalibrate_lake(lake: Lake, order: CalibrationOrder, flow_run_id: str, voice: ProgressReporter) -> str:
+def recalibrate_lake(lake: Lake, order: CalibrationOrder, flow_run_id: str, reporter: ProgressReporter) -> str:
     """Calibrate the lake if anything is new; a sentence says what was done, or why nothing was.
 
     The run and its sentence are a row of `flow_runs`. A new calibration gets its page, which shows theta over time, in
@@ -20,20 +20,22 @@ def recalibrate_lake(lake: Lake, order: CalibrationOrder, flow_run_id: str, voic
         FastError: the calibration could not be done, or gave no simulator version.
     """
     seed = order.settings.seed
-    return record_sentence(lake, FLOW, flow_run_id, order.campaign_id, seed, lambda: _recalibrate(lake, order, voice))
+    return record_sentence(
+        lake, FLOW, flow_run_id, order.campaign_id, seed, lambda: _recalibrate(lake, order, reporter)
+    )
 
 
-def _recalibrate(lake: Lake, order: CalibrationOrder, voice: ProgressReporter) -> str:
+def _recalibrate(lake: Lake, order: CalibrationOrder, reporter: ProgressReporter) -> str:
     from flows.campaign.events import announce_calibrated
 
     try:
-        outcome = run_calibration(lake, order, voice)
+        outcome = run_calibration(lake, order, reporter)
     except TooLittleDataError as error:
         return f"nothing to calibrate: {error}"
     if outcome.row.version_id is None:
         raise FastError(outcome.sentence)
     if not outcome.is_new:
         return outcome.sentence
-    voice.progress(f"page: {write_page(lake, outcome)}")
+    reporter.progress(f"page: {write_page(lake, outcome)}")
     announce_calibrated(lake, outcome.row.calibration_id, outcome.sentence)
     return " ".join([f"{outcome.sentence}.", *outcome.row.warnings])

@@ -67,17 +67,14 @@ class Sampling:
     tune: Annotated[int, Parameter(help="Draws dropped per chain; the paper: 8000.")] = 1000
     seed: Annotated[int, Parameter(help="Seed of hypercube, held-out designs and chains.")] = 0
     method: Annotated[
-        Literal["auto", "factorised", "joint", "blocked"], Parameter(help="Algorithm; auto checks and falls back.")
+        Literal["auto", "factorised", "joint"], Parameter(help="Algorithm; auto checks and falls back.")
     ] = "auto"
     rho: Annotated[
         Literal["fixed", "free"], Parameter(help="Scale between simulation and measurement: 1, or inferred.")
     ] = "fixed"
     print_scatter: Annotated[
         float,
-        Parameter(
-            help="Relative scatter of stiffness between prints, e.g. 0.04; the calibration on traces infers it; "
-            "of means alone."
-        ),
+        Parameter(help="Relative scatter of stiffness between prints, e.g. 0.04; of means alone."),
     ] = 0.0
     workers: Annotated[int, Parameter(help="Worker processes; changes no result.", validator=AT_LEAST_ONE)] = 2
 

@@ -21,7 +21,7 @@ from models.gap.evaluation.power import write_power_sentence
 from models.gap.findings import Findings
 from models.ids import content_id
 from models.records import EffectValue, SimulatorVersion
-from tasks.calibration.mean_data import base_version
+from tasks.calibration.mean_data import find_base_version
 from tasks.campaign.requests import exclusive
 from tasks.campaign.simulator_versions import newest_calibrated
 from tasks.gap.bank import plan_bank, read_bank
@@ -124,7 +124,7 @@ def _prepare(lake: Lake, order: GapOrder) -> _Search:
     """Freeze the split, then read what was measured."""
     split = split_measurements(lake, order.campaign_id, order.seed)
     measured = read_grasps(lake, order.campaign_id)
-    version = base_version(lake, measured.campaigns, None)
+    version = find_base_version(lake, measured.campaigns, None)
     settings = {
         "rounds": order.rounds,
         "seed": order.seed,

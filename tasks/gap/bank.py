@@ -20,9 +20,10 @@ from models.gap.bank.bank import (
     list_wider_setups,
 )
 from models.gap.bank.sensor_effects import N_LEAD, read_lead
+from models.gap.fit.theta import make_grid_bank
 from models.records import Design, GraspSetup, SimulatorVersion, Trace
 from models.traces.step_features import N_STEPS, is_usable, step_means
-from tasks.calibration.trace_rows import read_traces
+from tasks.gap.trace_rows import read_traces
 from tasks.simulation.plan import SimulationPlan
 
 _AT_ONCE = 4000  # traces held while they are averaged
@@ -89,12 +90,42 @@ def list_bank_ids(
     base: SimulatorVersion, designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup
 ) -> list[str]:
     """Ids of all simulations of the bank."""
+    return list_plan_ids(plan_bank(base, designs, objects, setup))
+
+
+def list_plan_ids(plans: Sequence[SimulationPlan]) -> list[str]:
+    """Ids of all simulations of plans."""
     return [
         SimulationRow.make_id(design.design_id, object_id, version.version_id, plan.setup.setup_id)
-        for plan in plan_bank(base, designs, objects, setup)
+        for plan in plans
         for design, version in plan.points
         for object_id in plan.object_ids
     ]
+
+
+def plan_theta_grid(
+    base: SimulatorVersion, designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup
+) -> SimulationPlan:
+    """The part of the bank that theta alone needs: the grid of friction and Poisson ratio."""
+    versions = list_versions(base)[: len(ThetaGrid().points)]
+    points = tuple((design, version) for design in dict.fromkeys(designs) for version in versions)
+    return SimulationPlan(points, tuple(objects), setup)
+
+
+def read_grid_bank(
+    lake: Lake, base: SimulatorVersion, designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup
+) -> Bank:
+    """The bank for theta alone: the grid of t designs on o objects, of what the lake has.
+
+    Raises:
+        UsageError: no cell has enough of the grid.
+    """
+    versions = list_versions(base)[: len(ThetaGrid().points)]
+    of_lead = partial(read_lead, setup=setup)
+    return make_grid_bank(
+        read_simulated_steps(lake, versions, designs, objects, setup),
+        read_simulated_steps(lake, versions, designs, objects, setup, of_trace=of_lead, n=N_LEAD),
+    )
 
 
 def _part_effects(steps_n: np.ndarray) -> dict[str, EffectRuns]:

@@ -9,10 +9,9 @@ import numpy as np
 
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow, SimulationRow, SimulatorVersionRow
-from models.calibration.inference.outcome import refusal, theta_of
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.inference.summary import theta_summary
+from models.calibration.inference.summary import check_quality, find_theta, summarise_theta
 from models.calibration.means.problem import THETA
 from models.errors import FastError
 from models.gap.bank.surrogate import Surrogate
@@ -20,7 +19,7 @@ from models.gap.data import GapData
 from models.gap.findings import ParameterEstimate
 from models.ids import canonical_json
 from models.records import EffectValue, SimulatorVersion
-from tasks.calibration.calibrate import CalibrationSource, Learned, Progress, find_calibration, infer, settings_text
+from tasks.calibration.calibrate import CalibrationSource, Learned, Progress, find_calibration, infer, write_settings
 from tasks.gap.bank import list_bank_ids
 
 
@@ -136,7 +135,7 @@ class EffectCalibrationSource(CalibrationSource):
 
     def calibration_id(self, settings: CalibrationSettings) -> str:
         """Id of the calibration of these data with these effects and settings."""
-        text = canonical_json([settings_text(settings), list(self.names)])
+        text = canonical_json([write_settings(settings), list(self.names)])
         return CalibrationRow.make_id(self.base.version_id, self.data, self.row_ids, text, settings.seed)
 
     def learn(self, settings: CalibrationSettings, progress: Progress | None) -> Learned:
@@ -177,11 +176,11 @@ def make_version(base: SimulatorVersion, result: CalibrationResult) -> Simulator
     """The simulator with the medians of theta and of the effects' parameters; None if the draws cannot be trusted."""
     from models.gap.fit.posterior import effects_at
 
-    if refusal(result):
+    if check_quality(result):
         return None
     medians = [float(np.median(result.of(name))) for name in result.names]
     effects = effects_at(result.names, medians)
-    return base.model_copy(update={"theta": theta_of(theta_summary(result)), "effects": (*base.effects, *effects)})
+    return base.model_copy(update={"theta": find_theta(summarise_theta(result)), "effects": (*base.effects, *effects)})
 
 
 def _read_draws(lake: Lake, calibration_id: str) -> tuple[tuple[str, ...], np.ndarray]:

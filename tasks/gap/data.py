@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from lake.store import Lake
 from lake.tables.campaign import GraspRow, ToolRow, TraceRow
+from models.calibration.inference.diagnostics import find_unit_warnings
 from models.calibration.inference.settings import ThetaPriors
 from models.errors import UsageError
 from models.gap.bank.bank import Bank
@@ -18,9 +19,9 @@ from models.gap.grasps import Grasps
 from models.records import Design, GraspContext, GraspSetup, Trace
 from models.traces.step_features import N_STEPS, STEP_MM, is_usable, step_means
 from models.traces.step_noise import QUIET_S, SensorNoise, noise_of_readings, noise_of_repeats
-from tasks.calibration.trace_rows import designs_of, measured_grasps, read_traces
 from tasks.campaign.state import THICKNESSES
 from tasks.gap.split import Split, freeze_split
+from tasks.gap.trace_rows import designs_of, measured_grasps, read_traces
 
 _CUT_SHARE = 0.3  # of the peak: traces of whole lifts end with less than 0.2
 _NOISE_TRACES = 20  # of each tool, whose readings before contact are kept
@@ -28,12 +29,21 @@ _NOISE_TRACES = 20  # of each tool, whose readings before contact are kept
 
 @dataclass(frozen=True, eq=False)
 class MeasuredGrasps:
-    """Measured grasps, what each tool was printed from (t), their campaigns, and what was left out or is not known."""
+    """Measured grasps, what each tool was printed from (t), their campaigns, and what was left out or is not known.
+
+    context_warnings: what is not known of the order of the grasps, which theta alone does not need.
+    """
 
     grasps: Grasps
     design_ids: tuple[str, ...]
     campaigns: tuple[str, ...]
-    warnings: tuple[str, ...]
+    trace_warnings: tuple[str, ...]
+    context_warnings: tuple[str, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """All of them."""
+        return (*self.trace_warnings, *self.context_warnings)
 
 
 @dataclass(frozen=True)
@@ -73,13 +83,11 @@ def check_units(data: GapData) -> list[str]:
     Raises:
         UsageError: a factor of about 1000 is suspected.
     """
-    from models.calibration.traces.calibrate import unit_warnings  # ArviZ takes seconds to import
-
     grasps, bank = data.grasps, data.bank
     simulated = bank.centre_steps_n[grasps.tool, grasps.obj]
     is_known = np.isfinite(simulated).all(axis=1)
     share = np.abs(grasps.steps_n[is_known]).sum(axis=1) / np.abs(simulated[is_known]).sum(axis=1)
-    return unit_warnings(float(np.median(share)) * bank.centre.young_modulus_mpa, ThetaPriors())
+    return find_unit_warnings(float(np.median(share)) * bank.centre.young_modulus_mpa, ThetaPriors())
 
 
 def read_grasps(lake: Lake, campaign_id: str | None) -> MeasuredGrasps:
@@ -122,7 +130,8 @@ def read_grasps(lake: Lake, campaign_id: str | None) -> MeasuredGrasps:
         grasps=grasps,
         design_ids=tuple(known[nominal[tool]].design_id for tool in tools),
         campaigns=tuple(sorted({row.campaign_id for row in used})),
-        warnings=(*sentences, *printed_sentences, *contexts.warnings, *noise_sentences),
+        trace_warnings=(*sentences, *printed_sentences, *noise_sentences),
+        context_warnings=contexts.warnings,
     )
 
 

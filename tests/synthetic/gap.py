@@ -1,8 +1,9 @@
 """A made-up gap problem with a known answer: closed-form grasps whose effects have made-up but sensible physics.
 
-As `tests.synthetic.traces`: a part that friction holds from the start of the lift and a normal part that
-pushes or draws late. Here tools and objects make the shape of a grasp through their designs and numbers, so that what
-is learnt of some speaks of others. Effects of cost P and those with a memory are the catalogue's own.
+A part that friction holds from the start of the lift and a normal part that pushes or draws late, so that traces tell
+friction from modulus and their peaks hardly do: the structure of the simulator's own traces. Tools and objects make the
+shape of a grasp through their designs and numbers, so that what is learnt of some speaks of others. Effects of cost P
+and those with a memory are the catalogue's own.
 """
 
 from collections.abc import Mapping, Sequence

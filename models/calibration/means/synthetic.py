@@ -29,7 +29,7 @@ class Truth:
     noise_sd_n: float = 0.06
 
 
-def made_up_problem(
+def make_up_problem(
     n_sim: int, n_real: int, seed: int, truth: Truth | None = None, *, scales_with_modulus: bool = False
 ) -> CalibrationProblem:
     """A problem with n_sim simulations in a Latin hypercube and n_real measured designs.

@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.calibration.traces.problem import n_terms
-from models.calibration.traces.response_surface import ResponseSurfaces
+from models.calibration.traces.response_surface import ResponseSurfaces, n_terms
 from models.errors import UsageError
 from models.gap.bank.bank import Bank, EffectRuns
 from models.gap.bank.effect_surfaces import EffectSurface, friction_factor_of_reference

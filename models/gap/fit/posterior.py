@@ -16,12 +16,12 @@ from itertools import combinations
 import numpy as np
 from scipy.special import expit
 
-from models.calibration.inference.diagnostics import convergence
+from models.calibration.inference.diagnostics import measure_convergence
+from models.calibration.inference.optimise import approximate_at_mode
 from models.calibration.inference.parallel_chains import sample
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings, ThetaPriors
 from models.calibration.means.problem import THETA
-from models.calibration.traces.calibrate import laplace
 from models.gap.fit.fit import HELD, Axis, Fit, axes_of
 from models.gap.fit.whitened_features import IS_LIFT, compute_root_weights
 from models.records import EffectValue
@@ -123,9 +123,9 @@ def sample_posterior(
 ) -> CalibrationResult:
     """Draws of theta and of `<effect>.<parameter>` of every effect of a fit, by NUTS from the priors of the catalogue.
 
-    `fit`: of `models.gap.fit.recalibrate.recalibrate`, with the effects, or without any for theta alone. The error of
-    other meshes is integrated out, so theta is both the bench's and the simulator's. Uses priors, chains, draws, tune,
-    target_accept, seed, workers of settings.
+    `fit`: of `models.gap.fit.recalibrate.recalibrate`, with the effects, or without any for theta alone. Theta is the
+    simulator's: what the other meshes of the bank change is integrated out, but that is not all that a bench differs by
+    (`models.gap.fit.theta`). Uses priors, chains, draws, tune, target_accept, seed, workers of settings.
     """
     surface = LikelihoodSurface.around(fit, settings.priors)
     density = surface.density
@@ -139,7 +139,7 @@ def sample_posterior(
     v = density.inside(samples.draws)
     names = (*THETA, *(f"{axis.effect}.{axis.name}" for axis in density.axes))
     draws = density.values(v)
-    r_hat, ess_bulk, ess_tail = convergence(names, draws)
+    r_hat, ess_bulk, ess_tail = measure_convergence(names, draws)
     chosen = v.reshape(-1, v.shape[-1])[rng.choice(samples.draws[..., 0].size, _CHECKED_DRAWS, replace=False)]
     return CalibrationResult(
         names=names,
@@ -207,7 +207,7 @@ class LikelihoodSurface:
         phi = max(1.0, float(at_fit @ bare.project(at_fit)) / max(at_fit.size - len(point), 1))
         surface = replace(bare, phi=phi).move(point, phi * fit.covariance[np.ix_(kept, kept)])
         for _ in range(_MOVES):
-            u, covariance = laplace(surface.density)
+            u, covariance = approximate_at_mode(surface.density, surface.density.start)
             share = expit(u)
             slope = (upper - lower) * np.maximum(share * (1.0 - share), _BESIDE * (1.0 - _BESIDE))
             surface = surface.move(surface.density.inside(u), covariance * np.outer(slope, slope))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.calibration.traces.problem import (
+from models.calibration.traces.feature_errors import (
     LEAST_AMPLITUDE,
     are_lifts,
     error_correlation,

@@ -21,7 +21,7 @@ from models.gap.bank.surrogate import Surrogate
 from models.gap.findings import Findings
 from models.gap.fit import posterior
 from models.records import EffectValue
-from tasks.calibration.mean_data import TooLittleDataError, measured_tools, simulated_points
+from tasks.calibration.mean_data import TooLittleDataError, read_measured_tools, read_simulated_points
 from tasks.gap.bank import plan_bank
 from tasks.gap.split import KIND as SPLIT
 from tasks.simulation.plan import SimulationPlan
@@ -72,7 +72,9 @@ def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path)
     rows = lagging.records(GapFindingRow, gap_id=outcome.run.gap_id, kind="named", round=1)
     assert [(row.effect, row.calibration_id) for row in rows] == [("load_cell_lag", calibration.calibration_id)]
     with pytest.raises(TooLittleDataError, match="no design that is simulated with a theta of its own"):
-        simulated_points(lagging, BASE, measured_tools(lagging, "demo"))  # neither bank nor held-out grasps are drawn
+        read_simulated_points(
+            lagging, BASE, read_measured_tools(lagging, "demo")
+        )  # neither bank nor held-out grasps are drawn
     lineage = find_lineage(lagging, version.version_id, limit=10)
     assert {"gap_findings", "calibrations"} <= {node.table for node in lineage.rows}
     assert {"grasps", "simulations"} <= {group.table for group in lineage.groups}

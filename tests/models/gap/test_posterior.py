@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from models.calibration.inference.outcome import refusal
 from models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings
+from models.calibration.inference.summary import check_quality
 from models.gap.fit import posterior
 from models.gap.fit.fit import Fit
 from models.gap.fit.posterior import LikelihoodSurface, effects_at, sample_posterior
@@ -55,7 +55,7 @@ def test_theta_and_the_effect_are_found_together(lagging: Fit, monkeypatch: pyte
     result = sample_posterior(lagging, SETTINGS)
     assert result.names == ("young_modulus_mpa", "friction", "poisson_ratio", "load_cell_lag.time_constant_s")
     assert result.method == WITH_EFFECTS
-    assert refusal(result) == ""
+    assert check_quality(result) == ""
     low, high = np.quantile(result.of("load_cell_lag.time_constant_s"), [0.01, 0.99])
     assert low < 0.25 < high
     assert high - low < 0.1

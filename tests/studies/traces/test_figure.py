@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from flows.benchmarks.traces import traces_figure
 from models.records import Trace
+from tests.studies.traces.figure import traces_figure
 
 
 def test_traces_are_drawn_in_panels() -> None:

@@ -1,4 +1,4 @@
-"""Fig. 3 of the paper: simulated against measured force before and after calibration, on designs left out."""
+"""Figures of what a calibration predicts: Fig. 3 of the paper, on designs left out, and which inputs matter."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,8 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from flows.report.style import BEST, FIRST, MUTED, SIMULATED, WIDTH_IN, new_axes, new_figure
-from models.calibration.means.mixture import Mixture, Scores, scores_of
+from flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, WIDTH_IN, new_axes, new_figure
+from models.calibration.inference.result import CalibrationResult
+from models.calibration.means.predict import Mixture, Scores, score_mixture
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +23,7 @@ class Cloud:
     @property
     def scores(self) -> Scores:
         """How well they agree."""
-        return scores_of(self.predicted, self.measured_n)
+        return score_mixture(self.predicted, self.measured_n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,3 +93,45 @@ def _statistics(label: str, scores: Scores, has_intervals: bool) -> str:
     correlation = "" if scores.correlation is None else f"r {scores.correlation:.2f}, "
     inside = f"; {100 * scores.coverage_90:.0f} % inside" if has_intervals else ""
     return f"{label}: {correlation}RMSE {scores.rmse_n:.2f} N{inside}"
+
+
+def sensitivity_figure(inputs: Sequence[str], relevance: np.ndarray, lengthscales: np.ndarray, colour: str) -> Figure:
+    """Permutation relevance of each input beside its inverse lengthscale; bars are medians, lines 90 % intervals.
+
+    relevance, lengthscales: draws x inputs; they need not be of the same draws.
+    """
+    figure = new_figure(5.6, 0.7 + 0.24 * len(inputs))
+    left, right = figure.subplots(1, 2, sharey=True)
+    places = np.arange(len(inputs))
+    for axes, values, label in (
+        (left, relevance, "share of the variance lost\nwhen the input is permuted"),
+        (right, 1.0 / lengthscales, "1 / lengthscale,\nper range of the input"),
+    ):
+        low, middle, high = np.quantile(values, (0.05, 0.5, 0.95), axis=0)
+        axes.grid(True, axis="x")
+        axes.barh(places, middle, height=0.6, color=colour if axes is left else FAINT)
+        axes.hlines(places, low, high, color=MUTED, linewidth=1.2)
+        axes.set_xlim(left=0.0)
+        axes.set_xlabel(label)
+        axes.tick_params(axis="y", length=0)
+    left.set_yticks(places, [input_label(name) for name in inputs])
+    left.invert_yaxis()
+    return figure
+
+
+def emulator_inputs(result: CalibrationResult) -> list[str]:
+    """Names of the simulator's inputs, in the order of the emulator."""
+    return [name.partition(".")[2] for name in result.names if name.startswith("lengthscale_h.")]
+
+
+def lengthscales_of(result: CalibrationResult, kernel: str) -> np.ndarray:
+    """Draws of the lengthscales of kernel `h` or `e`, n x inputs."""
+    return result.flat(*(name for name in result.names if name.startswith(f"lengthscale_{kernel}.")))
+
+
+def input_label(name: str) -> str:
+    """An input in words, without its unit."""
+    return name.removesuffix("_mpa").removesuffix("_mm").removesuffix("_deg").replace("_", " ")
+
+
+SIMULATOR_COLOUR, DISCREPANCY_COLOUR = SIMULATED, BEST

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from models.calibration.means.emulator import Factor
-from models.calibration.means.likelihood import Measured, Slopes
-from models.calibration.means.parameters import Layout
+from models.calibration.means.likelihood import MeasuredLikelihood, Slopes
+from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.problem import Standardised, unit_theta, unit_theta_slopes
 from models.gaussian_process.matern import matern52, matern52_cross_with_slope
 
@@ -23,13 +23,13 @@ class Setting:
     """What every density of psi needs: the problem, the order of the vector, the measurements in packed form."""
 
     data: Standardised
-    layout: Layout
-    measured: Measured
+    parameters: ParameterVector
+    likelihood: MeasuredLikelihood
 
     @staticmethod
-    def of(data: Standardised, layout: Layout) -> "Setting":
+    def of(data: Standardised, parameters: ParameterVector) -> "Setting":
         """Prepare a problem."""
-        return Setting(data, layout, Measured(data))
+        return Setting(data, parameters, MeasuredLikelihood(data))
 
     def inputs(self, theta: np.ndarray) -> np.ndarray:
         """Theta (3, physical) as the emulator's inputs t (3, or 2 where E is a factor), unit-cube scale."""
@@ -38,26 +38,26 @@ class Setting:
     def input_slopes(self, theta: np.ndarray) -> np.ndarray:
         """dt_k / d(unconstrained theta_k) in the order of t."""
         by_theta = unit_theta_slopes(theta, self.data.scales_with_modulus)
-        return by_theta * self.layout.theta_slopes(theta)[-len(by_theta) :]
+        return by_theta * self.parameters.theta_slopes(theta)[-len(by_theta) :]
 
     def psi_gradient(self, slopes: Slopes, by_inputs: np.ndarray, theta: np.ndarray, rho: float) -> np.ndarray:
         """Gradient by the vector form of psi (n_psi) of the likelihood; by_inputs: derivative by t."""
-        gradient = np.zeros(self.layout.n_psi)
+        gradient = np.zeros(self.parameters.n_psi)
         gradient[: len(slopes.eps)] = slopes.eps
         gradient[-len(by_inputs) :] = by_inputs * self.input_slopes(theta)
-        if self.layout.has_rho:
+        if self.parameters.has_rho:
             gradient[-4] = slopes.log_amplitude / rho
-        gradient[-3:] += slopes.log_amplitude * self.data.amplitude_slopes(theta) * self.layout.theta_slopes(theta)
+        gradient[-3:] += slopes.log_amplitude * self.data.amplitude_slopes(theta) * self.parameters.theta_slopes(theta)
         return gradient
 
 
 def log_likelihood(values: np.ndarray, factor: Factor, setting: Setting) -> float:
     """Log density log p(y_R | psi, phi) at the vector form of psi (n_psi), without a prior."""
-    psi = setting.layout.psi(values)
+    psi = setting.parameters.psi(values)
     points = _points(setting, psi.theta)
     mean, covariance = _moments(points, factor, setting.data)
     amplitude = setting.data.amplitude(psi.theta, psi.rho)
-    return setting.measured.log_likelihood(psi, amplitude, mean, setting.measured.pack(covariance))
+    return setting.likelihood.log_likelihood(psi, amplitude, mean, setting.likelihood.pack(covariance))
 
 
 def log_posterior(values: np.ndarray, factor: Factor, setting: Setting) -> tuple[float, np.ndarray]:
@@ -65,7 +65,7 @@ def log_posterior(values: np.ndarray, factor: Factor, setting: Setting) -> tuple
 
     Minus infinity (gradient zero) where the covariance is numerically singular.
     """
-    psi, phi = setting.layout.psi(values), factor.phi
+    psi, phi = setting.parameters.psi(values), factor.phi
     points = _points(setting, psi.theta)
     cross, slope = matern52_cross_with_slope(setting.data.z_sim, points, phi.lengthscales, phi.sd)
     cross *= setting.data.trend_real
@@ -73,24 +73,24 @@ def log_posterior(values: np.ndarray, factor: Factor, setting: Setting) -> tuple
     half = _half(factor, cross)
     mean, covariance = cross.T @ factor.alpha, _covariance(points, half, factor, setting.data)
     amplitude = setting.data.amplitude(psi.theta, psi.rho)
-    slopes = setting.measured.slopes(psi, amplitude, mean, setting.measured.pack(covariance))
+    slopes = setting.likelihood.slopes(psi, amplitude, mean, setting.likelihood.pack(covariance))
     if slopes is None:
         return -np.inf, np.zeros_like(values)
     A = solve_triangular(factor.lower, half, lower=True, trans="T", check_finite=False, overwrite_b=True)
     Y = np.outer(factor.alpha, slopes.mean)
-    Y -= 2.0 * (A @ setting.measured.unpack_slopes(slopes.covariance))
+    Y -= 2.0 * (A @ setting.likelihood.unpack_slopes(slopes.covariance))
     Y *= slope
     t = setting.inputs(psi.theta)
     z, lengthscales = setting.data.z_sim[:, -len(t) :], phi.lengthscales[-len(t) :]
     by_inputs = -(Y.sum() * t - Y.sum(axis=1) @ z) / lengthscales**2
-    prior, gradient = setting.layout.log_prior_psi(values)
+    prior, gradient = setting.parameters.log_prior_psi(values)
     return slopes.value + prior, gradient + setting.psi_gradient(slopes, by_inputs, psi.theta, psi.rho)
 
 
 def predict(t: np.ndarray, factor: Factor, setting: Setting) -> tuple[np.ndarray, np.ndarray]:
     """Mean m (n) and packed covariance V (p) of the emulator at the measured designs and inputs t."""
     mean, covariance = _moments(_at(setting, t), factor, setting.data)
-    return mean, setting.measured.pack(covariance)
+    return mean, setting.likelihood.pack(covariance)
 
 
 def _points(setting: Setting, theta: np.ndarray) -> np.ndarray:

@@ -143,10 +143,9 @@ def open_virtual_bench(
     """A virtual bench with its drivers connected and homed; stopped at the end of the `with`.
 
     `physics` answers one grasp (it is cached here). Time is in lockstep: it moves only while drivers wait; with
-    `speed_up` it runs by itself, so many times faster than the wall. `wires` "memory" hands the bytes of pty and
-    sockets over directly, which only lockstep allows and makes a grasp several times cheaper. `log_folder`: where the
-    wire logs go; None keeps them in memory, and `fault_log_folder` gets what is there when the bench ends with an
-    error.
+    `speed_up` it runs by itself, so many times faster than the wall. `wires` "memory" hands over the bytes of pty and
+    sockets directly, which only lockstep allows and makes a grasp several times cheaper. `log_folder`: where the wire
+    logs go; None keeps them in memory, and `fault_log_folder` gets what is there when the bench ends with an error.
     """
     clock: Clock = VirtualClock() if speed_up is None else ScaledClock(speed_up)
     with open_virtual_servers(world, tools, physics, clock) as virtual:

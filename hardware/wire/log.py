@@ -86,10 +86,6 @@ class WireLog:
             entries = tuple(self._entries)
         return tuple(map(WireEntry._make, entries))
 
-    def tail(self, n_entries: int = 20) -> str:
-        """The last pieces as text, for error reports."""
-        return "\n".join(entry.as_text() for entry in self.entries()[-n_entries:])
-
     def keep_for_writing(self) -> None:
         """From now on hold what `take_unwritten` has not fetched yet, up to the capacity; what is there counts too."""
         with self._lock:

@@ -199,22 +199,24 @@ class _TraceColumns(Row):
         """The samples as a trace."""
         return Trace(time_s=self.time_s, lift_mm=self.lift_mm, force_n=self.force_n)
 
+    @classmethod
+    def id_column(cls) -> str:
+        """The first field after the inherited channels."""
+        return next(name for name in cls.model_fields if name not in _TraceColumns.model_fields)
 
-class SimTraceRow(_TraceColumns):
+
+class _SampleColumns(_TraceColumns):
+    @classmethod
+    def of(cls, row_id: str, trace: Trace) -> Self:
+        """Row of a trace."""
+        return cls(**{cls.id_column(): row_id}, time_s=trace.time_s, lift_mm=trace.lift_mm, force_n=trace.force_n)
+
+
+class SimTraceRow(_SampleColumns):
     """Samples of one simulated grasp."""
 
     table: ClassVar[str] = "sim_traces"
     simulation_id: str
-
-    @classmethod
-    def of(cls, simulation_id: str, trace: Trace) -> Self:
-        """Row of a trace."""
-        return cls(simulation_id=simulation_id, time_s=trace.time_s, lift_mm=trace.lift_mm, force_n=trace.force_n)
-
-    @classmethod
-    def id_column(cls) -> str:
-        """The field after the inherited channels."""
-        return "simulation_id"
 
 
 class GraspRow(Row):
@@ -251,21 +253,11 @@ class GraspRow(Row):
         return content_id("K", [tool_id, object_id, repeat, attempt])
 
 
-class TraceRow(_TraceColumns):
+class TraceRow(_SampleColumns):
     """Samples of one measured grasp, as the instrument gave them."""
 
     table: ClassVar[str] = "traces"
     grasp_id: str
-
-    @classmethod
-    def of(cls, grasp_id: str, trace: Trace) -> Self:
-        """Row of a trace."""
-        return cls(grasp_id=grasp_id, time_s=trace.time_s, lift_mm=trace.lift_mm, force_n=trace.force_n)
-
-    @classmethod
-    def id_column(cls) -> str:
-        """The field after the inherited channels."""
-        return "grasp_id"
 
 
 class DiagnosticRow(_TraceColumns):
@@ -292,11 +284,6 @@ class DiagnosticRow(_TraceColumns):
     bench: Literal["virtual", "real"]
     world_hash: str | None = None
     details_json: str = "{}"
-
-    @classmethod
-    def id_column(cls) -> str:
-        """The field after the inherited channels."""
-        return "diagnostic_id"
 
     @staticmethod
     def make_id(tool_id: str, kind: str, started_at: datetime) -> str:

@@ -23,6 +23,8 @@ def addresses():
 def fast(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.setenv("CI", "true")
+    for module in ("checkup.gantry", "grbl.session"):  # a virtual controller has no bootloader to wait for
+        monkeypatch.setattr(f"hardware.{module}.BOOT_WAIT_S", 0.2)
     return Fast(capsys)
 
 

@@ -74,12 +74,13 @@ def test_the_reader_thread_survives_any_bytes_on_a_live_line(streams):
     link = GrblLink(SerialTransport(os.ttyname(slave)))
     link.open()
     try:
+        before = link.epoch
         for stream in streams:
             os.write(master, stream)
-        before = link.epoch
-        os.write(master, b"\r\nGrbl 1.1g ['$' for help]\r\n<Idle|MPos:7.000,7.000,7.000>\r\n")
-        assert link.wait(lambda: link.epoch > before and link.report is not None, 5)
-        assert link.report.machine_mm == (7.0, 7.0, 7.0)
+        os.write(master, b"\r\nGrbl 1.1g ['$' for help]\r\n<Idle|MPos:7.125,7.250,7.375>\r\n")
+        place_mm = (7.125, 7.25, 7.375)
+        assert link.wait(lambda: link.report is not None and link.report.machine_mm == place_mm, 60)
+        assert link.epoch > before
         assert any(thread.name.startswith("reader") for thread in threading.enumerate())
     finally:
         link.close()

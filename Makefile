@@ -30,7 +30,7 @@ campaign: setup ## a small complete campaign on the virtual bench, with report a
 test: setup     ## the test suite
 	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist worksteal
 
-studies: setup  ## tests that take minutes: hundreds of kills, campaigns in an object store
+studies: setup  ## tests that take minutes; `python -m tests.studies list` names the studies behind the docs
 	$(BIN)/python -m pytest -m study
 
 check: setup    ## format, lint, types, import layers, packages as locked
@@ -38,7 +38,7 @@ check: setup    ## format, lint, types, import layers, packages as locked
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m tests.audit
+	$(BIN)/python -m flows.cli.audit
 
 docs: setup     ## the documentation as a site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet

@@ -12,7 +12,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from hardware.cell.cell import GraspCell
+from hardware.cell.cell import CellDevices, GraspCell
 from hardware.cell.force_sensor import ForceSensor
 from hardware.cell.gantry import Gantry
 from hardware.cell.layout import BenchLayout
@@ -135,22 +135,21 @@ def open_virtual_bench(
     world: World,
     tools: Mapping[int, MountedTool],
     physics: Physics = simulate_request,
-    clock: Literal["lockstep", "real"] = "lockstep",
-    speed_up: float = 1.0,
-    layout: BenchLayout | None = None,
+    speed_up: float | None = None,
     wires: Literal["lines", "memory"] = "lines",
     log_folder: Path | None = None,
     fault_log_folder: Path | None = None,
 ) -> Iterator[Bench]:
     """A virtual bench with its drivers connected and homed; stopped at the end of the `with`.
 
-    `physics` answers one grasp (it is cached here); `clock` "real" runs by itself, `speed_up` times faster than the
-    wall, "lockstep" moves only while drivers wait. `wires` "memory" hands the bytes of pty and sockets over directly,
-    which only lockstep allows and makes a grasp several times cheaper. `log_folder`: where the wire logs go; None keeps
-    them in memory, and `fault_log_folder` gets what is there when the bench ends with an error.
+    `physics` answers one grasp (it is cached here). Time is in lockstep: it moves only while drivers wait; with
+    `speed_up` it runs by itself, so many times faster than the wall. `wires` "memory" hands the bytes of pty and
+    sockets over directly, which only lockstep allows and makes a grasp several times cheaper. `log_folder`: where the
+    wire logs go; None keeps them in memory, and `fault_log_folder` gets what is there when the bench ends with an
+    error.
     """
-    inner: Clock = VirtualClock() if clock == "lockstep" else ScaledClock(speed_up)
-    with open_virtual_servers(world, tools, physics, inner, layout) as virtual:
+    clock: Clock = VirtualClock() if speed_up is None else ScaledClock(speed_up)
+    with open_virtual_servers(world, tools, physics, clock) as virtual:
         at = virtual.endpoints
         is_noisy = world.sensor.noise_sd_n >= 0.05  # several counts: identical readings can only be a frozen instrument
         settings = BenchSettings(
@@ -162,14 +161,10 @@ def open_virtual_bench(
             modbus_time_out_s=10.0,
             force_rate_hz=world.sensor.rate_hz,
             stale_after_s=0.5 if is_noisy else None,
-            pressure_time_out_s=2.0 if clock == "lockstep" else _PHYSICS_PATIENCE_S * speed_up,
-            layout=layout or BenchLayout(),
+            pressure_time_out_s=2.0 if speed_up is None else _PHYSICS_PATIENCE_S * speed_up,
         )
-        opened = _open(
-            settings, tools, inner, virtual, is_in_memory=wires == "memory", log_folder=log_folder,
-            fault_log_folder=fault_log_folder,
-        )  # fmt: skip
-        with opened as bench:
+        logs = _LogFolders(log_folder, fault_log_folder)
+        with _open(settings, tools, clock, virtual, is_in_memory=wires == "memory", logs=logs) as bench:
             yield bench
 
 
@@ -179,7 +174,6 @@ def open_virtual_servers(
     tools: Mapping[int, MountedTool],
     physics: Physics,
     clock: Clock,
-    layout: BenchLayout | None = None,
     plc_port: int = 0,
     transmitter_port: int = 0,
     is_transmitter_continuous: bool = False,
@@ -188,7 +182,7 @@ def open_virtual_servers(
 
     `is_transmitter_continuous`: its serial port sends strings by itself instead of speaking Modbus RTU.
     """
-    virtual = VirtualBench(world, tools, physics, clock, layout or BenchLayout(), is_transmitter_continuous)
+    virtual = VirtualBench(world, tools, physics, clock, BenchLayout(), is_transmitter_continuous)
     virtual.start(plc_port, transmitter_port)
     try:
         yield virtual
@@ -218,8 +212,16 @@ def open_real_bench(
         slot: MountedTool(tool.tool_id, tool.design, settings.tool_mass_kg.get(slot, tool.mass_kg))
         for slot, tool in tools.items()
     }
-    with _open(settings, weighed, clock or RealClock(), None, may_vent, log_folder=log_folder) as bench:
+    with _open(settings, weighed, clock or RealClock(), None, may_vent, logs=_LogFolders(log_folder)) as bench:
         yield bench
+
+
+@dataclass(frozen=True)
+class _LogFolders:
+    """Where wire logs go: of every session, and of one that ends with an error; None keeps them in memory."""
+
+    always: Path | None = None
+    on_a_fault: Path | None = None
 
 
 @contextmanager
@@ -230,8 +232,7 @@ def _open(
     virtual: VirtualBench | None,
     may_vent: bool = False,
     is_in_memory: bool = False,
-    log_folder: Path | None = None,
-    fault_log_folder: Path | None = None,
+    logs: _LogFolders = _LogFolders(),
 ) -> Iterator[Bench]:
     clock = BeatingClock(inner)
     wires = _memory_wires(virtual, clock) if virtual is not None and is_in_memory else wires_to(settings, clock)
@@ -254,14 +255,15 @@ def _open(
     clock.listen(supervisor.hear, lambda: supervisor.is_ok)
     with ExitStack() as stack:
         stack.enter_context(_terminable())
-        if fault_log_folder is not None:
-            stack.enter_context(_kept_on_a_fault(wires, fault_log_folder))
+        if logs.on_a_fault is not None:
+            stack.enter_context(_kept_on_a_fault(wires, logs.on_a_fault))
         wire_session = None
-        if log_folder is not None:
-            files = WireFiles(log_folder, LIMIT_BYTES if virtual is None else _VIRTUAL_LOG_BYTES)
+        if logs.always is not None:
+            files = WireFiles(logs.always, LIMIT_BYTES if virtual is None else _VIRTUAL_LOG_BYTES)
             wire_session = recorded["wire_log"] = stack.enter_context(files).session
             wires.write_to(files)
-        cell = GraspCell(gantry, supervisor, watch, pneumatics, changer, force, clock, settings.layout, recorded)
+        devices = CellDevices(gantry, pneumatics, changer, force)
+        cell = GraspCell(devices, supervisor, watch, clock, settings.layout, recorded)
         stack.callback(_close, force, plc, gantry)
         _connect({"PLC": plc.connect, "load cell": force.connect, "gantry": gantry.connect})
         _start_heartbeat(stack, clock, inner, plc)

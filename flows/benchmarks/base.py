@@ -23,8 +23,9 @@ class Options:
     """How much of a benchmark to run; None leaves the choice to the benchmark.
 
     `results` is a JSON-lines file that keeps every outcome, so that a benchmark can be stopped and continued;
-    `figure` is a picture to draw; `grasps` are sizes of lakes; `n` is how often the event of a study happens;
-    `worlds` is how many made-up problems to solve; `n_sim` and `n_real` are the sizes of one.
+    `grasps` are sizes of lakes; `n_sim` and `n_real` are the sizes of a made-up problem. Three are asked for by
+    studies only: `figure` is a picture to draw, `n` is how often an event happens, `worlds` is how many made-up
+    problems are solved.
     """
 
     designs: int | None = None
@@ -49,6 +50,11 @@ class Benchmark:
     measure: Callable[[Options], Tables]
     options: frozenset[str] = frozenset()
     about: str = ""
+
+
+def benchmark(measure: Callable[[Options], Tables], *options: str) -> Benchmark:
+    """The benchmark of a function, described by the first line of its docstring."""
+    return Benchmark(measure, frozenset(options), (measure.__doc__ or "").strip().partition("\n")[0])
 
 
 def timed(work: Callable[[], T]) -> tuple[T, float]:

@@ -19,8 +19,8 @@ N_TOOLS, N_OBJECTS, N_REPEATS = 10, 36, 3
 N_EDGE = 100  # grasps at each end of the batch that are compared
 PROFILED = Batch(n_tools=2, object_ids=(0, 14), n_repeats=2)
 LAYERS = {  # what is paid for each part of the code, by the beginning of its module; the first that fits
+    "hardware/virtual/world/": "virtual world",
     "hardware/virtual/": "virtual devices",
-    "hardware/world/": "virtual world",
     "hardware/": "drivers and cell",
     "lake/": "lake",
     "tasks/": "tasks",

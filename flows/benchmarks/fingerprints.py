@@ -21,20 +21,13 @@ BASE_N, SLOT_N, OBJECT_N = 30.0, 3.0, 0.8
 PLATEAUS_MM = ((6.0, 14.0), (18.0, 26.0), (30.0, 38.0))
 RELEASED_MM = 45.0
 EDGE_MM = 1.0  # from plateau to plateau
-MARGIN_MM = 1.0  # at each end of a plateau: on a busy machine the lift is told late
-FEWEST_SAMPLES = 3
 REPEAT_SD = 0.15  # three of these still stay below the full scale of the load cell
 LEAST_DIFFERENCE = 0.002  # between the factors of repeats: six times what the load cell resolves
-TOLERANCE = 0.1  # of the step from one slot or object to the next
-
-
-class SparseTraceError(ValueError):
-    """A whole lift with too few readings in it to say what was gripped."""
 
 
 def fingerprint(request: PhysicsRequest) -> GraspSimulation:
     """A `Physics` that costs nothing: the made-up grasp of one tool on one object."""
-    heights_n = np.array([BASE_N, _slot_n(_slot_of(request.tool_id)), _object_n(request.object_id)])
+    heights_n = np.array([BASE_N, _slot_n(slot_of(request.tool_id)), _object_n(request.object_id)])
     edges_mm = np.array([[low - EDGE_MM, low, high, high + EDGE_MM] for low, high in PLATEAUS_MM])
     knots_mm = np.concatenate([[0.0], edges_mm.ravel(), [RELEASED_MM]])
     knots_n = np.concatenate([[0.0], np.outer(heights_n, [0.5, 1.0, 1.0, 0.5]).ravel(), [0.0]])
@@ -57,52 +50,6 @@ def fingerprint_world(labels: Iterable[Label]) -> World:
     raise AssertionError("unreachable")
 
 
-def read_fingerprint(trace: Trace) -> tuple[int, int, float]:
-    """Slot, object id and factor from grasp to grasp that a measured trace shows.
-
-    Raises:
-        SparseTraceError: a busy host took too few readings to tell.
-        ValueError: the trace is of no single made-up grasp.
-    """
-    lift = trace.is_lift
-    lift_mm, force_n = trace.lift_mm[lift], trace.force_n[lift]
-    at_mm = [(low + MARGIN_MM, high - MARGIN_MM) for low, high in PLATEAUS_MM]
-    held_n = [force_n[(lift_mm > low) & (lift_mm < high)] for low, high in at_mm]
-    if lift_mm.size and lift_mm[-1] > PLATEAUS_MM[-1][1] and any(plateau.size < FEWEST_SAMPLES for plateau in held_n):
-        raise SparseTraceError(f"a plateau has fewer than {FEWEST_SAMPLES} readings: the host was too busy")
-    if any(plateau.size < FEWEST_SAMPLES or np.ptp(np.quantile(plateau, (0.1, 0.9))) > 0.1 for plateau in held_n):
-        raise ValueError("the trace has not the three plateaus of a made-up grasp")
-    base_n, slot_n, object_n = (float(np.median(plateau)) for plateau in held_n)
-    factor = base_n / BASE_N
-    slot, object_id = slot_n / factor / SLOT_N - 1, object_n / factor / OBJECT_N - 5
-    if abs(slot - round(slot)) > TOLERANCE or abs(object_id - round(object_id)) > TOLERANCE:
-        raise ValueError(
-            f"the plateaus stand for slot {slot:.2f} and object {object_id:.2f}, which are no whole numbers"
-        )
-    return round(slot), round(object_id), factor
-
-
-def label_problem(world: World, label: Label, trace: Trace) -> str:
-    """What is wrong if this trace is stored under this label; empty if the label is right.
-
-    Raises:
-        SparseTraceError: too few readings to tell.
-    """
-    tool_id, object_id, repeat = label
-    try:
-        slot, shown_object, factor = read_fingerprint(trace)
-    except SparseTraceError:
-        raise
-    except ValueError as error:
-        return f"{label}: {error}"
-    if (slot, shown_object) != (_slot_of(tool_id), object_id):
-        return f"{label} holds a grasp of slot {slot} on object {shown_object}"
-    expected = repeat_factor(world, tool_id, object_id, repeat)
-    if abs(factor - expected) > LEAST_DIFFERENCE / 2 * expected:
-        return f"{label} holds another repeat: its factor is {factor:.4f}, that of the label {expected:.4f}"
-    return ""
-
-
 def repeat_factor(world: World, tool_id: str, object_id: int, repeat: int) -> float:
     """Scatter of one grasp in the world, which multiplies its forces."""
     request = build_request(world, tool_id, BEST_PUBLISHED, object_id, GraspSetup())
@@ -118,7 +65,7 @@ def _are_told_apart(world: World, labels: list[Label]) -> bool:
     return all(abs(a - b) > LEAST_DIFFERENCE * max(a, b) for a, b in pairs)
 
 
-def _slot_of(tool_id: str) -> int:
+def slot_of(tool_id: str) -> int:
     """Slot of `<campaign>/B01T3`."""
     return int(tool_id[-1])
 

@@ -19,8 +19,7 @@ import psutil
 
 from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.made_up_batch import Batch, lockstep_bench
-from flows.benchmarks.made_up_campaign import Size, world_of, write_files
-from flows.benchmarks.state_cost import state_cpu_s
+from flows.benchmarks.made_up_campaign import Size, use_made_up_physics, world_of, write_files
 from flows.server.server import configure_client, server
 from hardware.safety.safe_state import Verb
 from lake.store import Lake
@@ -75,7 +74,6 @@ def measure_overhead(options: Options) -> Tables:
             total, marginal, n_states = _run_campaign(Path(folder), options)
             standing = _run_waiting(Path(folder), lake, options)
         bench_s = _bench_cpu_s(Path(folder))
-        state_s = state_cpu_s(Path(folder) / "half", SIMULATED_DESIGNS_OF_PAPER // 2, TOOLS_OF_PAPER // 2)
     n_grasps, n_designs = SIZE.n_tools * N_OBJECTS_OF_PAPER * SIZE.n_repeats, SIZE.n_simulations + SIZE.n_tools
     n_rows = n_grasps + n_designs * N_OBJECTS_OF_PAPER
     work = marginal.beyond(standing)
@@ -93,17 +91,17 @@ def measure_overhead(options: Options) -> Tables:
         "standing_process_cpu_s_per_h": 3600 * standing.process_s / standing.wall_s,
         "standing_server_cpu_s_per_h": 3600 * standing.server_s / standing.wall_s,
     }
-    return {"measured": [measured], "state": [state_s], "at the paper's schedule": _extrapolated(measured, state_s)}
+    return {"measured": [measured], "at the paper's schedule": _extrapolated(measured)}
 
 
-def _extrapolated(measured: dict[str, float], state: dict[str, float]) -> Rows:
+def _extrapolated(measured: dict[str, float]) -> Rows:
     """The paper's schedule at the measured costs; its physics is that of `docs/benchmarks`.
 
-    Costs by row hold for a small lake; what a state with news costs more in half of the paper's is added for each.
+    Costs by row are those of a small lake; what the state of a campaign costs more as its lake grows is not in them.
     """
     n_simulations = (SIMULATED_DESIGNS_OF_PAPER + TOOLS_OF_PAPER) * N_OBJECTS_OF_PAPER
     n_rows = n_simulations + TOOLS_OF_PAPER * N_OBJECTS_OF_PAPER * REPEATS_OF_PAPER
-    rows_s = n_rows * (measured["overhead_ms_per_row"] + measured["states_per_row"] * state["growth_cpu_ms"]) / 1e3
+    rows_s = n_rows * measured["overhead_ms_per_row"] / 1e3
     process_s = BENCH_H_OF_PAPER * measured["standing_process_cpu_s_per_h"]
     server_s = BENCH_H_OF_PAPER * measured["standing_server_cpu_s_per_h"]
     physics_s = n_simulations * _physics_cpu_s()
@@ -146,7 +144,6 @@ def server_of_study(lake: Lake) -> Iterator[None]:
 
 def _run_campaign(folder: Path, options: Options) -> tuple[Spent, Spent, int]:
     """CPU of a campaign, CPU from its first grasp or simulation to its last, and how often its state was derived."""
-    from flows.benchmarks.made_up_deployable import use_made_up_physics
     from flows.campaign.launch import Voice, run_campaign
 
     config = write_files(folder, NAME, SIZE)

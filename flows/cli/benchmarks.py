@@ -1,5 +1,7 @@
-"""`fast bench`: run benchmarks and print what one unit of work costs here."""
+"""`fast bench`: run benchmarks and print what one unit of work costs here; `python -m tests.studies` shares it."""
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,56 +12,45 @@ from flows.cli.common import AsJson, show, table_text, tell
 if TYPE_CHECKING:
     from flows.benchmarks.base import Benchmark, Tables
 
-app = App(name="bench", help="Performance and study benchmarks.")
+app = App(name="bench", help="What simulations, fits, the lake and campaigns cost on this machine.")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Chosen:
+    """Options of benchmarks and studies as they are typed; None leaves the choice to them."""
+
+    designs: Annotated[int | None, Parameter(help="How many designs of the fixed random sequence.")] = None
+    objects: Annotated[str | None, Parameter(help="Object ids, e.g. 0,14,30.")] = None
+    results: Annotated[
+        Path | None, Parameter(help="JSON-lines file of the outcomes; what is in it is not simulated again.")
+    ] = None
+    limit_minutes: Annotated[float | None, Parameter(help="Stop after this time; --results continues.")] = None
+    workers: Annotated[int | None, Parameter(help="Worker processes.")] = None
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class BenchChosen(Chosen):
+    """What only benchmarks take."""
+
+    tiers: Annotated[str | None, Parameter(help="Tiers of the simulator, e.g. production,reference.")] = None
+    grasps: Annotated[str | None, Parameter(help="Sizes of lakes, in grasps, e.g. 8640,1000000.")] = None
+    n_sim: Annotated[int | None, Parameter(help="Simulations of a made-up problem.")] = None
+    n_real: Annotated[int | None, Parameter(help="Measured designs of a made-up problem.")] = None
 
 
 @app.command
 def run(
     name: Annotated[str, Parameter(help="One of `fast bench list`.")],
     *,
-    designs: Annotated[int | None, Parameter(help="How many designs of the fixed random sequence.")] = None,
-    objects: Annotated[str | None, Parameter(help="Object ids, e.g. 0,14,30.")] = None,
-    tiers: Annotated[str | None, Parameter(help="Tiers of the simulator, e.g. production,screening.")] = None,
-    results: Annotated[
-        Path | None, Parameter(help="JSON-lines file of the outcomes; what is in it is not simulated again.")
-    ] = None,
-    limit_minutes: Annotated[float | None, Parameter(help="Stop after this time; --results continues.")] = None,
-    workers: Annotated[int | None, Parameter(help="Worker processes.")] = None,
-    figure: Annotated[Path | None, Parameter(help="Picture to draw, e.g. traces.png.")] = None,
-    grasps: Annotated[str | None, Parameter(help="Sizes of lakes, in grasps, e.g. 8640,1000000.")] = None,
-    n: Annotated[int | None, Parameter(help="How many kills, or task runs.")] = None,
-    worlds: Annotated[int | None, Parameter(help="How many made-up problems of known truth.")] = None,
-    n_sim: Annotated[int | None, Parameter(help="Simulations of a made-up problem.")] = None,
-    n_real: Annotated[int | None, Parameter(help="Measured designs of a made-up problem.")] = None,
+    chosen: BenchChosen = BenchChosen(),
     json: AsJson = False,
 ) -> None:
     """Run one benchmark; figures are CPU seconds unless their name says otherwise."""
-    from flows.benchmarks.base import Options, circumstances
     from flows.benchmarks.registry import BENCHMARKS
-    from models.errors import UsageError
-    from models.validation import closest
 
-    if name not in BENCHMARKS:
-        raise UsageError(f"there is no benchmark `{name}`; {closest(name, list(BENCHMARKS))}")
-    chosen: dict[str, Any] = {
-        "designs": designs,
-        "objects": _object_ids(objects),
-        "tiers": tuple(tiers.split(",")) if tiers else None,
-        "results": results,
-        "limit_minutes": limit_minutes,
-        "workers": workers,
-        "figure": figure,
-        "grasps": _sizes(grasps),
-        "n": n,
-        "worlds": worlds,
-        "n_sim": n_sim,
-        "n_real": n_real,
-    }
-    given = {option: value for option, value in chosen.items() if value is not None}
-    _check_options(name, BENCHMARKS[name], given)
-    tables = BENCHMARKS[name].measure(Options(**given, tell=tell))
-    head = {"benchmark": name, "options": given, **circumstances()}
-    show({**head, "tables": _rounded(tables)}, _text(tables), json)
+    run_benchmark(BENCHMARKS, name, chosen, json)
 
 
 @app.command(name="list")
@@ -67,11 +58,40 @@ def list_benchmarks(*, json: AsJson = False) -> None:
     """The benchmarks there are, with what they measure."""
     from flows.benchmarks.registry import BENCHMARKS
 
-    rows = [{"name": name, "measures": benchmark.about} for name, benchmark in BENCHMARKS.items()]
-    show(rows, "\n".join(f"{row['name']:<10} {row['measures']}" for row in rows), json)
+    show_list(BENCHMARKS, json)
 
 
-def _object_ids(text: str | None) -> tuple[int, ...] | None:
+def run_benchmark(benchmarks: Mapping[str, "Benchmark"], name: str, chosen: Chosen, as_json: bool) -> None:
+    """Run the benchmark of this name and print its tables, after where and with which code it ran.
+
+    Raises:
+        UsageError: there is no such benchmark, or it has no such option.
+    """
+    from flows.benchmarks.base import Options, circumstances
+    from models.errors import UsageError
+    from models.validation import closest
+
+    if name not in benchmarks:
+        raise UsageError(f"there is no benchmark `{name}`; {closest(name, list(benchmarks))}")
+    given: dict[str, Any] = {
+        option: _PARSERS[option](value) if option in _PARSERS else value
+        for option, value in vars(chosen).items()
+        if value is not None
+    }
+    _check_options(name, benchmarks[name], given)
+    tables = benchmarks[name].measure(Options(**given, tell=tell))
+    head = {"benchmark": name, "options": given, **circumstances()}
+    show({**head, "tables": _rounded(tables)}, _text(tables), as_json)
+
+
+def show_list(benchmarks: Mapping[str, "Benchmark"], as_json: bool) -> None:
+    """Print the names of the benchmarks and what they measure."""
+    rows = [{"name": name, "measures": benchmark.about} for name, benchmark in benchmarks.items()]
+    width = max(len(name) for name in benchmarks)
+    show(rows, "\n".join(f"{row['name']:<{width}} {row['measures']}" for row in rows), as_json)
+
+
+def _object_ids(text: str) -> tuple[int, ...]:
     """Object ids from `0,14,30`.
 
     Raises:
@@ -80,15 +100,13 @@ def _object_ids(text: str | None) -> tuple[int, ...] | None:
     from models.errors import UsageError
     from models.objects.catalogue import get_object
 
-    if text is None:
-        return None
     try:
         return tuple(get_object(int(word)).object_id for word in text.split(","))
     except ValueError as error:
         raise UsageError(f"--objects `{text}` is no list of object ids; write it like 0,14,30.") from error
 
 
-def _sizes(text: str | None) -> tuple[int, ...] | None:
+def _sizes(text: str) -> tuple[int, ...]:
     """Numbers of grasps from `8640,1000000`.
 
     Raises:
@@ -96,10 +114,18 @@ def _sizes(text: str | None) -> tuple[int, ...] | None:
     """
     from models.errors import UsageError
 
-    words = text.split(",") if text is not None else []
+    words = text.split(",")
     if not all(word.strip().isdecimal() and int(word) > 0 for word in words):
         raise UsageError(f"--grasps `{text}` is no list of numbers of grasps; write it like 8640,1000000.")
-    return tuple(int(word) for word in words) or None
+    return tuple(int(word) for word in words)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    """Names from `production,reference`."""
+    return tuple(text.split(","))
+
+
+_PARSERS: dict[str, Callable[[str], tuple[Any, ...]]] = {"objects": _object_ids, "tiers": _names, "grasps": _sizes}
 
 
 def _check_options(name: str, benchmark: "Benchmark", given: dict[str, Any]) -> None:

@@ -1,6 +1,7 @@
 """`fast gantry diagnose`: experiments that tell hidden effects apart; `fast gantry tool`: where the tool is."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -8,8 +9,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell
-from flows.cli.gantry import DEFAULT_WORLD, RealFile, WorldFile, open_bench
-from flows.cli.real import YesMove
+from flows.cli.gantry import VIRTUAL_BENCH, ChosenBench, open_bench
 from flows.cli.virtual import Designs, rack
 
 if TYPE_CHECKING:
@@ -26,6 +26,22 @@ Slot = Annotated[int, Parameter(help="Slot of the tool in the rack, 0 to 9.", va
 HANGING_STILL_S = 2.0
 
 
+@Parameter(name="*")
+@dataclass(frozen=True)
+class ChosenTool:
+    """Tool of a slot of a rack of design files, or a tool of the lake in the slot where it hangs."""
+
+    slot: Slot = 0
+    tool: Annotated[
+        str | None, Parameter(help="Tool of the lake (CAMPAIGN/B01T0) that stands in its slot: rows are written.")
+    ] = None
+    lake: LakePath = DEFAULT_LAKE
+    design: Designs = None
+
+
+PAPER_TOOL = ChosenTool()
+
+
 def diagnose(
     *,
     only: Annotated[tuple[Kind, ...], Parameter(help="Kinds of experiments to make; default all.", negative="")] = (),
@@ -33,15 +49,8 @@ def diagnose(
     weight_kg: Annotated[
         tuple[float, ...], Parameter(help="Dead weights to hang on the gripper; repeat for more.", negative="")
     ] = (),
-    slot: Slot = 0,
-    tool: Annotated[
-        str | None, Parameter(help="Tool of the lake (CAMPAIGN/B01T0) that stands in its slot: rows are written.")
-    ] = None,
-    lake: LakePath = DEFAULT_LAKE,
-    design: Designs = None,
-    world: WorldFile = DEFAULT_WORLD,
-    real: RealFile = None,
-    yes_move: YesMove = None,
+    chosen: ChosenTool = PAPER_TOOL,
+    bench: ChosenBench = VIRTUAL_BENCH,
     json: AsJson = False,
 ) -> None:
     """Make the diagnostic experiments with one tool: dwell, lift speed, pressure, empty runs, dead weights.
@@ -53,19 +62,19 @@ def diagnose(
     if "reference" in only:
         runs += _references(plan)
     made: list[MeasuredGrasp] = []
-    store, mounted, slot = _target(lake, tool, slot, design)
-    write = _writer(store, world if real is None else None)
+    store, mounted, slot = _find_tool(chosen)
+    write = _writer(store, bench.world if bench.real is None else None)
 
     left = _time_left(mounted[slot], slot, runs, setup)
-    with open_bench(world, real, yes_move, tools=mounted) as bench:
+    with open_bench(bench, tools=mounted) as opened:
 
         def record(grasp: "MeasuredGrasp") -> None:
             write(grasp)
             made.append(grasp)
             what = grasp.diagnostic.text() if grasp.diagnostic else ""
-            tell(f"{len(made)} of {len(runs)}: {what}: {_outcome(grasp)}; {left(bench.clock.now_s())} left")
+            tell(f"{len(made)} of {len(runs)}: {what}: {_outcome(grasp)}; {left(opened.clock.now_s())} left")
 
-        bench.cell.measure_tool(slot, runs, setup, record, lambda: False, _hang(bench))
+        opened.cell.measure_tool(slot, runs, setup, record, lambda: False, _hang(opened))
     rows = [_row(grasp) for grasp in made]
     show(rows, table_text(rows), json)
 
@@ -78,9 +87,7 @@ def tool_place(
     head_empty: Annotated[bool, Parameter(negative="", help="A person looked: there is no tool on the head.")] = False,
     person: Annotated[str, Parameter(help="Who looked.")] = "",
     design: Designs = None,
-    world: WorldFile = DEFAULT_WORLD,
-    real: RealFile = None,
-    yes_move: YesMove = None,
+    bench: ChosenBench = VIRTUAL_BENCH,
     json: AsJson = False,
 ) -> None:
     """Where the tool is, from the journal and the sensors, and the one safe way on. Homes first; moves no tool."""
@@ -89,8 +96,8 @@ def tool_place(
     says = on_head is not None or head_empty
     if says and (not person or (on_head is not None and head_empty)):
         raise UsageError("say either --on-head SLOT or --head-empty, and who looked with --person NAME.")
-    with open_bench(world, real, yes_move, tools=rack(design)) as bench:
-        changer = bench.changer
+    with open_bench(bench, tools=rack(design)) as opened:
+        changer = opened.changer
         status = changer.tell(on_head, person) if says else changer.status()
     data = {"slot": status.slot, "sentence": status.sentence, "way_on": status.way.value}
     show(data, f"{status.sentence} Way on: {status.way.value}.", json)
@@ -130,8 +137,8 @@ def _references(plan: "DiagnosticPlan") -> "list[DiagnosticRun]":
     return [plan.reference(repeat) for repeat in range(plan.repeats)]
 
 
-def _target(
-    root: Path, tool_id: str | None, slot: int, design: list[Path] | None
+def _find_tool(
+    chosen: ChosenTool,
 ) -> "tuple[tuple[Lake, ProposedTool] | None, dict[int, MountedTool], int]":
     """The tool to use, the rack, and its slot; with the lake and the tool's row if one was named.
 
@@ -144,20 +151,22 @@ def _target(
     from models.errors import UsageError
     from tasks.campaign.state import ProposedTool, load_designs
 
-    if tool_id is None:
-        mounted = rack(design)
-        if slot not in mounted:
-            raise UsageError(f"slot {slot} has no tool; mounted are slots {min(mounted)} to {max(mounted)}.")
-        return None, mounted, slot
-    lake = Lake.open(root)
-    rows = lake.rows(ToolRow, tool_id=tool_id)
+    if chosen.tool is None:
+        mounted = rack(chosen.design)
+        if chosen.slot not in mounted:
+            raise UsageError(f"slot {chosen.slot} has no tool; mounted are slots {min(mounted)} to {max(mounted)}.")
+        return None, mounted, chosen.slot
+    lake = Lake.open(chosen.lake)
+    rows = lake.rows(ToolRow, tool_id=chosen.tool)
     if not rows or rows[-1]["status"] != "printed":
-        raise UsageError(f'`{tool_id}` is no printed tool of {root}; list them with `fast sql "FROM tools"`.')
+        raise UsageError(
+            f'`{chosen.tool}` is no printed tool of {chosen.lake}; list them with `fast sql "FROM tools"`.'
+        )
     batch, designs = rows[-1]["batch"], load_designs(lake)
     beside = lake.rows(ToolRow, campaign_id=rows[-1]["campaign_id"], batch=batch, status="printed")
     mounted = {_hanging_in(row): MountedTool(row["tool_id"], designs[row["design_id"]]) for row in beside}
     hangs_in = _hanging_in(rows[-1])
-    tool = ProposedTool(tool_id, batch, rows[-1]["slot"], mounted[hangs_in].design, hangs_in)
+    tool = ProposedTool(chosen.tool, batch, rows[-1]["slot"], mounted[hangs_in].design, hangs_in)
     return (lake, tool), mounted, hangs_in
 
 

@@ -84,7 +84,7 @@ def _packages() -> Check:
 
 
 def _versions() -> Check:
-    from tests.audit import LOCK, mismatches
+    from flows.cli.audit import LOCK, mismatches
 
     wrong = list(mismatches(LOCK.read_text(encoding="utf-8"))) if LOCK.exists() else []
     others = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""

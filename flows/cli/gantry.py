@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,58 +26,47 @@ app.command("flows.cli.diagnose:diagnose", name="diagnose", help="Experiments th
 app.command("flows.cli.diagnose:tool_place", name="tool", help="Where the tool is, and the one safe way on.")
 app.command("flows.cli.plan:plan", name="plan", help="How long a batch takes, and what the time goes into.")
 
-WorldFile = Annotated[Path, Parameter(help="World of the virtual bench.")]
-RealFile = Annotated[Path | None, Parameter(help="Bench file: drive real hardware, after a typed confirmation.")]
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class ChosenBench:
+    """The virtual bench of a world, or the real one of a bench file."""
+
+    world: Annotated[Path, Parameter(help="World of the virtual bench.")] = Path("worlds/quick.toml")
+    real: Annotated[Path | None, Parameter(help="Bench file: drive real hardware, after a typed confirmation.")] = None
+    yes_move: YesMove = None
+
+
 Vent = Annotated[
     bool, Parameter(negative="", help="A closed gripper may open before homing: a person looked, nothing hangs in it.")
 ]
-DEFAULT_WORLD = Path("worlds/quick.toml")
+VIRTUAL_BENCH = ChosenBench()
 
 
 @app.command
-def home(
-    *,
-    world: WorldFile = DEFAULT_WORLD,
-    real: RealFile = None,
-    yes_move: YesMove = None,
-    vent: Vent = False,
-    json: AsJson = False,
-) -> None:
+def home(*, bench: ChosenBench = VIRTUAL_BENCH, vent: Vent = False, json: AsJson = False) -> None:
     """Connect to all devices and home the gantry."""
-    with open_bench(world, real, yes_move, vent) as bench:
-        x, y, z = bench.gantry.position_mm()
+    with open_bench(bench, vent) as opened:
+        x, y, z = opened.gantry.position_mm()
     text = f"homed; head at x {x:.1f}, y {y:.1f}, z {z:.1f} mm"
     show({"x_mm": x, "y_mm": y, "z_mm": z}, text, json)
 
 
 @app.command
-def park(
-    *,
-    world: WorldFile = DEFAULT_WORLD,
-    real: RealFile = None,
-    yes_move: YesMove = None,
-    vent: Vent = False,
-    json: AsJson = False,
-) -> None:
+def park(*, bench: ChosenBench = VIRTUAL_BENCH, vent: Vent = False, json: AsJson = False) -> None:
     """End the safe state after a person looked: open the gripper, dock the tool on the head, close the air supply."""
-    with open_bench(world, real, yes_move, vent) as bench:
-        bench.cell.recover()
-        bench.cell.park()
+    with open_bench(bench, vent) as opened:
+        opened.cell.recover()
+        opened.cell.park()
     show({"parked": True}, "parked; the head carries no tool and the air supply is closed", json)
 
 
 @app.command
-def tare(
-    *,
-    world: WorldFile = DEFAULT_WORLD,
-    real: RealFile = None,
-    yes_move: YesMove = None,
-    json: AsJson = False,
-) -> None:
+def tare(*, bench: ChosenBench = VIRTUAL_BENCH, json: AsJson = False) -> None:
     """Zero the load cell with the head hanging free, and say what was taken as zero."""
-    with open_bench(world, real, yes_move) as bench:
-        bench.force.zero(1.0)
-        base = bench.force.baseline(1.0)
+    with open_bench(bench) as opened:
+        opened.force.zero(1.0)
+        base = opened.force.baseline(1.0)
     text = f"tared: {base.gross_n:.3f} N gross hang free; net {base.net_n:.3f} N, noise {base.sd_n:.3f} N"
     show({"gross_n": base.gross_n, "net_n": base.net_n, "noise_sd_n": base.sd_n}, text, json)
 
@@ -88,9 +78,7 @@ def grasp(
     slot: Annotated[int, Parameter(help="Slot of the tool in the rack, 0 to 9.")] = 0,
     repeats: Annotated[int, Parameter(help="How many grasps.", validator=Number(gte=1))] = 1,
     design: Designs = None,
-    world: WorldFile = DEFAULT_WORLD,
-    real: RealFile = None,
-    yes_move: YesMove = None,
+    bench: ChosenBench = VIRTUAL_BENCH,
     json: AsJson = False,
 ) -> None:
     """Pick a tool, grasp one object, lift to separation, park the tool; exit status 1 when a grasp failed.
@@ -103,8 +91,8 @@ def grasp(
     _check_target(object, slot, tools)
     made: list[MeasuredGrasp] = []
     plan = [(object, repeat) for repeat in range(repeats)]
-    with open_bench(world, real, yes_move, tools=tools) as bench:
-        bench.cell.measure_tool(slot, plan, GraspSetup(), made.append, lambda: False)
+    with open_bench(bench, tools=tools) as opened:
+        opened.cell.measure_tool(slot, plan, GraspSetup(), made.append, lambda: False)
     rows = [_grasp_row(g) for g in made]
     show(rows, "\n".join(_grasp_line(row) for row in rows), json)
     if any(row["status"] != "ok" for row in rows):
@@ -112,18 +100,12 @@ def grasp(
 
 
 @app.command
-def faults(
-    *,
-    world: WorldFile = DEFAULT_WORLD,
-    real: RealFile = None,
-    yes_move: YesMove = None,
-    json: AsJson = False,
-) -> None:
+def faults(*, bench: ChosenBench = VIRTUAL_BENCH, json: AsJson = False) -> None:
     """Connect to every device, home, and say what is wrong, if anything (then exit status 1)."""
-    with open_bench(world, real, yes_move) as bench:
-        reading = bench.force.read()
-        x, y, z = bench.gantry.position_mm()
-        is_pressed = bench.pneumatics.is_estop_pressed()
+    with open_bench(bench) as opened:
+        reading = opened.force.read()
+        x, y, z = opened.gantry.position_mm()
+        is_pressed = opened.pneumatics.is_estop_pressed()
     data = {"position_mm": [x, y, z], "is_estop_pressed": is_pressed, "gross_n": reading.gross_n}
     lines = [
         f"gantry       ready at {x:.1f}, {y:.1f}, {z:.1f} mm",
@@ -167,11 +149,7 @@ def _grasp_line(row: dict[str, Any]) -> str:
 
 @contextmanager
 def open_bench(
-    world: Path,
-    real: Path | None,
-    yes_move: str | None,
-    may_vent: bool = False,
-    tools: "Mapping[int, MountedTool] | None" = None,
+    chosen: ChosenBench, may_vent: bool = False, tools: "Mapping[int, MountedTool] | None" = None
 ) -> "Iterator[Bench]":
     """The bench asked for, connected and homed.
 
@@ -184,11 +162,11 @@ def open_bench(
     from hardware.bench import open_real_bench, open_virtual_bench
 
     mounted = rack(None) if tools is None else tools
-    if real is None:
-        with open_virtual_bench(read_world(world), mounted, log_folder=log_folder(None)) as bench:
+    if chosen.real is None:
+        with open_virtual_bench(read_world(chosen.world), mounted, log_folder=log_folder(None)) as bench:
             yield bench
         return
-    settings = read_bench(real)
-    ask_leave(real, settings, mounted, yes_move)
+    settings = read_bench(chosen.real)
+    ask_leave(chosen.real, settings, mounted, chosen.yes_move)
     with open_real_bench(settings, mounted, may_vent=may_vent, log_folder=log_folder(None)) as bench:
         yield bench

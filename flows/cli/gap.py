@@ -51,7 +51,7 @@ def gap(
     from flows.gap.search import GapOrder, run_gap
 
     if catalogue:
-        from models.simulation.effects.table import catalogue_entries, catalogue_rows
+        from models.simulation.effects.catalogue import catalogue_entries, catalogue_rows
 
         show(catalogue_entries(), f"{table_text(catalogue_rows())}\n\n{_COSTS}", json)
         return
@@ -70,22 +70,22 @@ def _data(outcome: "GapOutcome") -> dict[str, Any]:
 
 
 def _text(outcome: "GapOutcome", page: Path) -> str:
-    from flows.report.gap.words import probability_words
+    from flows.report.gap.answer import describe_probability
 
     findings = outcome.run.findings
     lines = [f"{outcome.sentence}.", ""]
-    for number, turn in enumerate(findings.rounds, start=1):
-        lines += [f"round {number}: {turn.named.kind}. {turn.named.sentence}"]
-        lines += [f"  where: {found.sentence}" for found in turn.where[:3]]
+    for number, found in enumerate(findings.rounds, start=1):
+        lines += [f"round {number}: {found.named.kind}. {found.named.sentence}"]
+        lines += [f"  where: {where.sentence}" for where in found.where[:3]]
         rows = [
             {
                 "candidate": row.effect,
-                "P": probability_words(row.probability),
+                "P": describe_probability(row.probability),
                 "gain_nats": round(row.held_out_gain_nats, 1),
                 "rmse": f"{100 * row.held_out_rmse_change:+.0f} %",
                 "visible": None if row.visible_fraction is None else f"{100 * row.visible_fraction:.0f} %",
             }
-            for row in sorted(turn.candidates, key=lambda row: -row.probability)[:_MOST_CANDIDATES]
+            for row in sorted(found.candidates, key=lambda row: -row.probability)[:_MOST_CANDIDATES]
         ]
         lines += ["", table_text(rows), ""]
     lines.append(f"held out: {_held_out(findings)}")
@@ -99,13 +99,11 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
 
 
 def _held_out(findings: "Findings") -> str:
-    shown = findings.gap
-    low, high = shown.ci95
-    if not any(turn.version for turn in findings.rounds):
-        return (
-            f"error {shown.rmse_before_n:.2f} N, floor {shown.rmse_floor_n:.2f} N; nothing was added to the simulator"
-        )
+    gap = findings.gap
+    low, high = gap.ci95
+    if not any(found.version for found in findings.rounds):
+        return f"error {gap.rmse_before_n:.2f} N, floor {gap.rmse_floor_n:.2f} N; nothing was added to the simulator"
     return (
-        f"{shown.rmse_before_n:.2f} -> {shown.rmse_after_n:.2f} N, floor {shown.rmse_floor_n:.2f} N, closed "
-        f"{100 * shown.closed_fraction:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
+        f"{gap.rmse_before_n:.2f} -> {gap.rmse_after_n:.2f} N, floor {gap.rmse_floor_n:.2f} N, closed "
+        f"{100 * gap.closed_fraction:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
     )

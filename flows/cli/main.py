@@ -38,7 +38,7 @@ for _name, _target, _help in (
         "flows.cli.serve:serve",
         "Prefect server with its pages, a worker and the deployments; prints the address.",
     ),
-    ("bench", "flows.cli.benchmarks:app", "Performance and study benchmarks."),
+    ("bench", "flows.cli.benchmarks:app", "What simulations, fits, the lake and campaigns cost on this machine."),
     (
         "doctor",
         "flows.cli.doctor:doctor",
@@ -50,24 +50,29 @@ for _name, _target, _help in (
 
 def main() -> None:
     """Run `fast`; exit status 0 done, 1 failed, 2 wrong use, 130 interrupted."""
+    run_and_leave(app)
+
+
+def run_and_leave(command_line: App) -> None:
+    """Run a command line with the process's arguments, and end the process with its exit status."""
     # Several processes work side by side: one thread each, set before numpy is imported.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
-    status = run(None)
+    status = run(None, command_line)
     if "prefect" in sys.modules:
         leave(status)
     sys.exit(status)
 
 
-def run(words: list[str] | None) -> int:
+def run(words: list[str] | None, command_line: App = app) -> int:
     """Run the command in `words` (default: the process's arguments); returns the exit status.
 
     An error that nobody expected (a bug) goes through, with its traceback.
     """
     try:
-        app(words, exit_on_error=False, print_error=False, result_action="return_value")
+        command_line(words, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:
-        return _fail(_usage_sentence(error), 2)
+        return _fail(_usage_sentence(error, command_line.name[0]), 2)
     except ModuleNotFoundError as error:
         return _missing(error)
     except KeyboardInterrupt:
@@ -86,10 +91,10 @@ def run(words: list[str] | None) -> int:
     return 0
 
 
-def _usage_sentence(error: CycloptsError) -> str:
+def _usage_sentence(error: CycloptsError, program: str) -> str:
     """What cyclopts found wrong, on one line, and where the right use is explained."""
     error.verbose = False
-    command = " ".join(["fast", *(error.command_chain or [])])
+    command = " ".join([program, *(error.command_chain or [])])
     sentence = " ".join(str(error).split())
     if isinstance(error, MissingArgumentError) and error.argument is not None and not error.argument.tokens:
         sentence = f"`{command}` needs {error.argument.name}: {error.argument.parameter.help}"

@@ -13,7 +13,7 @@ from flows.cli.common import AsJson, show, table_text
 
 if TYPE_CHECKING:
     from hardware.wire.log_files import RecordedWire, WireHeader
-    from hardware.wire.replay_device import Replay
+    from hardware.wire.replay_outcome import Replay
 
 FromLake = Annotated[
     Path | None, Parameter(name="--lake", help="Lake whose benches' logs are meant; default: benches moved by hand.")

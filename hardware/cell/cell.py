@@ -66,6 +66,16 @@ class MeasuredGrasp:
     diagnostic: DiagnosticRun | None = None
 
 
+@dataclass(frozen=True)
+class CellDevices:
+    """What a grasp is made with."""
+
+    gantry: Gantry
+    pneumatics: Pneumatics
+    changer: ToolChanger
+    force: ForceSensor
+
+
 class GraspCell:
     """Runs grasps on the devices of one bench. Between grasps the gripper is open and the head at travel height.
 
@@ -74,22 +84,19 @@ class GraspCell:
 
     def __init__(
         self,
-        gantry: Gantry,
+        devices: CellDevices,
         supervisor: Supervisor,
         watch: GraspWatch,
-        pneumatics: Pneumatics,
-        changer: ToolChanger,
-        force: ForceSensor,
         clock: Clock,
         layout: BenchLayout,
         recorded: Mapping[str, float | str] | None = None,
     ) -> None:
-        self._gantry = gantry
+        self._gantry = devices.gantry
         self._supervisor = supervisor
         self._watch = watch
-        self._pneumatics = pneumatics
-        self._changer = changer
-        self._force = force
+        self._pneumatics = devices.pneumatics
+        self._changer = devices.changer
+        self._force = devices.force
         self._clock = clock
         self._layout = layout
         self._recorded = dict(recorded or {})

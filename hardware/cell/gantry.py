@@ -11,10 +11,10 @@ from hardware.clock import Clock
 from hardware.grbl.driver import GrblDriver
 from hardware.grbl.messages import StatusReport
 from hardware.grbl.profile import GrblProfile
-from hardware.grbl.workspace import AXIS_NAMES, Workspace
+from hardware.grbl.workspace import Workspace
 from hardware.wire.log import WireLog
 from hardware.wire.serial import Transport
-from models.errors import InterlockError, UsageError
+from models.errors import InterlockError
 
 Place = tuple[float, float, float]
 """x, y, z in the workspace, mm."""
@@ -93,23 +93,6 @@ class Gantry:
         self.move_to(x_mm=x_mm, y_mm=y_mm)
         x, y, z = self._driver.slip_mm()
         return (x, y, z)
-
-    def recover_from_limit(self, axis: str, direction: str) -> Place:
-        """After a hard limit with a closed switch, once a person has looked: back off 5 mm, then home.
-
-        Args:
-            axis: `x`, `y` or `z`, the axis whose switch is closed.
-            direction: `+` or `-`, the way out of the switch as the person sees it.
-
-        Raises:
-            UsageError: another axis or direction.
-            InterlockError: that switch is not closed, or stays closed.
-            DeviceError: backing off or homing went wrong.
-        """
-        if axis not in AXIS_NAMES or len(axis) != 1 or direction not in ("+", "-"):
-            raise UsageError(f"Cannot back off in axis {axis!r}, direction {direction!r}; say x, y or z and + or -.")
-        self._driver.back_off(AXIS_NAMES.index(axis), 1 if direction == "+" else -1)
-        return self.home()
 
     # Looking
 

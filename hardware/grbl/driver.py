@@ -13,7 +13,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from hardware.clock import Clock
-from hardware.grbl.codes import HARD_LIMIT
 from hardware.grbl.errors import (
     GrblAlarmError,
     GrblReplyError,
@@ -43,8 +42,6 @@ HOMING_REPLY_S = 0.02  # real; the homing answer has no status report as a barri
 HOMING_MARGIN_S = 10.0
 SEARCH_TRAVELS = 1.5
 LOCATE_PULL_OFFS = 5.0
-BACK_OFF_MM = 5.0
-BACK_OFF_MM_PER_S = 5.0
 SPEED_SLACK = 1 + 1e-9  # rounding of mm/min
 
 
@@ -182,54 +179,6 @@ class GrblDriver:
         if isinstance(ticket.reply, ErrorReply):
             raise GrblReplyError(ticket.reply.code, ticket.line)
 
-    def back_off(self, axis: int, sign: int) -> None:
-        """Leave a closed limit switch: 5 mm at 5 mm/s, then home with `home`. Only after a person has looked.
-
-        GRBL raises ALARM:1 on every edge of a limit wire, so the opening switch ends the motion; that alarm is
-        expected and cleared. The position is unknown before and after.
-
-        Args:
-            axis: 0, 1, 2.
-            sign: +1 or -1, the way out of the switch; only a person can tell, both ends share one input.
-
-        Raises:
-            InterlockError: the switch of this axis is not closed, or another one is, or it is still closed after 5 mm.
-            GrblReplyError: 15 when the controller's soft limits refuse this way.
-        """
-        doing = f"backing off in {AXES[axis]}"
-        with self._alone("back off"):
-            self.session.clear_alarm()
-            self.session.prepare_again_if_needed()
-            self.session.distrust()
-            closed = self._closed_switches(self.session.poll(doing))
-            if closed != [AXES[axis]]:
-                raise InterlockError(
-                    f"The gantry cannot back off in {AXES[axis]}: closed limit switches are {closed or 'none'}; name "
-                    "the closed one, or free the machine by hand."
-                )
-            self.session.command("$X", doing)
-            line = f"$J=G91 G21 {AXES[axis]}{sign * BACK_OFF_MM:.3f} F{BACK_OFF_MM_PER_S * 60:.0f}"
-            self._run_back_off(line, doing)
-            if self._closed_switches(self.session.poll(doing)):
-                raise InterlockError(
-                    f"The limit switch is still closed after backing off in {AXES[axis]}; free the machine by hand."
-                )
-
-    def _run_back_off(self, line: str, doing: str) -> None:
-        allowed_s = move_deadline_s(BACK_OFF_MM, BACK_OFF_MM_PER_S, min(self._profile.acceleration_mm_per_s2))
-        until_s = self._clock.now_s() + allowed_s
-        try:
-            self.session.command(line, doing)
-            while self.session.poll(doing).is_moving:
-                if self._clock.now_s() > until_s:
-                    self.session.slow_to_rest(doing)
-                    raise MoveTimeoutError(f"Not done after {allowed_s:.1f} s while {doing}; it is on hold, look.")
-                self._clock.sleep(SHORT_POLL_S)
-        except GrblAlarmError as error:
-            if error.code != HARD_LIMIT:
-                raise
-            self.session.clear_alarm()
-
     def _homing_deadline_s(self) -> float:
         profile = self._profile
         search_mm = SEARCH_TRAVELS * (profile.travel_mm[2] + max(profile.travel_mm[:2]))
@@ -321,8 +270,8 @@ class GrblDriver:
         closed = self._closed_switches(report)
         if closed:
             raise InterlockError(
-                f"The gantry cannot {verb}: limit switch {', '.join(closed)} is closed; free it by hand or back off "
-                "first."
+                f"The gantry cannot {verb}: limit switch {', '.join(closed)} is closed; free it by hand first, "
+                "with the power off."
             )
 
     def _limits(self, way_mm: Sequence[float], distance_mm: float, speed_mm_per_s: float | None) -> tuple[float, float]:

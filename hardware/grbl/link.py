@@ -158,9 +158,13 @@ class GrblLink:
     def wait(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Wait until `condition()` holds, which is looked at after each arrival; False after `timeout_s` real seconds.
 
+        On wires in memory all is there already, and nothing is waited for.
+
         Raises:
             LinkLostError: the line went while waiting.
         """
+        if self.transport.is_in_step:
+            timeout_s = 0.0
         deadline = time.monotonic() + timeout_s
         with self._changed:
             while not condition():

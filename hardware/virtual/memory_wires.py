@@ -2,7 +2,7 @@
 
 Sockets, ptys and the switching between threads cost ten times what a grasp in lockstep costs else, and there is nobody
 to share the time with: the devices only move while the host waits. Drivers, codecs, device code and wire log are the
-same as on real lines. What a line can do wrong (late or lost bytes, hang-ups) needs a real one.
+same as on real lines. A line can be unplugged here too; what else it can do wrong (late, lost bytes) needs a real one.
 """
 
 import struct
@@ -50,8 +50,8 @@ class MemoryModbusClient:
         self._frame = b""
 
     def connect(self) -> bool:
-        """There is always a line."""
-        return True
+        """There is a line while the server runs."""
+        return self._server.is_running
 
     def close(self) -> None:
         """Nothing to close."""
@@ -90,7 +90,8 @@ class MemoryModbusClient:
         self._transaction = transaction = (self._transaction + 1) & 0xFFFF
         self._frame = b""
         self._trace(True, _HEADER.pack(transaction, 0, len(pdu) + 1, unit) + pdu)
-        self._server.handle(self, transaction, unit, pdu)
+        if self._server.is_running:
+            self._server.handle(self, transaction, unit, pdu)
         if not self._frame:
             raise ConnectionException("no answer")
         self._trace(False, self._frame)
@@ -117,6 +118,7 @@ class MemoryTransport:
     """The line to a virtual GRBL of this process; what it says is heard in the thread that moves it."""
 
     name = "virtual GRBL in memory"
+    is_in_step = True
 
     def __init__(self, controller: VirtualGrbl) -> None:
         self.log = WireLog()
@@ -142,10 +144,12 @@ class MemoryTransport:
         """Send all of `data`; what it makes the controller say is heard before this returns.
 
         Raises:
-            LinkLostError: the line is closed.
+            LinkLostError: the line is closed, or the controller has hung up.
         """
         if not self._is_open:
             raise LinkLostError(f"The line to the {self.name} is closed; connect before sending.")
+        if self._controller.is_unplugged:
+            raise LinkLostError(f"The line to the {self.name} is gone; check the cable and reconnect.")
         self.log.record("sent", data)
         self._controller.receive(data)
 

@@ -131,6 +131,11 @@ class ModbusServerThread:
             self._thread.join(_START_TIME_OUT_S)
 
     @property
+    def is_running(self) -> bool:
+        """Whether it is on the network."""
+        return self._thread.is_alive()
+
+    @property
     def n_connections(self) -> int:
         """Clients connected now."""
         return len(self._connections)

@@ -1,14 +1,11 @@
-"""Replay of a gantry's wire log against the GRBL driver, over a pty.
+"""Replay of a gantry's wire log against the GRBL driver, on a line in memory.
 
 What the host did is read off the bytes that it sent (`$H` is a homing, `$J=` a jog), and the driver is asked to do it
 again on a clock that does not wait. Everything it sends is compared, except how often it asks for the status: that
 depends on the speed of the machine. A `?` gets the next recorded report, or the last one again.
 """
 
-import os
 import re
-import threading
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -16,9 +13,8 @@ from hardware.clock import VirtualClock
 from hardware.grbl.driver import GrblDriver
 from hardware.grbl.messages import RealTime
 from hardware.grbl.profile import GrblProfile, limit_along
-from hardware.wire.log import OPENED, WireEntry
-from hardware.wire.replay_device import PATIENCE_S, Difference, Replay, ReplayEnded, serial_device
-from hardware.wire.serial import SerialTransport
+from hardware.wire.log import OPENED, WireEntry, WireLog
+from hardware.wire.replay_outcome import Difference, Replay
 from models.errors import DeviceError
 
 POLL = bytes([RealTime.STATUS])
@@ -33,6 +29,10 @@ _REPORT = re.compile(rb"<[^<>]*>\r\n")
 _SPEED_STEP_MM_PER_S = 0.0005 / 60  # F has three decimals
 
 Action = tuple[str, Callable[[], object]]
+
+
+class ReplayEnded(BaseException):
+    """Stops the driver in the middle of what it does: a difference was found, or the log is at its end."""
 
 
 @dataclass
@@ -99,7 +99,6 @@ class Controller:
         self.said = session.said
         self.doing = "connecting"
         self.n_idle_polls = 0
-        self.n_taken = 0
         self.is_ended = False
         self._steps = session.steps
         self._outcome = outcome
@@ -119,7 +118,6 @@ class Controller:
 
     def answer(self, data: bytes) -> bytes:
         """What the controller says to `data`."""
-        self.n_taken += len(data)
         pieces, self._rest = split(self._rest + data)
         return b"".join(self._answer(piece) for piece in pieces)
 
@@ -185,68 +183,37 @@ class Controller:
         self._report = reports[-1] if reports else self._report
 
 
-class ReplayTransport(SerialTransport):
-    """A serial line whose `write` returns when the recorded controller has answered and the driver has heard it."""
+class ReplayTransport:
+    """The line to a recorded controller: `write` returns when the driver has heard the answer."""
 
-    def __init__(self, port: str, master: int) -> None:
-        super().__init__(port)
-        self.controller: Controller | None = None
-        self._master = master
-        self._lock = threading.Condition()
-        self._n_written = self._n_said = self._n_heard = 0
+    name = "recorded gantry"
+    is_in_step = True
 
-    def start(self, controller: Controller) -> None:
-        """Play another session from now on."""
-        self.controller = controller
-        self._n_written = self._n_said = self._n_heard = 0
-
-    def answer(self, data: bytes) -> bytes:
-        """The controller's side, called by the pty's thread."""
-        controller = self._playing()
-        said = controller.answer(data)
-        with self._lock:
-            self._n_said += len(said)
-        return said
+    def __init__(self, controller: Controller) -> None:
+        self.controller = controller  # of the session that is played
+        self.log = WireLog()
+        self.is_open = False
+        self._hear: Callable[[bytes], None] = lambda data: None
 
     def open(self, on_bytes: Callable[[bytes], None], on_lost: Callable[[str], None]) -> None:
         """Open, and let the controller say what it said before the host spoke."""
-
-        def hear(data: bytes) -> None:
-            on_bytes(data)
-            with self._lock:
-                self._n_heard += len(data)
-                self._lock.notify_all()
-
-        super().open(hear, on_lost)
-        self.say(self._playing().said)
+        self._hear, self.is_open = on_bytes, True
+        self.say(self.controller.said)
 
     def write(self, data: bytes) -> None:
-        """Send, then wait for the answer; raises `ReplayEnded` when the recording has ended."""
-        controller = self._playing()
-        super().write(data)
-        self._n_written += len(data)
-        self._wait(lambda: controller.n_taken >= self._n_written and self._n_heard >= self._n_said)
-        if controller.is_ended:
+        """Send, and hear the answer; raises `ReplayEnded` when the recording has ended."""
+        self.say(self.controller.answer(data))
+        if self.controller.is_ended:
             raise ReplayEnded
 
     def say(self, said: bytes) -> None:
         """Speak unasked."""
         if said:
-            with self._lock:
-                self._n_said += len(said)
-            os.write(self._master, said)
-            self._wait(lambda: self._n_heard >= self._n_said)
+            self._hear(said)
 
-    def _playing(self) -> Controller:
-        if self.controller is None:
-            raise DeviceError("No session is played; start one first.")
-        return self.controller
-
-    def _wait(self, condition: Callable[[], bool]) -> None:
-        deadline_s = time.monotonic() + PATIENCE_S
-        with self._lock:
-            while not condition() and time.monotonic() < deadline_s:
-                self._lock.wait(0.01)
+    def close(self) -> None:
+        """Nothing is heard any more."""
+        self.is_open = False
 
 
 class ReplayClock(VirtualClock):
@@ -259,35 +226,31 @@ class ReplayClock(VirtualClock):
     def sleep(self, duration_s: float) -> None:
         """Move time; raises `ReplayEnded` in a driver that goes on asking."""
         super().sleep(duration_s)
-        controller = self._line.controller
-        if controller is not None and controller.n_idle_polls > MAX_IDLE_POLLS:
-            controller.n_idle_polls = 0
+        if self._line.controller.n_idle_polls > MAX_IDLE_POLLS:
+            self._line.controller.n_idle_polls = 0
             raise ReplayEnded
 
 
 def replay_grbl(entries: Sequence[WireEntry], profile: GrblProfile | None = None) -> Replay:
     """Have the driver do again what the log holds; stops at the first difference."""
-    outcome = Replay()
-    used = profile or GrblProfile()
-    lines: list[ReplayTransport] = []
-    with serial_device(lambda data: lines[0].answer(data)) as (port, master):
-        line = ReplayTransport(port, master)
-        lines.append(line)
-        driver = GrblDriver(line, ReplayClock(line), used)
-        for session in sessions_of(entries):
-            controller = Controller(session, outcome)
-            line.start(controller)
-            _play(driver, line, controller, used, outcome)
-            driver.session.close()
-            if outcome.difference is not None:
-                break
+    outcome, used = Replay(), profile or GrblProfile()
+    controllers = [Controller(session, outcome) for session in sessions_of(entries)]
+    if not controllers:
+        return outcome
+    line = ReplayTransport(controllers[0])
+    driver = GrblDriver(line, ReplayClock(line), used)
+    for controller in controllers:
+        line.controller = controller
+        _play(driver, line, used, outcome)
+        driver.session.close()
+        if outcome.difference is not None:
+            break
     return outcome
 
 
-def _play(
-    driver: GrblDriver, line: ReplayTransport, controller: Controller, profile: GrblProfile, outcome: Replay
-) -> None:
+def _play(driver: GrblDriver, line: ReplayTransport, profile: GrblProfile, outcome: Replay) -> None:
     """One session: connect, then action after action."""
+    controller = line.controller
     _try("connecting", driver.connect, controller, outcome)
     while controller.ahead and not controller.is_ended:
         before = controller.place
@@ -297,7 +260,7 @@ def _play(
                 line.say(controller.skip_poll())
             continue
         ahead = [piece for piece in controller.ahead if piece != POLL]
-        action = next_action(driver, ahead, profile)
+        action = find_next_action(driver, ahead, profile)
         if action is None and all(_is_override(piece) for piece in ahead):
             return  # the recording ends before the line that these were sent for
         if action is None:
@@ -324,7 +287,7 @@ def _try(doing: str, act: Callable[[], object], controller: Controller, outcome:
     return ""
 
 
-def next_action(driver: GrblDriver, ahead: list[bytes], profile: GrblProfile) -> Action | None:
+def find_next_action(driver: GrblDriver, ahead: list[bytes], profile: GrblProfile) -> Action | None:
     """What the host did when it sent `ahead`, as something to ask of the driver; None when nothing begins so."""
     first = ahead[0]
     if first == JOG_CANCEL:

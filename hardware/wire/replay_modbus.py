@@ -1,12 +1,16 @@
 """Replay of a Modbus wire log (PLC or load cell) against the drivers, request by request.
 
-Each recorded request is asked for again through the driver that made it, over a loopback port (Modbus TCP) or a pty
-(RTU), so that addresses, values and frames are made anew. Transaction numbers are not compared: they count connections.
+Each recorded request is asked for again through the driver that made it and the client that frames it (Modbus TCP or
+RTU), so that addresses, values and frames are made anew. Transaction numbers are not compared: they count connections.
 """
 
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+
+from pymodbus import FramerType
+from pymodbus.client import ModbusTcpClient
+from pymodbus.exceptions import ConnectionException
 
 from hardware.click.codec import BANKS, Space, pack_value, parse_address, unpack_value
 from hardware.click.driver import ClickPlc
@@ -15,8 +19,8 @@ from hardware.laumas.codec import FIRST_MEASURED_REGISTER, IDENTITY_REGISTER, N_
 from hardware.laumas.driver import LaumasTransmitter
 from hardware.wire.log import WireEntry
 from hardware.wire.log_files import PLC
-from hardware.wire.modbus import ModbusLink, rtu_link, tcp_link
-from hardware.wire.replay_device import Difference, Replay, serial_device, tcp_device
+from hardware.wire.modbus import ModbusLink, Tracer
+from hardware.wire.replay_outcome import Difference, Replay
 from models.errors import FastError
 
 _TCP_HEADER_BYTES = 6  # transaction, protocol, length
@@ -112,14 +116,36 @@ def replay_modbus(entries: Sequence[WireEntry], device: str) -> Replay:
     if not exchanges:
         return outcome
     recorded = Device(exchanges, is_tcp(entries), outcome)
-    device_id = exchanges[0].sent[4 if is_tcp(entries) else 0]
-    if is_tcp(entries):
-        with tcp_device(recorded.answer) as port:
-            _play(tcp_link(device, "127.0.0.1", port, device_id), device, recorded, exchanges, outcome)
-    else:
-        with serial_device(recorded.answer) as (name, _):
-            _play(rtu_link(device, name, device_id=device_id), device, recorded, exchanges, outcome)
+    device_id = exchanges[0].sent[4 if recorded.is_tcp else 0]
+    link = ModbusLink(device, lambda trace: _ReplayClient(recorded, trace), device_id)
+    _play(link, device, recorded, exchanges, outcome)
     return outcome
+
+
+class _ReplayClient(ModbusTcpClient):
+    """A client without a socket; frames are those of the recorded line."""
+
+    def __init__(self, recorded: Device, trace: Tracer) -> None:
+        framer = FramerType.SOCKET if recorded.is_tcp else FramerType.RTU
+        super().__init__("replay", framer=framer, retries=0, trace_packet=trace)
+        self._recorded = recorded
+        self._said = b""
+
+    def connect(self) -> bool:
+        """There is always a line."""
+        return True
+
+    def send(self, request: bytes, addr: tuple | None = None) -> int:
+        """Have the recorded device take a frame."""
+        self._said = self._recorded.answer(request) or b""
+        return len(request)
+
+    def recv(self, size: int | None) -> bytes:
+        """The frame of its answer; raises `ConnectionException` where none came."""
+        if not self._said:
+            raise ConnectionException("no answer")
+        said, self._said = self._said, b""
+        return said
 
 
 def _play(link: ModbusLink, device: str, recorded: Device, exchanges: Sequence[Exchange], outcome: Replay) -> None:

@@ -38,6 +38,14 @@ class Transport(Protocol):
         """Whether bytes can be sent."""
         ...
 
+    @property
+    def is_in_step(self) -> bool:
+        """Whether all that the other end says is heard before `write` or a sleep of the clock returns.
+
+        To wait in real time for an answer is then in vain.
+        """
+        ...
+
     def open(self, on_bytes: Callable[[bytes], None], on_lost: Callable[[str], None]) -> None:
         """Open the line and start reading. Both callbacks come from the reader's thread; raises `LinkLostError`."""
         ...
@@ -60,6 +68,8 @@ class SerialTransport:
         log: wire log to use; a fresh one in memory by default.
         write_timeout_s: real seconds after which a blocked write counts as a lost link.
     """
+
+    is_in_step = False
 
     def __init__(
         self, port: str, baudrate: int = 115_200, log: WireLog | None = None, write_timeout_s: float = 2.0

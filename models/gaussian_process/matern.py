@@ -2,7 +2,7 @@
 
 k(x, x') = sd^2 (1 + r + r^2/3) exp(-r),  r^2 = 5 sum_d (x_d - x'_d)^2 / l_d^2.
 
-`models.scientist.surrogate.kernel` is the same covariance as a GPyTorch kernel; the two are tested against each other.
+`tests.synthetic.scientist` is the same covariance as a GPyTorch kernel; the two are tested against each other.
 """
 
 from typing import NamedTuple

@@ -5,6 +5,7 @@ The paper (Materials and Methods, Test objects) gives the classes, the 50 mm box
 of the sharp shape; `rounding_mm` then takes away edges and tips.
 """
 
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -48,7 +49,7 @@ class RigidObject(Record):
         low, high = bounds(rows)
         return moved(rows, -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]]))
 
-    @property
+    @cached_property
     def height_mm(self) -> float:
         """Top of the object over its mount, in mm."""
         return float(bounds(self.primitives)[1][2])

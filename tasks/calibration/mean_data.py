@@ -13,7 +13,7 @@ from models.calibration.means.problem import MIN_DESIGNS, CalibrationProblem
 from models.calibration.traces.theta_grid import ThetaGrid
 from models.design.space import to_unit
 from models.errors import UsageError
-from models.gap.bank.plan import CENTRE
+from models.gap.bank.bank import CENTRE
 from models.ids import canonical_json
 from models.records import Design, GraspSetup, SimulatorVersion
 from models.scientist.surrogate.imputation import mean_over_objects

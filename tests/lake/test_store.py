@@ -56,10 +56,12 @@ def test_a_lake_of_a_newer_program_is_refused(lake):
         Lake.open(lake.root)
 
 
-@pytest.mark.parametrize("name", [*(t.table for t in TABLES), *VIEWS])
-def test_an_empty_lake_has_every_table_and_view_with_no_rows(lake, name):
-    assert lake.query(f"SELECT * FROM {name}").num_rows == 0
-    assert lake.connect().sql(f"SELECT * FROM {name}").to_arrow_table().num_rows == 0
+def test_an_empty_lake_has_every_table_and_view_with_no_rows(lake):
+    names = [*(t.table for t in TABLES), *VIEWS]
+    connection = lake.connect()
+    queried = {name: lake.query(f"SELECT * FROM {name}").num_rows for name in names}
+    connected = {name: connection.sql(f"SELECT * FROM {name}").to_arrow_table().num_rows for name in names}
+    assert queried == connected == dict.fromkeys(names, 0)
 
 
 def test_rows_come_back_as_they_went_in(lake, provenance, small_rows, make_grasp, make_simulation):
@@ -279,24 +281,30 @@ def test_query_takes_parameters_by_place_and_by_name(lake, provenance, make_gras
     assert lake.query("SELECT object_id FROM grasps WHERE object_id = $o", {"o": 6}).num_rows == 0
 
 
-@pytest.mark.parametrize(
-    "sql",
-    [
-        "COPY grasps TO '{root}/out.csv'",
-        "ATTACH '{root}/other.db'",
-        "SELECT * FROM read_parquet('{root}/grasps/*.parquet')",
-        "SELECT * FROM read_text('/etc/hostname')",
-        "INSTALL httpfs",
-        "SET enable_external_access = true",
-        "EXPORT DATABASE '{root}/all'",
-    ],
-)
-def test_a_connection_reaches_nothing_outside(lake, provenance, make_grasp, sql):
+OUTSIDE = [
+    "COPY grasps TO '{root}/out.csv'",
+    "ATTACH '{root}/other.db'",
+    "SELECT * FROM read_parquet('{root}/grasps/*.parquet')",
+    "SELECT * FROM read_text('/etc/hostname')",
+    "INSTALL httpfs",
+    "SET enable_external_access = true",
+    "EXPORT DATABASE '{root}/all'",
+]
+
+
+def test_a_connection_reaches_nothing_outside(lake, provenance, make_grasp):
     lake.append(make_grasp(), provenance)
     connection = lake.connect()
     before = sorted(lake.root.rglob("*"))
-    with pytest.raises(duckdb.Error):
-        connection.execute(sql.format(root=lake.root))
+
+    def is_refused(sql):
+        try:
+            connection.execute(sql.format(root=lake.root))
+        except duckdb.Error:
+            return True
+        return False
+
+    assert [sql for sql in OUTSIDE if not is_refused(sql)] == []
     assert sorted(lake.root.rglob("*")) == before
     assert connection.execute("SELECT count(*) FROM grasps").fetchall() == [(1,)]
 

@@ -118,6 +118,11 @@ class VirtualGrbl:
             return self._place_mm
 
     @property
+    def is_unplugged(self) -> bool:
+        """Whether the line has hung up."""
+        return self._is_closed
+
+    @property
     def state(self) -> str:
         """State of the firmware, such as `Idle`."""
         with self._clock.lock:

@@ -91,15 +91,16 @@ class LeakyCylinder(Effect):
 class SpanError(Effect):
     """Load cell whose span is wrong at low load and right at capacity: F (1 + (g - 1) (1 - |F| / capacity)).
 
-    `gain` g = 1 changes nothing.
+    `gain` g = 1 changes nothing. Without end of the capacity the factor g is constant.
     """
 
-    def __init__(self, gain: float) -> None:
+    def __init__(self, gain: float, capacity_n: float = CELL_CAPACITY_N) -> None:
         self.gain = gain
+        self.capacity_n = capacity_n
 
     def modify_trace(self, trace: Trace) -> Trace:
         """Reported force of a true force (n), in N."""
-        share = np.clip(np.abs(trace.force_n) / CELL_CAPACITY_N, 0.0, 1.0)
+        share = np.clip(np.abs(trace.force_n) / self.capacity_n, 0.0, 1.0)
         return Trace(trace.time_s, trace.lift_mm, trace.force_n * (1.0 + (self.gain - 1.0) * (1.0 - share)))
 
 
@@ -121,8 +122,12 @@ class MovingAverageLag(Effect):
             return trace
         window_s = self.window_share * self.time_constant_s
         end_s = trace.time_s - self.latency_share * self.time_constant_s
-        mean = (_impulse(trace, end_s) - _impulse(trace, end_s - window_s)) / window_s
-        return Trace(trace.time_s, trace.lift_mm, mean)
+        return Trace(trace.time_s, trace.lift_mm, mean_force_n(trace, end_s, window_s))
+
+
+def mean_force_n(trace: Trace, end_s: np.ndarray, window_s: float) -> np.ndarray:
+    """Mean force in N over windows that end at `end_s` (n); the force is constant before the trace."""
+    return (_impulse(trace, end_s) - _impulse(trace, end_s - window_s)) / window_s
 
 
 def _impulse(trace: Trace, at_s: np.ndarray) -> np.ndarray:

@@ -8,11 +8,10 @@ import numpy as np
 
 from models.errors import SimulationFailed
 from models.simulation.finger import FingerState, FingerStep
-from models.simulation.section.finger import PlaneFinger
 from models.simulation.solver.newton import NewtonSolver
 
 TOUCH_MM = 0.02
-# The peak sits in the first millimetres of lift: 1 mm steps lose 1.5 % of it (notes/fem.md section 7).
+# The peak sits in the first millimetres of lift: 1 mm steps lose 1.5 % of it.
 FINE_LIFT_MM = 3.0
 CUT, GROW, EASY_ITERATIONS = 0.4, 1.5, 14
 # A point that sinks a millimetre in one step, or five in all, may have passed through something thin.
@@ -22,8 +21,6 @@ MAX_SINKING_MM, MAX_DEPTH_MM = 1.0, 5.0
 MAX_JUMP_MM = 0.5
 # A node this much faster than the base has just snapped; where it was is a better guess than where it was going.
 MAX_SPEED_RATIO = 3.0
-
-Finger = FingerStep | PlaneFinger
 
 
 @dataclass(frozen=True)
@@ -100,7 +97,7 @@ class FingerRecord:
 class Stepper:
     """Walks a finger along paths with step control; counts steps."""
 
-    finger: Finger
+    finger: FingerStep
     newton: NewtonSolver
     limits: StepLimits
     friction: Callable[[FingerState], np.ndarray]

@@ -13,18 +13,16 @@ import pytest
 from flows.benchmarks import study
 from flows.benchmarks.accuracy import errors_percent, measure_accuracy
 from flows.benchmarks.base import Options
-from flows.benchmarks.fanout import measure_fanout
 from flows.benchmarks.grasp import measure_grasp, tier_row
 from flows.benchmarks.outcomes import Outcome, RecordFile, read_outcomes
-from flows.benchmarks.profile import measure_profile
-from flows.benchmarks.ranking import measure_ranking
 from flows.benchmarks.registry import BENCHMARKS
 from flows.benchmarks.robustness import measure_robustness, memory, parts
-from flows.benchmarks.study import Case, cases_of, run_study
+from flows.benchmarks.study import cases_of, run_study
 from flows.benchmarks.summary import failed_grasps, failures_by_reason
-from flows.benchmarks.tiers import SIMULATORS, TIERS
+from flows.benchmarks.tiers import SIMULATORS
+from flows.cli.benchmarks import BenchChosen
 from models.design.space import numbered_design
-from models.records import GraspSetup, MeshSettings, SimulatorVersion
+from models.records import TIERS, GraspSetup, MeshSettings, SimulatorVersion
 from models.solver_code import solver_id
 from tests.flows.cli.cli_lakes import ROOT, Fast
 
@@ -107,7 +105,6 @@ def test_the_studies_of_the_simulator_run(tmp_path):
     (peak, work, contact) = measure_accuracy(few)["errors"]
     assert (peak["grasps"], work["quantity"], contact["quantity"]) == (4, "work_j", "contact_force_n")
     assert 0 < peak["median_percent"] <= peak["worst_percent"]
-    assert measure_ranking(few)["tool quality"][0]["grasps"] == 4
     completed = measure_robustness(few)["completed"][0]
     assert (completed["completed_percent"], completed["not_yet_run"]) == (100, 0)
     assert json.dumps(cost)
@@ -140,39 +137,9 @@ def test_a_killed_benchmark_leaves_whole_lines(tmp_path, number):
     assert "Traceback" not in said
 
 
-def test_a_fan_out_fills_a_lake():
-    tables = measure_fanout(Options(designs=2, objects=(1,), workers=1))
-    (use,), (arrival,) = tables["use"], tables["arrival"]
-    assert (use["grasps"], use["failed"]) == (2, 0)
-    assert 0 < arrival["first_row_s"] < use["wall_s"]
-
-
-def test_the_profile_adds_up_to_the_whole():
-    rows = measure_profile(Options(designs=1, objects=(24,), tiers=("production",)))["production"]
-    *shares, total = [row["share"] for row in rows]
-    assert sum(shares) == pytest.approx(total)
-    assert rows[0]["module"].startswith("models/")
-
-
 def test_errors_are_signed_and_related_to_the_reference():
     found = [outcome(tier="reference", peak_force_n=8.0), outcome(peak_force_n=7.0), outcome(1), failure(design=2)]
     assert errors_percent(found, "production", "peak_force_n") == {(0, 0): pytest.approx(-12.5)}
-
-
-def test_ranking_knows_order_from_disorder(tmp_path):
-    def study_of(screening_forces) -> dict[str, object]:
-        forces = {"production": [10.0, 20.0, 30.0, 40.0], "screening": screening_forces}
-        path = tmp_path / f"{screening_forces}.jsonl"
-        for tier, values in forces.items():
-            for design, force in enumerate(values):
-                known = Case(design, 1, tier).simulation_id
-                write(path, outcome(design, 1, tier, simulation_id=known, peak_force_n=force))
-        return measure_ranking(Options(designs=4, objects=(1,), results=path))["tool quality"][0]
-
-    same = study_of([1.0, 2.0, 3.0, 4.0])
-    assert (same["spearman"], same["median_ratio"], same["rank_of_screening_best"]) == (1.0, 0.1, 1)
-    swapped = study_of([1.0, 2.0, 4.0, 3.0])
-    assert (swapped["spearman"], swapped["rank_of_screening_best"]) == (pytest.approx(0.8), 2)
 
 
 def test_failures_keep_their_cost_and_say_how_to_repeat_them():
@@ -208,7 +175,6 @@ def test_random_designs_are_numbered_once_and_for_all():
         (["grasp", "--tiers", "productoin"], "there is no tier `productoin`; did you mean `production`?"),
         (["grasp", "--designs", "0"], "--designs is 0, at least 1 is needed"),
         (["lake", "--designs", "3"], "the benchmark `lake` has no option --designs"),
-        (["ranking", "--tiers", "production"], "the benchmark `ranking` has no option --tiers"),
     ],
 )
 def test_wrong_use_is_refused(capsys, words, sentence):
@@ -221,5 +187,6 @@ def test_a_results_file_of_something_else_is_refused(capsys, tmp_path):
     assert "line 1 is no outcome" in Fast(capsys).refused("bench", "run", "grasp", "--results", path)
 
 
-def test_every_benchmark_says_what_it_measures():
+def test_every_benchmark_says_what_it_measures_and_every_option_has_a_user():
     assert all(benchmark.about for benchmark in BENCHMARKS.values())
+    assert {option for benchmark in BENCHMARKS.values() for option in benchmark.options} == set(vars(BenchChosen()))

@@ -1,6 +1,10 @@
 """Lakes and a runner for the tests of the command line."""
 
 import json
+import os
+import shutil
+import tempfile
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -63,7 +67,21 @@ def write_config(folder: Path, text: str = QUICK) -> Path:
 def proposed_lake(folder: Path, address: str | None = None) -> Path:
     """A lake, in the folder or at an address, whose campaign `quick` waits for the print of its first tools."""
     config = write_config(folder)
-    campaign = Campaign(Lake.open(address or folder / "lake", create=True), load_config(config))
+    if address is None:
+        shutil.copytree(_proposed_once(), folder / "lake")
+        return folder / "lake"
+    return _propose(config, address)
+
+
+@cache
+def _proposed_once() -> Path:
+    """The lake that every test gets a copy of, in a folder that goes with this session."""
+    folder = Path(tempfile.mkdtemp(dir=os.environ["XDG_STATE_HOME"]))
+    return _propose(write_config(folder), folder / "lake")
+
+
+def _propose(config: Path, address: str | Path) -> Path:
+    campaign = Campaign(Lake.open(address, create=True), load_config(config))
     register(campaign, QUICK)
     propose_initial(campaign)
     return campaign.lake.root

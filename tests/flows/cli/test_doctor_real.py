@@ -1,21 +1,22 @@
-"""`fast doctor --real` and a rehearsal of `fast gantry --real`, against a virtual bench of another process."""
+"""`fast doctor --real` and a rehearsal of `fast gantry --real`, by the addresses of a virtual bench in real time."""
 
 import json
-import subprocess
-import sys
+from dataclasses import asdict
 
 import pytest
 
 from flows.cli.virtual import rack
-from tests.flows.cli.cli_lakes import ROOT, WORLD, Fast
+from hardware.bench import open_virtual_servers
+from hardware.clock import RealClock
+from hardware.virtual.world.file import Sensor, World
+from tests.flows.cli.cli_lakes import Fast
 
 
 @pytest.fixture(scope="module")
 def addresses():
-    command = [sys.executable, "-m", "flows.cli.main", "virtual", "start", str(WORLD), "--json"]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as bench:
-        yield json.loads(bench.stdout.readline())
-        bench.terminate()
+    world = World(seed=7, sensor=Sensor(noise_sd_n=0.12))
+    with open_virtual_servers(world, rack(None), lambda request: None, RealClock()) as bench:
+        yield asdict(bench.endpoints)
 
 
 @pytest.fixture
@@ -32,10 +33,8 @@ def write_bench(path, addresses, more=""):
     return path
 
 
-@pytest.mark.parametrize("wire", ["tcp", "rtu"])
-def test_doctor_finds_a_sound_bench(fast, tmp_path, addresses, wire):
-    used = {key: value for key, value in addresses.items() if wire == "rtu" or key != "transmitter_serial_port"}
-    bench = write_bench(tmp_path / "rehearsal.toml", used)
+def test_doctor_finds_a_sound_bench_whose_transmitter_is_on_a_serial_line(fast, tmp_path, addresses):
+    bench = write_bench(tmp_path / "rehearsal.toml", addresses)
     answer = fast("doctor", "--real", bench)
     assert answer.status == 0, answer.out
     assert answer.out.count("\n") == 19
@@ -44,8 +43,9 @@ def test_doctor_finds_a_sound_bench(fast, tmp_path, addresses, wire):
     assert sorted(row["device"] for row in rows) == ["gantry", "load-cell", "plc"]
 
 
-def test_doctor_names_what_is_wrong(fast, tmp_path, addresses):
-    bench = write_bench(tmp_path / "rehearsal.toml", {**addresses, "plc_port": 1}, "transmitter_filter = 4")
+def test_doctor_names_what_is_wrong_of_a_bench_on_the_network(fast, tmp_path, addresses):
+    used = {key: value for key, value in addresses.items() if key != "transmitter_serial_port"}
+    bench = write_bench(tmp_path / "rehearsal.toml", {**used, "plc_port": 1}, "transmitter_filter = 4")
     answer = fast("doctor", "--real", bench, "--json")
     assert answer.status == 1
     failed = {row["name"]: row["note"] for row in answer.json if not row["ok"]}

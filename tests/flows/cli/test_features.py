@@ -1,12 +1,10 @@
-"""`fast features` as a person runs it, its page of docs, and its benchmark."""
+"""`fast features` as a person runs it, and its page of docs."""
 
 import re
 from pathlib import Path
 
 import pytest
 
-from flows.benchmarks.base import Options
-from flows.benchmarks.features import measure_features
 from lake.query.sql import run_sql
 from lake.store import Lake
 from lake.tables.campaign import GraspRow
@@ -70,8 +68,3 @@ def test_the_page_defines_every_feature_and_its_query_runs(fast, lake):
     table = run_sql(lake, sql)
     assert table.num_rows > 0
     assert shown.split() == table.column_names
-
-
-def test_the_benchmark_measures_both():
-    tables = measure_features(Options(grasps=(30,)))
-    assert [row["n_grasps"] for row in tables["traces"] + tables["lake"]] == [30, 30]

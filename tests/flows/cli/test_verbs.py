@@ -54,7 +54,7 @@ def session(campaign):
     @contextmanager
     def open_bench(mounted):
         rack = {tool.slot: MountedTool(tool.tool_id, tool.design) for tool in mounted}
-        with open_virtual_bench(WORLD, rack, physics) as bench:
+        with open_virtual_bench(WORLD, rack, physics, wires="memory") as bench:
             session.prepared(bench)
             yield bench
 

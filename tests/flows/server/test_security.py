@@ -4,12 +4,12 @@ import asyncio
 import base64
 import os
 import re
+import signal
 import socket
 
 import httpx
 import pytest
 
-from flows.benchmarks.sockets import family, is_loopback, listening
 from flows.cli.real import is_rehearsal
 from flows.server.lab import LabPlan, open_lab
 from flows.server.server import ANY_PORT
@@ -23,6 +23,8 @@ from lake.store import Lake
 from models.errors import FastError
 from tasks.campaign.requests import exclusive
 from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake
+from tests.flows.server.on_server import wait_for
+from tests.studies.platform.sockets import family, is_loopback, listening
 
 OWN = ("flows", "tasks", "lake", "hardware", "models")
 # Between a process and the workers it started, over their pipe; nothing from a lake or the network.
@@ -50,16 +52,35 @@ def test_a_virtual_bench_listens_on_the_loopback_address_only():
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_a_lab_listens_on_the_loopback_address_and_answers_to_its_password_only(tmp_path, monkeypatch):
+def test_a_lab_answers_on_the_loopback_address_to_its_password_only_and_stands_up_again(tmp_path, monkeypatch):
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     monkeypatch.setenv("FAST_PASSWORD", "open")
     with open_lab(Lake.open(tmp_path / "lake", create=True), LabPlan(ANY_PORT)) as lab:
         lab.wait_for_pool()
-        addresses = listening(set(lab.pids))
-        assert httpx.post(f"{lab.api_url}/flows/filter", json={}).status_code == 401
-        assert httpx.post(f"{lab.api_url}/flows/filter", json={}, auth=("fast", "shut")).status_code == 401
-        assert httpx.post(f"{lab.api_url}/flows/filter", json={}, auth=("fast", "open")).status_code == 200
-    assert addresses == {"127.0.0.1"}
+        assert listening(set(lab.pids)) == {"127.0.0.1"}
+        assert statuses(lab.api_url) == [401, 401, 200]
+        killed, said = lab.pids, []
+        for pid in killed:
+            os.kill(pid, signal.SIGKILL)
+
+        def is_up_again():
+            lab.tend(said.append)
+            return statuses(lab.api_url) == [401, 401, 200]
+
+        wait_for(is_up_again, limit_s=500.0)
+        assert not set(killed) & set(lab.pids)
+        assert ["server had died" in said[0], "worker had died" in said[1]] == [True, True]
+
+
+def statuses(api_url):
+    """Answers of a server to nobody, to a wrong and to the right password; none while it is down."""
+    try:
+        return [
+            httpx.post(f"{api_url}/flows/filter", json={}, auth=auth, timeout=60.0).status_code
+            for auth in (None, ("fast", "shut"), ("fast", "open"))
+        ]
+    except httpx.TransportError:
+        return []
 
 
 def test_own_code_unpickles_nothing_from_outside():

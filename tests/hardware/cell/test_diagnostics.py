@@ -26,7 +26,7 @@ def run(kind, repeat=0, **knobs):
 
 def measure(items, hang=True):
     made = []
-    with open_virtual_bench(WORLD, TOOLS, holds_to_the_top) as bench:
+    with open_virtual_bench(WORLD, TOOLS, holds_to_the_top, wires="memory") as bench:
 
         def put(mass_kg):
             bench.virtual.state.hung_kg = mass_kg

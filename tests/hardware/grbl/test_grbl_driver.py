@@ -152,36 +152,6 @@ def test_hard_limit_loses_the_position_until_homed(homed):
     assert homed.controller.position_mm() == pytest.approx((700, 800, 120), abs=0.01)
 
 
-def test_back_off_leaves_a_switch_that_the_carriage_closed(homed):
-    homed.driver.session.command("$X", "testing")
-    homed.controller.inject("nudge", axis="x", distance_mm=2.5)  # steps lost towards the switch
-    homed.driver.start_jog((1.5, 0.0, 0.0), 5)
-    homed.clock.sleep(1)
-    with pytest.raises(GrblAlarmError, match="ALARM:1"):
-        homed.driver.status()
-    homed.driver.abort()
-    with pytest.raises(InterlockError, match="limit switch X is closed"):
-        homed.driver.home()
-    with pytest.raises(InterlockError, match=r"closed limit switches are \['X'\]"):
-        homed.driver.back_off(1, -1)
-    homed.driver.back_off(0, -1)
-    assert homed.driver.status().pins is None
-    homed.driver.home()
-    homed.driver.move(FAR_MM, 40)
-    assert homed.controller.position_mm() == pytest.approx((700, 800, 120), abs=0.01)
-
-
-def test_back_off_the_wrong_way_or_from_a_stuck_switch_is_reported(homed):
-    homed.driver.move((-50.0, -50.0, -50.0))
-    homed.controller.inject("limit", axis="y")
-    with pytest.raises(GrblAlarmError):
-        homed.driver.status()
-    with pytest.raises(InterlockError, match="still closed after backing off in Y"):
-        homed.driver.back_off(1, -1)
-    assert homed.controller.position_mm()[1] == pytest.approx(1453 - 5, abs=0.5)
-    assert not homed.driver.is_position_known
-
-
 def test_soft_limit_keeps_the_position(homed):
     homed.driver.move(FAR_MM)
     with pytest.raises(GrblAlarmError, match="ALARM:2 .*position is kept"):

@@ -38,6 +38,7 @@ class FakeTransport:
 
     name = "fake"
     is_open = True
+    is_in_step = False
 
     def __init__(self):
         self.log = WireLog()

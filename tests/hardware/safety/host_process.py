@@ -11,6 +11,8 @@ from hardware.clock import ScaledClock
 from models.errors import FastError
 from tests.hardware.safety.scenario_bench import SETUP, TOOLS
 
+OBJECTS = (35,)  # close to home
+
 
 def main() -> int:
     """Exit status 0 done, 1 refused or failed with a sentence on stderr."""
@@ -18,7 +20,7 @@ def main() -> int:
     settings = BenchSettings(**addresses, modbus_time_out_s=5.0, stale_after_s=None, pressure_time_out_s=40.0)
     try:
         with open_real_bench(settings, TOOLS, ScaledClock(speed_up), may_vent) as bench:
-            bench.cell.measure_tool(3, [(0, 0), (1, 0)], SETUP, tell, lambda: False)
+            bench.cell.measure_tool(3, [(object_id, 0) for object_id in OBJECTS], SETUP, tell, lambda: False)
     except FastError as error:
         sys.stderr.write(f"{type(error).__name__}: {error}\n")
         return 1

@@ -5,18 +5,15 @@ import datetime
 import numpy as np
 import pytest
 
-from hardware.bench import open_virtual_bench
 from hardware.safety.safe_state import EmergencyStopError, SafeAction, StopAskedError, Verb
 from models.errors import DeviceError, InterlockError, LakeError
 from tests.hardware.safety.scenario_bench import (
     REST_Z_MM,
     SETUP,
-    TOOLS,
-    WORLD,
     is_free,
     is_pulling,
     is_travelling,
-    physics,
+    open_bench,
     when,
 )
 
@@ -41,7 +38,7 @@ def heights_while(bench, act):
 
 
 def test_the_safe_state_ends_by_lowering_venting_and_raising():
-    with open_virtual_bench(WORLD, TOOLS, physics) as bench:
+    with open_bench() as bench:
         when(bench, is_pulling, lambda: bench.virtual.inject("lock_sensor_dead"))
         with pytest.raises(InterlockError):
             run(bench, [])
@@ -60,7 +57,7 @@ def test_the_safe_state_ends_by_lowering_venting_and_raising():
 
 
 def test_a_closed_gripper_that_cannot_be_lowered_opens_only_when_its_load_is_taken():
-    with open_virtual_bench(WORLD, TOOLS, physics) as bench:
+    with open_bench() as bench:
         when(bench, is_pulling, lambda: bench.virtual.inject("grbl_reset"))
         with pytest.raises(DeviceError):
             run(bench, [])
@@ -76,7 +73,7 @@ def test_a_closed_gripper_that_cannot_be_lowered_opens_only_when_its_load_is_tak
 
 def test_an_emergency_stop_needs_release_acknowledgement_homing_and_the_tool():
     grasps = []
-    with open_virtual_bench(WORLD, TOOLS, physics) as bench:
+    with open_bench() as bench:
         when(bench, is_pulling, lambda: bench.virtual.inject("estop"))
         with pytest.raises(EmergencyStopError, match="Release it, acknowledge, then home and check the tool"):
             run(bench, grasps)
@@ -101,7 +98,7 @@ def test_an_emergency_stop_needs_release_acknowledgement_homing_and_the_tool():
 @pytest.mark.parametrize("moment", [is_travelling, is_pulling], ids=["travelling", "pulling"])
 def test_stop_and_abort_make_safe_at_once_and_keep_the_data(verb, moment):
     grasps = []
-    with open_virtual_bench(WORLD, TOOLS, physics) as bench:
+    with open_bench() as bench:
         when(bench, moment, lambda: bench.supervisor.ask(verb))
         with pytest.raises(StopAskedError, match=f"asked to {verb}: the bench is in its safe state") as caught:
             run(bench, grasps)
@@ -121,7 +118,7 @@ def test_stop_and_abort_make_safe_at_once_and_keep_the_data(verb, moment):
 
 def test_pause_finishes_the_grasp_and_parks():
     grasps = []
-    with open_virtual_bench(WORLD, TOOLS, physics) as bench:
+    with open_bench() as bench:
         asked = []
         when(bench, is_pulling, lambda: asked.append(Verb.PAUSE))
         when(bench, is_pulling, lambda: bench.supervisor.ask(Verb.PAUSE))
@@ -136,7 +133,7 @@ def test_ctrl_c_in_a_lift_ends_in_the_safe_state():
         raise KeyboardInterrupt
 
     grasps = []
-    with open_virtual_bench(WORLD, TOOLS, physics) as bench:
+    with open_bench() as bench:
         when(bench, is_pulling, press)
         with pytest.raises(KeyboardInterrupt):
             run(bench, grasps)
@@ -148,7 +145,7 @@ def test_ctrl_c_in_a_lift_ends_in_the_safe_state():
 
 def test_the_bench_is_safe_before_the_data_is_kept():
     moving = []
-    with open_virtual_bench(WORLD, TOOLS, physics) as bench:
+    with open_bench() as bench:
         when(bench, is_pulling, lambda: bench.virtual.inject("lock_sensor_dead"))
         with pytest.raises(InterlockError):
             run(bench, grasps := Kept(lambda: moving.append(bench.gantry.is_moving())))
@@ -170,7 +167,7 @@ class Kept(list):
 
 def test_low_air_before_a_grasp_waits_and_goes_on():
     grasps = []
-    with open_virtual_bench(WORLD, TOOLS, physics) as bench:
+    with open_bench() as bench:
         bench.virtual.inject("low_air")
         start_s = bench.clock.now_s()
         when(bench, lambda _: bench.clock.now_s() > start_s + 40.0, lambda: bench.virtual.clear("low_air"))
@@ -179,7 +176,7 @@ def test_low_air_before_a_grasp_waits_and_goes_on():
 
 
 def test_low_air_in_a_lift_lowers_before_it_opens():
-    with open_virtual_bench(WORLD, TOOLS, physics) as bench:
+    with open_bench() as bench:
         when(bench, is_pulling, lambda: bench.virtual.inject("low_air"))
         grasps = []
 
@@ -196,7 +193,7 @@ def test_low_air_in_a_lift_lowers_before_it_opens():
 
 def test_an_object_that_sticks_for_a_moment_costs_nothing(caplog):
     grasps = []
-    with open_virtual_bench(WORLD, TOOLS, physics) as bench:
+    with open_bench() as bench:
 
         def stick():
             bench.virtual.inject("object_sticks")
@@ -214,7 +211,7 @@ def test_an_object_that_sticks_for_a_moment_costs_nothing(caplog):
 
 def test_a_small_drift_is_tared_and_told(caplog):
     grasps = []
-    with open_virtual_bench(WORLD, TOOLS, physics) as bench:
+    with open_bench() as bench:
         when(bench, is_pulling, lambda: bench.virtual.inject("zero_drift"))
         run(bench, grasps)
     assert [grasp.status for grasp in grasps] == ["ok", "ok"]
@@ -229,7 +226,7 @@ def test_a_full_disk_stops_before_the_next_grasp_and_drops_nothing():
         made.append(grasp)
         raise LakeError("The disk is full.")
 
-    with open_virtual_bench(WORLD, TOOLS, physics) as bench:
+    with open_bench() as bench:
         with pytest.raises(LakeError, match="disk is full"):
             bench.cell.measure_tool(3, PLAN, SETUP, full, lambda: False)
         assert not bench.pneumatics.is_gripping(), "the grasp itself had ended"
@@ -249,7 +246,7 @@ def test_a_clock_that_jumps_back_does_not_reach_the_trace(monkeypatch):
     monkeypatch.setattr("hardware.cell.cell.datetime", Jumping)
     monkeypatch.setattr("time.time", lambda: -1e9)
     grasps = []
-    with open_virtual_bench(WORLD, TOOLS, physics) as bench:
+    with open_bench() as bench:
         run(bench, grasps)
     assert grasps[1].started_at < grasps[0].started_at, "wall time is only told"
     for grasp in grasps:

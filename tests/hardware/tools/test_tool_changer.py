@@ -5,7 +5,8 @@ from functools import partial
 
 import pytest
 
-from hardware.bench import BenchSettings, open_real_bench, open_virtual_servers
+from hardware import bench as benches
+from hardware.bench import BenchSettings, open_virtual_servers
 from hardware.click.driver import ClickPlc
 from hardware.clock import VirtualClock
 from hardware.grbl.driver import GrblDriver
@@ -37,13 +38,8 @@ def servers(tools=TOOLS):
 
 @contextmanager
 def host(virtual, clock, journal, tools=TOOLS):
-    """One life of the host program on a bench that outlives it."""
-    at = virtual.endpoints
-    settings = BenchSettings(
-        serial_port=at.serial_port, plc_host=at.plc_host, plc_port=at.plc_port, transmitter_host=at.transmitter_host,
-        transmitter_port=at.transmitter_port, modbus_time_out_s=10.0, journal=str(journal),
-    )  # fmt: skip
-    with open_real_bench(settings, tools, clock) as bench:
+    """One life of the host program, on wires in memory, on a bench that outlives it."""
+    with benches._open(BenchSettings(journal=str(journal)), tools, clock, virtual, is_in_memory=True) as bench:
         yield bench
 
 

@@ -261,12 +261,12 @@ def test_a_folder_that_is_none_is_wrong_use(lake, tmp_path):
 
 
 @settings(
-    max_examples=6,
+    max_examples=3,
     phases=[Phase.explicit, Phase.generate],
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
-@given(st.lists(st.tuples(*[st.floats(-1e6, 1e6)] * 2), min_size=1, max_size=8))
+@given(st.lists(st.tuples(*[st.floats(-1e6, 1e6)] * 2), min_size=1, max_size=40))
 def test_any_number_survives_export_and_import(tmp_path_factory, values):
     root = tmp_path_factory.mktemp("round")
     lake = Lake.open(root / "lake", create=True)

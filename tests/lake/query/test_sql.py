@@ -51,12 +51,18 @@ def filled(lake, provenance, small_rows, make_grasp, make_simulation):
     return lake
 
 
-@pytest.mark.parametrize("sql", WRITING)
-def test_sql_cannot_write_load_or_look_outside(filled, sql):
+@pytest.mark.parametrize("ask", [run_sql, Lake.query])
+def test_sql_cannot_write_load_or_look_outside(filled, ask):
     before = {path: path.stat().st_mtime_ns for path in filled.root.rglob("*")}
-    for ask in (run_sql, Lake.query):
-        with pytest.raises((UsageError, LakeError)):
+
+    def is_refused(sql):
+        try:
             ask(filled, sql.format(root=filled.root))
+        except (UsageError, LakeError):
+            return True
+        return False
+
+    assert [sql for sql in WRITING if not is_refused(sql)] == []
     assert {path: path.stat().st_mtime_ns for path in filled.root.rglob("*")} == before
     assert len(filled.rows(GraspRow)) == 12
 

@@ -111,7 +111,7 @@ def look(lake: Lake, acks: Path) -> int:
     return len(seen)
 
 
-@pytest.mark.parametrize("n_kills", [25, pytest.param(200, marks=pytest.mark.study)])
+@pytest.mark.parametrize("n_kills", [12, pytest.param(200, marks=pytest.mark.study)])
 def test_kills_at_random_moments_lose_tear_and_double_nothing(tmp_path, n_kills):
     lake = Lake.open(tmp_path / "lake", create=True)
     acks = tmp_path / "acknowledged.txt"

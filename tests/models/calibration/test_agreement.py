@@ -1,8 +1,12 @@
 """The factorised method draws from the same posterior as full joint NUTS, which approximates nothing."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from models.calibration.inference.diagnostics import convergence
 from models.calibration.inference.result import K_HAT_LIMIT
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.means.factorised import calibrate_factorised
@@ -12,6 +16,23 @@ from models.calibration.means.synthetic import made_up_problem
 
 SETTINGS = CalibrationSettings(chains=4, draws=500, tune=250, target_accept=0.8, workers=1)
 NAMES = (*THETA, "sd_e_n", "noise_sd_n", "sd_h")
+# Moments of the logarithms of parameters over four chains of joint NUTS, a minute of CPU each.
+EXACT = json.loads((Path(__file__).parents[2] / "data" / "calibration-exact.json").read_text())
+
+
+def test_the_factorised_posterior_is_that_of_stored_exact_chains() -> None:
+    problem = made_up_problem(EXACT["n_sim"], EXACT["n_real"], seed=0, scales_with_modulus=True)
+    found = calibrate_factorised(problem, SETTINGS.model_copy(update={"chains": 2, "tune": 150, "draws": 300}))
+    assert found.k_hat is not None
+    assert found.k_hat < K_HAT_LIMIT
+    names = tuple(row["log_of"] for row in EXACT["log_of"])
+    draws = found.draws[:, :, [found.names.index(name) for name in names]]
+    _, ess_bulk, _ = convergence(names, draws)
+    for exact, values in zip(EXACT["log_of"], np.moveaxis(np.log(draws), 2, 0), strict=True):
+        name = exact["log_of"]
+        error = np.hypot(values.std() / np.sqrt(ess_bulk[name]), exact["sd"] / np.sqrt(exact["ess_bulk"]))
+        assert abs(values.mean() - exact["mean"]) < 4 * error, name
+        assert values.std() == pytest.approx(exact["sd"], rel=0.35), name
 
 
 @pytest.mark.study

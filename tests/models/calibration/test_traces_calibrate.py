@@ -20,11 +20,11 @@ from models.calibration.traces.calibrate import (
 from models.calibration.traces.density import NAMES, TraceDensity
 from models.calibration.traces.problem import TraceProblem
 from models.calibration.traces.response_surface import ResponseSurfaces
-from models.calibration.traces.synthetic import TraceTruth, made_up_traces
 from models.calibration.traces.theta_grid import ThetaGrid
 from models.errors import UsageError
 from models.traces.step_features import PEAK
 from models.traces.step_noise import SensorNoise
+from tests.synthetic.traces import TraceTruth, made_up_traces
 
 QUIET = TraceTruth(tool_sd=0.0, repeat_sd=0.0, noise=SensorNoise(1e-6, 0.05, 80.0))
 QUICK = CalibrationSettings(chains=2, draws=60, tune=60, workers=1)

@@ -11,7 +11,6 @@ from models.design.space import random_unit
 from models.errors import UsageError
 from models.scientist.surrogate.fit import ObservationSet, fit_surrogate
 from models.scientist.surrogate.health import health_of
-from models.scientist.surrogate.kernel import BiFidelityKernel
 from models.scientist.surrogate.likelihood import log_posterior
 from models.scientist.surrogate.parameters import (
     RHO_MEAN,
@@ -23,6 +22,7 @@ from models.scientist.surrogate.parameters import (
     prior_mode,
 )
 from models.scientist.surrogate.posterior import Surrogate, observation_variance, prior_covariance
+from tests.synthetic.scientist import BiFidelityKernel
 
 
 def observations(n_real: int, n_sim: int, seed: int = 0, noise_sd: float = 0.1) -> ObservationSet:

@@ -9,9 +9,9 @@ from gpytorch.priors import NormalPrior
 from gpytorch.test.base_kernel_test_case import BaseKernelTestCase
 
 from models.design.space import random_unit
-from models.scientist.surrogate.kernel import BiFidelityKernel
 from models.scientist.surrogate.parameters import SurrogateParameters
 from models.scientist.surrogate.posterior import prior_covariance, prior_variance
+from tests.synthetic.scientist import BiFidelityKernel
 
 PARAMETERS = SurrogateParameters(
     rho=1.7,

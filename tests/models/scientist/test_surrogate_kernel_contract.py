@@ -5,7 +5,7 @@ import unittest
 import torch
 from gpytorch.test.base_kernel_test_case import BaseKernelTestCase
 
-from models.scientist.surrogate.kernel import BiFidelityKernel
+from tests.synthetic.scientist import BiFidelityKernel
 
 
 class BiFidelityKernelContract(BaseKernelTestCase, unittest.TestCase):

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from flows.benchmarks.planted import PLANTS
 from models.records import Trace
 from models.traces.anomalies import Labels, find_anomalies
 from models.traces.batch import TraceFeatures, features_of
 from models.traces.departures import p_values, shortfall_to_peers, shortfall_to_repeats
 from models.traces.flags import KINDS
+from tests.studies.traces.planted import PLANTS
 
 N_TOOLS, N_OBJECTS, N_REPEATS = 6, 8, 3
 ODD = (2, 5, 1)  # tool, object, repeat; objects 4 to 7 are turned

@@ -21,10 +21,10 @@ from models.calibration.inference.parallel_chains import Samples
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.traces.calibrate import laplace
 from models.calibration.traces.density import TraceDensity
-from models.calibration.traces.synthetic import made_up_trace
 from models.design.space import numbered_design
 from models.records import Design, GraspSetup, SimulatorVersion, Trace
 from tasks.calibration.trace_data import grid_points
+from tests.synthetic.traces import made_up_trace
 
 BASE, SETUP, OBJECTS, N_REPEATS = SimulatorVersion(), GraspSetup(), (4, 7, 30), 2
 DESIGNS = [numbered_design(number) for number in range(4)]

@@ -1,0 +1,29 @@
+"""The made-up campaign of `flows.benchmarks.made_up_campaign` as a flow that a Prefect worker can start."""
+
+from pathlib import Path
+from typing import Any
+
+from prefect import flow
+from prefect.states import State
+
+from flows.benchmarks.made_up_campaign import use_made_up_physics
+from flows.deployments import ended
+from flows.server.crashed_runs import CONTINUED
+
+
+@flow(name=CONTINUED, flow_run_name="run {config}")
+def campaign(config: str, lake: str, auto_print: bool = True) -> State[Any]:
+    """As `flows.deployments.campaign`, with made-up physics."""
+    from flows.campaign.launch import Voice, run_campaign
+
+    use_made_up_physics()
+
+    def work() -> str:
+        outcome = run_campaign(Path(config), lake, auto_print=auto_print, voice=Voice(_say_nothing, _say_nothing))
+        return f"campaign {outcome.campaign_id} is {'complete' if outcome.is_complete else 'not complete'}"
+
+    return ended(work)
+
+
+def _say_nothing(line: str) -> None:
+    """Nobody listens."""

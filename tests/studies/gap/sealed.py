@@ -1,0 +1,227 @@
+"""Sealed worlds: drawn from a secret, answered from data alone, judged after the answers are in the file.
+
+Three steps, each of which leaves its file. *Seal*: data go to the folder `sealed`, a hash of every key to
+`sealed.jsonl`, keys and salts to `sealed-keys.jsonl`, which only the judge opens. *Answer*: reads data and lines,
+writes `sealed-answers.jsonl` with a hash of each answer. *Judge*: checks every hash, and counts.
+"""
+
+import hashlib
+import json
+import secrets
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flows.benchmarks.base import Options, Tables
+from flows.benchmarks.outcomes import RecordFile, read_records
+from models.design.space import numbered_design
+from models.errors import UsageError
+from models.gap.bank.bank import Bank
+from models.gap.data import GapData
+from models.gap.grasps import Grasps
+from models.records import GraspContext, GraspSetup, Record
+from models.traces.step_noise import SensorNoise
+from tests.studies.gap.answers import Answer, answer, naming_code, thresholds_id
+from tests.studies.gap.development import open_panels, results_folder
+from tests.studies.gap.tables import Judged, gap_tables
+from tests.studies.gap.worlds import Group, WorldKey, Worlds
+
+N_SEALED: dict[Group, int] = {"null": 60, "single": 40, "alias": 6, "unlisted": 8, "pair": 12}
+
+
+class Sealed(Record):
+    """What anybody may see of a world before it is judged."""
+
+    world: str
+    key_hash: str
+    lines: str
+    code: str
+
+
+class SealedAnswer(Record):
+    """The answer to a sealed world, and the hash that was written with it."""
+
+    world: str
+    answer: Answer
+    answer_hash: str
+
+
+class SealedKey(Record):
+    """The key of a sealed world, with the salt of its hash."""
+
+    world: str
+    salt: str
+    key: WorldKey
+
+    @property
+    def key_hash(self) -> str:
+        """SHA-256 of salt and key."""
+        return hashlib.sha256(f"{self.salt}|{self.key.model_dump_json()}".encode()).hexdigest()
+
+
+def measure_gap_sealed(options: Options) -> Tables:
+    """The figures of gap discovery on sealed worlds; the lines are those of the study `gap`, frozen before."""
+    folder = results_folder(options)
+    thresholds = frozen_lines(folder)
+    panels, bank = open_panels(folder, options)
+    if not (folder / "sealed.jsonl").exists():
+        worlds = Worlds(panels, bank, secrets.token_hex(16), is_sealed=True)
+        seal(worlds, folder, thresholds_id(thresholds), options)
+    answer_all(folder, bank, thresholds, options)
+    worlds_judged = judged(folder)
+    ask_without_truth(folder, bank, thresholds, options)
+    return gap_tables([*worlds_judged, *left_out(folder)])
+
+
+def frozen_lines(folder: Path) -> Any:
+    """The lines of the last calibration.
+
+    Raises:
+        UsageError: there are none, or the code has changed since.
+    """
+    from models.gap.naming.thresholds import Thresholds
+
+    path = folder / "thresholds.json"
+    if not path.exists():
+        raise UsageError(f"{path} is missing; `python -m tests.studies gap` fits the lines on null worlds first.")
+    content = json.loads(path.read_text())
+    if content["code"] != naming_code():
+        raise UsageError(f"the lines in {path} are of other code; run `python -m tests.studies gap` again first.")
+    return Thresholds(**content["lines"])
+
+
+def seal(worlds: Worlds, folder: Path, lines: str, options: Options) -> None:
+    """Draw worlds in an order that tells nothing, and write data, hashes and keys."""
+    counts = {group: n if options.worlds is None else min(n, options.worlds) for group, n in N_SEALED.items()}
+    wanted = [(group, number) for group, n in counts.items() for number in range(n)]
+    order = np.random.default_rng(secrets.randbits(64)).permutation(len(wanted))
+    (folder / "sealed").mkdir(exist_ok=True)
+    with RecordFile(folder / "sealed-keys.jsonl") as keys, RecordFile(folder / "sealed.jsonl") as public:
+        for place, number in enumerate(order):
+            group, of_group = wanted[int(number)]
+            name = f"world-{place:03d}"
+            key = SealedKey(world=name, salt=secrets.token_hex(16), key=worlds.draw(group, of_group))
+            write_problem(folder / "sealed" / f"{name}.npz", worlds.problem(key.key), worlds.panels.designs)
+            keys.append(key)
+            public.append(Sealed(world=name, key_hash=key.key_hash, lines=lines, code=naming_code()))
+            options.tell(f"{name} sealed, {key.key_hash[:12]}")
+
+
+def answer_all(folder: Path, bank: Bank, thresholds: Any, options: Options) -> None:
+    """Answer every sealed world once, from its data alone.
+
+    Raises:
+        UsageError: lines or code are not those under which the worlds were sealed.
+    """
+    answers = folder / "sealed-answers.jsonl"
+    known = {one.world for one in read_records(answers, SealedAnswer, "answer to a sealed world")}
+    end = time.monotonic() + 60.0 * options.limit_minutes
+    with RecordFile(answers) as file:
+        for one in read_records(folder / "sealed.jsonl", Sealed, "sealed world"):
+            if one.world in known or time.monotonic() > end:
+                continue
+            if (one.lines, one.code) != (thresholds_id(thresholds), naming_code()):
+                raise UsageError(
+                    f"{one.world} was sealed for other lines or code; move the sealed files away and seal new worlds."
+                )
+            said = answer(read_problem(folder / "sealed" / f"{one.world}.npz", bank), thresholds)
+            file.append(SealedAnswer(world=one.world, answer=said, answer_hash=said.answer_hash))
+            options.tell(f"{one.world}: {said.rounds[0].kind}, {said.cpu_s:.1f} s")
+
+
+def ask_without_truth(folder: Path, bank: Bank, thresholds: Any, options: Options) -> None:
+    """Ask answered worlds with one effect again, the effect taken out of the catalogue; their keys are open by now."""
+    path = folder / "sealed-left-out.jsonl"
+    known = {one.world for one in read_records(path, SealedAnswer, "answer to a sealed world")}
+    keys = _keys(folder)
+    end = time.monotonic() + 60.0 * options.limit_minutes
+    with RecordFile(path) as file:
+        for one in read_records(folder / "sealed-answers.jsonl", SealedAnswer, "answer to a sealed world"):
+            key = keys[one.world].key
+            if key.group != "single" or one.world in known or time.monotonic() > end:
+                continue
+            problem = read_problem(folder / "sealed" / f"{one.world}.npz", bank)
+            said = answer(problem, thresholds, without=key.names, max_rounds=1)
+            file.append(SealedAnswer(world=one.world, answer=said, answer_hash=said.answer_hash))
+            options.tell(f"{one.world} without its effect: {said.rounds[0].kind}")
+
+
+def left_out(folder: Path) -> list[Judged]:
+    """Answers of `ask_without_truth` with their keys."""
+    keys = _keys(folder)
+    answers = read_records(folder / "sealed-left-out.jsonl", SealedAnswer, "answer to a sealed world")
+    return [(keys[one.world].key, one.answer, True) for one in answers]
+
+
+def _keys(folder: Path) -> dict[str, SealedKey]:
+    return {one.world: one for one in read_records(folder / "sealed-keys.jsonl", SealedKey, "key of a sealed world")}
+
+
+def judged(folder: Path) -> list[Judged]:
+    """Answered worlds with their keys, every hash checked.
+
+    Raises:
+        UsageError: a key or an answer was changed after its hash was written.
+    """
+    public = {one.world: one for one in read_records(folder / "sealed.jsonl", Sealed, "sealed world")}
+    keys = _keys(folder)
+    found: list[Judged] = []
+    for one in read_records(folder / "sealed-answers.jsonl", SealedAnswer, "answer to a sealed world"):
+        if keys[one.world].key_hash != public[one.world].key_hash:
+            raise UsageError(f"the key of {one.world} does not fit its hash; this sealed run is void.")
+        if one.answer.answer_hash != one.answer_hash:
+            raise UsageError(f"the answer to {one.world} does not fit its hash; this sealed run is void.")
+        found.append((keys[one.world].key, one.answer, False))
+    return found
+
+
+def write_problem(path: Path, problem: GapData, designs: Sequence[int]) -> None:
+    """Grasps of a problem and what is held out; the bank is known."""
+    grasps = problem.grasps
+    contexts = np.array([[getattr(c, name) for name in GraspContext.model_fields] for c in grasps.contexts])
+    np.savez_compressed(
+        path,
+        tool=grasps.tool,
+        obj=grasps.obj,
+        contexts=contexts,
+        steps_n=grasps.steps_n,
+        designs=np.array(designs),
+        objects=np.array(grasps.objects),
+        noise=np.array(list(asdict(grasps.noise).values())),
+        held_out_tools=problem.held_out_tools,
+        held_out_objects=problem.held_out_objects,
+    )
+
+
+def read_problem(path: Path, bank: Bank) -> GapData:
+    """The problem of a file of `write_problem`."""
+    with np.load(path) as file:
+        data = {name: file[name] for name in file.files}
+    names = list(GraspContext.model_fields)
+    contexts = tuple(
+        GraspContext(
+            **{name: value if name == "clock_s" else int(value) for name, value in zip(names, row, strict=True)}
+        )
+        for row in data["contexts"].tolist()
+    )
+    grasps = Grasps(
+        tools=tuple(f"T{number:02d}" for number in range(len(data["designs"]))),
+        designs=tuple(numbered_design(int(number)) for number in data["designs"]),
+        objects=tuple(int(number) for number in data["objects"]),
+        tool=data["tool"],
+        obj=data["obj"],
+        contexts=contexts,
+        steps_n=data["steps_n"],
+        grasp_ids=tuple(f"g{number}" for number in range(len(contexts))),
+        noise=SensorNoise(**dict(zip([f.name for f in fields(SensorNoise)], data["noise"].tolist(), strict=True))),
+        setup=GraspSetup(),
+    )
+    return GapData(grasps, bank, data["held_out_tools"], data["held_out_objects"])
+
+
+def _context(row: Sequence[float]) -> GraspContext:
+    return GraspContext.model_validate(dict(zip(GraspContext.model_fields, row, strict=True)))

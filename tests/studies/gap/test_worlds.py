@@ -1,0 +1,243 @@
+"""Worlds that hide effects: they are what their keys say, sealed ones can be judged, and three tiny ones are named."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flows.benchmarks.base import Options
+from models.errors import UsageError
+from models.gap.bank.bank import Bank
+from models.simulation.effects.catalogue import CATALOGUE
+from tests.studies.gap.answers import Answer, Closing, Said, answer
+from tests.studies.gap.development import measure_gap, with_known_fields, with_margin
+from tests.studies.gap.panels import Panels, raw_strength, visible_share
+from tests.studies.gap.sealed import SealedKey, judged, measure_gap_sealed, read_problem, seal, write_problem
+from tests.studies.gap.small import read_small, write_small
+from tests.studies.gap.tables import clopper_pearson, gap_tables
+from tests.studies.gap.truth import SETS
+from tests.studies.gap.worlds import Hidden, WorldKey, Worlds
+from tests.studies.hidden.lab_laws import LAB_LAWS
+
+SMALL = Path(__file__).parents[2] / "data" / "gap-small.npz"
+SLIP = "static_kinetic_friction-strong"
+
+
+@pytest.fixture(scope="module")
+def small() -> tuple[Panels, Bank]:
+    """Eight designs on six objects: a base, one under another friction law, and the bank."""
+    return read_small(SMALL)
+
+
+@pytest.fixture(scope="module")
+def worlds(small: tuple[Panels, Bank]) -> Worlds:
+    """Worlds of the small panel from a public seed."""
+    return Worlds(*small, seed=5)
+
+
+def _key(worlds: Worlds, effect: str | None = None, strength: float = 0.1, seed: int = 3) -> WorldKey:
+    key = WorldKey(group="single", number=0, seed=seed, base="base-0", young_modulus_mpa=9.7)
+    return key if effect is None else worlds.with_effect(key, effect, strength, np.random.default_rng(0))
+
+
+def test_the_file_keeps_panels_and_bank(small: tuple[Panels, Bank], tmp_path: Path) -> None:
+    """Forces to two thousandths of a newton, lost grasps as such."""
+    panels, bank = small
+    bank.centre_steps_n[0, 0] = np.nan
+    write_small(tmp_path / "again.npz", panels, bank, list(panels.cells))
+    other, other_bank = read_small(tmp_path / "again.npz")
+    assert np.isnan(other_bank.centre_steps_n[0, 0]).all()
+    assert np.nanmax(np.abs(other_bank.grid_steps_n - bank.grid_steps_n)) < 1e-9
+    assert list(other.cells["base-0"]) == list(panels.cells["base-0"])
+    bank.centre_steps_n[0, 0] = other_bank.grid_steps_n[0, 0].mean(axis=0)
+
+
+def test_a_seed_always_draws_the_same_world_and_another_draws_another(worlds: Worlds) -> None:
+    """Keys and data."""
+    key = worlds.draw("single", 2)
+    again = Worlds(worlds.panels, worlds.bank, 5).draw("single", 2)
+    assert key == again != Worlds(worlds.panels, worlds.bank, 6).draw("single", 2)
+    first, second = worlds.problem(key), worlds.problem(again)
+    assert np.array_equal(first.grasps.steps_n, second.grasps.steps_n)
+    assert np.array_equal(first.held_out_tools, second.held_out_tools)
+    assert first.held_out_tools.sum() == first.held_out_objects.sum() == 2
+
+
+@pytest.mark.parametrize("effect", ["load_cell_offset", "temperature_softening", "object_post_compliance"])
+def test_a_law_of_the_lab_is_as_strong_as_asked(worlds: Worlds, effect: str) -> None:
+    """Within a tenth, by RMS over the forces; visible is never more than raw."""
+    hidden = _key(worlds, effect, 0.05).effects[0]
+    assert hidden.raw_strength == pytest.approx(0.05, rel=0.1)
+    assert 0.0 < hidden.visible_strength <= hidden.raw_strength * 1.001
+
+
+def test_aliases_are_invisible_and_other_effects_are_not(worlds: Worlds) -> None:
+    """A span error is theta's modulus; a friction law is not a friction coefficient."""
+    gain = _key(worlds, "load_cell_gain", 0.05).effects[0]
+    assert gain.visible_strength < 0.05 * gain.raw_strength
+    friction = _key(worlds, SLIP).effects[0]
+    assert friction.visible_strength > 0.3 * friction.raw_strength
+
+
+def test_strengths() -> None:
+    """RMS over RMS."""
+    force = np.full((2, 120), 2.0)
+    assert raw_strength(0.1 * force, force) == pytest.approx(0.1)
+
+
+def test_visible_share_of_the_force_itself_is_nothing(worlds: Worlds) -> None:
+    """A factor on all forces is Young's modulus."""
+    sites = worlds.lab(_key(worlds)).order()
+    rows = [site.tool for site in sites], [site.obj for site in sites]
+    force_n = worlds.panels.steps_n["base-0"][rows]
+    assert visible_share(0.1 * force_n, force_n, sites, (0.62, 0.43), worlds.bank) < 0.02
+
+
+def test_hidden_names_are_the_catalogues_or_of_no_catalogue() -> None:
+    """So that an answer can be compared with a key."""
+    unlisted = {"magnetic_pull", "warm_posts", "scaled_objects", "other_material_law", "wider_closing"}
+    names = {*LAB_LAWS, *(one.law for one in SETS if one.law)}
+    assert names - unlisted <= set(CATALOGUE)
+    assert not unlisted & set(CATALOGUE)
+
+
+def test_a_sealed_problem_is_read_as_it_was_written(worlds: Worlds, tmp_path: Path) -> None:
+    """Data without the key."""
+    problem = worlds.problem(_key(worlds, "load_cell_lag"))
+    write_problem(tmp_path / "w.npz", problem, worlds.panels.designs)
+    read = read_problem(tmp_path / "w.npz", worlds.bank)
+    assert np.array_equal(read.grasps.steps_n, problem.grasps.steps_n)
+    assert read.grasps.contexts == problem.grasps.contexts
+    assert read.grasps.noise == problem.grasps.noise
+    assert read.grasps.designs == problem.grasps.designs
+    assert np.array_equal(read.is_held_out, problem.is_held_out)
+
+
+def test_a_changed_key_voids_a_sealed_run(worlds: Worlds, tmp_path: Path) -> None:
+    """The hash was there first, and data say nothing of the key."""
+    seal(worlds, tmp_path, "H1", Options(worlds=1))
+    keys = tmp_path / "sealed-keys.jsonl"
+    first = SealedKey.model_validate_json(keys.read_text().splitlines()[0])
+    said = Answer(code="c", thresholds="H1", rounds=(Said(kind="none"),), statistics={})
+    line = {"world": first.world, "answer": said.model_dump(mode="json"), "answer_hash": said.answer_hash}
+    (tmp_path / "sealed-answers.jsonl").write_text(json.dumps(line) + "\n")
+    assert judged(tmp_path)[0][0] == first.key
+    changed = first.model_copy(update={"key": first.key.model_copy(update={"young_modulus_mpa": 1.0})})
+    keys.write_text(keys.read_text().replace(first.model_dump_json(exclude_defaults=True), changed.model_dump_json()))
+    with pytest.raises(UsageError, match="this sealed run is void"):
+        judged(tmp_path)
+
+
+def test_figures_count_what_they_say() -> None:
+    """Two nulls with one alarm; a right set, a wrong name, an unknown."""
+    null = WorldKey(group="null", number=0, seed=1, base="b", young_modulus_mpa=9.0)
+    hidden = Hidden(effect="load_cell_lag", raw_strength=0.05, visible_strength=0.04)
+    single = null.model_copy(update={"group": "single", "effects": (hidden,)})
+
+    def said(kind: str, *effects: str) -> Answer:
+        shares = {name: 0.9 - 0.1 * place for place, name in enumerate(effects)}
+        one = Said(kind=kind, effects=effects, probability=0.95, candidates=shares)  # type: ignore[arg-type]
+        return Answer(code="c", thresholds="H", rounds=(one,), statistics={}, cpu_s=2.0)
+
+    rows = gap_tables(
+        [
+            (null, said("none"), False),
+            (null, said("unknown"), False),
+            (single, said("set", "load_cell_lag", "lift_misalignment"), False),
+            (single, said("effect", "friction_wear"), False),
+            (single, said("unknown"), True),
+        ]
+    )["figures"]
+    figures = {row["figure"]: row for row in rows}
+    assert figures["false alarms, null worlds"]["value"] == 0.5
+    assert figures["right name or its set first, given an alarm"]["value"] == 0.5
+    assert figures["truth in the name or set, given one"]["value"] == 0.5
+    assert figures["unknown, truth not in the catalogue"]["value"] == 1.0
+    assert figures["stated probability >= 0.9 is right"]["value"] == 0.0
+    assert figures["mean size of name or set"]["value"] == 1.5
+    assert clopper_pearson(0, 59)[1] == pytest.approx(0.0606, abs=1e-3)
+    assert clopper_pearson(3, 3)[1] == 1.0
+
+
+def test_closed_gaps_are_held_against_repeats_and_null_worlds() -> None:
+    """From 0.8 to 0.5 N, where repeats scatter by 0.1 N and null worlds leave 0.4 N."""
+    null = WorldKey(group="null", number=0, seed=1, base="b", young_modulus_mpa=9.0)
+    hidden = Hidden(effect="load_cell_lag", raw_strength=0.05, visible_strength=0.04)
+    single = null.model_copy(update={"group": "single", "effects": (hidden,)})
+
+    def said(closing: Closing, *effects: str) -> Answer:
+        one = Said(kind="effect" if effects else "none", effects=effects)
+        return Answer(code="c", thresholds="H", rounds=(one,), statistics={}, closing=closing)
+
+    closed = Closing(before_n=0.8, after_n=0.5, oracle_n=0.48, floor_n=0.1)
+    nothing = Closing(before_n=0.4, after_n=0.4, floor_n=0.1)
+    (row,) = gap_tables([(null, said(nothing), False), (single, said(closed, "load_cell_lag"), False)])["gap closed"]
+    assert (row["closed_to_floor"], row["null_n"], row["closed_to_null"]) == (0.429, 0.4, 0.75)
+    assert row["of_oracle"] == 0.938
+
+
+def test_a_benchmark_without_its_files_says_what_it_needs(tmp_path: Path) -> None:
+    """One sentence each."""
+    with pytest.raises(UsageError, match="needs --results FILE"):
+        measure_gap(Options())
+    with pytest.raises(UsageError, match=r"thresholds.json is missing; `python -m tests.studies gap`"):
+        measure_gap_sealed(Options(results=tmp_path / "worlds.jsonl"))
+    with pytest.raises(UsageError, match="no complete base of true grasps"):
+        measure_gap(Options(results=tmp_path / "worlds.jsonl"))
+
+
+def test_effects_without_simulations_cannot_be_named(small: tuple[Panels, Bank]) -> None:
+    """A bank that is half filled answers with what it has."""
+    _, bank = small
+    field = bank.effects["shear_adhesion"]
+    kept = field.steps_n.copy()
+    field.steps_n[:4] = np.nan
+    known = with_known_fields(bank).effects
+    field.steps_n[:] = kept
+    assert "shear_adhesion" not in known
+    assert "static_kinetic_friction" in known
+
+
+def test_a_tiny_null_world_is_answered_with_nothing(worlds: Worlds) -> None:
+    """No single name out of numerical error, whatever the lines: the best effect predicts next to nothing."""
+    from models.gap.naming.thresholds import Thresholds
+
+    said = answer(worlds.problem(_key(worlds)), Thresholds(), max_rounds=1)
+    assert said.rounds[0].kind in ("none", "unknown")
+    assert said.statistics["effect_r2"] < 0.02
+
+
+def test_a_tiny_world_with_another_friction_law_is_named(worlds: Worlds) -> None:
+    """C1 leads all candidates by far, by another law than the catalogue's."""
+    from models.gap.naming.thresholds import Thresholds
+
+    said = answer(worlds.problem(_key(worlds, SLIP)), Thresholds(), max_rounds=1)
+    assert said.is_alarm
+    assert max(said.rounds[0].candidates, key=said.rounds[0].candidates.__getitem__) == "static_kinetic_friction"
+    assert said.statistics["effect_r2"] > 0.05
+
+
+def test_a_tiny_world_with_a_slow_transmitter_is_seen(worlds: Worlds) -> None:
+    """S4 with a moving average: an alarm, the lag among the candidates, and no other effect named in its place.
+
+    The predictor works on half-millimetre steps and does not know the rise within the first of them, so a lag is not
+    always named yet (docs/reference/measured-figures.md).
+    """
+    from models.gap.naming.thresholds import Thresholds
+
+    said = answer(worlds.problem(_key(worlds, "load_cell_lag", 0.3)), Thresholds(), max_rounds=1)
+    assert said.is_alarm
+    assert "load_cell_lag" in said.rounds[0].candidates
+    assert said.rounds[0].kind != "effect" or said.rounds[0].effects == ("load_cell_lag",)
+
+
+def test_lines_keep_a_margin_over_null_worlds() -> None:
+    """Three standard deviations, and an upper bound that predicts less than nothing calls no alarm."""
+    from models.gap.naming.thresholds import Statistics, Thresholds
+
+    nulls = [Statistics(effect_r2=0.01 * n, upper_bound_r2=-0.1, misfit=0.5, contrast_misfit=0.9) for n in range(3)]
+    lines = with_margin(Thresholds(effect_r2=0.0, upper_bound_r2=-0.1, misfit=0.6, contrast_misfit=0.9), nulls)
+    assert lines.effect_r2 == pytest.approx(0.01 + 3.0 * 0.01 * np.sqrt(2.0 / 3.0))
+    assert lines.upper_bound_r2 == 0.005
+    assert (lines.misfit, lines.contrast_misfit) == (0.6, 0.9)

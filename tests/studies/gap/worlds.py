@@ -1,0 +1,230 @@
+"""Worlds of the hidden-effect study: what each hides, drawn from a seed or a secret, and the gap problem it makes."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from models.design.space import numbered_design
+from models.gap.bank.bank import Bank
+from models.gap.data import GapData
+from models.gap.grasps import Grasps
+from models.ids import content_id, seed_from
+from models.records import GraspSetup, Record, Trace
+from models.traces.step_features import is_usable, step_means
+from models.traces.step_noise import SensorNoise
+from tests.studies.gap.panels import (
+    RESPONDING,
+    Panels,
+    modulus_factor,
+    raw_strength,
+    visible_share,
+)
+from tests.studies.gap.truth import MODULUS_MPA, SEALED_THETAS
+from tests.studies.hidden.lab import NASTIER, Lab, Nuisance, Site
+
+Group = Literal["null", "nasty null", "single", "alias", "unlisted", "pair"]
+GROUPS: tuple[Group, ...] = ("null", "nasty null", "single", "alias", "unlisted", "pair")
+
+STRENGTHS = (0.02, 0.05, 0.1)
+MODULI_MPA = (6.5, 13.0)  # wider than the prior, and never its mean
+# Unlike effects of the catalogue: theta takes them up exactly, or nobody listed them.
+ALIASES = {"load_cell_gain": "young_modulus_mpa", "batch_ageing": "tool_modulus"}
+UNLISTED = ("magnetic_pull", "warm_posts", "scaled_objects", "other_material_law")
+_HELD_OUT_TOOLS, _HELD_OUT_OBJECTS = 4, 3
+# Largest amplitude that is plausible, and whether it may be negative.
+_LIMITS: Mapping[str, tuple[float, bool]] = {
+    "stress_relaxation": (0.3, False),
+    "mullins_softening": (0.35, False),
+    "temperature_softening": (0.4, True),
+    "friction_wear": (0.4, False),
+    "object_post_compliance": (0.3, False),
+    "load_cell_offset": (1.0, True),
+    "load_cell_drift": (1.0, True),
+    "load_cell_lag": (1.0, False),
+    "lift_misalignment": (3.0, True),
+    "tool_weight": (1.5, True),
+    "pressure_droop": (2.0, False),
+    "lift_start_error": (1.5, False),
+    "load_cell_gain": (0.1, True),
+    "batch_ageing": (0.2, True),
+    "magnetic_pull": (3.0, False),
+    "warm_posts": (1.0, True),
+}
+
+
+class Hidden(Record):
+    """One hidden effect: of a set of true grasps (`truth_set`), or of the lab with an amplitude."""
+
+    effect: str
+    amplitude: float = 0.0
+    truth_set: str = ""
+    raw_strength: float = 0.0
+    visible_strength: float = 0.0
+
+
+class WorldKey(Record):
+    """What a world hides: everything that makes its data, and what an answer is judged by."""
+
+    group: Group
+    number: int
+    seed: int
+    base: str
+    young_modulus_mpa: float
+    effects: tuple[Hidden, ...] = ()
+    nuisance: Nuisance = Nuisance()
+
+    @property
+    def world_id(self) -> str:
+        """Id derived from the content."""
+        return content_id("U", self.model_dump(mode="json"))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the hidden effects."""
+        return tuple(hidden.effect for hidden in self.effects)
+
+
+@dataclass(frozen=True, eq=False)
+class Worlds:
+    """Draws worlds of a panel; `seed` is public for development and a secret for sealed worlds."""
+
+    panels: Panels
+    bank: Bank
+    seed: int | str
+    is_sealed: bool = False
+
+    def draw(self, group: Group, number: int) -> WorldKey:
+        """The key of a world, always the same for a seed."""
+        rng = np.random.default_rng(seed_from("gap world", self.seed, group, number))
+        base = str(rng.choice(self._bases))
+        nuisance = NASTIER if group == "nasty null" else Nuisance()
+        key = WorldKey(
+            group=group,
+            number=number,
+            seed=int(rng.integers(2**53)),
+            base=base,
+            young_modulus_mpa=round(float(rng.uniform(*MODULI_MPA)), 3),
+            nuisance=nuisance,
+        )
+        effects = {"single": self._singles, "alias": tuple(ALIASES), "unlisted": self._unlisted, "pair": self._singles}
+        if group not in effects:
+            return key
+        names = effects[group]
+        first = names[number % len(names)]
+        key = self.with_effect(key, first, STRENGTHS[(number + number // len(names)) % len(STRENGTHS)], rng)
+        if group == "pair":
+            second = str(rng.choice([name for name in self.panels.lab_laws if self._may_pair(name, first)]))
+            key = self.with_effect(key, second, STRENGTHS[1 + number % 2], rng)
+        return key
+
+    @property
+    def _bases(self) -> list[str]:
+        """Sealed worlds have thetas of their own, if those are solved."""
+        own = [name for name in self.panels.bases if self.panels.sets[name].theta in SEALED_THETAS]
+        others = [name for name in self.panels.bases if name not in own]
+        return own if self.is_sealed and own else others
+
+    @property
+    def _singles(self) -> tuple[str, ...]:
+        """Effects of the catalogue: laws of the lab, and sets of true grasps by their names."""
+        apart = {*ALIASES, *UNLISTED}
+        sets = [name for name in self.panels.grasp_laws if self.panels.sets[name].law not in apart]
+        return (*(name for name in self.panels.lab_laws if name not in apart), *sets)
+
+    @property
+    def _unlisted(self) -> tuple[str, ...]:
+        sets = [name for name in self.panels.grasp_laws if self.panels.sets[name].law in UNLISTED]
+        return (*(name for name in self.panels.lab_laws if name in UNLISTED), *sets)
+
+    def _may_pair(self, name: str, first: str) -> bool:
+        first_law = self.panels.sets[first].law if first in self.panels.sets else first
+        is_everywhere = name not in ("friction_wear", "pressure_droop")
+        return name not in (*ALIASES, *UNLISTED, first_law) and is_everywhere
+
+    def with_effect(self, key: WorldKey, name: str, strength: float, rng: np.random.Generator) -> WorldKey:
+        """The key with one more effect: a set of true grasps as it is, a law of the lab at the strength."""
+        if name in self.panels.sets:
+            return self._with_set(key, name)
+        if name in ("friction_wear", "pressure_droop", "warm_posts"):
+            key = key.model_copy(update={"base": RESPONDING})
+        largest, has_sign = _LIMITS[name]
+        sign = -1.0 if has_sign and rng.uniform() < 0.5 else 1.0
+        lab, factor = self.lab(key), modulus_factor(key.young_modulus_mpa)
+        sites = lab.order()
+        force_n = factor * _at(self.panels.steps_n[key.base], sites)
+        amplitude = sign * 0.1 * largest
+        for _ in range(3):
+            change_n = self.panels.change_of_lab_law(name, key.base, amplitude, lab, factor)
+            ratio = strength / max(raw_strength(change_n, force_n), 1e-9)
+            amplitude = sign * min(abs(amplitude) * ratio, largest)
+        amplitude = float(f"{amplitude:.4g}")
+        change_n = self.panels.change_of_lab_law(name, key.base, amplitude, lab, factor)
+        return self._appended(key, Hidden(effect=name, amplitude=amplitude), change_n, force_n, sites)
+
+    def _with_set(self, key: WorldKey, name: str) -> WorldKey:
+        one = self.panels.sets[name]
+        base = next(base for base in self.panels.bases if self.panels.sets[base].theta == one.theta)
+        update: dict[str, object] = {"base": base}
+        if not self.panels.is_scaled(name):
+            update["young_modulus_mpa"] = MODULUS_MPA
+        key = key.model_copy(update=update)
+        sites, factor = self.lab(key).order(), modulus_factor(key.young_modulus_mpa)
+        change_n = factor * _at(self.panels.change_of_law(name), sites)
+        force_n = factor * _at(self.panels.steps_n[base], sites)
+        return self._appended(key, Hidden(effect=one.law, truth_set=name), change_n, force_n, sites)
+
+    def _appended(
+        self, key: WorldKey, hidden: Hidden, change_n: np.ndarray, force_n: np.ndarray, sites: Sequence[Site]
+    ) -> WorldKey:
+        raw = raw_strength(change_n, force_n)
+        visible = raw * visible_share(change_n, force_n, sites, self.panels.sets[key.base].theta, self.bank)
+        measured = {"raw_strength": float(f"{raw:.3g}"), "visible_strength": float(f"{visible:.3g}")}
+        return key.model_copy(update={"effects": (*key.effects, hidden.model_copy(update=measured))})
+
+    def lab(self, key: WorldKey) -> Lab:
+        """The lab that measures a world."""
+        return Lab(self.panels.designs, self.panels.objects, key.seed, nuisance=key.nuisance)
+
+    def measure(self, key: WorldKey) -> list[tuple[Site, Trace]]:
+        """The world's traces, as the lab measures them."""
+        name = next((hidden.truth_set for hidden in key.effects if hidden.truth_set), key.base)
+        laws = [(hidden.effect, hidden.amplitude) for hidden in key.effects if not hidden.truth_set]
+        truth = self.panels.truth(name, modulus_factor(key.young_modulus_mpa))
+        return self.lab(key).measure(truth, laws, is_scaled=self.panels.is_scaled(name))
+
+    def problem(self, key: WorldKey) -> GapData:
+        """The gap problem that a world makes, with designs and objects held out."""
+        measured = [(site, trace) for site, trace in self.measure(key) if is_usable(trace)]
+        how = key.nuisance
+        grasps = Grasps(
+            tools=tuple(f"T{number:02d}" for number in range(len(self.panels.designs))),
+            designs=tuple(numbered_design(number) for number in self.panels.designs),
+            objects=self.panels.objects,
+            tool=np.array([site.tool for site, _ in measured]),
+            obj=np.array([site.obj for site, _ in measured]),
+            contexts=tuple(site.context for site, _ in measured),
+            steps_n=np.array([step_means(trace) for _, trace in measured]),
+            grasp_ids=tuple(f"g{number}" for number in range(len(measured))),
+            noise=SensorNoise(how.noise_sd_n, how.noise_correlation_s, how.rate_hz),
+            setup=GraspSetup(),
+        )
+        rng = np.random.default_rng(seed_from("held out", key.seed))
+        n_tools, n_objects = len(self.panels.designs), len(self.panels.objects)
+        return GapData(
+            grasps,
+            self.bank,
+            held_out_tools=_some(rng, n_tools, min(_HELD_OUT_TOOLS, n_tools // 3)),
+            held_out_objects=_some(rng, n_objects, min(_HELD_OUT_OBJECTS, n_objects // 3)),
+        )
+
+
+def _at(values: np.ndarray, sites: Sequence[Site]) -> np.ndarray:
+    return np.asarray(values[[site.tool for site in sites], [site.obj for site in sites]])
+
+
+def _some(rng: np.random.Generator, n: int, n_chosen: int) -> np.ndarray:
+    mask = np.zeros(n, dtype=bool)
+    mask[rng.choice(n, n_chosen, replace=False)] = True
+    return mask

@@ -1,0 +1,270 @@
+"""Laws of time, memory and sensors that a truth may hide, each another than the catalogue's of the same physics.
+
+They act on true traces and cost no grasp of their own. What goes through modulus, friction or closing is told by three
+hooks, for which `tests.studies.hidden.lab` takes true grasps at other frictions and closings.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hardware.virtual.world.hidden import SpanError, mean_force_n
+from models.design.profile import planar_profile
+from models.records import Design, GraspContext, Trace
+from tests.studies.hidden.body_laws import tool_draws
+
+DENSITY_KG_PER_MM3 = 1.13e-6
+GRAVITY = 9.81
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What a law may know of a grasp. `object_height_mm`: top of the object over its mount."""
+
+    design: Design
+    tool_seed: int
+    object_height_mm: float
+    context: GraspContext
+
+
+class LabLaw:
+    """A law that changes nothing; subclasses override the hooks that they need. `amplitude` 0 changes nothing."""
+
+    def __init__(self, amplitude: float) -> None:
+        self.amplitude = amplitude
+
+    def modulus_factor(self, moment: Moment) -> float:
+        """Factor on the modulus in this grasp."""
+        return 1.0
+
+    def friction_factor(self, moment: Moment) -> float:
+        """Factor on the friction coefficient in this grasp."""
+        return 1.0
+
+    def wider_mm(self, moment: Moment) -> float:
+        """How much earlier each jaw stops in this grasp, mm."""
+        return 0.0
+
+    def raised_mm(self, moment: Moment) -> float:
+        """How much higher the object stands in this grasp, mm."""
+        return 0.0
+
+    def trace(self, trace: Trace, moment: Moment) -> Trace:
+        """What the load cell reports of a true trace."""
+        return trace
+
+
+class PowerLawRelaxation(LabLaw):
+    """M1: F (1 + t / 1 s)^-n after the closing, `amplitude` n (one exponential in the catalogue)."""
+
+    def trace(self, trace: Trace, moment: Moment) -> Trace:
+        """The relaxing force."""
+        held_s = np.maximum(trace.time_s - lift_start_s(trace), 0.0)
+        return _with_force(trace, trace.force_n * (1.0 + held_s) ** -self.amplitude)
+
+
+class HyperbolicSoftening(LabLaw):
+    """M2: E (1 - d n / (n + 1)) after n repeats; a fifth comes back in half an hour (`amplitude` d)."""
+
+    recovery_s, recovered = 1800.0, 0.2
+
+    def modulus_factor(self, moment: Moment) -> float:
+        """Softened modulus over the fresh one."""
+        n = moment.context.repeat
+        back = self.recovered * -math.expm1(-moment.context.clock_s / self.recovery_s)
+        return 1.0 - self.amplitude * (1.0 - back) * n / (n + 1.0)
+
+
+class DiffusiveWarming(LabLaw):
+    """M5: heat that diffuses in, E (1 - d sqrt(t) / (sqrt(t) + sqrt(40 min))), `amplitude` d (exponential there)."""
+
+    scale_s = 2400.0
+
+    def modulus_factor(self, moment: Moment) -> float:
+        """Warm modulus over the cold one."""
+        root = math.sqrt(moment.context.clock_s)
+        return 1.0 - self.amplitude * root / (root + math.sqrt(self.scale_s))
+
+
+class LogarithmicWear(LabLaw):
+    """C7: mu (1 - d log(1 + m / 4) / log(1 + 36 / 4)) after m grasps of the tool, `amplitude` d (exponential there)."""
+
+    def friction_factor(self, moment: Moment) -> float:
+        """Worn friction over the fresh one."""
+        return 1.0 - self.amplitude * math.log1p(moment.context.tool_grasps / 4.0) / math.log1p(9.0)
+
+
+class TiltingPost(LabLaw):
+    """C11: a post that tilts, the more the taller the object, and stiffens: lift + C h / 40 mm dF / (1 + |dF| / 40 N).
+
+    `amplitude` C in mm/N, dF from the start of the lift (a linear spring in the catalogue).
+    """
+
+    def trace(self, trace: Trace, moment: Moment) -> Trace:
+        """The trace over the lift of the gantry; where it would go back, the object has sprung."""
+        is_lift = trace.is_lift
+        if self.amplitude == 0.0 or not is_lift.any():
+            return trace
+        change_n = trace.force_n - trace.force_n[is_lift][0]
+        yielding = self.amplitude * moment.object_height_mm / 40.0 * change_n / (1.0 + np.abs(change_n) / 40.0)
+        lift_mm = trace.lift_mm + np.where(is_lift, yielding, 0.0)
+        before = np.concatenate([[-np.inf], np.maximum.accumulate(lift_mm)[:-1]])
+        kept = ~is_lift | (lift_mm >= np.maximum(before, 0.0))
+        speed = lift_speed_mm_per_s(trace)
+        time_s = np.where(is_lift, lift_start_s(trace) + lift_mm / speed, trace.time_s)
+        return Trace(time_s[kept], lift_mm[kept], trace.force_n[kept])
+
+
+class CreepingOffset(LabLaw):
+    """S2: a zero that is off by `amplitude` N at rest and by a tenth more at 10 N (constant in the catalogue)."""
+
+    def trace(self, trace: Trace, moment: Moment) -> Trace:
+        """The offset force."""
+        return _with_force(trace, trace.force_n + self.amplitude * (1.0 + 0.01 * np.abs(trace.force_n)))
+
+
+class SettlingDrift(LabLaw):
+    """S3: a zero that drifts by `amplitude` N in the first hour, as the root of time (linear in the catalogue)."""
+
+    def trace(self, trace: Trace, moment: Moment) -> Trace:
+        """The drifted force."""
+        clock_s = moment.context.clock_s + trace.time_s
+        return _with_force(trace, trace.force_n + self.amplitude * np.sqrt(clock_s / 3600.0))
+
+
+class AveragingTransmitter(LabLaw):
+    """S4: a moving average over 1.5 `amplitude` s, a quarter of `amplitude` late (first-order lag in the catalogue)."""
+
+    def trace(self, trace: Trace, moment: Moment) -> Trace:
+        """The averaged force, on a time axis fine enough for it."""
+        if self.amplitude == 0.0:
+            return trace
+        time_s = np.arange(trace.time_s[0], trace.time_s[-1], 0.02)
+        force_n = mean_force_n(trace, time_s - 0.25 * self.amplitude, 1.5 * self.amplitude)
+        return Trace(time_s, np.interp(time_s, trace.time_s, trace.lift_mm), force_n)
+
+
+class JitteringClock(LabLaw):
+    """S5: force late by `amplitude` mm of lift, 15 % sd from tool to tool (one shift in the catalogue)."""
+
+    def trace(self, trace: Trace, moment: Moment) -> Trace:
+        """The late force."""
+        spread = 1.0 + 0.15 * float(tool_draws(moment.tool_seed, 0x55, 1)[0])
+        late_s = self.amplitude * spread / lift_speed_mm_per_s(trace)
+        time_s = np.arange(trace.time_s[0], trace.time_s[-1], 0.02)
+        lift_mm = np.interp(time_s, trace.time_s, trace.lift_mm)
+        return Trace(time_s, lift_mm, np.interp(time_s - late_s, trace.time_s, trace.force_n))
+
+
+class HangingTool(LabLaw):
+    """S6: `amplitude` of the weight of the fingers and of a hose as heavy as 10 g (the fingers' alone there)."""
+
+    hose_kg = 0.01
+
+    def trace(self, trace: Trace, moment: Moment) -> Trace:
+        """The force with the weight."""
+        volume_mm3 = 2.0 * planar_profile(moment.design).area * moment.design.width_mm
+        weight_n = GRAVITY * (DENSITY_KG_PER_MM3 * volume_mm3 + self.hose_kg)
+        return _with_force(trace, trace.force_n + self.amplitude * weight_n)
+
+
+class LeakingSupply(LabLaw):
+    """A3: jaws that stay back by up to `amplitude` mm each, a saw tooth of the compressor over the batch's grasps.
+
+    Every 90 grasps it starts again (an exponential in the catalogue).
+    """
+
+    period = 90
+
+    def wider_mm(self, moment: Moment) -> float:
+        """How much earlier each jaw stops."""
+        return self.amplitude * (moment.context.batch_grasps % self.period) / self.period
+
+
+class SmoothStart(LabLaw):
+    """A5: a gantry that starts smoothly: behind by `amplitude` mm (1 - exp(-s / `amplitude`)), s commanded."""
+
+    def trace(self, trace: Trace, moment: Moment) -> Trace:
+        """The force over the commanded lift."""
+        if self.amplitude == 0.0:
+            return trace
+        time_s = np.arange(trace.time_s[0], trace.time_s[-1], 0.02)
+        lift_mm = np.interp(time_s, trace.time_s, trace.lift_mm)
+        real_mm = lift_mm + self.amplitude * np.expm1(-lift_mm / self.amplitude)
+        real_s = np.where(lift_mm > 0.0, lift_start_s(trace) + real_mm / lift_speed_mm_per_s(trace), time_s)
+        return Trace(time_s, lift_mm, np.interp(real_s, trace.time_s, trace.force_n))
+
+
+class ConstantSpanError(LabLaw):
+    """S1, an alias of the modulus: F (1 + `amplitude`), the virtual bench's span error without its capacity."""
+
+    def trace(self, trace: Trace, moment: Moment) -> Trace:
+        """The force with the wrong span."""
+        return SpanError(1.0 + self.amplitude, capacity_n=math.inf).modify_trace(trace)
+
+
+class AgedBatch(LabLaw):
+    """M6, an alias of the tools' modulus: `amplitude` more in the first batch of tools, none in the others."""
+
+    def modulus_factor(self, moment: Moment) -> float:
+        """Aged modulus over the fresh one."""
+        return 1.0 + self.amplitude
+
+
+class MagneticPull(LabLaw):
+    """Objects with a magnet in their mount pull the gripper down by `amplitude` N, less by e every 8 mm. Unlisted."""
+
+    range_mm = 8.0
+
+    def trace(self, trace: Trace, moment: Moment) -> Trace:
+        """The force with the magnet's."""
+        return _with_force(trace, trace.force_n + self.amplitude * np.exp(-trace.lift_mm / self.range_mm))
+
+
+class WarmPosts(LabLaw):
+    """Posts that grow with the lab's temperature by `amplitude` mm, a half wave over four hours. Unlisted."""
+
+    period_s = 8.0 * 3600.0
+
+    def raised_mm(self, moment: Moment) -> float:
+        """How much higher the object stands."""
+        return self.amplitude * math.sin(2.0 * math.pi * moment.context.clock_s / self.period_s)
+
+
+# By the name of the catalogue's effect of the same physics; what no catalogue lists comes last.
+LAB_LAWS: dict[str, type[LabLaw]] = {
+    "stress_relaxation": PowerLawRelaxation,
+    "mullins_softening": HyperbolicSoftening,
+    "temperature_softening": DiffusiveWarming,
+    "friction_wear": LogarithmicWear,
+    "object_post_compliance": TiltingPost,
+    "load_cell_offset": CreepingOffset,
+    "load_cell_drift": SettlingDrift,
+    "load_cell_lag": AveragingTransmitter,
+    "lift_misalignment": JitteringClock,
+    "tool_weight": HangingTool,
+    "pressure_droop": LeakingSupply,
+    "lift_start_error": SmoothStart,
+    "load_cell_gain": ConstantSpanError,
+    "batch_ageing": AgedBatch,
+    "magnetic_pull": MagneticPull,
+    "warm_posts": WarmPosts,
+}
+
+
+def lift_start_s(trace: Trace) -> float:
+    """When the lift starts; the end of a trace without one."""
+    lift_s = trace.time_s[trace.is_lift]
+    return float(lift_s[0]) if len(lift_s) else float(trace.time_s[-1])
+
+
+def lift_speed_mm_per_s(trace: Trace) -> float:
+    """Speed of the lift."""
+    lift = trace.is_lift
+    time_s, lift_mm = trace.time_s[lift], trace.lift_mm[lift]
+    return float((lift_mm[-1] - lift_mm[0]) / (time_s[-1] - time_s[0]))
+
+
+def _with_force(trace: Trace, force_n: np.ndarray) -> Trace:
+    return Trace(trace.time_s, trace.lift_mm, np.asarray(force_n))

@@ -1,0 +1,170 @@
+"""Hidden laws of time, memory and sensors in their limits, and the lab that measures a truth."""
+
+import numpy as np
+import pytest
+
+from models.design.space import numbered_design
+from models.records import GraspContext, Trace
+from models.traces.step_features import step_means
+from tests.studies.hidden.lab import NASTIER, Lab, Nuisance, Site, Variants
+from tests.studies.hidden.lab_laws import LAB_LAWS, Moment, lift_speed_mm_per_s
+
+FRESH = GraspContext()
+QUIET = Nuisance(tool_sd=0.0, cell_sd=0.0, repeat_sd=0.0, noise_sd_n=0.0, tare_n=0.0, missing=0.0)
+
+
+def _moment(height_mm: float = 40.0, **context: float) -> Moment:
+    return Moment(numbered_design(0), 3, height_mm, GraspContext.model_validate(context))
+
+
+def _trace() -> Trace:
+    """Closing for a second, then a force that rises and falls over 40 mm at 5 mm/s."""
+    lift_mm = np.linspace(0.0, 40.0, 161)
+    time_s = np.concatenate([[0.0, 0.5], 1.0 + lift_mm / 5.0])
+    force_n = np.concatenate([[0.0, -0.5], 10.0 * np.sin(np.pi * lift_mm / 40.0)])
+    return Trace(time_s, np.concatenate([[0.0, 0.0], lift_mm]), force_n)
+
+
+@pytest.mark.parametrize("name", sorted(LAB_LAWS))
+def test_amplitude_zero_changes_nothing(name: str) -> None:
+    """All hooks at zero, late in a batch."""
+    law, trace = LAB_LAWS[name](0.0), _trace()
+    moment = _moment(repeat=2, tool_grasps=30, batch_grasps=100, clock_s=9000.0)
+    assert law.modulus_factor(moment) == law.friction_factor(moment) == 1.0
+    assert law.wider_mm(moment) == law.raised_mm(moment) == 0.0
+    made = step_means(law.trace(trace, moment))
+    assert np.abs(made - step_means(trace)).max() < 0.02
+
+
+def test_relaxation_has_no_time_constant() -> None:
+    """The force halves as often from 1 to 3 s as from 3 to 7 s: twice the time, the same factor."""
+    trace = _trace()
+    ratio = LAB_LAWS["stress_relaxation"](0.2).trace(trace, _moment()).force_n[3:-1] / trace.force_n[3:-1]
+    held_s = trace.time_s[3:-1] - 1.0
+    assert np.interp([0.0, 1.0, 3.0, 7.0], held_s, ratio)[1:] == pytest.approx(
+        2.0 ** (-0.2 * np.arange(1, 4)), rel=1e-3
+    )
+
+
+def test_softening_goes_with_repeats_and_recovers_a_little() -> None:
+    """n / (n + 1) of the loss when fresh."""
+    law = LAB_LAWS["mullins_softening"](0.1)
+    assert [law.modulus_factor(_moment(repeat=n)) for n in range(3)] == pytest.approx([1.0, 0.95, 1.0 - 0.2 / 3.0])
+    assert law.modulus_factor(_moment(repeat=1, clock_s=1e6)) == pytest.approx(1.0 - 0.8 * 0.05)
+
+
+def test_warming_goes_with_the_root_of_time() -> None:
+    """Half the loss at the time scale; cooling stiffens."""
+    assert LAB_LAWS["temperature_softening"](0.2).modulus_factor(_moment(clock_s=2400.0)) == pytest.approx(0.9)
+    assert LAB_LAWS["temperature_softening"](-0.2).modulus_factor(_moment(clock_s=2400.0)) == pytest.approx(1.1)
+
+
+def test_wear_goes_with_the_logarithm_of_the_tools_grasps() -> None:
+    """All of the loss after 36 grasps, whatever the repeat."""
+    law = LAB_LAWS["friction_wear"](0.3)
+    assert law.friction_factor(_moment(tool_grasps=36)) == pytest.approx(0.7)
+    assert law.friction_factor(_moment(tool_grasps=36, repeat=2)) == law.friction_factor(_moment(tool_grasps=36))
+    assert law.friction_factor(_moment()) == 1.0
+
+
+def test_a_post_gives_way_more_under_a_tall_object_and_keeps_the_peak() -> None:
+    """The peak comes later by C h / 40 mm F / (1 + F / 40 N); the speed stays."""
+    trace = _trace()
+    for height_mm in (20.0, 40.0):
+        made = LAB_LAWS["object_post_compliance"](0.1).trace(trace, _moment(height_mm))
+        peak = np.argmax(made.force_n)
+        assert made.force_n[peak] == pytest.approx(10.0)
+        assert made.lift_mm[peak] == pytest.approx(20.0 + 0.1 * height_mm / 40.0 * 10.0 / 1.25, abs=0.2)
+        assert lift_speed_mm_per_s(made) == pytest.approx(5.0, rel=1e-6)
+        assert (np.diff(made.lift_mm) >= 0.0).all()
+
+
+def test_a_transmitter_that_averages_is_late_by_its_amplitude_and_clips_peaks() -> None:
+    """Mean delay: half the window plus the latency, 0.75 + 0.25 of the amplitude."""
+    trace = _trace()
+    made = LAB_LAWS["load_cell_lag"](0.6).trace(trace, _moment())
+    centre = (step_means(made) * np.arange(120)).sum() / step_means(made).sum()
+    before = (step_means(trace) * np.arange(120)).sum() / step_means(trace).sum()
+    assert (centre - before) * 0.5 == pytest.approx(0.6 * 5.0, rel=0.15)
+    assert made.force_n.max() < trace.force_n.max()
+
+
+def test_sensor_laws() -> None:
+    """Offset, drift, span, weight and magnet add what they say."""
+    trace, moment = _trace(), _moment(clock_s=3600.0)
+
+    def change(name: str, amplitude: float) -> np.ndarray:
+        return np.asarray(LAB_LAWS[name](amplitude).trace(trace, moment).force_n - trace.force_n)
+
+    assert change("load_cell_offset", 0.2)[0] == pytest.approx(0.2)
+    assert change("load_cell_drift", 0.4)[0] == pytest.approx(0.4)
+    assert change("load_cell_gain", 0.05) == pytest.approx(0.05 * trace.force_n)
+    assert 0.05 < change("tool_weight", 1.0)[0] < 2.0
+    assert np.ptp(change("tool_weight", 1.0)) < 1e-9
+    magnet = change("magnetic_pull", 2.0)
+    assert np.interp([0.0, 8.0], trace.lift_mm[2:], magnet[2:]) == pytest.approx([2.0, 2.0 / np.e], rel=1e-3)
+
+
+def test_time_laws() -> None:
+    """A shift is rigid; a smooth start ends that much behind; a saw tooth starts again."""
+    trace = _trace()
+    late = LAB_LAWS["lift_misalignment"](1.0).trace(trace, _moment())
+    assert 0.6 < late.lift_mm[np.argmax(late.force_n)] - 20.0 < 1.4
+    started = LAB_LAWS["lift_start_error"](1.0).trace(trace, _moment())
+    assert started.lift_mm[np.argmax(started.force_n)] == pytest.approx(21.0, abs=0.2)
+    droop = LAB_LAWS["pressure_droop"](1.8)
+    assert [droop.wider_mm(_moment(batch_grasps=n)) for n in (0, 45, 90)] == pytest.approx([0.0, 0.9, 0.0])
+    posts = LAB_LAWS["warm_posts"](0.5)
+    assert posts.raised_mm(_moment(clock_s=7200.0)) == pytest.approx(0.5)
+    assert LAB_LAWS["batch_ageing"](0.1).modulus_factor(_moment()) == pytest.approx(1.1)
+
+
+def test_a_lab_makes_every_grasp_once_in_random_rounds_with_a_clock() -> None:
+    """Repeats count per object, grasps per tool and batch; a second batch starts a new clock."""
+    lab = Lab(range(8), (1, 14, 30), seed=5)
+    sites = lab.order()
+    assert len({(s.tool, s.obj, s.context.repeat) for s in sites}) == len(sites) == 8 * 3 * 3
+    assert sites == Lab(range(8), (1, 14, 30), seed=5).order() != Lab(range(8), (1, 14, 30), seed=6).order()
+    first = [s.context.clock_s for s in sites if s.tool < 7]
+    assert (np.diff(first) > 20.0).all()
+    second = next(s.context for s in sites if s.tool == 7)
+    assert second.batch_grasps == second.tool_grasps == 0
+    assert second.clock_s < 400.0
+    assert len({tuple(s.obj for s in sites[n : n + 3]) for n in range(0, len(sites), 3)}) > 3
+
+
+def test_a_quiet_lab_measures_the_truth() -> None:
+    """Without nuisance the step means are the true ones; beyond the trace nothing is in the fingers."""
+    trace = _trace()
+    measured = Lab((0,), (1,), 1, nuisance=QUIET).measure(lambda tool, obj: Variants(trace), ())
+    assert len(measured) == 3
+    assert np.abs(step_means(measured[0][1]) - step_means(trace)).max() < 0.03
+
+
+def test_nuisance_is_as_large_as_it_says() -> None:
+    """Tools 4 %, noise 0.12 N with a correlation of 0.05 s, one grasp of 70 lost; nastier worlds have more."""
+    lab = Lab(range(40), (1, 14), seed=2)
+    trace = _trace()
+    measured = lab.measure(lambda tool, obj: Variants(trace), ())
+    assert 0.0 <= 1.0 - len(measured) / 240.0 < 0.05
+    peaks = {tool: np.mean([t.force_n.max() for s, t in measured if s.tool == tool]) for tool in range(40)}
+    assert 0.03 < np.std(list(peaks.values())) / 10.0 < 0.06
+    tail = np.array([t.force_n[-200:] - t.force_n[-200:].mean() for _, t in measured])
+    assert tail.std() == pytest.approx(0.12, rel=0.1)
+    neighbours = (tail[:, 1:] * tail[:, :-1]).mean() / tail.var()
+    assert neighbours == pytest.approx(np.exp(-1.0 / 4.0), abs=0.05)
+    assert NASTIER.tool_sd == 2.0 * Nuisance().tool_sd
+    unscaled = lab.measure(lambda tool, obj: Variants(trace), (), is_scaled=False)
+    assert np.std([np.mean([t.force_n.max() for s, t in unscaled if s.tool == tool]) for tool in range(40)]) < 0.2
+
+
+def test_friction_closing_and_height_go_in_proportion_to_their_variants() -> None:
+    """Half of the way to the variant's friction is half of its change."""
+    base = _trace()
+    lower = Trace(base.time_s, base.lift_mm, 0.8 * base.force_n)
+    variants = Variants(base, lower=lower, wider=lower, raised=lower, lower_factor=0.6)
+    lab = Lab((0,), (1,), 1, nuisance=QUIET)
+    worn = lab.true_trace(Site(0, 0, GraspContext(tool_grasps=36)), variants, [LAB_LAWS["friction_wear"](0.2)])
+    assert worn.force_n == pytest.approx(0.9 * base.force_n)
+    drooped = lab.true_trace(Site(0, 0, GraspContext(batch_grasps=45)), variants, [LAB_LAWS["pressure_droop"](2.0)])
+    assert drooped.force_n == pytest.approx(0.9 * base.force_n)

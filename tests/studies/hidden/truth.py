@@ -1,0 +1,164 @@
+"""True grasps: another mesh, contact law and step size than the simulator's, and one hidden law at most.
+
+Laws of cost P (time, sensors, memory) need no grasp of their own; `tests.studies.hidden.lab_laws` has them.
+"""
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from hardware.virtual.world.hidden import DirectionalDilation, LeakyCylinder, RationalSlipFriction
+from models.design.space import numbered_design
+from models.errors import MeshingFailed, SimulationFailed, UsageError
+from models.ids import content_id, seed_from
+from models.objects.catalogue import get_object
+from models.records import GraspSetup, GraspSimulation, MeshSettings, Placement, Record, SimulatorVersion, Theta
+from models.simulation.effects.base import Effect
+from models.solver_code import source_id
+from models.validation import closest
+from tests.studies.hidden import body_laws as body
+from tests.studies.hidden import contact_laws as contact
+
+SETUP = GraspSetup()
+# Shorter walls, flatter fillets: none of the meshes that the simulator's numerical error is estimated from.
+MESH = MeshSettings(edge_mm=4.4, fillet_mm=0.4)
+PLACEMENT_SD_MM = 0.2
+TOOL_MODULUS_SD = 0.04
+DEADLINE_S = 300.0
+_MODEL_SOURCES = ("design/profile.py", "objects", "simulation")
+
+
+class TrueGrasp(Record):
+    """One grasp of a truth. `law`: its name in `GRASP_LAWS`, or empty. `raised_mm`: the object above its place."""
+
+    theta: Theta
+    design: int
+    object_id: int
+    law: str = ""
+    parameters: dict[str, float] = {}
+    raised_mm: float = 0.0
+
+    @property
+    def grasp_id(self) -> str:
+        """Id derived from the content and from the code that decides the result."""
+        return content_id("U", {"grasp": self.model_dump(mode="json"), "code": truth_code(self.law)})
+
+    @property
+    def tool_seed(self) -> int:
+        """What draws the print of this design: the same whatever is hidden."""
+        return seed_from("true tool", self.design)
+
+
+@dataclass(frozen=True)
+class GraspLaw:
+    """A hidden law by its effect class and how it is built for a grasp; `scales`: forces stay proportional to E."""
+
+    kind: type[Effect]
+    build: Callable[[Mapping[str, float], TrueGrasp], Effect]
+    scales: bool = True
+
+
+def _plain(kind: Callable[..., Effect]) -> Callable[[Mapping[str, float], TrueGrasp], Effect]:
+    return lambda parameters, grasp: kind(**parameters)
+
+
+def _by_tool(kind: Callable[..., Effect]) -> Callable[[Mapping[str, float], TrueGrasp], Effect]:
+    return lambda parameters, grasp: kind(**parameters, tool_seed=grasp.tool_seed)
+
+
+# By the name of the catalogue's effect of the same physics; what no catalogue lists comes last.
+GRASP_LAWS: Mapping[str, GraspLaw] = {
+    "static_kinetic_friction": GraspLaw(RationalSlipFriction, _plain(RationalSlipFriction)),
+    "object_edge_radius": GraspLaw(contact.WornEdges, _plain(contact.WornEdges)),
+    "force_limited_closing": GraspLaw(LeakyCylinder, _by_tool(LeakyCylinder), scales=False),
+    "wall_thickness_offset": GraspLaw(DirectionalDilation, _by_tool(DirectionalDilation)),
+    "hyperelastic_stiffening": GraspLaw(body.ScatteredStiffening, _by_tool(body.ScatteredStiffening)),
+    "shear_adhesion": GraspLaw(
+        contact.SaturatingAdhesion,
+        lambda parameters, grasp: contact.SaturatingAdhesion(**parameters, friction=grasp.theta.friction),
+        scales=False,
+    ),
+    "finger_finger_contact": GraspLaw(contact.FlashedFingers, _by_tool(contact.FlashedFingers)),
+    "base_compliance": GraspLaw(body.SlackMount, _plain(body.SlackMount), scales=False),
+    "pressure_dependent_friction": GraspLaw(contact.HertzFriction, _plain(contact.HertzFriction), scales=False),
+    "print_anisotropy": GraspLaw(body.LayeredModulus, _plain(body.LayeredModulus)),
+    "rib_imperfection": GraspLaw(body.WavyRibs, _by_tool(body.WavyRibs)),
+    "wider_closing": GraspLaw(body.WiderClosing, _plain(body.WiderClosing)),
+    "scaled_objects": GraspLaw(contact.ScaledObjects, _plain(contact.ScaledObjects)),
+    "other_material_law": GraspLaw(body.OtherMaterialLaw, _plain(body.OtherMaterialLaw)),
+}
+
+
+@cache
+def truth_code(law: str) -> str:
+    """Id of the code that decides a true grasp under a law: the solver's, this module's, and the law's own class."""
+    here = source_id(Path(__file__).parent, ("truth.py",))
+    models = source_id(Path(inspect.getfile(Effect)).parents[2], _MODEL_SOURCES)
+    own = "" if not law else content_id("U", {"source": inspect.getsource(hidden_law(law).kind)})
+    return f"{models}-{here}{own}"
+
+
+def hidden_law(name: str) -> GraspLaw:
+    """The law of this name.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if name not in GRASP_LAWS:
+        raise UsageError(f"no hidden law is called `{name}`; {closest(name, list(GRASP_LAWS))}")
+    return GRASP_LAWS[name]
+
+
+def tool_modulus_factor(grasp: TrueGrasp) -> float:
+    """Modulus of a print over theta's, drawn for the tool.
+
+    Only laws that break the scaling of forces with the modulus are solved with it; a world scales all other traces.
+    """
+    is_scaled = not grasp.law or hidden_law(grasp.law).scales
+    return 1.0 if is_scaled else float(np.exp(TOOL_MODULUS_SD * body.tool_draws(grasp.tool_seed, 0xE, 1)[0]))
+
+
+def true_placement(grasp: TrueGrasp) -> Placement:
+    """Where the object sits: the same under every law, so that a law's strength is not mixed with it."""
+    seed = seed_from("true placement", grasp.design, grasp.object_id, str(grasp.theta.friction))
+    offset_mm = PLACEMENT_SD_MM * float(np.clip(np.random.default_rng(seed).standard_normal(), -3.0, 3.0))
+    return Placement(offset_z_mm=offset_mm + grasp.raised_mm)
+
+
+def solve_truth(grasp: TrueGrasp) -> GraspSimulation:
+    """Solve a true grasp with the finite elements.
+
+    Raises:
+        SimulationFailed: no solution, or no mesh (reason `mesh_...`).
+        UsageError: the law does not exist.
+    """
+    from models.simulation.contact.law import ContactLaw  # heavy: compiles on first use
+    from models.simulation.grasp import Numerics, simulate_grasp
+    from models.simulation.solver.stepping import StepLimits
+
+    effects = [hidden_law(grasp.law).build(grasp.parameters, grasp)] if grasp.law else []
+    is_other = any(isinstance(effect, body.OtherMaterialLaw) for effect in effects)
+    modulus_mpa = grasp.theta.young_modulus_mpa * tool_modulus_factor(grasp)
+    theta = grasp.theta.model_copy(update={"young_modulus_mpa": modulus_mpa})
+    numerics = Numerics(
+        contact=ContactLaw(normal_n_per_mm3=4.8, tangential_n_per_mm3=3.2, smoothing_mm=0.04),
+        limits=StepLimits(closing_mm=1.7, fine_lift_mm=0.4, lift_mm=1.6),
+        material_law="st_venant_kirchhoff" if is_other else "neo_hookean",
+    )
+    try:
+        return simulate_grasp(
+            numbered_design(grasp.design),
+            get_object(grasp.object_id),
+            SimulatorVersion(theta=theta, mesh=MESH),
+            SETUP,
+            placement=true_placement(grasp),
+            effects=effects,
+            numerics=numerics,
+            deadline_s=DEADLINE_S,
+        )
+    except MeshingFailed as failure:
+        raise SimulationFailed(str(failure), f"mesh_{failure.reason}") from failure

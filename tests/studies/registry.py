@@ -1,0 +1,37 @@
+"""The studies by name. Their worker processes need one of them, so nothing but the runner imports this file."""
+
+from flows.benchmarks.base import Benchmark, benchmark
+from tests.studies.calibration.peers import measure_calibration_peers
+from tests.studies.calibration.ranks import measure_calibration_ranks
+from tests.studies.calibration.traces import measure_calibration_traces
+from tests.studies.crash.kills import measure_host_kills, measure_kills
+from tests.studies.crash.server_kills import measure_server_kills
+from tests.studies.gap.development import measure_gap
+from tests.studies.gap.sealed import measure_gap_sealed
+from tests.studies.gap.truth import measure_gap_truth
+from tests.studies.platform.day import measure_day
+from tests.studies.scientist.peers import measure_scientist_peers
+from tests.studies.traces.anomalies import measure_anomalies
+from tests.studies.traces.figure import measure_traces
+from tests.studies.traces.identification import measure_identification
+
+_KEPT = ("designs", "objects", "results", "limit_minutes")
+
+STUDIES: dict[str, Benchmark] = {
+    "gap-truth": benchmark(measure_gap_truth, *_KEPT, "workers"),
+    "gap": benchmark(measure_gap, *_KEPT, "worlds"),
+    "gap-sealed": benchmark(measure_gap_sealed, *_KEPT, "worlds"),
+    "calibration-ranks": benchmark(
+        measure_calibration_ranks, "worlds", "results", "limit_minutes", "workers", "figure"
+    ),
+    "calibration-peers": benchmark(measure_calibration_peers, "results", "worlds"),
+    "calibration-traces": benchmark(measure_calibration_traces, *_KEPT, "workers", "figure", "worlds"),
+    "scientist-peers": benchmark(measure_scientist_peers, "limit_minutes", "figure"),
+    "traces": benchmark(measure_traces, "designs", "objects", "figure"),
+    "identification": benchmark(measure_identification, *_KEPT, "figure"),
+    "anomalies": benchmark(measure_anomalies, *_KEPT, "worlds"),
+    "kills": benchmark(measure_kills, "n"),
+    "host-kills": benchmark(measure_host_kills, "n"),
+    "server-kills": benchmark(measure_server_kills, "n", "results", "limit_minutes"),
+    "day": benchmark(measure_day, "figure"),
+}

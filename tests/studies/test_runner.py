@@ -1,0 +1,39 @@
+"""The runner of studies: it shares commands, options and refusals with `fast bench`."""
+
+import subprocess
+import sys
+
+import pytest
+
+from flows.benchmarks.base import Options
+from flows.cli.main import run
+from tests.flows.cli.cli_lakes import ROOT
+from tests.studies.__main__ import StudyChosen, app
+from tests.studies.registry import STUDIES
+
+
+def test_every_study_says_what_it_measures_and_has_options_of_the_command_line() -> None:
+    assert all(study.about for study in STUDIES.values())
+    asked = {option for study in STUDIES.values() for option in study.options}
+    assert asked == set(vars(StudyChosen()))
+    assert asked < set(vars(Options()))
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["kills", "--worlds", "3"], "`kills` has no option --worlds"),
+        (["host-kills", "--n", "0"], "--n is 0, at least 1 is needed"),
+        (["gap-sealt"], "there is no benchmark `gap-sealt`; did you mean `gap-sealed`?"),
+        (["kills", "--grasps", "3"], "See `python -m tests.studies --help`"),
+    ],
+)
+def test_wrong_use_is_refused(capsys: pytest.CaptureFixture[str], words: list[str], sentence: str) -> None:
+    assert run(words, app) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_it_runs_as_a_module() -> None:
+    command = [sys.executable, "-m", "tests.studies", "list"]
+    answer = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=True)
+    assert [line.split()[0] for line in answer.stdout.splitlines()] == list(STUDIES)

@@ -1,0 +1,278 @@
+"""A made-up gap problem with a known answer: closed-form grasps whose effects have made-up but sensible physics.
+
+As `tests.synthetic.traces`: a part that friction holds from the start of the lift and a normal part that
+pushes or draws late. Here tools and objects make the shape of a grasp through their designs and numbers, so that what
+is learnt of some speaks of others. Effects of cost P and those with a memory are the catalogue's own.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.calibration.traces.theta_grid import ThetaGrid
+from models.design.space import numbered_design, to_unit
+from models.gap.bank.bank import AMPLITUDES, CENTRE, NUMERICAL_MESHES, WIDER_MM, Bank, EffectRuns
+from models.gap.bank.sensor_effects import read_lead
+from models.gap.data import GapData
+from models.gap.grasps import Grasps
+from models.records import Design, EffectValue, GraspContext, GraspSetup, Theta, Trace
+from models.simulation.effects.catalogue import CATALOGUE, build_effects
+from models.traces.step_features import N_STEPS, step_means
+from models.traces.step_noise import SensorNoise
+from tests.synthetic.simulation import replayed
+
+OBJECTS = (1, 3, 6, 10, 14, 21, 22, 25, 28, 30, 32, 34)
+_LIFT_MM = np.linspace(0.0, 60.0, 241)
+_GRASP_S = 40.0  # from one grasp to the next
+_REFERENCE_MPA = 0.05
+
+Parameters = Mapping[str, float]
+Hidden = Mapping[str, Parameters]
+
+
+@dataclass(frozen=True)
+class GapTruth:
+    """What made-up measurements hide; scatters are relative.
+
+    mesh: how far the truth is from the simulator's mesh, in units of the bank's other meshes.
+    """
+
+    theta: Theta = Theta(young_modulus_mpa=9.2, friction=0.66, poisson_ratio=0.43)
+    effects: tuple[EffectValue, ...] = ()
+    tool_sd: float = 0.04
+    cell_sd: float = 0.015
+    repeat_sd: float = 0.01
+    mesh: float = 0.7
+    noise: SensorNoise = SensorNoise(sd_n=0.12, correlation_s=0.05, rate_hz=80.0)
+
+
+def made_up_gap(
+    n_tools: int,
+    n_objects: int,
+    seed: int,
+    truth: GapTruth = GapTruth(),
+    *,
+    n_repeats: int = 3,
+    held_out: tuple[int, int] = (0, 0),
+) -> GapData:
+    """A problem of numbered designs on the first of `OBJECTS`; the last `held_out` tools and objects are held out."""
+    rng = np.random.default_rng(seed)
+    designs = tuple(numbered_design(number) for number in range(n_tools))
+    objects = OBJECTS[:n_objects]
+    shapes = _shapes(designs, objects)
+    tool, obj, contexts = _order(rng, n_tools, n_objects, n_repeats)
+    steps_n = _measured(rng, shapes, designs, truth, (tool, obj, contexts))
+    grasps = Grasps(
+        tools=tuple(f"T{number}" for number in range(n_tools)),
+        designs=designs,
+        objects=objects,
+        tool=tool,
+        obj=obj,
+        contexts=contexts,
+        steps_n=steps_n,
+        grasp_ids=tuple(f"g{number}" for number in range(len(tool))),
+        noise=truth.noise,
+        setup=GraspSetup(),
+    )
+    masks = [np.arange(n) >= n - left for n, left in zip((n_tools, n_objects), held_out, strict=True)]
+    return GapData(grasps, made_up_bank(shapes), *masks)
+
+
+def made_up_bank(shapes: np.ndarray) -> Bank:
+    """The bank of grasps of these shapes (t x o x 4), as `models.gap.bank.bank` asks for it."""
+    points = ThetaGrid().points
+    grid = [CENTRE.model_copy(update={"friction": mu, "poisson_ratio": nu}) for mu, nu in points]
+    effects = {
+        name: EffectRuns(
+            name, rows, np.stack([_steps(shapes, CENTRE, {name: _whole(name, row)}) for row in rows], axis=2)
+        )
+        for name, rows in AMPLITUDES.items()
+        if name in _MADE_UP
+    }
+    return Bank(
+        centre=CENTRE,
+        grid=np.array(points),
+        grid_steps_n=np.stack([_steps(shapes, theta) for theta in grid], axis=2),
+        grid_lead_n=np.stack([_leads(shapes, theta) for theta in grid], axis=2),
+        centre_steps_n=_steps(shapes, CENTRE),
+        numerical_steps_n=np.stack([_steps(shapes, CENTRE, mesh=row) for row in np.eye(len(NUMERICAL_MESHES))], axis=2),
+        wider_mm=np.array(WIDER_MM),
+        wider_steps_n=np.stack([_steps(shapes, CENTRE, wider_mm=wider) for wider in WIDER_MM], axis=2),
+        effects=effects,
+    )
+
+
+def made_up_trace(
+    shape: np.ndarray,
+    theta: Theta,
+    hidden: Hidden | None = None,
+    *,
+    wider_mm: float = 0.0,
+    mesh: np.ndarray | None = None,
+) -> Trace:
+    """Lift of a made-up grasp: `shape` (4) in the unit cube is what tool and object make of it.
+
+    hidden: effects of cost C and F with all their parameters. mesh: 3, shares of three numerical errors.
+    """
+    known = hidden or {}
+    errors = np.zeros(3) if mesh is None else mesh
+    ratio, z, length = theta.poisson_ratio, _LIFT_MM, 30.0 + 20.0 * shape[1]
+    stiffness = theta.young_modulus_mpa / 10.0 * (4.0 + 16.0 * shape[0]) * (1.0 + 0.5 * (ratio - 0.35))
+    stiffness *= (1.0 - 0.08 * (0.5 + shape[3]) * wider_mm) * (1.0 + 0.04 * errors[0] * (shape[2] - 0.3))
+    stiffness /= 1.0 - ratio**2
+    stiffness *= _closed_share(stiffness, shape, known)
+    friction = theta.friction * _friction_factor(stiffness, shape, known)
+    hold = np.clip(1.0 - z / length, 0.0, None) ** (0.3 + shape[2] + 0.03 * errors[1])
+    late = (z - 0.7 * length - 0.5 * errors[2]) / 6.0
+    push = np.exp(-(late**2)) * (0.5 + ratio) - 0.3 * (1.0 - 2 * shape[3]) * np.exp(-z / 5.0)
+    force = stiffness * hold * friction / (0.6 + friction) - 0.3 * stiffness * push * (z < length)
+    if "shear_adhesion" in known:
+        area_mm2 = 500.0 * (0.3 + shape[1]) * np.sqrt(np.clip(1.0 - z / length, 0.0, None))
+        force = force + known["shear_adhesion"]["shear_strength_mpa"] * area_mm2
+    if "object_edge_radius" in known:
+        worn = 0.5 * known["object_edge_radius"]["extra_radius_mm"] * (0.2 + shape[3])
+        force = force * (1.0 - np.clip(worn, -0.5, 0.9) * np.exp(-(((z - length) / 6.0) ** 2)))
+    return Trace(z / 5.0, z, force)
+
+
+_MADE_UP = frozenset(
+    {
+        "wall_thickness_offset",
+        "static_kinetic_friction",
+        "pressure_dependent_friction",
+        "shear_adhesion",
+        "object_edge_radius",
+        "base_compliance",
+        "force_limited_closing",
+    }
+)
+
+
+def _closed_share(stiffness: float, shape: np.ndarray, hidden: Hidden) -> float:
+    """What is left of the stiffness by thicker walls, a base that gives way and jaws that stall."""
+    share = 1.0
+    if "wall_thickness_offset" in hidden:
+        share *= (1.0 + hidden["wall_thickness_offset"]["offset_mm"] / (2.0 + shape[0])) ** (2.0 + shape[2])
+    closing_n = 0.4 * stiffness * share * (0.5 + shape[2])
+    if "base_compliance" in hidden:
+        share /= 1.0 + hidden["base_compliance"]["compliance_mm_per_n"] * closing_n / 1.5
+    if "force_limited_closing" in hidden:
+        share *= min(1.0, hidden["force_limited_closing"]["max_force_n"] / closing_n)
+    return share
+
+
+def _friction_factor(stiffness: float, shape: np.ndarray, hidden: Hidden) -> np.ndarray | float:
+    """Factor on friction over the lift, from slip (a third of the lift) and pressure."""
+    factor: np.ndarray | float = 1.0
+    if "static_kinetic_friction" in hidden:
+        law = hidden["static_kinetic_friction"]
+        slip_mm = _LIFT_MM / 3.0 * (0.5 + shape[1])
+        factor = law["kinetic_ratio"] + (1.0 - law["kinetic_ratio"]) * np.exp(-slip_mm / law["slip_scale_mm"])
+    if "pressure_dependent_friction" in hidden:
+        law = hidden["pressure_dependent_friction"]
+        pressure_mpa = stiffness * (0.5 + shape[2]) / 300.0
+        factor = factor * (pressure_mpa / law["reference_mpa"]) ** -law["exponent"]
+    return factor
+
+
+def _whole(effect: str, parameters: Parameters) -> Parameters:
+    return CATALOGUE[effect].neutral.parameters | dict(parameters)
+
+
+def _shapes(designs: Sequence[Design], objects: Sequence[int]) -> np.ndarray:
+    """Shapes of grasps, t x o x 4 in the unit cube: what designs do, what objects do, and a little of both."""
+    unit = to_unit(designs) - 0.5
+    weights = np.random.default_rng(1).standard_normal((4, unit.shape[1])) * 1.2
+    weights[0, 4:7] = 2.0  # thick walls are stiff
+    own = np.array([np.random.default_rng([2, number]).standard_normal(4) for number in objects])
+    by_tool = unit @ weights.T
+    both = by_tool[:, None] + own[None] + 0.4 * by_tool[:, None] * own[None]
+    return np.asarray(1.0 / (1.0 + np.exp(-both)))
+
+
+def _steps(
+    shapes: np.ndarray,
+    theta: Theta,
+    hidden: Hidden | None = None,
+    *,
+    wider_mm: float = 0.0,
+    mesh: np.ndarray | None = None,
+) -> np.ndarray:
+    """Step means (t x o x 120) of grasps of shapes (t x o x 4)."""
+    rows = shapes.reshape(-1, shapes.shape[-1])
+    steps = [step_means(made_up_trace(shape, theta, hidden, wider_mm=wider_mm, mesh=mesh)) for shape in rows]
+    return np.array(steps).reshape(*shapes.shape[:-1], N_STEPS)
+
+
+def _leads(shapes: np.ndarray, theta: Theta) -> np.ndarray:
+    """What is before the lift, t x o x 12: made-up grasps hold."""
+    leads = [read_lead(made_up_trace(shape, theta), GraspSetup()) for shape in shapes.reshape(-1, shapes.shape[-1])]
+    return np.array(leads).reshape(*shapes.shape[:-1], -1)
+
+
+def _order(
+    rng: np.random.Generator, n_tools: int, n_objects: int, n_repeats: int
+) -> tuple[np.ndarray, np.ndarray, tuple[GraspContext, ...]]:
+    """Tools one after the other, objects in random order, repeats in a row."""
+    tool: list[int] = []
+    obj: list[int] = []
+    contexts: list[GraspContext] = []
+    for t in range(n_tools):
+        for place, o in enumerate(rng.permutation(n_objects)):
+            for repeat in range(n_repeats):
+                in_tool, in_batch = place * n_repeats + repeat, len(tool)
+                tool.append(t)
+                obj.append(o)
+                context = GraspContext(
+                    repeat=repeat, tool_grasps=in_tool, batch_grasps=in_batch, clock_s=_GRASP_S * in_batch
+                )
+                contexts.append(context)
+    return np.array(tool), np.array(obj), tuple(contexts)
+
+
+def _measured(
+    rng: np.random.Generator,
+    shapes: np.ndarray,
+    designs: Sequence[Design],
+    truth: GapTruth,
+    order: tuple[np.ndarray, np.ndarray, tuple[GraspContext, ...]],
+) -> np.ndarray:
+    """Noisy step means of the truth, n x 120."""
+    t, o, _ = shapes.shape
+    tool_factor = np.exp(truth.tool_sd * rng.standard_normal(t))
+    draws = rng.standard_normal((t, o, 5))
+    phase = np.linspace(0.0, np.pi, N_STEPS) * np.arange(5)[:, None]
+    offsets = truth.cell_sd * draws @ np.cos(phase) / np.sqrt(3.0)
+    covariance = truth.noise.step_covariance(N_STEPS, GraspSetup().lift_speed_mm_per_s)
+    root = np.linalg.cholesky(covariance + 1e-12 * np.eye(N_STEPS))
+    mesh = truth.mesh * np.array([0.8, -0.6, 0.7])
+    rows = []
+    for at_tool, at_obj, context in zip(*order, strict=True):
+        design = designs[at_tool]
+        trace = _true_trace(shapes[at_tool, at_obj], design, truth, context, (float(tool_factor[at_tool]), mesh))
+        steps = step_means(trace)
+        steps = steps + np.abs(steps).max() * offsets[at_tool, at_obj]
+        steps = steps * np.exp(truth.repeat_sd * rng.standard_normal())
+        rows.append(steps + root @ rng.standard_normal(N_STEPS))
+    return np.array(rows)
+
+
+def _true_trace(
+    shape: np.ndarray, design: Design, truth: GapTruth, context: GraspContext, scatter: tuple[float, np.ndarray]
+) -> Trace:
+    """The trace of one grasp with all that is hidden, free of noise; scatter: factor on the modulus, and mesh."""
+    setup, theta = GraspSetup(), truth.theta
+    made_up = {row.effect: _whole(row.effect, row.parameters) for row in truth.effects if row.effect in _MADE_UP}
+    built = build_effects([value for value in truth.effects if value.effect not in _MADE_UP])
+    effects = [effect.in_grasp(design, setup, context) for effect in built]
+    wider_mm, worn = 0.0, 1.0
+    for effect in effects:
+        wider_mm += effect.modify_setup(setup, design).closed_gap_mm - setup.closed_gap_mm
+        worn *= float(effect.friction_factor(np.zeros(1), np.full(1, _REFERENCE_MPA)))
+    factor, mesh = scatter
+    real = theta.model_copy(
+        update={"friction": theta.friction * worn, "young_modulus_mpa": theta.young_modulus_mpa * factor}
+    )
+    trace = made_up_trace(shape, real, made_up, wider_mm=wider_mm, mesh=mesh)
+    return replayed(trace, effects, design, real)

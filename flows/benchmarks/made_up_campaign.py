@@ -37,11 +37,11 @@ def made_up_attempt(job: GraspJob, wall_s: float = SIMULATION_S) -> Attempt:
 
 def use_made_up_physics() -> None:
     """Have this process compute nothing: neither simulations nor the truth of the virtual bench."""
-    from flows.campaign import session
+    from flows.campaign import process
     from tasks.simulation import simulate as simulating
 
     simulating.attempt_grasp = made_up_attempt
-    session.simulate_request = fingerprint
+    process.simulate_request = fingerprint
 
 
 def config_of(name: str, size: Size = Size()) -> CampaignConfig:

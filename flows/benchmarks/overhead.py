@@ -144,7 +144,8 @@ def server_of_study(lake: Lake) -> Iterator[None]:
 
 def _run_campaign(folder: Path, options: Options) -> tuple[Spent, Spent, int]:
     """CPU of a campaign, CPU from its first grasp or simulation to its last, and how often its state was derived."""
-    from flows.campaign.launch import Voice, run_campaign
+    from flows.campaign.launch import run_campaign
+    from flows.progress import ProgressReporter
 
     config = write_files(folder, NAME, SIZE)
     use_made_up_physics()
@@ -160,14 +161,15 @@ def _run_campaign(folder: Path, options: Options) -> tuple[Spent, Spent, int]:
 
     before, derived = spent_so_far(root), Campaign.state
     with mock.patch.object(Campaign, "state", autospec=True, side_effect=derived) as counted:
-        run_campaign(config, root, auto_print=True, voice=Voice(hear, options.tell))
+        run_campaign(config, root, auto_print=True, reporter=ProgressReporter(hear, options.tell))
     time.sleep(SETTLE_S)  # the server stores events after they came
     return spent_so_far(root).since(before), marks["last"].since(marks["first"]), counted.call_count
 
 
 def _run_waiting(folder: Path, lake: Lake, options: Options) -> Spent:
     """CPU of a campaign that waits for a person, and of its server meanwhile."""
-    from flows.campaign.launch import Voice, run_campaign
+    from flows.campaign.launch import run_campaign
+    from flows.progress import ProgressReporter
 
     config, waits, heard = write_files(folder, "waiting", WAITING), threading.Event(), threading.Event()
 
@@ -177,7 +179,7 @@ def _run_waiting(folder: Path, lake: Lake, options: Options) -> Spent:
             waits.set()
 
     def run() -> None:
-        run_campaign(config, lake.root, auto_print=False, voice=Voice(options.tell, hear))
+        run_campaign(config, lake.root, auto_print=False, reporter=ProgressReporter(options.tell, hear))
         heard.set()
 
     campaign = threading.Thread(target=run, daemon=True, name="waiting-campaign")

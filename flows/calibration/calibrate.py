@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from flows.campaign.launch import Voice
+from flows.progress import ProgressReporter
 from flows.simulation.progress import n_missing, simulate_missing
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow
@@ -82,7 +82,7 @@ class CalibrationOutcome:
 
 
 def run_calibration(
-    lake: Lake, order: CalibrationOrder, voice: Voice, should_stop: Callable[[], bool] = lambda: False
+    lake: Lake, order: CalibrationOrder, voice: ProgressReporter, should_stop: Callable[[], bool] = lambda: False
 ) -> CalibrationOutcome:
     """Do what of an order is not done yet; killed, the same order continues.
 
@@ -112,7 +112,9 @@ def write_page(lake: Lake, outcome: CalibrationOutcome, out: Path | None = None)
     return write_calibration_report(lake, calibration_id, out or lake.root / "outputs" / calibration_id / "report")
 
 
-def simulate_grid(lake: Lake, order: CalibrationOrder, voice: Voice, should_stop: Callable[[], bool]) -> None:
+def simulate_grid(
+    lake: Lake, order: CalibrationOrder, voice: ProgressReporter, should_stop: Callable[[], bool]
+) -> None:
     """Simulate what the lake lacks of the grid that a calibration on traces needs, saying first how much it is."""
     plan = grid_simulations(lake, order.campaign_id, order.version_id)
     n_grasps = n_missing(lake, [plan])
@@ -122,7 +124,7 @@ def simulate_grid(lake: Lake, order: CalibrationOrder, voice: Voice, should_stop
 
 
 def simulate_hypercube(
-    lake: Lake, order: CalibrationOrder, plan: HypercubePlan, voice: Voice, should_stop: Callable[[], bool]
+    lake: Lake, order: CalibrationOrder, plan: HypercubePlan, voice: ProgressReporter, should_stop: Callable[[], bool]
 ) -> None:
     """Simulate the points of a plan that the lake lacks, on the objects that were measured."""
     measured = measured_tools(lake, order.campaign_id)
@@ -136,7 +138,9 @@ def hypercube_simulations(plan: HypercubePlan, base: SimulatorVersion, measured:
     return SimulationPlan(points, measured.object_ids, measured.setup, plan.plan_id, plan.seed)
 
 
-def _calibrated(lake: Lake, data: CalibrationSource, order: CalibrationOrder, voice: Voice) -> CalibrationOutcome:
+def _calibrated(
+    lake: Lake, data: CalibrationSource, order: CalibrationOrder, voice: ProgressReporter
+) -> CalibrationOutcome:
     """The calibration of these data, made unless the lake has it."""
     settings = order.settings
     known = find_calibration(lake, data.calibration_id(settings))
@@ -147,7 +151,9 @@ def _calibrated(lake: Lake, data: CalibrationSource, order: CalibrationOrder, vo
     return CalibrationOutcome(row, True, len(data.grasp_ids))
 
 
-def _verify(lake: Lake, data: CalibrationData, row: CalibrationRow, n_workers: int, voice: Voice) -> CalibrationRow:
+def _verify(
+    lake: Lake, data: CalibrationData, row: CalibrationRow, n_workers: int, voice: ProgressReporter
+) -> CalibrationRow:
     plan = verification_plan(lake, data, row)
     if plan is None:
         voice.announce("nothing to verify: the calibration gave no simulator version, or no design was held out")

@@ -102,8 +102,8 @@ def calibrate(
     twice; a killed command continues when it is given again.
     """
     from flows.calibration.calibrate import CalibrationOrder, run_calibration, write_page
-    from flows.campaign.launch import Voice
     from flows.cli.campaign import open_lake, resolve_campaign
+    from flows.progress import ProgressReporter
     from models.calibration.inference.settings import CalibrationSettings
     from models.validation import load_record
 
@@ -112,7 +112,7 @@ def calibrate(
     found = open_lake(lake)
     name = resolve_campaign(found, compared.campaign) if compared.campaign is not None else None
     order = CalibrationOrder(settings, name, compared.version, plan, compared.verify, compared.data)
-    outcome = run_calibration(found, order, Voice(tell, tell))
+    outcome = run_calibration(found, order, ProgressReporter(tell, tell))
     page = str(write_page(found, outcome, out)) if out is not None else None
     show(_data(outcome) | {"report": page}, _text(outcome, page), json)
     if outcome.row.version_id is None:

@@ -89,11 +89,11 @@ def _compare_on_landscapes(
 def _compare_campaigns(
     config: Path, seeds: int, strategies: str | None, lakes: Path, figure: Path | None, json: bool
 ) -> None:
-    from flows.campaign.launch import read_world
     from flows.scientist.campaign_runs import PlannedCampaign, run_campaigns
     from flows.scientist.campaign_table import COLUMNS, campaign_rows, campaigns_figure, paired_campaign_rows
     from flows.scientist.strategies import REFERENCE, STRATEGIES
     from tasks.campaign.config import load_config, relative_to
+    from tasks.campaign.setup import read_world
 
     names = _names(strategies)
     loaded = load_config(config)

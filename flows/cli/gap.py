@@ -45,10 +45,10 @@ def gap(
     Designs and objects are held out first. What the lake lacks of the bank of simulations around the measured tools is
     simulated, so the first call takes an hour or more on two cores; a killed command continues when it is given again.
     """
-    from flows.campaign.launch import Voice
     from flows.cli.campaign import open_lake, resolve_campaign
     from flows.gap.folder import write_folder
     from flows.gap.search import GapOrder, run_gap
+    from flows.progress import ProgressReporter
 
     if catalogue:
         from models.simulation.effects.catalogue import catalogue_entries, catalogue_rows
@@ -59,7 +59,7 @@ def gap(
     name = resolve_campaign(found, campaign) if campaign is not None else None
     order = GapOrder(name, seed, rounds, budget_minutes)
     order = order.with_workers(workers)
-    outcome = run_gap(found, order, Voice(tell, tell))
+    outcome = run_gap(found, order, ProgressReporter(tell, tell))
     page = write_folder(found, outcome, out)
     show(_data(outcome) | {"report": str(page)}, _text(outcome, page), json)
 

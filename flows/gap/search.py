@@ -9,8 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from flows.campaign.launch import Voice
-from flows.campaign.progress import in_words
+from flows.progress import ProgressReporter, describe_duration
 from flows.simulation.progress import n_missing, simulate_missing
 from lake.provenance import current_provenance
 from lake.store import Lake
@@ -74,7 +73,9 @@ class GapOutcome:
         return f"gap search {run.gap_id} of {run.n_grasps} grasps: {write_answer(run.findings)}"
 
 
-def run_gap(lake: Lake, order: GapOrder, voice: Voice, should_stop: Callable[[], bool] = lambda: False) -> GapOutcome:
+def run_gap(
+    lake: Lake, order: GapOrder, reporter: ProgressReporter, should_stop: Callable[[], bool] = lambda: False
+) -> GapOutcome:
     """Search for the gap of what a lake has measured; killed, the same order continues.
 
     Raises:
@@ -86,12 +87,12 @@ def run_gap(lake: Lake, order: GapOrder, voice: Voice, should_stop: Callable[[],
         known = find_run(lake, search.gap_id)
         if known is not None:
             return GapOutcome(known, False)
-        voice.progress(f"{search.summary}; held out: {search.split.words}, {search.split.split_id}")
+        reporter.progress(f"{search.summary}; held out: {search.split.words}, {search.split.split_id}")
         version_rows = missing_version_rows(lake, search.version)  # an imported lake has never simulated with it
         if version_rows:
             lake.append(version_rows, current_provenance(seed=order.seed))
-        _fill_bank(lake, search, voice, should_stop)
-        return _run_rounds(lake, search, voice)
+        _fill_bank(lake, search, reporter, should_stop)
+        return _run_rounds(lake, search, reporter)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +133,7 @@ def _prepare(lake: Lake, order: GapOrder) -> _Search:
     return _Search(order, split, measured, version, make_gap_id(measured, version, split, settings))
 
 
-def _fill_bank(lake: Lake, search: _Search, voice: Voice, should_stop: Callable[[], bool]) -> None:
+def _fill_bank(lake: Lake, search: _Search, reporter: ProgressReporter, should_stop: Callable[[], bool]) -> None:
     """Simulate what the bank lacks, as long as the budget lasts.
 
     Raises:
@@ -145,17 +146,17 @@ def _fill_bank(lake: Lake, search: _Search, voice: Voice, should_stop: Callable[
 
     n_all = sum(plan.n_grasps for plan in search.plans)
     n_left = n_missing(lake, search.plans)
-    voice.progress(f"bank: {n_all - n_left} of {n_all} simulations are in the lake")
-    simulate_missing(lake, search.plans, search.order.settings.workers, voice, is_over)
+    reporter.progress(f"bank: {n_all - n_left} of {n_all} simulations are in the lake")
+    simulate_missing(lake, search.plans, search.order.settings.workers, reporter, is_over)
     n_left = n_missing(lake, search.plans)
     if n_left:
         raise FastError(
-            f"the bank lacks {n_left} of {n_all} simulations after {in_words(time.monotonic() - began)}; run the same "
-            "command again to go on from here."
+            f"the bank lacks {n_left} of {n_all} simulations after "
+            f"{describe_duration(time.monotonic() - began)}; run the same command again to go on from here."
         )
 
 
-def _run_rounds(lake: Lake, search: _Search, voice: Voice) -> GapOutcome:
+def _run_rounds(lake: Lake, search: _Search, reporter: ProgressReporter) -> GapOutcome:
     """Round after round, then what it changed; writes the answer."""
     from tasks.gap.calibrate import SearchInputs, calibrate_simulator
     from tasks.gap.rounds import evaluate_rounds, plan_held_out
@@ -165,15 +166,15 @@ def _run_rounds(lake: Lake, search: _Search, voice: Voice) -> GapOutcome:
     data = make_data(search.measured, bank, search.split)
     warnings = [*search.measured.warnings, *check_units(data), *_failed(data)]
     effects = _effects_so_far(lake, search)
-    voice.progress(f"theta{' and ' if effects else ''}{', '.join(value.effect for value in effects)}: NUTS")
-    inputs = SearchInputs(lake, data, search.base, order.campaign_id, order.settings, voice.progress)
-    rounds = _repeat_rounds(inputs, calibrate_simulator(inputs, effects), order.rounds, voice)
+    reporter.progress(f"theta{' and ' if effects else ''}{', '.join(value.effect for value in effects)}: NUTS")
+    inputs = SearchInputs(lake, data, search.base, order.campaign_id, order.settings, reporter.progress)
+    rounds = _repeat_rounds(inputs, calibrate_simulator(inputs, effects), order.rounds, reporter)
     if not rounds[-1].is_last:
         warnings.append(f"{len(rounds)} rounds were made and the last one still found something; make more rounds.")
     before, after = rounds[0].before, rounds[-1].after
-    voice.progress("held-out grasps in the simulator, before and after")
+    reporter.progress("held-out grasps in the simulator, before and after")
     plans = plan_held_out(data, [before.version, after.version])
-    simulate_missing(lake, plans, order.settings.workers, voice)
+    simulate_missing(lake, plans, order.settings.workers, reporter)
     evaluation = evaluate_rounds(lake, data, rounds, order.seed)
     warnings += [*after.warnings, *evaluation.warnings]
     findings = Findings(
@@ -205,16 +206,18 @@ def _run_rounds(lake: Lake, search: _Search, voice: Voice) -> GapOutcome:
     return GapOutcome(run, True, tuple(rounds), evaluation)
 
 
-def _repeat_rounds(inputs: "SearchInputs", simulator: "CalibratedSimulator", most: int, voice: Voice) -> "list[Round]":
+def _repeat_rounds(
+    inputs: "SearchInputs", simulator: "CalibratedSimulator", most: int, reporter: ProgressReporter
+) -> "list[Round]":
     """Rounds until one changes nothing, or as many as are asked for."""
     from tasks.gap.rounds import run_round
 
     rounds: list[Round] = []
     while len(rounds) < most and not (rounds and rounds[-1].is_last):
-        voice.progress(f"round {len(rounds) + 1}: where, and by what name")
+        reporter.progress(f"round {len(rounds) + 1}: where, and by what name")
         assumed = rounds[-1].assumed if rounds else ()
         done = run_round(inputs, simulator, assumed)
-        voice.announce(f"round {len(rounds) + 1}: {done.sentence}")
+        reporter.announce(f"round {len(rounds) + 1}: {done.sentence}")
         rounds.append(done)
         simulator = done.after
     return rounds

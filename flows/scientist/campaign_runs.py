@@ -13,7 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from flows.campaign.launch import register
 from flows.scientist.strategies import Strategy
 from hardware.bench import Bench, open_virtual_bench
 from hardware.cell.cell import MeasuredGrasp
@@ -24,11 +23,12 @@ from hardware.virtual.world.physics_cache import PhysicsFiles
 from lake.store import Lake
 from models.records import Design, GraspSimulation
 from tasks.bench.measure import measure_batch, measure_tool
+from tasks.bench.plan import ToolWork
 from tasks.bench.print import PrintConfirmation, confirm_print
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
-from tasks.campaign.state import ProposedTool
-from tasks.campaign.summary import ranked_tools
+from tasks.campaign.setup import register
+from tasks.campaign.state import ProposedTool, rank_tools
 from tasks.scientist import propose as proposing
 from tasks.scientist import simulation_only
 from tasks.scientist.observe import means_of_simulations, proposed_designs, unfinished_tools
@@ -79,7 +79,7 @@ class PlannedCampaign:
 
 
 @dataclass(frozen=True)
-class CampaignRun:
+class StrategyRun:
     """What a campaign measured: mean peak force of every tool in N, by batch; designs simulated, and their CPU time."""
 
     strategy: str
@@ -99,7 +99,7 @@ class CampaignRun:
         return tuple(max(max(batch) for batch in self.batches_n[: n + 1]) for n in range(len(self.batches_n)))
 
 
-def run_campaigns(plan: Sequence[PlannedCampaign], tell: Callable[[str], None]) -> list[CampaignRun]:
+def run_campaigns(plan: Sequence[PlannedCampaign], tell: Callable[[str], None]) -> list[StrategyRun]:
     """Run or continue the campaigns, one after the other, with one worker process."""
     pool = WorkerPool(1)
     try:
@@ -108,7 +108,7 @@ def run_campaigns(plan: Sequence[PlannedCampaign], tell: Callable[[str], None]) 
         pool.close()
 
 
-def _run_one(planned: PlannedCampaign, pool: WorkerPool, tell: Callable[[str], None]) -> CampaignRun:
+def _run_one(planned: PlannedCampaign, pool: WorkerPool, tell: Callable[[str], None]) -> StrategyRun:
     campaign = Campaign(Lake.open(planned.lake_folder, create=True), planned.own_config)
     try:
         register(campaign, toml_of(campaign.config))
@@ -190,9 +190,9 @@ class _Runner:
         self._say(f"measuring {len(tools)} tools of B{batch:02d}")
         measure_batch(campaign, tools, self._open_bench, self._measure_tool, should_stop=_never, on_grasp=_ignore)
 
-    def _measure_tool(self, bench: Bench, tool: ProposedTool, on_grasp: Callable[[MeasuredGrasp], None]) -> None:
+    def _measure_tool(self, bench: Bench, work: ToolWork, on_grasp: Callable[[MeasuredGrasp], None]) -> None:
         world_hash = self._world.world_hash
-        measure_tool(self._campaign, bench, tool, world_hash=world_hash, should_stop=_never, on_grasp=on_grasp)
+        measure_tool(self._campaign, bench, work, world_hash=world_hash, should_stop=_never, on_grasp=on_grasp)
 
     @contextmanager
     def _open_bench(self, tools: Sequence[ProposedTool]) -> Iterator[Bench]:
@@ -201,14 +201,14 @@ class _Runner:
             yield bench
 
 
-def read_run(planned: PlannedCampaign, campaign: Campaign) -> CampaignRun:
+def read_run(planned: PlannedCampaign, campaign: Campaign) -> StrategyRun:
     """What the lake of a campaign has by now."""
     state = campaign.state()
-    tools = ranked_tools(campaign.lake, campaign.campaign_id)
+    tools = rank_tools(campaign.lake, campaign.campaign_id)
     batches = sorted({tool["batch"] for tool in tools})
     done = means_of_simulations(campaign, campaign.version, proposed_designs(state))
     sql = "SELECT coalesce(sum(cpu_s), 0) AS cpu_s FROM simulations"
-    return CampaignRun(
+    return StrategyRun(
         strategy=planned.strategy.name,
         seed=planned.seed,
         batches_n=tuple(tuple(t["tool_quality_n"] for t in tools if t["batch"] == batch) for batch in batches),

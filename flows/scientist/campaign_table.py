@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from flows.report.style import INK, MUTED, new_figure
-from flows.scientist.campaign_runs import CampaignRun
+from flows.scientist.campaign_runs import StrategyRun
 from flows.scientist.landscape_table import COLOURS
 
 Rows = list[dict[str, Any]]
@@ -16,12 +16,12 @@ COLUMNS = ("strategy", "n_campaigns", "last_batch_n", "last_batch_sd_n", "best_n
            "n_simulated", "simulation_cpu_s")  # fmt: skip
 
 
-def campaign_rows(runs: Sequence[CampaignRun]) -> Rows:
+def campaign_rows(runs: Sequence[StrategyRun]) -> Rows:
     """One row a strategy, forces in N: mean of the last batch's tools and their sd, best tool (mean, and of all)."""
     return [_summary(name, [c for c in runs if c.strategy == name]) for name in _names(runs)]
 
 
-def paired_campaign_rows(runs: Sequence[CampaignRun], reference: str) -> Rows:
+def paired_campaign_rows(runs: Sequence[StrategyRun], reference: str) -> Rows:
     """One row for each other strategy: its difference to the reference with the same seeds, positive where better."""
     known = {run.seed: run for run in runs if run.strategy == reference}
     rows = []
@@ -44,7 +44,7 @@ def paired_campaign_rows(runs: Sequence[CampaignRun], reference: str) -> Rows:
     return rows
 
 
-def campaigns_figure(runs: Sequence[CampaignRun], reference: str) -> Figure:
+def campaigns_figure(runs: Sequence[StrategyRun], reference: str) -> Figure:
     """Best tool so far against tools measured, mean over the seeds, and the tools of the last batches."""
     names = list(dict.fromkeys([*(n for n in _names(runs) if n == reference), *_names(runs)]))
     figure = new_figure(9.2, 4.2)
@@ -64,7 +64,7 @@ def campaigns_figure(runs: Sequence[CampaignRun], reference: str) -> Figure:
     return figure
 
 
-def _summary(name: str, runs: list[CampaignRun]) -> dict[str, Any]:
+def _summary(name: str, runs: list[StrategyRun]) -> dict[str, Any]:
     last = [np.array(run.batches_n[-1]) for run in runs]
     within = [float(np.var(batch, ddof=1)) for batch in last if len(batch) > 1]
     best = [run.best_n[-1] for run in runs]
@@ -81,7 +81,7 @@ def _summary(name: str, runs: list[CampaignRun]) -> dict[str, Any]:
     }
 
 
-def _best_line(axes: Axes, runs: list[CampaignRun], name: str, colour: str) -> None:
+def _best_line(axes: Axes, runs: list[StrategyRun], name: str, colour: str) -> None:
     best = np.array([run.best_n for run in runs])
     counts = _counts(runs[0])
     if len(counts) == 1:  # measured once, at the end
@@ -92,7 +92,7 @@ def _best_line(axes: Axes, runs: list[CampaignRun], name: str, colour: str) -> N
     axes.plot(counts, best.mean(axis=0), color=colour, marker="o", markersize=3.5, label=name)
 
 
-def _last_tools(axes: Axes, runs: list[CampaignRun], row: int, colour: str) -> None:
+def _last_tools(axes: Axes, runs: list[StrategyRun], row: int, colour: str) -> None:
     tools = np.concatenate([run.batches_n[-1] for run in runs])
     jitter = np.linspace(-0.2, 0.2, len(tools)) if len(tools) > 1 else np.zeros(1)
     axes.plot(tools, row + jitter, "o", color=colour, markersize=3.5, alpha=0.6, markeredgewidth=0)
@@ -101,10 +101,10 @@ def _last_tools(axes: Axes, runs: list[CampaignRun], row: int, colour: str) -> N
     axes.annotate(f"{mean_n:.1f}", (mean_n, row + 0.32), ha="center", va="bottom", fontsize=7, color=MUTED)
 
 
-def _counts(run: CampaignRun) -> np.ndarray:
+def _counts(run: StrategyRun) -> np.ndarray:
     """Tools measured after each batch."""
     return np.cumsum([len(batch) for batch in run.batches_n])
 
 
-def _names(runs: Sequence[CampaignRun]) -> list[str]:
+def _names(runs: Sequence[StrategyRun]) -> list[str]:
     return list(dict.fromkeys(run.strategy for run in runs))

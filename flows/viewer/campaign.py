@@ -205,8 +205,8 @@ def choose_tools(content: Content) -> list[Tool]:
     """The best tool first, then the best of each other batch, in order."""
     measured = [t for t in content.tools if t.n_grasps > 0]
     batches = sorted({t.batch for t in measured})
-    leading = [
+    best_tools = [
         max((t for t in measured if t.batch == batch), key=lambda t: (t.is_complete, t.quality_n or 0.0))
         for batch in batches
     ]
-    return sorted(leading, key=lambda t: (t is not content.best, t.batch, t.slot))
+    return sorted(best_tools, key=lambda t: (t is not content.best, t.batch, t.slot))

@@ -6,7 +6,6 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator
 
-from hardware.cell.route import shortest_tour
 from models.design.printability import PrintingRules
 from models.records import (
     REMOVED_TIER,
@@ -76,6 +75,8 @@ class ObjectPlan(Record):
 
     def _pass(self, seed: int) -> list[int]:
         if self.order == "fixed":
+            from hardware.cell.route import shortest_tour
+
             return list(shortest_tour(self.object_ids))
         objects = list(self.object_ids)
         random.Random(seed).shuffle(objects)

@@ -18,7 +18,7 @@ from lake.store import Lake
 from lake.tables.campaign import CampaignRow
 
 if TYPE_CHECKING:
-    from flows.scientist.campaign_runs import CampaignRun
+    from flows.scientist.campaign_runs import StrategyRun
 
 _TITLE = "Against other approaches"
 _NO_OTHERS = Markup(
@@ -157,15 +157,15 @@ class Approach:
         return len({tool.batch for tool in self.complete})
 
     @property
-    def course(self) -> "CampaignRun":
+    def as_run(self) -> "StrategyRun":
         """What `fast compare` draws and sums up."""
-        from flows.scientist.campaign_runs import CampaignRun
+        from flows.scientist.campaign_runs import StrategyRun
 
         batches: dict[int, list[float]] = {}
         for tool in self.complete:
             batches.setdefault(tool.batch, []).append(tool.quality_n or 0.0)
         cost = self.cost.rows
-        return CampaignRun(
+        return StrategyRun(
             self.name,
             self.seed,
             tuple(tuple(batches[b]) for b in sorted(batches)),
@@ -187,9 +187,9 @@ def baselines_section(content: Content, folder: Folder) -> Markup:
         return section("baselines", _TITLE, paragraph(_NO_OTHERS))
     from flows.scientist.campaign_table import campaign_rows, campaigns_figure
 
-    courses = [approach.course for approach in (own, *others)]
-    figure = folder.figure("approaches", campaigns_figure(courses, own.name), "Best tool and last batch by approach")
-    rows = campaign_rows(courses)
+    runs = [approach.as_run for approach in (own, *others)]
+    figure = folder.figure("approaches", campaigns_figure(runs, own.name), "Best tool and last batch by approach")
+    rows = campaign_rows(runs)
     listed = table(
         ("approach", "campaigns", "last batch (N)", "SD (N)", "best tool (N)", "tools measured", "designs simulated"),
         [(r["strategy"], r["n_campaigns"], number(r["last_batch_n"], 2), number(r["last_batch_sd_n"], 2),

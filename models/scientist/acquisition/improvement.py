@@ -38,8 +38,8 @@ def select_by_improvement(
     if fidelity != REAL:
         raise UsageError("Acquisition `ei` improves on the target, fidelity 1; choose simulations with `mes`.")
     measured = surrogate.data.x[surrogate.data.s == REAL]
-    rivals = np.concatenate([measured, pending[pending[:, -1] == REAL, :-1]])
-    paths = real_paths(surrogate, np.concatenate([points, rivals]), N_PATHS, rng)
+    competitors = np.concatenate([measured, pending[pending[:, -1] == REAL, :-1]])
+    paths = real_paths(surrogate, np.concatenate([points, competitors]), N_PATHS, rng)
     paths, best = paths[: len(points)], _best_of(paths[len(points) :], paths)
     smoothing = _SMOOTHING * max(float(np.std(paths.max(axis=0))), 1e-9)
     allowed = spacing.allowed(points)
@@ -62,6 +62,6 @@ def log_expected_improvement(paths: np.ndarray, best: np.ndarray, smoothing: flo
     return np.asarray(logsumexp(log_improvement, axis=1) - np.log(paths.shape[1]) + np.log(smoothing))
 
 
-def _best_of(rivals: np.ndarray, paths: np.ndarray) -> np.ndarray:
-    """Best rival on each path; without rivals the worst candidate, so that all improve."""
-    return np.asarray(rivals.max(axis=0) if len(rivals) else paths.min(axis=0))
+def _best_of(competitors: np.ndarray, paths: np.ndarray) -> np.ndarray:
+    """Best competitor on each path; without competitors the worst candidate, so that all improve."""
+    return np.asarray(competitors.max(axis=0) if len(competitors) else paths.min(axis=0))

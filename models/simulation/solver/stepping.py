@@ -59,7 +59,7 @@ class Step:
 
 
 @dataclass
-class _Course:
+class _ForceSlope:
     """The clamp force along a path so far: the last two travels in mm and forces (3) in N."""
 
     travel_mm: list[float] = field(default_factory=list)
@@ -113,7 +113,7 @@ class Stepper:
                 or `time_out`.
         """
         travel, proposed = 0.0, path.longest_step_mm(0.0)
-        course = _Course()
+        slope = _ForceSlope()
         while travel < path.length_mm - 1e-9:
             longest = path.longest_step_mm(travel)
             step = min(proposed, longest, path.length_mm - travel)
@@ -124,12 +124,12 @@ class Stepper:
                 proposed = CUT * step
                 continue
             self._count(travel)
-            if self._skips_an_event(step, course.jump_n(travel + step, new[1])):
+            if self._skips_an_event(step, slope.jump_n(travel + step, new[1])):
                 proposed = max(CUT * step, self.limits.fine_lift_mm)
                 continue
             travel += step
             state, clamp = new
-            course.add(travel, clamp)
+            slope.add(travel, clamp)
             self.largest_n = max(self.largest_n, float(np.linalg.norm(clamp)))
             if self.newton.n_iterations - before <= EASY_ITERATIONS:
                 proposed = max(proposed, step) * GROW
@@ -138,7 +138,7 @@ class Stepper:
             yield Step(travel, state, clamp)
 
     def _skips_an_event(self, step: float, jump_n: float) -> bool:
-        """True if the force changed its course within a step that can be shorter by more than the trace may miss."""
+        """True if the force changed its slope within a step that can be shorter by more than the trace may miss."""
         return step > self.limits.fine_lift_mm and step * jump_n > MAX_JUMP_MM * self.largest_n
 
     def _try(

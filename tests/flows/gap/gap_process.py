@@ -45,11 +45,11 @@ def run_flow(root: Path) -> None:
 
 def search(root: Path) -> None:
     """Search a lake as `fast gap` does."""
-    from flows.campaign.launch import Voice
     from flows.gap.search import GapOrder, run_gap
+    from flows.progress import ProgressReporter
 
     make_up()
-    outcome = run_gap(Lake.open(root), GapOrder("demo"), Voice(lambda _: None, lambda _: None))
+    outcome = run_gap(Lake.open(root), GapOrder("demo"), ProgressReporter(lambda _: None, lambda _: None))
     sys.stdout.write(f"{outcome.sentence}\n")
 
 

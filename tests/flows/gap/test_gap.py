@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from flows.campaign.launch import Voice
 from flows.gap import search
 from flows.gap.folder import write_folder
 from flows.gap.scheduled import markdown
 from flows.gap.search import GapOrder, run_gap
+from flows.progress import ProgressReporter
 from lake.query.lineage import Node, find_lineage
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, EventRow, GapFindingRow, SimulatorVersionRow, TraceRow
@@ -33,8 +33,8 @@ pytestmark = pytest.mark.timeout(600)
 ORDER = GapOrder("demo", settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
 
 
-def silent() -> Voice:
-    return Voice(lambda _: None, lambda _: None)
+def silent() -> ProgressReporter:
+    return ProgressReporter(lambda _: None, lambda _: None)
 
 
 @pytest.fixture(autouse=True)
@@ -55,7 +55,7 @@ def lagging(tmp_path_factory: pytest.TempPathFactory) -> Lake:
 
 def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path) -> None:
     said: list[str] = []
-    outcome = run_gap(lagging, ORDER, Voice(said.append, said.append))
+    outcome = run_gap(lagging, ORDER, ProgressReporter(said.append, said.append))
     findings = outcome.run.findings
     assert findings.alarm
     assert findings.rounds[0].named.effects == ("load_cell_lag",)

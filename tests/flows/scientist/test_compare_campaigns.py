@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from flows.benchmarks.fingerprints import fingerprint
-from flows.campaign.status import campaign_status
+from flows.campaign.status import read_status
 from flows.scientist import campaign_runs as campaigns
-from flows.scientist.campaign_runs import CampaignRun, PlannedCampaign, run_campaigns, toml_of
+from flows.scientist.campaign_runs import PlannedCampaign, StrategyRun, run_campaigns, toml_of
 from flows.scientist.campaign_table import campaign_rows, campaigns_figure, paired_campaign_rows
 from flows.scientist.strategies import REFERENCE, STRATEGIES
 from hardware.virtual.world.file import Scatter, World
@@ -64,7 +64,7 @@ def made_up_batch(campaign: Campaign, tools, open_bench, measure, *, should_stop
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> dict[str, tuple[PlannedCampaign, CampaignRun]]:
+def whole(tmp_path_factory) -> dict[str, tuple[PlannedCampaign, StrategyRun]]:
     """The paper's strategies, run to their end without worker process, finite elements or bench."""
     plan = [planned_campaign(tmp_path_factory.mktemp("whole"), name) for name in STRATEGIES]
     with pytest.MonkeyPatch.context() as patch:
@@ -185,13 +185,13 @@ def test_a_config_survives_as_toml():
 
 def test_the_lake_of_a_strategy_is_a_campaign_like_any_other(whole):
     planned, run = whole[REFERENCE]
-    status = campaign_status(lake_of(planned), "small")
+    status = read_status(lake_of(planned), "small")
     assert (status["grasps"], status["simulated"]) == ("12/12", "24/24")
     assert status["best_n"] == pytest.approx(run.best_n[-1])
 
 
-def made_up(strategy: str, seed: int, *batches_n: tuple[float, ...]) -> CampaignRun:
-    return CampaignRun(strategy, seed, batches_n, 7, 1.0)
+def made_up(strategy: str, seed: int, *batches_n: tuple[float, ...]) -> StrategyRun:
+    return StrategyRun(strategy, seed, batches_n, 7, 1.0)
 
 
 def test_table_and_picture_are_of_last_batches_and_best_tools():

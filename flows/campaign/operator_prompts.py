@@ -4,9 +4,8 @@ import time
 from pathlib import Path
 
 from flows.campaign.forms import close_forms, open_form
-from flows.campaign.launch import Voice
 from flows.campaign.notify import Notifier
-from flows.campaign.progress import in_words
+from flows.progress import ProgressReporter, describe_duration
 from lake.tables.campaign import BatchRow
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.requests import append_event
@@ -15,12 +14,12 @@ FORM_S = 15.0  # between looks whether a form is open: one is due again after an
 NO_FORM_S = 60.0  # the same where there was none: `fast serve` may come later than the campaign
 
 
-class PrintDesk:
+class PrintPrompts:
     """Asks for a batch to be printed and mounted until it is confirmed; all calls come from one task."""
 
-    def __init__(self, campaign: Campaign, voice: Voice, notifier: Notifier) -> None:
+    def __init__(self, campaign: Campaign, reporter: ProgressReporter, notifier: Notifier) -> None:
         self._campaign = campaign
-        self._voice = voice
+        self._reporter = reporter
         self._notifier = notifier
         self._asked_s = self._reminded_s = self._looked_s = 0.0
         self._form: str | None = None
@@ -30,7 +29,7 @@ class PrintDesk:
         name = self._name(batch)
         self._asked_s = self._reminded_s = self._looked_s = time.monotonic()
         self._form = open_form(self._campaign.lake, self._campaign.campaign_id, batch)
-        self._voice.announce(
+        self._reporter.announce(
             f"A person is needed: print and mount batch {name} ({sheet}), then\n"
             f"    {self._command(batch)}\n{self._form_line()}Simulations go on meanwhile."
         )
@@ -39,7 +38,7 @@ class PrintDesk:
         )
         self._notifier.send("needs_you", f"FAST needs you: print batch {name}", self._what_to_do(batch, sheet))
 
-    def wait(self, batch: int, sheet: Path) -> None:
+    def remind(self, batch: int, sheet: Path) -> None:
         """Nobody has answered yet: keep a form open, and remind when it is time."""
         now_s = time.monotonic()
         if now_s - self._looked_s > (FORM_S if self._form else NO_FORM_S):
@@ -47,15 +46,15 @@ class PrintDesk:
             form = open_form(self._campaign.lake, self._campaign.campaign_id, batch)
             if form is not None and form != self._form:
                 self._form = form
-                self._voice.announce(f"{self._name(batch)} can be confirmed in the pages: {form}")
+                self._reporter.announce(f"{self._name(batch)} can be confirmed in the pages: {form}")
         every_s = 3600 * self._campaign.config.execution.print_reminder_h
         if every_s and now_s - self._reminded_s > every_s:
             self._reminded_s = now_s
-            title = f"FAST still needs you: batch {self._name(batch)}, for {in_words(now_s - self._asked_s)}"
-            self._voice.announce(f"{title}; {self._command(batch)}")
+            title = f"FAST still needs you: batch {self._name(batch)}, for {describe_duration(now_s - self._asked_s)}"
+            self._reporter.announce(f"{title}; {self._command(batch)}")
             self._notifier.send("needs_you", title, self._what_to_do(batch, sheet))
 
-    def thank(self, batch: int) -> None:
+    def close(self, batch: int) -> None:
         """The batch is confirmed; a form that is still open is not needed."""
         close_forms(self._campaign.lake, self._campaign.campaign_id, batch, "confirmed elsewhere")
         self._form = None

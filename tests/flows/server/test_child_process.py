@@ -6,8 +6,8 @@ import socket
 
 import pytest
 
-from flows.server import child_process as standing
-from flows.server.child_process import StandingProcess
+from flows.server import child_process
+from flows.server.child_process import ChildProcess
 from flows.server.server import ANY_PORT, LOOPBACK, _listen
 from models.errors import FastError
 
@@ -15,12 +15,10 @@ LIMIT_S = 60.0
 
 
 def test_who_asks_while_a_killed_server_comes_back_is_answered(tmp_path, monkeypatch):
-    monkeypatch.setattr(standing, "LEAST_LIFE_S", 0.0)
+    monkeypatch.setattr(child_process, "LEAST_LIFE_S", 0.0)
     listener = _listen(LOOPBACK, ANY_PORT)
     number, place = str(listener.fileno()), listener.getsockname()
-    process = StandingProcess(
-        "tests.flows.campaign.answering_process", [number], os.environ, tmp_path / "log", listener
-    )
+    process = ChildProcess("tests.flows.campaign.answering_process", [number], os.environ, tmp_path / "log", listener)
     process.start()
     try:
         with socket.create_connection(place, LIMIT_S) as asked:

@@ -1,4 +1,4 @@
-"""The state that a process keeps is the one that a fresh process derives, whatever happened to the lake between."""
+"""The state is what the rows say, whatever happened to the lake: kills, corrections, merged files, lost traces."""
 
 import random
 from collections import defaultdict
@@ -12,8 +12,7 @@ from lake.tables.campaign import DesignRow, GraspRow, ProposalRow, SimulationRow
 from models.design.space import numbered_design
 from models.records import BENCH_FAULT, SimulatorVersion, Theta
 from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.campaign.state import tuples
-from tasks.campaign.state_keeper import derive_state
+from tasks.campaign.state import derive_state
 from tasks.scientist.propose import propose_initial
 from tests.tasks.simulation.made_up import append_grasp, append_simulation
 
@@ -91,54 +90,52 @@ def fresh_state(campaign):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_what_is_kept_is_what_a_fresh_process_derives(campaign, seed):
+def test_the_state_is_what_the_rows_say(campaign, seed):
     propose_initial(campaign)
     confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada", rejected={1: "torn"}))
     history = History(campaign, seed)
     steps = []
     for number in range(N_STEPS):
         steps.append(history.step())
-        kept = history.campaign.state()
-        if number % 4 == 0:
-            assert kept == fresh_state(history.campaign), steps
-    assert kept == fresh_state(history.campaign), steps
-    assert kept.measured == measured_by_sql(history.campaign)
-    assert kept.simulated == simulated_by_sql(history.campaign, history.campaign.version)
-    assert kept.simulated_before == simulated_by_sql(history.campaign, OLDER)
+        if number % 8 == 0:
+            assert history.campaign.state() == fresh_state(history.campaign), steps
+    state = history.campaign.state()
+    assert state == fresh_state(history.campaign), steps
+    assert (state.measured, state.failures, state.next_attempts) == expected_grasps(history.campaign), steps
+    assert state.simulated == expected_simulated(history.campaign, history.campaign.version)
+    assert state.simulated_before == expected_simulated(history.campaign, OLDER)
+    assert {tool.tool_id: tool.design for tool in state.tools} == expected_designs(history.campaign)
+    assert state.confirmed == {"small/B01T0": "printed", "small/B01T1": "rejected"}
 
 
-def measured_by_sql(campaign):
+def expected_grasps(campaign):
+    """Measured cells of each tool; failures, and numbers of the next attempt, of each cell that has had trouble."""
+    traces = campaign.lake.ids(TraceRow)
+    measured, failures, failed, lost = defaultdict(set), defaultdict(int), {}, {}
+    for row in sorted(campaign.lake.rows(GraspRow, campaign_id="small"), key=lambda row: row["attempt"]):
+        cell = row["object_id"], row["repeat"]
+        if row["status"] != "ok":
+            failed[row["tool_id"], cell] = row["attempt"] + 1
+            if BENCH_FAULT not in row["details_json"]:
+                failures[row["tool_id"], cell] += 1
+        elif row["grasp_id"] in traces:
+            measured[row["tool_id"]].add(cell)
+        else:
+            lost[row["tool_id"], cell] = row["attempt"]
+    return measured, failures, failed | lost
+
+
+def expected_simulated(campaign, version):
     found = defaultdict(set)
-    sql = "SELECT tool_id, object_id, repeat FROM grasps SEMI JOIN trace_times USING (grasp_id) WHERE status = 'ok'"
-    for tool_id, object_id, repeat in tuples(campaign.lake, sql):
-        found[tool_id].add((object_id, repeat))
-    return dict(found)
+    for row in campaign.lake.rows(SimulationRow, version_id=version.version_id):
+        found[row["design_id"]].add(row["object_id"])
+    return found
 
 
-def simulated_by_sql(campaign, version):
-    found = defaultdict(set)
-    sql = "SELECT design_id, object_id FROM simulations WHERE version_id = ?"
-    for design_id, object_id in tuples(campaign.lake, sql, version.version_id):
-        found[design_id].add(object_id)
-    return dict(found)
-
-
-def test_a_state_is_not_changed_by_what_comes_later(campaign):
-    propose_initial(campaign)
-    before = campaign.state()
-    confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada"))
-    append_grasp(campaign, before.tools_of(1)[0], 4, 0, 10.0)
-    first = campaign.state()
-    append_grasp(campaign, before.tools_of(1)[0], 4, 1, 10.0)
-    assert (before.measured, before.confirmed) == ({}, {})
-    assert {cell for cells in first.measured.values() for cell in cells} == {(4, 0)}
-
-
-def test_nothing_is_read_again_when_nothing_came(campaign, monkeypatch):
-    propose_initial(campaign)
-    before = campaign.state()
-    monkeypatch.setattr("lake.query.engine.Engine.read", None)
-    assert campaign.state() is before
+def expected_designs(campaign):
+    designs = {row.design_id: row.design for row in campaign.lake.records(DesignRow)}
+    rows = campaign.lake.rows(ProposalRow, campaign_id="small", fidelity="real")
+    return {f"small/B{row['batch']:02d}T{row['slot']}": designs[row["design_id"]] for row in rows}
 
 
 def test_an_older_row_that_comes_late_supersedes_nothing(campaign):

@@ -9,8 +9,15 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from flows.server import crashed_runs as sweeper
-from flows.server.crashed_runs import CONTINUES, MOST_PER_HOUR, ORPHAN_LIMIT_S, UNMARKED_LIMIT_S, reason_of_death, sweep
+from flows.server import crashed_runs
+from flows.server.crashed_runs import (
+    CONTINUES,
+    MOST_PER_HOUR,
+    ORPHAN_LIMIT_S,
+    UNMARKED_LIMIT_S,
+    end_crashed_runs,
+    explain_death,
+)
 from flows.server.run_process import RunningProcess, is_process_alive
 
 NOW = datetime.now(UTC)
@@ -36,7 +43,7 @@ def run(number=1, state="RUNNING", tags=(), age_s=10.0, **changes):
 
 
 class Server:
-    """Answers what the sweeper asks, from runs in memory, newest first."""
+    """Answers what is asked about runs, from runs in memory, newest first."""
 
     def __init__(self, *runs) -> None:
         self.runs = list(runs)
@@ -71,7 +78,7 @@ class Server:
 def asked(monkeypatch):
     def serve(*runs) -> Server:
         server = Server(*runs)
-        monkeypatch.setattr(sweeper, "ask_server", server)
+        monkeypatch.setattr(crashed_runs, "ask_server", server)
         return server
 
     return serve
@@ -107,7 +114,7 @@ def test_a_zombie_is_not_alive():
     ids=("alive", "gone", "of another host", "just begun", "unmarked", "of a living worker", "of a dead worker"),
 )
 def test_why_a_run_is_dead(found, words):
-    reason = reason_of_death(found, NOW)
+    reason = explain_death(found, NOW)
     assert (reason is None) if words is None else re.search(words, reason)
 
 
@@ -121,22 +128,22 @@ def test_why_a_run_is_dead(found, words):
     ],
 )
 def test_a_run_that_a_worker_had_taken_and_not_started_has_died_with_it(state, age_s, worker_age_s, is_orphan):
-    reason = reason_of_death(run(state=state, age_s=age_s), NOW, NOW - timedelta(seconds=worker_age_s))
+    reason = explain_death(run(state=state, age_s=age_s), NOW, NOW - timedelta(seconds=worker_age_s))
     assert (reason is not None) == is_orphan
 
 
 def test_a_dead_run_and_its_tasks_are_crashed_and_a_live_one_is_left(asked):
     server = asked(run(1, tags=[GONE.tag]), run(2, tags=[OWN.tag]))
-    (sentence,) = sweep("").sentences
+    (sentence,) = end_crashed_runs("").sentences
     assert sentence.startswith("run run 1 has crashed: its process")
     assert set(server.crashed) == {"run-1", "task-1"}
 
 
 def test_a_crashed_campaign_is_continued_once_with_the_same_parameters(asked):
     server = asked(run(1, tags=[GONE.tag]))
-    assert sweep("", and_continue=True).continued == ["run run 1 has crashed and is continued"]
+    assert end_crashed_runs("", and_continue=True).continued == ["run run 1 has crashed and is continued"]
     assert [r["parameters"] for r in server.runs] == [{"config": "a.toml"}] * 2
-    assert sweep("", and_continue=True).sentences == []
+    assert end_crashed_runs("", and_continue=True).sentences == []
     assert len(server.runs) == 2
 
 
@@ -145,13 +152,13 @@ def test_a_crashed_campaign_is_continued_once_with_the_same_parameters(asked):
 )
 def test_what_a_person_ended_or_forgot_is_not_continued(asked, last):
     server = asked(last, run(1, "CRASHED"))
-    assert sweep("", and_continue=True).sentences == []
+    assert end_crashed_runs("", and_continue=True).sentences == []
     assert len(server.runs) == 2
 
 
 def test_a_campaign_that_kills_its_process_is_given_up(asked, caplog):
     server = asked(*(run(n, "CRASHED", [CONTINUES]) for n in range(MOST_PER_HOUR, 0, -1)))
-    assert sweep("", and_continue=True).sentences == []
+    assert end_crashed_runs("", and_continue=True).sentences == []
     assert len(server.runs) == MOST_PER_HOUR
     assert "was continued 20 times within an hour: no more" in caplog.text
 
@@ -160,5 +167,5 @@ def test_a_server_that_does_not_answer_is_asked_again_next_time(monkeypatch):
     def refuse(*words):
         raise urllib.error.URLError("refused")
 
-    monkeypatch.setattr(sweeper, "ask_server", refuse)
-    assert sweep("").sentences == []
+    monkeypatch.setattr(crashed_runs, "ask_server", refuse)
+    assert end_crashed_runs("").sentences == []

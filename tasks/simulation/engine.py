@@ -38,7 +38,7 @@ def check_engine(address: str) -> str:
     if found["scheme"] == "dask" and found["host"] not in _LOOPBACK:
         raise ValueError(
             f"`{address}` would send programs in the clear, and whoever reaches that port can run theirs here; write "
-            "dask+tls:// (docs/scale-out.md)"
+            "dask+tls:// (docs/how-to/scale-out.md)"
         )
     return address
 

@@ -1,4 +1,4 @@
-"""FastCal-1: made-up calibration problems of any size with a known answer (notes/inference.md section 7).
+"""FastCal-1: made-up calibration problems of any size with a known answer.
 
 Closed-form grasp forces with the shape of the real ones; measurements come from the same formula at a hidden theta,
 times a scale, plus a discrepancy that depends on wall thickness and rib count.

@@ -27,11 +27,12 @@ def ended(work: Callable[[], str]) -> State[Any]:
 @flow(name="run-campaign", flow_run_name="run {config}")
 def campaign(config: str, lake: str = "lake-data", auto_print: bool = False) -> State[Any]:
     """Start the campaign of a config file on its virtual bench, or continue it; a real bench needs a terminal."""
-    from flows.campaign.launch import Voice, run_campaign
+    from flows.campaign.launch import run_campaign
+    from flows.progress import ProgressReporter
 
     def work() -> str:
-        voice = Voice(progress=logger.info, announce=logger.warning)
-        outcome = run_campaign(Path(config), lake, auto_print=auto_print, voice=voice)
+        reporter = ProgressReporter(progress=logger.info, announce=logger.warning)
+        outcome = run_campaign(Path(config), lake, auto_print=auto_print, reporter=reporter)
         if not outcome.is_complete:
             return f"campaign {outcome.campaign_id} was asked to {outcome.ended_by}; run it again to continue."
         return f"campaign {outcome.campaign_id} is complete; report {outcome.report}"
@@ -85,15 +86,15 @@ def recalibrate(
     """
     from flows.calibration.calibrate import CalibrationOrder
     from flows.calibration.scheduled import recalibrate_lake
-    from flows.campaign.launch import Voice
+    from flows.progress import ProgressReporter
     from lake.store import Lake
     from models.calibration.inference.settings import CalibrationSettings
     from models.calibration.means.hypercube import HypercubePlan
 
     settings = CalibrationSettings(chains=chains, draws=draws, tune=tune, workers=workers, print_scatter=print_scatter)
     order = CalibrationOrder(settings, campaign, hypercube=HypercubePlan(n=simulate) if simulate else None)
-    voice = Voice(progress=logger.info, announce=logger.warning)
-    return ended(lambda: recalibrate_lake(Lake.open(lake), order, str(flow_run.get_id()), voice))
+    reporter = ProgressReporter(progress=logger.info, announce=logger.warning)
+    return ended(lambda: recalibrate_lake(Lake.open(lake), order, str(flow_run.get_id()), reporter))
 
 
 @flow(name="close-gap", flow_run_name="close gap {lake}")
@@ -109,11 +110,11 @@ def close_gap(
 
     `budget_minutes`: of simulating; what is left is simulated by the next run. `campaign`: None is all measurements.
     """
-    from flows.campaign.launch import Voice
     from flows.gap.scheduled import watch_gap
     from flows.gap.search import GapOrder
+    from flows.progress import ProgressReporter
     from lake.store import Lake
 
     order = GapOrder(campaign, seed, rounds, budget_minutes).with_workers(workers)
-    voice = Voice(progress=logger.info, announce=logger.warning)
-    return ended(lambda: watch_gap(Lake.open(lake), order, str(flow_run.get_id()), voice))
+    reporter = ProgressReporter(progress=logger.info, announce=logger.warning)
+    return ended(lambda: watch_gap(Lake.open(lake), order, str(flow_run.get_id()), reporter))

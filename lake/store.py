@@ -11,10 +11,9 @@ from typing import Any, TypeVar
 
 import duckdb
 import pyarrow as pa
-import pyarrow.dataset as pads
 
 from lake.provenance import Provenance, stamped
-from lake.query.engine import Engine, check_reads_only, load_views, tables_used
+from lake.query.engine import Engine, Mark, check_reads_only, load_views, tables_used, views_used
 from lake.storage.base import MARKER, Storage
 from lake.storage.files import discard, read_row, stage
 from lake.storage.open import storage_at
@@ -114,7 +113,7 @@ class Lake:
             LakeError: the query is wrong, or a file cannot be read.
         """
         check_reads_only(sql)
-        return self._query(sql, params, tables_used(sql))
+        return self._query(sql, params, tables_used(sql), views_used(sql))
 
     def rows(self, table: type[Row], **equals: Any) -> list[dict[str, Any]]:
         """Rows of a table as dicts with all columns, oldest first; `equals` are column = value filters.
@@ -175,11 +174,14 @@ class Lake:
         with self._synced(tables_used(sql)) as engine:
             yield engine
 
-    @contextmanager
-    def reading_raw(self, table: type[Row]) -> Iterator[Engine]:
-        """The same for a query over the `raw_` table alone, which costs less after each append."""
-        with self._synced({table.table}, with_views=False) as engine:
-            yield engine
+    def mark(self, table: type[Row]) -> Mark:
+        """How far the table goes now: the cheap way to ask whether anything came to it since the last mark.
+
+        Raises:
+            LakeError: the lake cannot be read.
+        """
+        with self._synced({table.table}, views=set()) as engine:
+            return engine.mark(table.table)
 
     def connect(self) -> duckdb.DuckDBPyConnection:
         """A DuckDB connection to the rows of this moment, with all views and macros.
@@ -212,9 +214,15 @@ class Lake:
             self._of_parent += [self._engine, self._lock]
             self._lock, self._engine, self._pid = threading.RLock(), None, os.getpid()
 
-    def _query(self, sql: str, params: Sequence[Any] | dict[str, Any] | None, tables: set[str]) -> pa.Table:
+    def _query(
+        self,
+        sql: str,
+        params: Sequence[Any] | dict[str, Any] | None,
+        tables: set[str],
+        views: set[str] | None = None,
+    ) -> pa.Table:
         for attempt in range(_QUERY_ATTEMPTS):
-            with self._synced(tables) as engine:
+            with self._synced(tables, views) as engine:
                 try:
                     return engine.read(sql, params)
                 except duckdb.IOException as error:
@@ -225,13 +233,14 @@ class Lake:
         raise LakeError(f"The lake {self.address} could not be read; run `fast lake check`.")
 
     @contextmanager
-    def _synced(self, tables: set[str], *, with_views: bool = True) -> Iterator[Engine]:
+    def _synced(self, tables: set[str], views: set[str] | None = None) -> Iterator[Engine]:
+        """The engine with these tables read; `views`: those whose view is used, None is all of them."""
         self._leave_parent()
         with self._lock:
             if self._engine is None:
                 self._engine = Engine(self.root)
             self.storage.refresh(tables)
-            self._engine.sync(tables, with_views=with_views)
+            self._engine.sync(tables, tables if views is None else views)
             yield self._engine
 
     def _copy_table(self, engine: Engine, connection: duckdb.DuckDBPyConnection, row_type: type[Row]) -> None:
@@ -242,6 +251,8 @@ class Lake:
             connection.execute(f"CREATE TABLE {table} AS SELECT * FROM rows_now")
             connection.unregister("rows_now")
             return
+        import pyarrow.dataset as pads  # half a second of imports (pandas), which no other question needs
+
         files = [str(path) for path in engine.files(table)]
         schema = schema_of(row_type)
         connection.register(f"{table}_files", pads.dataset(files, schema=schema) if files else schema.empty_table())

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from models.errors import UsageError
 from models.ids import content_id
 
 BENCH_FAULT = "bench_fault"  # how a measured grasp ended that the bench could not go on with; says nothing of the tool
@@ -86,19 +87,44 @@ class MeshSettings(Record):
 REFERENCE_MESH = MeshSettings(refine=1, layers=2)
 
 
+# Lakes may hold versions of the removed tier `screening`, a plane section of the finger: they are read, listed and
+# compared; `check_tier` refuses to simulate with them.
+Tier = Literal["screening", "production", "reference"]
+REMOVED_TIER = "screening"
+
+
 class SimulatorVersion(Record):
     """FEM settings + theta + an ordered list of effects: everything that decides a simulated number."""
 
     theta: Theta = Theta()
     effects: tuple[EffectValue, ...] = ()
     mesh: MeshSettings = MeshSettings()
-    tier: Literal["screening", "production", "reference"] = "production"
+    tier: Tier = "production"
     fem_version: str = "2"
 
     @property
     def version_id(self) -> str:
         """Id derived from the whole content."""
         return content_id("V", self.model_dump())
+
+
+TIERS = {
+    "production": SimulatorVersion(),
+    "reference": SimulatorVersion(tier="reference", mesh=REFERENCE_MESH),
+}
+
+
+def check_tier(tier: str) -> None:
+    """Refuse to simulate with a tier that the simulator no longer has.
+
+    Raises:
+        UsageError: the tier was removed.
+    """
+    if tier == REMOVED_TIER:
+        raise UsageError(
+            f"The simulator tier `{REMOVED_TIER}` was removed; simulate with `production` (its stored results stay "
+            "readable)."
+        )
 
 
 class Placement(Record):

@@ -11,7 +11,7 @@ from flows.benchmarks.summary import Key, completed, failures_by_reason
 from models.objects.catalogue import OBJECTS
 from models.solver_code import solver_id
 
-TIERS = ("production", "screening")
+TIERS = ("production",)
 REFERENCE = "reference"
 N_DESIGNS = 12
 # One of each class but ellipsoid, disc, prism (like sphere, cylinder, cube) and spiral: without a mirror plane, its

@@ -36,11 +36,11 @@ def _calibrate(
 ) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Any]]:
     from models.calibration.inference.settings import CalibrationSettings
     from models.calibration.means.calibrate import calibrate
-    from models.calibration.means.synthetic import made_up_problem
+    from models.calibration.means.synthetic import make_up_problem
 
     load = os.getloadavg()[0]
     n_sim, n_real = options.n_sim or N_SIM, options.n_real or N_REAL
-    problem = made_up_problem(n_sim, n_real, seed=0, scales_with_modulus=scales_with_modulus)
+    problem = make_up_problem(n_sim, n_real, seed=0, scales_with_modulus=scales_with_modulus)
     settings = CalibrationSettings(workers=options.workers or 2)
     wall = time.perf_counter()
     result = calibrate(problem, settings, lambda line: options.tell(f"{mode}: {line}"))

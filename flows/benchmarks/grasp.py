@@ -11,7 +11,7 @@ from flows.benchmarks.summary import completed, failures_by_reason, median_of, s
 from flows.benchmarks.tiers import WEDGE_REFINEMENT
 from models.objects.catalogue import OBJECTS
 
-TIERS = ("production", "screening")
+TIERS = ("production",)
 YARDSTICKS = tuple(WEDGE_REFINEMENT)
 N_DESIGNS, N_YARDSTICK_DESIGNS = 12, 3
 YARDSTICK_OBJECTS = (1, 14, 24, 30)  # sphere, tube, cone, cube

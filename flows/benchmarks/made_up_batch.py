@@ -13,6 +13,7 @@ from hardware.tools.mounted import MountedTool
 from hardware.virtual.world.file import World
 from lake.store import Lake
 from tasks.bench.measure import OpenBench, measure_batch, measure_tool
+from tasks.bench.plan import ToolWork
 from tasks.bench.print import PrintConfirmation, confirm_print
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
@@ -85,9 +86,9 @@ def measure_missing(
     if not tools:
         return
 
-    def measure(bench: Bench, tool: ProposedTool, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
+    def measure(bench: Bench, work: ToolWork, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
         measure_tool(
-            campaign, bench, tool, world_hash=world.world_hash, should_stop=should_stop, on_grasp=on_tool_grasp
+            campaign, bench, work, world_hash=world.world_hash, should_stop=should_stop, on_grasp=on_tool_grasp
         )
 
     opened = open_bench or partial(lockstep_bench, world)

@@ -37,11 +37,11 @@ def made_up_attempt(job: GraspJob, wall_s: float = SIMULATION_S) -> Attempt:
 
 def use_made_up_physics() -> None:
     """Have this process compute nothing: neither simulations nor the truth of the virtual bench."""
-    from flows.campaign import session
+    from flows.campaign import process
     from tasks.simulation import simulate as simulating
 
     simulating.attempt_grasp = made_up_attempt
-    session.simulate_request = fingerprint
+    process.simulate_request = fingerprint
 
 
 def config_of(name: str, size: Size = Size()) -> CampaignConfig:
@@ -58,7 +58,7 @@ def write_files(folder: Path, name: str, size: Size = Size()) -> Path:
     config, world = config_of(name, size), world_of(name)
     rows = [f'name = "{name}"', "[schedule]", *_lines(config.schedule.model_dump())]
     rows += ["[objects]", f"ids = {list(size.object_ids)}", f"repeats = {size.n_repeats}"]
-    rows += ['[simulator]\ntier = "screening"', '[bench]\nworld = "world.toml"']
+    rows += ['[bench]\nworld = "world.toml"']
     rows += ["[execution]", "simulation_workers = 1", f"print_poll_s = {size.print_poll_s}"]
     path = folder / f"{name}.toml"
     path.write_text("\n".join(rows) + "\n")

@@ -22,7 +22,7 @@ N_SAMPLES = 1200
 GRASPS_PER_TOOL = 108  # 36 objects, three repeats
 GRASPS_PER_BATCH = 10 * GRASPS_PER_TOOL
 START = datetime(2026, 1, 1, tzinfo=UTC)
-PERIOD = timedelta(seconds=24)  # of the virtual bench, see docs/figures-of-merit.md
+PERIOD = timedelta(seconds=24)  # of the virtual bench, see docs/reference/measured-figures.md
 _TRACE_BLOCK = 13 * GRASPS_PER_BATCH  # about `lake.maintenance.TARGET_BYTES`
 _BLOCKS_PER_GRASP_FILE = 50
 _RATE_HZ, _LIFT_SPEED_MM_PER_S = 80.0, 5.0

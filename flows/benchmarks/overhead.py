@@ -35,7 +35,7 @@ ALL_OBJECTS = tuple(range(N_OBJECTS_OF_PAPER))
 SIZE = Size(n_tools=3, object_ids=ALL_OBJECTS, n_repeats=REPEATS_OF_PAPER, n_simulations=22)
 WAITING = Size(n_tools=2, object_ids=(0,), n_repeats=1, n_simulations=0, print_poll_s=5.0)
 SETTLE_S, LIMIT_S = 10.0, 600.0
-STANDING_S = 90.0  # for which a campaign is watched that waits for a person
+WAITING_S = 90.0  # for which a campaign is watched that waits for a person
 
 
 @dataclass(frozen=True)
@@ -55,12 +55,12 @@ class Spent:
         """What was added since an earlier moment."""
         return Spent(self.process_s - before.process_s, self.server_s - before.server_s, self.wall_s - before.wall_s)
 
-    def beyond(self, standing: "Spent") -> "Spent":
+    def beyond(self, waiting: "Spent") -> "Spent":
         """Without what it costs to stand for as long; a busy machine stretches the time, and not the work."""
-        share = self.wall_s / standing.wall_s
+        share = self.wall_s / waiting.wall_s
         return Spent(
-            max(0.0, self.process_s - share * standing.process_s),
-            max(0.0, self.server_s - share * standing.server_s),
+            max(0.0, self.process_s - share * waiting.process_s),
+            max(0.0, self.server_s - share * waiting.server_s),
             self.wall_s,
         )
 
@@ -72,11 +72,11 @@ def measure_overhead(options: Options) -> Tables:
         lake = Lake.open(root, create=True)
         with server_of_study(lake):
             total, marginal, n_states = _run_campaign(Path(folder), options)
-            standing = _run_waiting(Path(folder), lake, options)
+            waiting = _run_waiting(Path(folder), lake, options)
         bench_s = _bench_cpu_s(Path(folder))
     n_grasps, n_designs = SIZE.n_tools * N_OBJECTS_OF_PAPER * SIZE.n_repeats, SIZE.n_simulations + SIZE.n_tools
     n_rows = n_grasps + n_designs * N_OBJECTS_OF_PAPER
-    work = marginal.beyond(standing)
+    work = marginal.beyond(waiting)
     measured = {
         "grasps": n_grasps,
         "simulations": n_rows - n_grasps,
@@ -88,8 +88,8 @@ def measure_overhead(options: Options) -> Tables:
         "wall_s": marginal.wall_s,
         "overhead_ms_per_row": 1e3 * (work.cpu_s - bench_s) / n_rows,
         "states_per_row": n_states / n_rows,
-        "standing_process_cpu_s_per_h": 3600 * standing.process_s / standing.wall_s,
-        "standing_server_cpu_s_per_h": 3600 * standing.server_s / standing.wall_s,
+        "waiting_process_cpu_s_per_h": 3600 * waiting.process_s / waiting.wall_s,
+        "waiting_server_cpu_s_per_h": 3600 * waiting.server_s / waiting.wall_s,
     }
     return {"measured": [measured], "at the paper's schedule": _extrapolated(measured)}
 
@@ -102,8 +102,8 @@ def _extrapolated(measured: dict[str, float]) -> Rows:
     n_simulations = (SIMULATED_DESIGNS_OF_PAPER + TOOLS_OF_PAPER) * N_OBJECTS_OF_PAPER
     n_rows = n_simulations + TOOLS_OF_PAPER * N_OBJECTS_OF_PAPER * REPEATS_OF_PAPER
     rows_s = n_rows * measured["overhead_ms_per_row"] / 1e3
-    process_s = BENCH_H_OF_PAPER * measured["standing_process_cpu_s_per_h"]
-    server_s = BENCH_H_OF_PAPER * measured["standing_server_cpu_s_per_h"]
+    process_s = BENCH_H_OF_PAPER * measured["waiting_process_cpu_s_per_h"]
+    server_s = BENCH_H_OF_PAPER * measured["waiting_server_cpu_s_per_h"]
     physics_s = n_simulations * _physics_cpu_s()
     own_s = measured["fixed_cpu_s"] + rows_s + process_s
     return [
@@ -112,11 +112,11 @@ def _extrapolated(measured: dict[str, float]) -> Rows:
             "grasps": n_rows - n_simulations,
             "simulations_cpu_h": physics_s / 3600,
             "rows_cpu_h": rows_s / 3600,
-            "standing_process_cpu_h": process_s / 3600,
-            "standing_server_cpu_h": server_s / 3600,
+            "waiting_process_cpu_h": process_s / 3600,
+            "waiting_server_cpu_h": server_s / 3600,
             "rows_percent": 100 * rows_s / (rows_s + physics_s),
             "campaign_percent": 100 * own_s / (own_s + physics_s),
-            "with_standing_server_percent": 100 * (own_s + server_s) / (own_s + server_s + physics_s),
+            "with_waiting_server_percent": 100 * (own_s + server_s) / (own_s + server_s + physics_s),
         }
     ]
 
@@ -144,7 +144,8 @@ def server_of_study(lake: Lake) -> Iterator[None]:
 
 def _run_campaign(folder: Path, options: Options) -> tuple[Spent, Spent, int]:
     """CPU of a campaign, CPU from its first grasp or simulation to its last, and how often its state was derived."""
-    from flows.campaign.launch import Voice, run_campaign
+    from flows.campaign.launch import run_campaign
+    from flows.progress import ProgressReporter
 
     config = write_files(folder, NAME, SIZE)
     use_made_up_physics()
@@ -160,14 +161,15 @@ def _run_campaign(folder: Path, options: Options) -> tuple[Spent, Spent, int]:
 
     before, derived = spent_so_far(root), Campaign.state
     with mock.patch.object(Campaign, "state", autospec=True, side_effect=derived) as counted:
-        run_campaign(config, root, auto_print=True, voice=Voice(hear, options.tell))
+        run_campaign(config, root, auto_print=True, reporter=ProgressReporter(hear, options.tell))
     time.sleep(SETTLE_S)  # the server stores events after they came
     return spent_so_far(root).since(before), marks["last"].since(marks["first"]), counted.call_count
 
 
 def _run_waiting(folder: Path, lake: Lake, options: Options) -> Spent:
     """CPU of a campaign that waits for a person, and of its server meanwhile."""
-    from flows.campaign.launch import Voice, run_campaign
+    from flows.campaign.launch import run_campaign
+    from flows.progress import ProgressReporter
 
     config, waits, heard = write_files(folder, "waiting", WAITING), threading.Event(), threading.Event()
 
@@ -177,7 +179,7 @@ def _run_waiting(folder: Path, lake: Lake, options: Options) -> Spent:
             waits.set()
 
     def run() -> None:
-        run_campaign(config, lake.root, auto_print=False, voice=Voice(options.tell, hear))
+        run_campaign(config, lake.root, auto_print=False, reporter=ProgressReporter(options.tell, hear))
         heard.set()
 
     campaign = threading.Thread(target=run, daemon=True, name="waiting-campaign")
@@ -186,7 +188,7 @@ def _run_waiting(folder: Path, lake: Lake, options: Options) -> Spent:
         raise FastError(f"the campaign of the study did not come to its print within {LIMIT_S:.0f} s; run it again.")
     time.sleep(SETTLE_S)
     before = spent_so_far(lake.root)
-    time.sleep(STANDING_S)
+    time.sleep(WAITING_S)
     spent = spent_so_far(lake.root).since(before)
     append_event(lake, "waiting", Verb.PAUSE, "the study has seen enough")
     if not heard.wait(LIMIT_S):

@@ -29,7 +29,7 @@ from tasks.simulation.attempt import Attempt, GraspJob, attempt_grasp
 from tasks.simulation.engine import LOCAL, Engine, open_engine
 
 N_WORKERS = 2
-GRASP_CPU_S = (0.02, 0.08, 0.36)  # the last two: a screening and a production grasp on the machine of docs/benchmarks
+GRASP_CPU_S = (0.02, 0.08, 0.36)  # the last two: a short and a production grasp on the machine of docs/benchmarks
 N_DESIGNS, OBJECTS = 2, tuple(range(12))
 LIMIT_S = 600.0
 N_CORES = 1000
@@ -77,7 +77,7 @@ def _warm(engine: Engine, n_workers: int) -> None:
 
 
 def _measure(root: Path, engine: Engine, n_workers: int, cpu_s: float, pids: list[int]) -> dict[str, Any]:
-    data = {"name": "scale", "objects": {"ids": OBJECTS}, "simulator": {"tier": "screening"}, "bench": {"world": ""}}
+    data = {"name": "scale", "objects": {"ids": OBJECTS}, "bench": {"world": ""}}
     campaign = Campaign(Lake.open(root, create=True), CampaignConfig.model_validate(data))
     designs = [numbered_design(number) for number in range(n_workers * N_DESIGNS)]
     with _made_up(cpu_s), ThreadPoolExecutor(n_workers) as threads:

@@ -3,14 +3,9 @@
 from collections.abc import Mapping
 
 from models.errors import UsageError
-from models.records import REFERENCE_MESH, MeshSettings, SimulatorVersion
+from models.records import TIERS, MeshSettings, SimulatorVersion
 from models.validation import closest
 
-TIERS: dict[str, SimulatorVersion] = {
-    "production": SimulatorVersion(),
-    "screening": SimulatorVersion(tier="screening"),
-    "reference": SimulatorVersion(tier="reference", mesh=REFERENCE_MESH),
-}
 # Their meshes are not of this program's mesher but those of `flows.benchmarks.wedges`.
 WEDGE_REFINEMENT = {"wedge": 0, "wedge refined": 1}
 SIMULATORS: dict[str, SimulatorVersion] = TIERS | {

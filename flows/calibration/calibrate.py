@@ -5,20 +5,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from flows.campaign.launch import Voice
+from flows.progress import ProgressReporter
 from flows.simulation.progress import n_missing, simulate_missing
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.hypercube import HypercubePlan, hypercube
+from models.calibration.means.hypercube import HypercubePlan, draw_hypercube
 from models.errors import UsageError
 from models.records import SimulatorVersion
 from tasks.calibration.calibrate import CalibrationSource, find_calibration, infer
-from tasks.calibration.mean_data import MeasuredTools, base_version, measured_tools
-from tasks.calibration.means import CalibrationData, gather
-from tasks.calibration.traces import gather_traces, grid_simulations
-from tasks.calibration.verify import verification_plan, verify
+from tasks.calibration.mean_data import MeasuredTools, find_base_version, read_measured_tools, read_simulated_points
+from tasks.calibration.means import CalibrationData, compare_means
+from tasks.calibration.verify import plan_verification, verify
 from tasks.campaign.requests import exclusive
+from tasks.gap.data import read_grasps
+from tasks.gap.theta import gather_traces, plan_grid
 from tasks.simulation.plan import SimulationPlan
 
 
@@ -82,7 +83,7 @@ class CalibrationOutcome:
 
 
 def run_calibration(
-    lake: Lake, order: CalibrationOrder, voice: Voice, should_stop: Callable[[], bool] = lambda: False
+    lake: Lake, order: CalibrationOrder, reporter: ProgressReporter, should_stop: Callable[[], bool] = lambda: False
 ) -> CalibrationOutcome:
     """Do what of an order is not done yet; killed, the same order continues.
 
@@ -92,16 +93,8 @@ def run_calibration(
     """
     with exclusive(lake, "calibrate", f"the lake {lake.address} is already being calibrated"):
         if order.data == "trace":
-            simulate_grid(lake, order, voice, should_stop)
-            return _calibrated(lake, gather_traces(lake, order.campaign_id, order.version_id), order, voice)
-        if order.hypercube is not None:
-            simulate_hypercube(lake, order, order.hypercube, voice, should_stop)
-        settings = order.settings
-        data = gather(lake, order.campaign_id, order.version_id, settings.seed, print_scatter=settings.print_scatter)
-        outcome = _calibrated(lake, data, order, voice)
-        if order.verify:
-            outcome = replace(outcome, row=_verify(lake, data, outcome.row, order.settings.workers, voice))
-    return outcome
+            return _calibrate_traces(lake, order, reporter, should_stop)
+        return _calibrate_means(lake, order, reporter, should_stop)
 
 
 def write_page(lake: Lake, outcome: CalibrationOutcome, out: Path | None = None) -> Path:
@@ -112,45 +105,58 @@ def write_page(lake: Lake, outcome: CalibrationOutcome, out: Path | None = None)
     return write_calibration_report(lake, calibration_id, out or lake.root / "outputs" / calibration_id / "report")
 
 
-def simulate_grid(lake: Lake, order: CalibrationOrder, voice: Voice, should_stop: Callable[[], bool]) -> None:
-    """Simulate what the lake lacks of the grid that a calibration on traces needs, saying first how much it is."""
-    plan = grid_simulations(lake, order.campaign_id, order.version_id)
-    n_grasps = n_missing(lake, [plan])
-    if n_grasps:
-        voice.progress(f"{n_grasps} of {plan.n_grasps} grasps of the grid around the measured designs are missing")
-    simulate_missing(lake, [plan], order.settings.workers, voice, should_stop)
-
-
-def simulate_hypercube(
-    lake: Lake, order: CalibrationOrder, plan: HypercubePlan, voice: Voice, should_stop: Callable[[], bool]
-) -> None:
-    """Simulate the points of a plan that the lake lacks, on the objects that were measured."""
-    measured = measured_tools(lake, order.campaign_id)
-    base = base_version(lake, measured.campaign_ids, order.version_id)
-    simulate_missing(lake, [hypercube_simulations(plan, base, measured)], order.settings.workers, voice, should_stop)
-
-
-def hypercube_simulations(plan: HypercubePlan, base: SimulatorVersion, measured: MeasuredTools) -> SimulationPlan:
+def plan_hypercube(plan: HypercubePlan, base: SimulatorVersion, measured: MeasuredTools) -> SimulationPlan:
     """The points of a plan as simulations by the family of `base`, grasped as the measured tools were."""
-    points = tuple((p.design, base.model_copy(update={"theta": p.theta})) for p in hypercube(plan))
+    points = tuple((p.design, base.model_copy(update={"theta": p.theta})) for p in draw_hypercube(plan))
     return SimulationPlan(points, measured.object_ids, measured.setup, plan.plan_id, plan.seed)
 
 
-def _calibrated(lake: Lake, data: CalibrationSource, order: CalibrationOrder, voice: Voice) -> CalibrationOutcome:
+def _calibrate_means(
+    lake: Lake, order: CalibrationOrder, reporter: ProgressReporter, should_stop: Callable[[], bool]
+) -> CalibrationOutcome:
+    measured, settings = read_measured_tools(lake, order.campaign_id), order.settings
+    base = find_base_version(lake, measured.campaign_ids, order.version_id)
+    if order.hypercube is not None:
+        plan = plan_hypercube(order.hypercube, base, measured)
+        simulate_missing(lake, [plan], settings.workers, reporter, should_stop)
+    simulated = read_simulated_points(lake, base, measured)
+    data = compare_means(order.campaign_id, base, measured, simulated, settings.seed, settings.print_scatter)
+    outcome = _calibrate_new(lake, data, settings, reporter)
+    if not order.verify:
+        return outcome
+    return replace(outcome, row=_verify(lake, data, outcome.row, settings.workers, reporter))
+
+
+def _calibrate_traces(
+    lake: Lake, order: CalibrationOrder, reporter: ProgressReporter, should_stop: Callable[[], bool]
+) -> CalibrationOutcome:
+    measured, settings = read_grasps(lake, order.campaign_id), order.settings
+    base = find_base_version(lake, measured.campaigns, order.version_id)
+    plan = plan_grid(measured, base)
+    if n_grasps := n_missing(lake, [plan]):
+        reporter.progress(f"{n_grasps} of {plan.n_grasps} grasps of the grid around the measured designs are missing")
+    simulate_missing(lake, [plan], settings.workers, reporter, should_stop)
+    return _calibrate_new(lake, gather_traces(lake, measured, base, order.campaign_id), settings, reporter)
+
+
+def _calibrate_new(
+    lake: Lake, data: CalibrationSource, settings: CalibrationSettings, reporter: ProgressReporter
+) -> CalibrationOutcome:
     """The calibration of these data, made unless the lake has it."""
-    settings = order.settings
     known = find_calibration(lake, data.calibration_id(settings))
     if known is not None:
         return CalibrationOutcome(known, False, len(data.grasp_ids))
-    voice.progress(f"{data.summary}; {settings.chains} chains of {settings.tune} + {settings.draws} draws")
-    row, _ = infer(lake, data, settings, voice.progress)
+    reporter.progress(f"{data.summary}; {settings.chains} chains of {settings.tune} + {settings.draws} draws")
+    row, _ = infer(lake, data, settings, reporter.progress)
     return CalibrationOutcome(row, True, len(data.grasp_ids))
 
 
-def _verify(lake: Lake, data: CalibrationData, row: CalibrationRow, n_workers: int, voice: Voice) -> CalibrationRow:
-    plan = verification_plan(lake, data, row)
+def _verify(
+    lake: Lake, data: CalibrationData, row: CalibrationRow, n_workers: int, reporter: ProgressReporter
+) -> CalibrationRow:
+    plan = plan_verification(lake, data, row)
     if plan is None:
-        voice.announce("nothing to verify: the calibration gave no simulator version, or no design was held out")
+        reporter.announce("nothing to verify: the calibration gave no simulator version, or no design was held out")
         return row
-    simulate_missing(lake, [plan], n_workers, voice)
+    simulate_missing(lake, [plan], n_workers, reporter)
     return verify(lake, data, row, plan)

@@ -1,16 +1,16 @@
 """Recalibration without a person: calibrate again when measurements or simulations are new, else say why not."""
 
 from flows.calibration.calibrate import CalibrationOrder, run_calibration, write_page
-from flows.campaign.launch import Voice
-from flows.server.noted_run import NotedRun
+from flows.progress import ProgressReporter
 from lake.store import Lake
 from models.errors import FastError
 from tasks.calibration.mean_data import TooLittleDataError
+from tasks.campaign.flow_runs import record_sentence
 
 FLOW = "recalibrate"
 
 
-def recalibrate_lake(lake: Lake, order: CalibrationOrder, flow_run_id: str, voice: Voice) -> str:
+def recalibrate_lake(lake: Lake, order: CalibrationOrder, flow_run_id: str, reporter: ProgressReporter) -> str:
     """Calibrate the lake if anything is new; a sentence says what was done, or why nothing was.
 
     The run and its sentence are a row of `flow_runs`. A new calibration gets its page, which shows theta over time, in
@@ -19,21 +19,23 @@ def recalibrate_lake(lake: Lake, order: CalibrationOrder, flow_run_id: str, voic
     Raises:
         FastError: the calibration could not be done, or gave no simulator version.
     """
-    run = NotedRun(lake, FLOW, flow_run_id, order.campaign_id, order.settings.seed)
-    return run.of(lambda: _recalibrate(lake, order, voice))
+    seed = order.settings.seed
+    return record_sentence(
+        lake, FLOW, flow_run_id, order.campaign_id, seed, lambda: _recalibrate(lake, order, reporter)
+    )
 
 
-def _recalibrate(lake: Lake, order: CalibrationOrder, voice: Voice) -> str:
+def _recalibrate(lake: Lake, order: CalibrationOrder, reporter: ProgressReporter) -> str:
     from flows.campaign.events import announce_calibrated
 
     try:
-        outcome = run_calibration(lake, order, voice)
+        outcome = run_calibration(lake, order, reporter)
     except TooLittleDataError as error:
         return f"nothing to calibrate: {error}"
     if outcome.row.version_id is None:
         raise FastError(outcome.sentence)
     if not outcome.is_new:
         return outcome.sentence
-    voice.progress(f"page: {write_page(lake, outcome)}")
+    reporter.progress(f"page: {write_page(lake, outcome)}")
     announce_calibrated(lake, outcome.row.calibration_id, outcome.sentence)
     return " ".join([f"{outcome.sentence}.", *outcome.row.warnings])

@@ -17,7 +17,7 @@ from prefect.runtime import flow_run
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows.campaign.events import announce_measured
-from flows.campaign.loops import BenchLane, RerunLane, Session, SimulationLane
+from flows.campaign.loops import BenchLoop, CampaignRun, RerunLoop, SimulationLoop
 from flows.campaign.page import CampaignPage
 from flows.server.run_process import RunningProcess
 from lake.maintenance import compact
@@ -25,24 +25,24 @@ from lake.tables.campaign import TABLES
 from models.errors import FastError
 from tasks.campaign import prefect_tasks as steps
 from tasks.campaign.campaign import Campaign
-from tasks.campaign.flow_runs import recorded
-from tasks.campaign.prefect_tasks import opaque
+from tasks.campaign.flow_runs import record_run
+from tasks.campaign.prefect_tasks import unmapped
 from tasks.campaign.requests import append_event
-from tasks.campaign.simulator_versions import at_stage, designs_to_rerun
+from tasks.campaign.simulator_versions import at_stage, list_reruns
 from tasks.scientist.observe import closed_batches
 
 POLL_S = 2.0  # how often requests of people are looked up while nothing else happens
 
 
 def run_flow(
-    session: Session, finish: Callable[[], None], interrupts: Callable[[], AbstractContextManager[None]]
+    run: CampaignRun, finish: Callable[[], None], interrupts: Callable[[], AbstractContextManager[None]]
 ) -> bool:
     """Run the campaign as a Prefect flow; `finish` writes report and recording.
 
     `interrupts` is entered when the flow has started; it turns signals into requests to stop.
     Returns True when the schedule is complete, False when someone asked to pause or stop.
     """
-    campaign = session.campaign
+    campaign = run.campaign
     task_runner: TaskRunner[Any] = ThreadPoolTaskRunner(max_workers=campaign.config.execution.simulation_workers + 4)
 
     @flow(
@@ -53,12 +53,12 @@ def run_flow(
     def campaign_flow(campaign_id: str, config_hash: str, lake: str) -> bool:
         # Inside the flow, since Prefect sets its own SIGTERM handler when a flow starts.
         with interrupts():
-            return recorded(
+            return record_run(
                 campaign.lake,
                 "campaign",
                 campaign_id,
                 str(flow_run.get_id()),
-                partial(_run_stages, session, finish),
+                partial(_run_stages, run, finish),
                 campaign.provenance(campaign.config.seed),
             )
 
@@ -66,12 +66,12 @@ def run_flow(
         return campaign_flow(campaign.campaign_id, campaign.config.config_hash, campaign.lake.address)
 
 
-def _run_stages(session: Session, finish: Callable[[], None]) -> bool:
-    campaign = session.campaign
+def _run_stages(run: CampaignRun, finish: Callable[[], None]) -> bool:
+    campaign = run.campaign
     page = CampaignPage(campaign)
     try:
         for stage in range(campaign.config.schedule.n_stages):
-            if not run_stage(session, stage, page.update):
+            if not run_stage(run, stage, page.update):
                 return False
         finish()
         return True
@@ -79,73 +79,73 @@ def _run_stages(session: Session, finish: Callable[[], None]) -> bool:
         page.update(now=True)
 
 
-def run_stage(session: Session, stage: int, on_event: Callable[[], None]) -> bool:
+def run_stage(run: CampaignRun, stage: int, on_event: Callable[[], None]) -> bool:
     """One stage: its tools and its simulations, side by side. False when asked to stop before the end.
 
     Where the simulator version is new, designs of earlier stages are simulated again first.
     """
-    if session.should_stop():
+    if run.should_stop():
         return False
-    campaign = session.campaign = at_stage(session.campaign, stage)
-    if designs := designs_to_rerun(campaign, stage):
-        _run_lanes(session, BenchLane(session, []), RerunLane(session, stage, designs), on_event)
-        if session.should_stop():
+    campaign = run.campaign = at_stage(run.campaign, stage)
+    if designs := list_reruns(campaign, stage):
+        _run_loops(run, BenchLoop(run, []), RerunLoop(run, stage, designs), on_event)
+        if run.should_stop():
             return False
     _ensure_proposed(campaign, stage)
     batches = campaign.config.schedule.batches_of(stage)
-    _run_lanes(session, BenchLane(session, batches), SimulationLane(session, stage), on_event)
-    if not session.should_stop():
+    _run_loops(run, BenchLoop(run, batches), SimulationLoop(run, stage), on_event)
+    if not run.should_stop():
         _close_stage(campaign, stage)
-    return not session.should_stop()
+    return not run.should_stop()
 
 
-def _run_lanes(session: Session, bench: BenchLane, simulations: SimulationLane, on_event: Callable[[], None]) -> None:
-    """Let both lanes work until they are idle; what went wrong is raised then."""
+def _run_loops(run: CampaignRun, bench: BenchLoop, simulations: SimulationLoop, on_event: Callable[[], None]) -> None:
+    """Let both loops work until they are idle; what went wrong is raised then."""
     try:
-        error = _drive(session, bench, simulations, on_event)
+        error = _drive(run, bench, simulations, on_event)
     except BaseException:
         # Prefect waits for the tasks that run, so they must hear that this is the end.
-        session.stopping.set()
+        run.stopping.set()
         raise
     if error is not None:
         raise error
 
 
 def _drive(
-    session: Session, bench: BenchLane, simulations: SimulationLane, on_event: Callable[[], None]
+    run: CampaignRun, bench: BenchLoop, simulations: SimulationLoop, on_event: Callable[[], None]
 ) -> FastError | None:
-    """Turn the wheel until both lanes are idle; the first failure stops new work and is returned."""
+    """Advance both loops until they are idle; the first failure stops new work and is returned."""
     error: FastError | None = None
     while True:
         try:
-            state = session.campaign.state()
+            state = run.campaign.state()
             is_bench_busy, are_simulations_busy = bench.advance(state), simulations.advance(state)
         except FastError as fault:
             if error is not None:
                 raise
             error = fault
-            session.stopping.set()
+            run.stopping.set()
             continue
         if not (is_bench_busy or are_simulations_busy):
             return error
-        future = _next_event(session, on_event)
+        future = _next_event(run, on_event)
         try:
             if not bench.finish(future):
                 simulations.finish(future)
         except FastError as fault:
             error = error or fault
-            session.stopping.set()
+            run.stopping.set()
 
 
-def _next_event(session: Session, on_wait: Callable[[], None]) -> PrefectFuture[Any]:
+def _next_event(run: CampaignRun, on_wait: Callable[[], None]) -> PrefectFuture[Any]:
     """The next future that is finished; requests of people are heard meanwhile."""
     while True:
         on_wait()
-        verb = session.requested_verb()
+        verb = run.requested_verb()
         if verb is not None:
-            session.ask(verb)
+            run.ask(verb)
         with contextlib.suppress(Empty):
-            return session.events.get(timeout=POLL_S)
+            return run.events.get(timeout=POLL_S)
 
 
 def _ensure_proposed(campaign: Campaign, stage: int) -> None:
@@ -159,7 +159,7 @@ def _ensure_proposed(campaign: Campaign, stage: int) -> None:
             f"campaign {campaign.campaign_id}: none of the {len(state.tools)} tools so far gave a grasp, so there is "
             "nothing to learn from; look at `fast campaign status` and print the tools again under a new campaign name."
         )
-    steps.propose_batch(f"B{schedule.batches_of(stage)[-1]:02d}", opaque(campaign), stage)
+    steps.propose_batch(f"B{schedule.batches_of(stage)[-1]:02d}", unmapped(campaign), stage)
 
 
 def _close_stage(campaign: Campaign, stage: int) -> None:

@@ -8,7 +8,7 @@ import os
 import urllib.error
 from typing import Any
 
-from flows.server.server import address_for_others, ask_server, running_server
+from flows.server.server import address_for_others, ask_server, find_server
 from lake.store import Lake
 from lake.tables.campaign import BatchRow
 from tasks.bench.print import open_slots
@@ -51,7 +51,7 @@ def close_forms(lake: Lake, campaign_id: str, batch: int, reason: str) -> None:
 
 
 def _server_of(lake: Lake) -> str | None:
-    return os.environ.get("PREFECT_API_URL") or running_server(lake.root)
+    return os.environ.get("PREFECT_API_URL") or find_server(lake.root)
 
 
 def _start(api_url: str, lake: Lake, campaign_id: str, batch: int) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The two lanes of a stage, side by side: the bench (print, then measure) and the simulations."""
+"""The two loops of a stage, side by side: the bench (print, then measure) and the simulations."""
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -13,10 +13,10 @@ from hardware.cell.cell import MeasuredGrasp
 from hardware.safety.safe_state import Verb
 from models.records import Design
 from tasks.bench.measure import OpenBench
-from tasks.bench.print import Desk
+from tasks.bench.print import OperatorPrompts
 from tasks.campaign import prefect_tasks as steps
 from tasks.campaign.campaign import Campaign
-from tasks.campaign.prefect_tasks import opaque
+from tasks.campaign.prefect_tasks import unmapped
 from tasks.campaign.requests import Requests
 from tasks.campaign.state import CampaignState, ProposedTool
 from tasks.scientist import propose as proposing
@@ -25,7 +25,7 @@ from tasks.simulation.engine import Engine
 
 
 @dataclass
-class Session:
+class CampaignRun:
     """What lives only as long as the process: workers, events, and whether someone asked to stop."""
 
     campaign: Campaign
@@ -35,7 +35,7 @@ class Session:
     auto_print: bool
     on_grasp: Callable[[ProposedTool, MeasuredGrasp], None]
     on_simulated: Callable[[str, int], None]
-    desk: Desk
+    prompts: OperatorPrompts
     events: "Queue[PrefectFuture]" = field(default_factory=Queue)
     stopping: threading.Event = field(default_factory=threading.Event)
     asked: Verb | None = None
@@ -77,22 +77,22 @@ class Session:
         return future
 
 
-class BenchLane:
+class BenchLoop:
     """One thing at a time: wait for a person, or drive the gantry."""
 
-    def __init__(self, session: Session, batches: list[int]) -> None:
-        self._session = session
+    def __init__(self, run: CampaignRun, batches: list[int]) -> None:
+        self._run = run
         self._batches = batches
         self._running: PrefectFuture | None = None
 
     def advance(self, state: CampaignState) -> bool:
         """Start the next thing if idle; True while something is running."""
-        if self._running is None and not self._session.should_stop():
+        if self._running is None and not self._run.should_stop():
             self._running = self._start_measuring(state) or self._start_printing(state)
         return self._running is not None
 
     def finish(self, future: PrefectFuture) -> bool:
-        """Take back a finished future if it is this lane's; its error is raised here."""
+        """Take back a finished future if it is this loop's; its error is raised here."""
         if future is not self._running:
             return False
         self._running = None
@@ -100,35 +100,35 @@ class BenchLane:
         return True
 
     def _start_measuring(self, state: CampaignState) -> PrefectFuture | None:
-        session = self._session
+        run = self._run
         for batch in self._batches:
-            tools = unfinished_tools(session.campaign, state, batch)
+            tools = unfinished_tools(run.campaign, state, batch)
             if tools:
                 future = steps.measure_batch.submit(
                     f"B{batch:02d}",
-                    opaque(session.campaign),
-                    opaque(tools),
-                    opaque(session.heard_bench),
-                    session.world_hash,
-                    opaque(session.should_stop),
-                    opaque(session.on_grasp),
+                    unmapped(run.campaign),
+                    unmapped(tools),
+                    unmapped(run.heard_bench),
+                    run.world_hash,
+                    unmapped(run.should_stop),
+                    unmapped(run.on_grasp),
                 )
-                return session.watch(future)
+                return run.watch(future)
         return None
 
     def _start_printing(self, state: CampaignState) -> PrefectFuture | None:
-        session = self._session
+        run = self._run
         for batch in self._batches:
             if not state.is_confirmed(batch):
                 future = steps.print_batch.submit(
                     f"B{batch:02d}",
-                    opaque(session.campaign),
+                    unmapped(run.campaign),
                     batch,
-                    session.auto_print,
-                    opaque(session.should_stop),
-                    opaque(session.desk),
+                    run.auto_print,
+                    unmapped(run.should_stop),
+                    unmapped(run.prompts),
                 )
-                return session.watch(future)
+                return run.watch(future)
         return None
 
 
@@ -140,15 +140,15 @@ class SimulationJob:
     label: str
 
 
-class SimulationLane:
+class SimulationLoop:
     """Keeps every worker busy: a new proposal the moment any simulation ends.
 
     Designs of the stage's own tools come after the proposals that are there already and before new ones.
     """
 
-    def __init__(self, session: Session, stage: int) -> None:
-        schedule = session.campaign.config.schedule
-        self._session = session
+    def __init__(self, run: CampaignRun, stage: int) -> None:
+        schedule = run.campaign.config.schedule
+        self._run = run
         self._batches = schedule.batches_of(stage)
         self._batch = self._batches[-1]
         self._budget = schedule.simulations_of(stage)
@@ -156,56 +156,56 @@ class SimulationLane:
 
     def advance(self, state: CampaignState) -> bool:
         """Fill idle workers; True while simulations are running."""
-        while not self._session.should_stop() and len(self._running) < self._n_workers:
-            job = self._next(state)
+        while not self._run.should_stop() and len(self._running) < self._n_workers:
+            job = self._find_unfinished(state)
             if job is None:
-                break
+                index = len(state.simulations_of(self._batch))
+                if index >= self._budget:
+                    break
+                proposing.propose_simulated(self._run.campaign, self._batch, index, state)
+                state = self._run.campaign.state()
+                job = self._proposed(state)[-1]
             self._submit(job)
-            state = self._session.campaign.state()
         return bool(self._running)
 
     def finish(self, future: PrefectFuture) -> bool:
-        """Take back a finished future if it is this lane's."""
+        """Take back a finished future if it is this loop's."""
         job = self._running.pop(future, None)
         if job is None:
             return False
         n_failed = future.result()
-        if not self._session.should_stop():
-            self._session.on_simulated(job.label, n_failed)
+        if not self._run.should_stop():
+            self._run.on_simulated(job.label, n_failed)
         return True
 
     @property
     def _n_workers(self) -> int:
-        return self._session.campaign.config.execution.simulation_workers
+        return self._run.campaign.config.execution.simulation_workers
 
     def _submit(self, job: SimulationJob) -> None:
-        session = self._session
+        run = self._run
         future = steps.simulate_design.submit(
             job.label,
-            opaque(session.campaign),
-            opaque(job.design),
-            opaque(session.pool),
-            opaque(session.should_stop),
+            unmapped(run.campaign),
+            unmapped(job.design),
+            unmapped(run.pool),
+            unmapped(run.should_stop),
         )
-        self._running[session.watch(future)] = job
+        self._running[run.watch(future)] = job
 
-    def _next(self, state: CampaignState) -> SimulationJob | None:
-        """What is not finished (after a restart, or not started) or, within the budget, a new proposal."""
-        campaign = self._session.campaign
+    def _find_unfinished(self, state: CampaignState) -> SimulationJob | None:
+        """A design that misses objects (after a restart, or not started) and that no worker has."""
+        campaign = self._run.campaign
         running = {job.design.design_id for job in self._running.values()}
         for job in self._known(state):
             design_id = job.design.design_id
             if design_id not in running and state.missing_objects(design_id, campaign.object_ids):
                 return job
-        index = len(state.simulations_of(self._batch))
-        if index >= self._budget:
-            return None
-        proposing.propose_simulated(campaign, self._batch, index, state)
-        return self._proposed(campaign.state())[-1]
+        return None
 
     def _known(self, state: CampaignState) -> list[SimulationJob]:
         jobs = self._proposed(state)
-        if self._session.campaign.config.simulator.simulate_tools:
+        if self._run.campaign.config.simulator.simulate_tools:
             tools = [tool for batch in self._batches for tool in state.tools_of(batch)]
             jobs += [SimulationJob(tool.design, f"{tool.label} simulated") for tool in tools]
         return jobs
@@ -216,11 +216,11 @@ class SimulationLane:
         return [SimulationJob(p.design, f"{name} {p.index + 1} of {self._budget}") for p in proposals]
 
 
-class RerunLane(SimulationLane):
+class RerunLoop(SimulationLoop):
     """Designs of earlier stages, simulated again since the simulator version is new; proposes nothing."""
 
-    def __init__(self, session: Session, stage: int, designs: Sequence[Design]) -> None:
-        super().__init__(session, stage)
+    def __init__(self, run: CampaignRun, stage: int, designs: Sequence[Design]) -> None:
+        super().__init__(run, stage)
         self._budget = 0
         self._designs = designs
 

@@ -14,14 +14,14 @@ from prefect.artifacts import create_markdown_artifact, create_progress_artifact
 from prefect.client.schemas.actions import ArtifactUpdate
 
 from flows.campaign.forecast import Forecast, forecast
-from flows.campaign.progress import MOST_CPU, RateEstimate, Workload, workload
+from flows.campaign.progress import MOST_CPU, Workload, count_work
+from flows.progress import RateEstimate
 from flows.server.server_process import OUTPUTS
-from lake.query.additions import mark_of
 from lake.query.engine import Mark
 from lake.tables.campaign import GraspRow, ProposalRow, SimulationRow, ToolRow
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.simulator_versions import at_present
-from tasks.campaign.summary import markdown_table, ranked_tools
+from tasks.campaign.state import format_ranking, rank_tools
 
 logger = logging.getLogger(__name__)
 
@@ -65,7 +65,7 @@ class CampaignPage:
         self._next_s = began_s + min(max(pause_s, INTERVAL_S), QUIET_S)
 
     def _has_news(self, now_s: float) -> bool:
-        marks = [mark_of(self._campaign.lake, table) for table in _SHOWN]
+        marks = [self._campaign.lake.mark(table) for table in _SHOWN]
         known, self._marks = self._marks, marks
         return marks != known or now_s > self._quiet_until_s
 
@@ -79,23 +79,23 @@ class CampaignPage:
         """The page as Markdown, from the lake as it is now."""
         campaign = at_present(self._campaign)
         state = campaign.state()
-        self._load = workload(campaign, state)
+        self._load = count_work(campaign, state)
         now_s = time.monotonic()
         self._grasps.update(self._load.grasps_done, now_s)
         self._simulations.update(self._load.simulated_done, now_s)
         seen = forecast(campaign, state, self._grasps.seconds_left(1), self._simulations.seconds_left(1))
-        tools = ranked_tools(campaign.lake, campaign.campaign_id)
-        return page_text(campaign, self._load, seen, tools, self._picture_of(tools) if with_picture else "")
+        tools = rank_tools(campaign.lake, campaign.campaign_id)
+        return format_page(campaign, self._load, seen, tools, self._picture_of(tools) if with_picture else "")
 
     def _picture_of(self, tools: list[dict[str, Any]]) -> str:
         """Tool quality by batch with the best so far, as an address with the picture in it; drawn when it changed."""
         n_grasps = sum(tool["n_grasps"] for tool in tools)
         if n_grasps != self._picture[0]:
-            self._picture = (n_grasps, best_so_far(self._campaign))
+            self._picture = (n_grasps, draw_best_so_far(self._campaign))
         return self._picture[1]
 
 
-def page_text(campaign: Campaign, load: Workload, seen: Forecast, tools: list[dict[str, Any]], picture: str) -> str:
+def format_page(campaign: Campaign, load: Workload, seen: Forecast, tools: list[dict[str, Any]], picture: str) -> str:
     """What the page says."""
     now = datetime.now().astimezone()
     lines = [
@@ -110,12 +110,12 @@ def page_text(campaign: Campaign, load: Workload, seen: Forecast, tools: list[di
     if picture:
         lines.append(f"![Tool quality by batch, and the best so far]({picture})")
     if tools:
-        lines.append(markdown_table(tools))
+        lines.append(format_ranking(tools))
     lines.append(_links(campaign))
     return "\n\n".join(lines)
 
 
-def best_so_far(campaign: Campaign) -> str:
+def draw_best_so_far(campaign: Campaign) -> str:
     """The report's figure of tool quality by batch as a `data:` address; empty before the first complete tool."""
     # Seconds of imports, which a campaign that goes on after a crash does not wait for.
     from flows.report.campaign.content import Content

@@ -77,7 +77,7 @@ def confirm_batch(campaign: str, batch: int, slots: list[int], lake: str = "lake
         wanted = [slot for slot in open_slots(found, campaign, batch) if slot in slots]
         if not wanted:
             return Completed(message="the batch was confirmed elsewhere meanwhile.")
-        form = batch_form(campaign, batch, slots, complaint, last)
+        form = make_form(campaign, batch, slots, complaint, last)
         try:
             last = suspend_flow_run(wait_for_input=form, timeout=WAIT_LIMIT_S, key=f"answer-{number}")
             done = confirm_print(found, campaign, batch, read_answer(last, batch, slots, wanted))
@@ -90,9 +90,7 @@ def confirm_batch(campaign: str, batch: int, slots: list[int], lake: str = "lake
         return Completed(message=f"{sentence}.")
 
 
-def batch_form(
-    campaign: str, batch: int, slots: Sequence[int], complaint: str, last: RunInput | None
-) -> type[RunInput]:
+def make_form(campaign: str, batch: int, slots: Sequence[int], complaint: str, last: RunInput | None) -> type[RunInput]:
     """The form of these slots; after a bad answer with the complaint on top and what was typed, but the name."""
     before = {} if last is None else last.model_dump(exclude_none=True)
     tools: dict[str, Any] = {}

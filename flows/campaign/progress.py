@@ -2,10 +2,10 @@
 
 import logging
 import time
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
+from flows.progress import RateEstimate, describe_time_left
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.simulator_versions import at_present
 from tasks.campaign.state import CampaignState
@@ -31,7 +31,7 @@ class Workload:
         return (self.grasps_done + self.simulated_done) / total if total else 1.0
 
 
-def workload(campaign: Campaign, state: CampaignState) -> Workload:
+def count_work(campaign: Campaign, state: CampaignState) -> Workload:
     """Count what is done and what the schedule asks for; rejected tools and given-up grasps are not owed."""
     config = campaign.config
     schedule, per_tool = config.schedule, config.objects.n_grasps
@@ -53,33 +53,7 @@ def workload(campaign: Campaign, state: CampaignState) -> Workload:
     )
 
 
-@dataclass
-class RateEstimate:
-    """Units per second over the recent past, for estimates of the time left; breaks in the work do not count."""
-
-    window: int = 40
-    longest_gap_s: float = 90.0  # a longer one is a break: a print, a pause
-    marks: deque[tuple[float, int]] = field(default_factory=deque)
-
-    def update(self, done: int, now_s: float) -> None:
-        """Note that `done` units are finished at `now_s`."""
-        if self.marks and done == self.marks[-1][1]:
-            return
-        if self.marks and now_s - self.marks[-1][0] > self.longest_gap_s:
-            self.marks.clear()
-        self.marks.append((now_s, done))
-        while len(self.marks) > self.window:
-            self.marks.popleft()
-
-    def seconds_left(self, remaining: int) -> float | None:
-        """Time for `remaining` units at the recent rate; None before a rate is known."""
-        if len(self.marks) < 2:
-            return None
-        (t0, n0), (t1, n1) = self.marks[0], self.marks[-1]
-        return remaining * (t1 - t0) / (n1 - n0) if n1 > n0 else None
-
-
-class ProgressReporter:
+class CampaignProgress:
     """Prints lines through `emit`, at most one per `interval_s` unless forced, and with `MOST_CPU` of a core."""
 
     def __init__(self, campaign: Campaign, emit: Callable[[str], None], interval_s: float = 5.0) -> None:
@@ -95,7 +69,7 @@ class ProgressReporter:
         if not force and now < self._next_s:
             return
         before_s = time.thread_time()
-        load = workload(self._campaign, at_present(self._campaign).state())
+        load = count_work(self._campaign, at_present(self._campaign).state())
         self._grasps.update(load.grasps_done, now)
         self._simulations.update(load.simulated_done, now)
         self._emit(
@@ -105,22 +79,8 @@ class ProgressReporter:
         self._next_s = now + max(self._interval_s, (time.thread_time() - before_s) / MOST_CPU)
 
     def _time_left(self, load: Workload) -> str:
-        estimates = [
+        """Of bench and simulations, which work side by side; what people take to print is not in it."""
+        return describe_time_left(
             self._grasps.seconds_left(load.grasps_total - load.grasps_done),
             self._simulations.seconds_left(load.simulated_total - load.simulated_done),
-        ]
-        known = [e for e in estimates if e is not None]
-        return f"{in_words(max(known))} left" if known else "time left not known yet"
-
-
-def in_words(seconds: float) -> str:
-    """A duration as a person says it: `40 s`, `12 min`, `3 h 20 min`, `4 d 6 h`."""
-    if seconds < 90:
-        return f"{max(seconds, 0):.0f} s"
-    minutes = round(seconds / 60)
-    if minutes < 90:
-        return f"{minutes} min"
-    hours, minutes = divmod(minutes, 60)
-    if hours < 48:
-        return f"{hours} h {minutes} min"
-    return f"{hours // 24} d {hours % 24} h"
+        )

@@ -4,15 +4,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from flows.campaign.launch import read_world, register
-from flows.campaign.session import kept_physics, open_campaign_bench
+from flows.campaign.process import keep_physics, open_campaign_bench
 from lake.store import Lake
 from models.errors import FastError
 from tasks.campaign import prefect_tasks as steps
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import load_config, relative_to
-from tasks.campaign.prefect_tasks import opaque
+from tasks.campaign.prefect_tasks import unmapped
 from tasks.campaign.requests import exclusive, require_acknowledgement
+from tasks.campaign.setup import read_world, register
 from tasks.campaign.simulator_versions import at_present
 from tasks.scientist.observe import proposed_designs, unfinished_tools
 from tasks.simulation.pool import WorkerPool
@@ -36,12 +36,14 @@ def measure_one_batch(config_path: Path, lake: str, batch: int) -> str:
         try:
             steps.measure_batch(
                 f"B{batch:02d}",
-                opaque(campaign),
-                opaque(tools),
-                opaque(lambda mounted: open_campaign_bench(campaign, world, kept_physics(campaign, physics), mounted)),
+                unmapped(campaign),
+                unmapped(tools),
+                unmapped(
+                    lambda mounted: open_campaign_bench(campaign, world, keep_physics(campaign, physics), mounted)
+                ),
                 world.world_hash,
-                opaque(lambda: False),
-                opaque(lambda tool, grasp: None),
+                unmapped(lambda: False),
+                unmapped(lambda tool, grasp: None),
             )
         finally:
             physics.close()
@@ -63,10 +65,10 @@ def simulate_missing(config_path: Path, lake: str) -> str:
             jobs = [
                 steps.simulate_design.submit(
                     f"simulated design {number} of {len(owed)}",
-                    opaque(campaign),
-                    opaque(design),
-                    opaque(pool),
-                    opaque(lambda: False),
+                    unmapped(campaign),
+                    unmapped(design),
+                    unmapped(pool),
+                    unmapped(lambda: False),
                 )
                 for number, design in enumerate(owed, start=1)
             ]

@@ -3,18 +3,18 @@
 import tomllib
 from typing import Any
 
-from flows.campaign.progress import workload
+from flows.campaign.progress import count_work
 from hardware.safety.safe_state import Verb
 from lake.handoff.campaign import IMPORTED, is_imported
 from lake.handoff.import_folder import importing_campaign
 from lake.store import Lake
-from lake.tables.campaign import CampaignRow, EventRow, GraspRow, SimulationRow, SimulatorVersionRow
+from lake.tables.campaign import GraspRow, SimulationRow, SimulatorVersionRow
 from models.validation import load_record
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
 from tasks.campaign.requests import is_held, requested_verb
 from tasks.campaign.simulator_versions import at_present
-from tasks.campaign.summary import ranked_tools
+from tasks.campaign.state import rank_tools
 
 _ENDED_BY = {
     Verb.PAUSE: "paused",
@@ -22,25 +22,30 @@ _ENDED_BY = {
     Verb.ABORT: "failed (aborted)",
     Verb.ESTOP: "emergency stop, waits for a person",
 }
+_LAST_EVENT = "SELECT message FROM events WHERE campaign_id = ? ORDER BY created_at DESC, event_id DESC LIMIT 1"
 
 
-def stored_campaign(lake: Lake, campaign_id: str) -> Campaign:
+def read_campaign(lake: Lake, campaign_id: str) -> Campaign:
     """A campaign with the config it was started with, from the lake."""
-    row = lake.rows(CampaignRow, campaign_id=campaign_id)[-1]
-    config = load_record(CampaignConfig, tomllib.loads(row["config_toml"]), f"stored config of {campaign_id}")
-    return Campaign(lake, config)
+    text = _stored_toml(lake, campaign_id)
+    return Campaign(lake, load_record(CampaignConfig, tomllib.loads(text), f"stored config of {campaign_id}"))
 
 
-def campaign_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
+def _stored_toml(lake: Lake, campaign_id: str) -> str:
+    sql = "SELECT config_toml FROM campaigns WHERE campaign_id = ?"
+    return str(lake.query(sql, [campaign_id])["config_toml"][0].as_py())
+
+
+def read_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
     """Counts, best tool and what the campaign is doing or waiting for."""
-    if is_imported(lake.rows(CampaignRow, campaign_id=campaign_id)[-1]["config_toml"]):
+    if is_imported(_stored_toml(lake, campaign_id)):
         return _imported_status(lake, campaign_id)
-    campaign = at_present(stored_campaign(lake, campaign_id))
+    campaign = at_present(read_campaign(lake, campaign_id))
     state = campaign.state()
-    load = workload(campaign, state)
+    load = count_work(campaign, state)
     waiting = [batch for batch in sorted({t.batch for t in state.tools}) if not state.is_confirmed(batch)]
-    tools = ranked_tools(lake, campaign_id)
-    events = lake.rows(EventRow, campaign_id=campaign_id)
+    tools = rank_tools(lake, campaign_id)
+    events = lake.query(_LAST_EVENT, [campaign_id])["message"].to_pylist()
     return {
         "campaign": campaign_id,
         "state": _state_word(lake, campaign_id, load.fraction >= 1.0),
@@ -49,7 +54,7 @@ def campaign_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
         "waiting_for_print": [f"{campaign_id}/B{batch:02d}" for batch in waiting],
         "best_tool": tools[0]["tool_id"] if tools else None,
         "best_n": tools[0]["tool_quality_n"] if tools else None,
-        "last_event": events[-1]["message"] if events else None,
+        "last_event": events[0] if events else None,
         "output": str(campaign.output),
     }
 
@@ -60,7 +65,7 @@ def _imported_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
     versions = lake.rows(SimulatorVersionRow, tier=IMPORTED)
     own = [row["version_id"] for row in versions if importing_campaign(row["version_json"]) == campaign_id]
     n_simulated = len(lake.ids(SimulationRow, version_id=own))
-    tools = ranked_tools(lake, campaign_id)
+    tools = rank_tools(lake, campaign_id)
     return {
         "campaign": campaign_id,
         "state": IMPORTED,
@@ -74,7 +79,7 @@ def _imported_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
     }
 
 
-def status_text(status: dict[str, Any]) -> str:
+def format_status(status: dict[str, Any]) -> str:
     """The status as lines for a person; the last line says what to do."""
     lines = [
         f"campaign   {status['campaign']} ({status['state']})",

@@ -34,7 +34,7 @@ class Chosen:
 class BenchChosen(Chosen):
     """What only benchmarks take."""
 
-    tiers: Annotated[str | None, Parameter(help="Tiers of the simulator, e.g. production,screening.")] = None
+    tiers: Annotated[str | None, Parameter(help="Tiers of the simulator, e.g. production,reference.")] = None
     grasps: Annotated[str | None, Parameter(help="Sizes of lakes, in grasps, e.g. 8640,1000000.")] = None
     n_sim: Annotated[int | None, Parameter(help="Simulations of a made-up problem.")] = None
     n_real: Annotated[int | None, Parameter(help="Measured designs of a made-up problem.")] = None
@@ -121,7 +121,7 @@ def _sizes(text: str) -> tuple[int, ...]:
 
 
 def _names(text: str) -> tuple[str, ...]:
-    """Names from `production,screening`."""
+    """Names from `production,reference`."""
     return tuple(text.split(","))
 
 

@@ -67,17 +67,14 @@ class Sampling:
     tune: Annotated[int, Parameter(help="Draws dropped per chain; the paper: 8000.")] = 1000
     seed: Annotated[int, Parameter(help="Seed of hypercube, held-out designs and chains.")] = 0
     method: Annotated[
-        Literal["auto", "factorised", "joint", "blocked"], Parameter(help="Algorithm; auto checks and falls back.")
+        Literal["auto", "factorised", "joint"], Parameter(help="Algorithm; auto checks and falls back.")
     ] = "auto"
     rho: Annotated[
         Literal["fixed", "free"], Parameter(help="Scale between simulation and measurement: 1, or inferred.")
     ] = "fixed"
     print_scatter: Annotated[
         float,
-        Parameter(
-            help="Relative scatter of stiffness between prints, e.g. 0.04; the calibration on traces infers it; "
-            "of means alone."
-        ),
+        Parameter(help="Relative scatter of stiffness between prints, e.g. 0.04; of means alone."),
     ] = 0.0
     workers: Annotated[int, Parameter(help="Worker processes; changes no result.", validator=AT_LEAST_ONE)] = 2
 
@@ -102,8 +99,8 @@ def calibrate(
     twice; a killed command continues when it is given again.
     """
     from flows.calibration.calibrate import CalibrationOrder, run_calibration, write_page
-    from flows.campaign.launch import Voice
     from flows.cli.campaign import open_lake, resolve_campaign
+    from flows.progress import ProgressReporter
     from models.calibration.inference.settings import CalibrationSettings
     from models.validation import load_record
 
@@ -112,7 +109,7 @@ def calibrate(
     found = open_lake(lake)
     name = resolve_campaign(found, compared.campaign) if compared.campaign is not None else None
     order = CalibrationOrder(settings, name, compared.version, plan, compared.verify, compared.data)
-    outcome = run_calibration(found, order, Voice(tell, tell))
+    outcome = run_calibration(found, order, ProgressReporter(tell, tell))
     page = str(write_page(found, outcome, out)) if out is not None else None
     show(_data(outcome) | {"report": page}, _text(outcome, page), json)
     if outcome.row.version_id is None:

@@ -10,7 +10,7 @@ from flows.cli.common import DEFAULT_LAKE, AsJson, CampaignId, LakePath, show, t
 from flows.cli.real import YesMove
 
 if TYPE_CHECKING:
-    from flows.campaign.launch import Outcome
+    from flows.campaign.process import CampaignOutcome
     from hardware.bench import BenchSettings
     from lake.store import Lake
 
@@ -41,19 +41,20 @@ def run(
     Ctrl-C pauses: it finishes the current grasp, parks the tool and ends. A second Ctrl-C stops: the bench goes to its
     safe state at once. The same command continues later.
     """
-    from flows.campaign.launch import Voice, run_campaign
+    from flows.campaign.launch import run_campaign
     from flows.cli.real import ask_leave
+    from flows.progress import ProgressReporter
 
     def confirm(bench_file: Path, settings: "BenchSettings") -> None:
         ask_leave(bench_file, settings, None, yes_move)
 
-    voice, leave = Voice(tell, tell), confirm if real else None
+    leave = confirm if real else None
     outcome = run_campaign(
         config,
         lake,
         auto_print=auto_print,
         confirm_real=leave,
-        voice=voice,
+        reporter=ProgressReporter(tell, tell),
         is_acknowledged=acknowledge,
     )
     _tell_outcome(outcome, json)
@@ -64,20 +65,20 @@ def run(
 @app.command
 def status(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Where a campaign stands: done and left, best tool so far, what it waits for."""
-    from flows.campaign.status import campaign_status, status_text
+    from flows.campaign.status import format_status, read_status
 
     found = open_lake(lake)
-    state = campaign_status(found, resolve_campaign(found, campaign))
-    show(state, status_text(state), json)
+    state = read_status(found, resolve_campaign(found, campaign))
+    show(state, format_status(state), json)
 
 
 @app.command(name="list")
 def list_campaigns(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """All campaigns of the lake."""
-    from flows.campaign.status import campaign_status
+    from flows.campaign.status import read_status
 
     found = open_lake(lake)
-    rows = [campaign_status(found, name) for name in campaign_ids(found)]
+    rows = [read_status(found, name) for name in campaign_ids(found)]
     columns = ["campaign", "state", "grasps", "simulated", "best_tool", "best_n"]
     show(rows, table_text(rows, columns), json)
 
@@ -122,9 +123,9 @@ def open_lake(lake: Path) -> "Lake":
 
 def campaign_ids(lake: "Lake") -> list[str]:
     """All campaigns of the lake, oldest first."""
-    from lake.tables.campaign import CampaignRow
-
-    return [row["campaign_id"] for row in lake.rows(CampaignRow)]
+    # Times are left out of what is read: PyArrow would import pandas for them, half a second.
+    found = lake.query("SELECT campaign_id FROM campaigns ORDER BY created_at, campaign_id")
+    return [str(name) for name in found["campaign_id"].to_pylist()]
 
 
 def resolve_campaign(lake: "Lake", campaign: str | None) -> str:
@@ -144,7 +145,7 @@ def resolve_campaign(lake: "Lake", campaign: str | None) -> str:
     return known[0]
 
 
-def _tell_outcome(outcome: "Outcome", as_json: bool) -> None:
+def _tell_outcome(outcome: "CampaignOutcome", as_json: bool) -> None:
     data: dict[str, Any] = {
         "campaign": outcome.campaign_id,
         "complete": outcome.is_complete,

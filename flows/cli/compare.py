@@ -29,9 +29,7 @@ def compare(
         int | None,
         Parameter(help="Landscapes (20) or seeds of a config (2).", validator=AT_LEAST_ONE),
     ] = None,
-    strategies: Annotated[
-        str | None, Parameter(help="Names separated by `;`; default: all, or the paper's four of a config.")
-    ] = None,
+    strategies: Annotated[str | None, Parameter(help="Names separated by `;`; default: the paper's four.")] = None,
     emulate: Annotated[
         Path | None, Parameter(help="Lake whose simulated designs are emulated, instead of synthetic landscapes.")
     ] = None,
@@ -39,7 +37,7 @@ def compare(
         int | None, Parameter(help="Rounds of ten measured tools (8) on a landscape.", validator=AT_LEAST_ONE)
     ] = None,
     results: Annotated[
-        Path | None, Parameter(help="JSON-lines file of the races; what is in it is not run again.")
+        Path | None, Parameter(help="JSON-lines file of the runs; what is in it is not run again.")
     ] = None,
     lakes: Annotated[
         Path | None,
@@ -49,7 +47,7 @@ def compare(
     workers: Annotated[int | None, Parameter(help="Processes (2) for landscapes.", validator=AT_LEAST_ONE)] = None,
     json: AsJson = False,
 ) -> None:
-    """Race the scientist's strategies with paired seeds: on worlds that answer at once, or as whole campaigns.
+    """Compare the scientist's strategies with paired seeds: on landscapes that answer at once, or as whole campaigns.
 
     Landscapes have the paper's schedule. Campaigns have that of their config, the same number of measured tools for
     each strategy, and the same first designs.
@@ -73,42 +71,42 @@ def _compare_on_landscapes(
     workers: int,
     json: bool,
 ) -> None:
-    from flows.scientist.landscape_run import RaceSchedule
+    from flows.scientist.landscape_run import RunSchedule
+    from flows.scientist.landscape_study import PlannedRun, run_planned
+    from flows.scientist.landscape_table import paired_rows, summary_rows
     from flows.scientist.strategies import REFERENCE
-    from flows.scientist.study import Entry, run_study
-    from flows.scientist.verdict import paired_rows, summary_rows
 
-    schedule = RaceSchedule(rounds=rounds)
-    entries = [Entry(name, seed, schedule, data) for seed in range(races) for name in names]
-    courses = run_study(entries, results, workers, tell)
-    _show(summary_rows(courses), paired_rows(courses, REFERENCE), _COLUMNS, json)
+    schedule = RunSchedule(rounds=rounds)
+    plan = [PlannedRun(name, seed, schedule, data) for seed in range(races) for name in names]
+    runs = run_planned(plan, results, workers, tell)
+    _show(summary_rows(runs), paired_rows(runs, REFERENCE), _COLUMNS, json)
     if figure is not None:
-        from flows.scientist.figure import races_figure
+        from flows.scientist.landscape_table import runs_figure
 
-        _draw(lambda: races_figure(courses, REFERENCE), figure)
+        _draw(lambda: runs_figure(runs, REFERENCE), figure)
 
 
 def _compare_campaigns(
     config: Path, seeds: int, strategies: str | None, lakes: Path, figure: Path | None, json: bool
 ) -> None:
-    from flows.campaign.launch import read_world
-    from flows.scientist.campaign_runs import BenchRace, run_races
+    from flows.scientist.campaign_runs import PlannedCampaign, run_campaigns
     from flows.scientist.campaign_table import COLUMNS, campaign_rows, campaigns_figure, paired_campaign_rows
-    from flows.scientist.strategies import OF_THE_PAPER, REFERENCE, STRATEGY_BY_NAME
+    from flows.scientist.strategies import REFERENCE, STRATEGIES
     from tasks.campaign.config import load_config, relative_to
+    from tasks.campaign.setup import read_world
 
-    names = _names(strategies) if strategies else list(OF_THE_PAPER)
+    names = _names(strategies)
     loaded = load_config(config)
     world = read_world(relative_to(config, loaded.bench.world))
-    races = [
-        BenchRace(STRATEGY_BY_NAME[name], loaded.seed + seed, loaded, world, lakes)
+    plan = [
+        PlannedCampaign(STRATEGIES[name], loaded.seed + seed, loaded, world, lakes)
         for seed in range(seeds)
         for name in names
     ]
-    courses = run_races(races, tell)
-    _show(campaign_rows(courses), paired_campaign_rows(courses, REFERENCE), COLUMNS, json)
+    runs = run_campaigns(plan, tell)
+    _show(campaign_rows(runs), paired_campaign_rows(runs, REFERENCE), COLUMNS, json)
     if figure is not None:
-        _draw(lambda: campaigns_figure(courses, REFERENCE), figure)
+        _draw(lambda: campaigns_figure(runs, REFERENCE), figure)
 
 
 def _refuse(options: dict[str, object], beside: str) -> None:
@@ -137,16 +135,16 @@ def _names(text: str | None) -> list[str]:
     Raises:
         UsageError: there is no such strategy.
     """
-    from flows.scientist.strategies import STRATEGIES, STRATEGY_BY_NAME
+    from flows.scientist.strategies import STRATEGIES
     from models.errors import UsageError
     from models.validation import closest
 
     if text is None:
-        return [strategy.name for strategy in STRATEGIES]
+        return list(STRATEGIES)
     names = [name.strip() for name in text.split(";")]
     for name in names:
-        if name not in STRATEGY_BY_NAME:
-            raise UsageError(f"There is no strategy `{name}`; {closest(name, list(STRATEGY_BY_NAME))}")
+        if name not in STRATEGIES:
+            raise UsageError(f"There is no strategy `{name}`; {closest(name, list(STRATEGIES))}")
     return names
 
 

@@ -179,10 +179,10 @@ def _writer(store: "tuple[Lake, ProposedTool] | None", world: Path | None) -> "C
     """What writes each run to the lake, or does nothing."""
     if store is None:
         return lambda grasp: None
-    from flows.campaign.launch import read_world
     from lake.tables.campaign import GraspRow
-    from tasks.bench.diagnose import append_diagnostic
+    from tasks.bench.measure import append_diagnostic
     from tasks.campaign.campaign import stored_provenance
+    from tasks.campaign.setup import read_world
 
     lake, tool = store
     campaign_id = tool.tool_id.partition("/")[0]

@@ -47,9 +47,9 @@ def _tell(checks: list[Check], as_json: bool) -> None:
 
 
 def _bench(bench_file: Path) -> list[Check]:
-    from flows.campaign.launch import read_bench
     from flows.cli.wire import log_folder
     from hardware.checkup.bench import check_bench
+    from tasks.campaign.setup import read_bench
 
     return [Check(*finding) for finding in check_bench(read_bench(bench_file), log_folder=log_folder(None))]
 
@@ -142,11 +142,11 @@ def _serial_ports() -> str:
 def _running(lake: Path) -> str:
     import socket
 
-    from flows.server.server import DEFAULT_PORT, LOOPBACK, running_server
+    from flows.server.server import DEFAULT_PORT, LOOPBACK, find_server
     from lake.storage.open import storage_at
 
     named = os.environ.get("PREFECT_API_URL")
-    known = named or running_server(storage_at(lake).root)
+    known = named or find_server(storage_at(lake).root)
     if known:
         return f"{'named by PREFECT_API_URL' if named else 'of this lake'}: {known.removesuffix('/api')}"
     with socket.socket() as probe:

@@ -156,10 +156,10 @@ def open_bench(
     Raises:
         UsageError: a wrong file, or the real bench was not confirmed.
     """
-    from flows.campaign.launch import read_bench, read_world
     from flows.cli.real import ask_leave
     from flows.cli.wire import log_folder
     from hardware.bench import open_real_bench, open_virtual_bench
+    from tasks.campaign.setup import read_bench, read_world
 
     mounted = rack(None) if tools is None else tools
     if chosen.real is None:

@@ -45,13 +45,13 @@ def gap(
     Designs and objects are held out first. What the lake lacks of the bank of simulations around the measured tools is
     simulated, so the first call takes an hour or more on two cores; a killed command continues when it is given again.
     """
-    from flows.campaign.launch import Voice
     from flows.cli.campaign import open_lake, resolve_campaign
     from flows.gap.folder import write_folder
     from flows.gap.search import GapOrder, run_gap
+    from flows.progress import ProgressReporter
 
     if catalogue:
-        from models.simulation.effects.table import catalogue_entries, catalogue_rows
+        from models.simulation.effects.catalogue import catalogue_entries, catalogue_rows
 
         show(catalogue_entries(), f"{table_text(catalogue_rows())}\n\n{_COSTS}", json)
         return
@@ -59,7 +59,7 @@ def gap(
     name = resolve_campaign(found, campaign) if campaign is not None else None
     order = GapOrder(name, seed, rounds, budget_minutes)
     order = order.with_workers(workers)
-    outcome = run_gap(found, order, Voice(tell, tell))
+    outcome = run_gap(found, order, ProgressReporter(tell, tell))
     page = write_folder(found, outcome, out)
     show(_data(outcome) | {"report": str(page)}, _text(outcome, page), json)
 
@@ -70,22 +70,22 @@ def _data(outcome: "GapOutcome") -> dict[str, Any]:
 
 
 def _text(outcome: "GapOutcome", page: Path) -> str:
-    from flows.report.gap.words import probability_words
+    from flows.report.gap.answer import describe_probability
 
     findings = outcome.run.findings
     lines = [f"{outcome.sentence}.", ""]
-    for number, turn in enumerate(findings.rounds, start=1):
-        lines += [f"round {number}: {turn.named.kind}. {turn.named.sentence}"]
-        lines += [f"  where: {found.sentence}" for found in turn.where[:3]]
+    for number, found in enumerate(findings.rounds, start=1):
+        lines += [f"round {number}: {found.named.kind}. {found.named.sentence}"]
+        lines += [f"  where: {where.sentence}" for where in found.where[:3]]
         rows = [
             {
                 "candidate": row.effect,
-                "P": probability_words(row.probability),
+                "P": describe_probability(row.probability),
                 "gain_nats": round(row.held_out_gain_nats, 1),
                 "rmse": f"{100 * row.held_out_rmse_change:+.0f} %",
                 "visible": None if row.visible_fraction is None else f"{100 * row.visible_fraction:.0f} %",
             }
-            for row in sorted(turn.candidates, key=lambda row: -row.probability)[:_MOST_CANDIDATES]
+            for row in sorted(found.candidates, key=lambda row: -row.probability)[:_MOST_CANDIDATES]
         ]
         lines += ["", table_text(rows), ""]
     lines.append(f"held out: {_held_out(findings)}")
@@ -99,13 +99,11 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
 
 
 def _held_out(findings: "Findings") -> str:
-    shown = findings.gap
-    low, high = shown.ci95
-    if not any(turn.version for turn in findings.rounds):
-        return (
-            f"error {shown.rmse_before_n:.2f} N, floor {shown.rmse_floor_n:.2f} N; nothing was added to the simulator"
-        )
+    gap = findings.gap
+    low, high = gap.ci95
+    if not any(found.version for found in findings.rounds):
+        return f"error {gap.rmse_before_n:.2f} N, floor {gap.rmse_floor_n:.2f} N; nothing was added to the simulator"
     return (
-        f"{shown.rmse_before_n:.2f} -> {shown.rmse_after_n:.2f} N, floor {shown.rmse_floor_n:.2f} N, closed "
-        f"{100 * shown.closed_fraction:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
+        f"{gap.rmse_before_n:.2f} -> {gap.rmse_after_n:.2f} N, floor {gap.rmse_floor_n:.2f} N, closed "
+        f"{100 * gap.closed_fraction:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
     )

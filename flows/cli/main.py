@@ -59,7 +59,7 @@ def run_and_leave(command_line: App) -> None:
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
     status = run(None, command_line)
-    if "prefect" in sys.modules:
+    if "duckdb" in sys.modules:
         leave(status)
     sys.exit(status)
 
@@ -124,7 +124,8 @@ def _drop_output() -> None:
 def leave(status: int) -> None:
     """End the process without tearing the interpreter down.
 
-    Prefect's service threads live until the end, and DuckDB's binding prints what they hold as leaks.
+    Prefect's service threads live until the end, and DuckDB's binding prints what they hold as leaks. It also saves a
+    tenth of a second.
     """
     atexit._run_exitfuncs()  # noqa: SLF001 - there is no public way to run them before os._exit
     sys.stdout.flush()

@@ -65,9 +65,9 @@ def view(
     from flows.cli.campaign import open_lake
 
     found = open_lake(lake)
-    folder, write = _recorder(found, what)
+    folder, write = _choose_recording(found, what)
     path = save or found.root / "outputs" / folder / f"{what.replace('/', '-')}.rrd"
-    viewer = None if save else [_viewer(), *(_WEB if web else ())]
+    viewer = None if save else [_find_viewer(), *(_WEB if web else ())]
     if live:
         shown = _follow(found, what, path, viewer)
         show({"shown": what, "recording": str(path), "grasps": shown}, f"{shown} grasps written to {path}", json)
@@ -86,7 +86,7 @@ def _follow(lake: "Lake", campaign_id: str, path: Path, viewer: list[str] | None
         UsageError: it is no campaign.
     """
     from flows.cli.campaign import resolve_campaign
-    from flows.viewer.live import follow
+    from flows.viewer.campaign import follow
     from tasks.campaign.requests import is_held
 
     name = resolve_campaign(lake, campaign_id)
@@ -100,7 +100,7 @@ def _follow(lake: "Lake", campaign_id: str, path: Path, viewer: list[str] | None
     return shown
 
 
-def _recorder(lake: "Lake", what: str) -> tuple[str, Callable[[Path], Path]]:
+def _choose_recording(lake: "Lake", what: str) -> tuple[str, Callable[[Path], Path]]:
     """The folder of outputs, and what writes the recording of a grasp, design or campaign.
 
     Raises:
@@ -127,7 +127,7 @@ def _recorder(lake: "Lake", what: str) -> tuple[str, Callable[[Path], Path]]:
     )
 
 
-def _viewer() -> str:
+def _find_viewer() -> str:
     """The Rerun viewer beside this Python, or on the path.
 
     Raises:

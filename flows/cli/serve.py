@@ -37,7 +37,7 @@ def serve(
     from flows.cli.dependencies import require
     from flows.cli.virtual import watch_signals
     from flows.server.lab import LabPlan, open_lab
-    from flows.server.server import running_server
+    from flows.server.server import find_server
     from lake.store import Lake
     from models.errors import FastError
 
@@ -46,7 +46,7 @@ def serve(
     if named is None:
         _check_server_wanted(host, port)
     found = Lake.open(lake, create=True)
-    known = None if named else running_server(found.root)
+    known = None if named else find_server(found.root)
     if known:
         raise FastError(f"a server of this lake runs already: {known.removesuffix('/api')}; use that one.")
     with open_lab(found, LabPlan(port, host, runs)) as lab:

@@ -1,4 +1,4 @@
-"""`fast simulate`: one grasp of one design on one object."""
+"""`fast simulate`: one grasp of one design on one object, new or repeated from a lake."""
 
 import json as json_module
 import re
@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show
-from flows.cli.repetition import read_simulation, refuse_beside
 from flows.cli.simulate_output import make_folder, write_outputs
 
 if TYPE_CHECKING:
@@ -32,7 +31,7 @@ def simulate(
     version: Annotated[
         str | None, Parameter(help="Simulator version (V...) of the lake; default: the program's own values.")
     ] = None,
-    tier: Annotated[str | None, Parameter(help="screening, production or reference, each with its own mesh.")] = None,
+    tier: Annotated[str | None, Parameter(help="production or reference, each with its own mesh.")] = None,
     simulation: Annotated[
         str | None, Parameter(help="Simulation (S...) of the lake: repeat it, in place of all the options above.")
     ] = None,
@@ -114,13 +113,56 @@ def read_design(path: Path | None) -> "Design":
     return load_record(Design, data, str(path))
 
 
+def read_simulation(lake: Path, simulation_id: str) -> "tuple[Design, int, SimulatorVersion, GraspSetup]":
+    """Design, object, simulator version and setup of a simulation (S...) of the lake, failed ones too.
+
+    Raises:
+        UsageError: the lake has no such simulation, or it is another lab's.
+    """
+    from lake.store import Lake
+    from lake.tables.campaign import DesignRow, SimulationRow, SimulatorVersionRow
+    from models.errors import UsageError
+    from models.records import GraspSetup
+    from models.validation import closest
+
+    found = Lake.open(lake)
+    rows = found.records(SimulationRow, simulation_id=simulation_id)
+    if not rows:
+        known = closest(simulation_id, sorted(found.ids(SimulationRow)))
+        raise UsageError(f"simulation `{simulation_id}` is not in {lake}; {known}")
+    (row,) = rows
+    designs = found.records(DesignRow, design_id=row.design_id)
+    versions = found.records(SimulatorVersionRow, version_id=row.version_id)
+    if not designs or not versions or versions[0].tier == "imported":
+        raise UsageError(f"simulation `{simulation_id}` was made elsewhere; only this program's can be repeated.")
+    return designs[0].design, row.object_id, versions[0].version, GraspSetup.model_validate_json(row.setup_json)
+
+
+def refuse_beside(option: str, others: dict[str, Any]) -> None:
+    """Refuse options that another one has already decided.
+
+    Raises:
+        UsageError: naming the first of them that was given.
+    """
+    from models.errors import UsageError
+
+    for name, value in others.items():
+        if value is not None:
+            raise UsageError(f"--{option} already says what --{name} would; leave one of them out.")
+
+
 def _base_version(lake: Path, version_id: str | None, tier: str | None) -> "SimulatorVersion":
-    from flows.benchmarks.tiers import TIERS, version_of
+    from models.errors import UsageError
+    from models.records import TIERS, check_tier
+    from models.validation import closest
 
     if tier is None:
         return read_version(lake, version_id)
     refuse_beside("tier", {"version": version_id})
-    return version_of(tier, TIERS)
+    check_tier(tier)
+    if tier not in TIERS:
+        raise UsageError(f"there is no tier `{tier}`; {closest(tier, list(TIERS))}")
+    return TIERS[tier]
 
 
 def read_version(lake: Path, version_id: str | None) -> "SimulatorVersion":

@@ -23,8 +23,7 @@ def write_outputs(
 ) -> list[Path]:
     """Write everything about a simulated grasp into the folder `out`; returns the files.
 
-    `recording` is one that took every step of this grasp; when it is empty (the screening tier has no solid finger),
-    the trace is all there is to see.
+    `recording` is one that took every step of this grasp.
 
     Raises:
         UsageError: the folder cannot be written.
@@ -39,8 +38,6 @@ def write_outputs(
         _draw(files[2], files[3], obj, result, recording, title)
     except OSError as error:
         raise unwritable("--out", out, error) from error
-    if recording.is_empty:
-        return files[:3]
     write_simulation(files[4], obj.object_id, result, recording, title)
     return files
 
@@ -79,11 +76,11 @@ def _draw(
     recording: "GraspRecording",
     title: str,
 ) -> None:
-    from flows.report.campaign.grasp import five_instants, instants_figure, trace_figure
+    from flows.report.campaign.grasp import instants_figure, trace_figure
+    from flows.report.grasp_frames import five_instants
     from flows.report.style import figure_style
 
     with figure_style():
         instants = five_instants(recording, result.trace)
         trace_figure(result, instants, title).savefig(trace_path, dpi=PIXELS_PER_INCH)
-        if instants:
-            instants_figure(obj, instants, title).savefig(grasp_path, dpi=PIXELS_PER_INCH)
+        instants_figure(obj, instants, title).savefig(grasp_path, dpi=PIXELS_PER_INCH)

@@ -48,10 +48,10 @@ def start(
     json: AsJson = False,
 ) -> None:
     """Serve a world's gantry, PLC and load cell on a pty and two loopback ports until Ctrl-C."""
-    from flows.campaign.launch import read_world
     from hardware.bench import open_virtual_servers
     from hardware.clock import ScaledClock
     from hardware.virtual.world.physics import simulate_request
+    from tasks.campaign.setup import read_world
 
     spec, tools, clock = read_world(world), rack(design), ScaledClock(speed_up)
     faults = [read_fault(text) for text in fault or []]

@@ -1,1 +1,4 @@
-"""Search for what the simulator lacks, on demand and after a recalibration."""
+"""Search for what the simulator lacks.
+
+`search` runs on demand, `scheduled` after a recalibration; `folder` writes the page.
+"""

@@ -10,8 +10,8 @@ from lake.store import Lake
 from lake.tables.campaign import GraspRow
 
 if TYPE_CHECKING:
-    from flows.report.gap.evidence import GapEvidence, ThetaRow
-    from tasks.gap.model import GapModel
+    from flows.report.gap.answer import GapPage, ThetaRow
+    from tasks.gap.calibrate import CalibratedSimulator
 
 RECORDING = "held_out.rrd"
 
@@ -19,7 +19,7 @@ RECORDING = "held_out.rrd"
 def write_folder(lake: Lake, outcome: GapOutcome, out: Path | None = None) -> Path:
     """Write the page of a search, by default in the lake's outputs; returns its path.
 
-    Of a search that is only told again, a page that is there stays; elsewhere it has the answer without its evidence.
+    Of a search that is only told again, a page that is there stays; elsewhere it has only the answer.
 
     Raises:
         UsageError: the folder cannot be written.
@@ -31,34 +31,34 @@ def write_folder(lake: Lake, outcome: GapOutcome, out: Path | None = None) -> Pa
     if not outcome.is_new and (folder / PAGE).is_file():
         return folder / PAGE
     of = f"{run.campaign_id or lake.address}, {run.n_grasps} grasps"
-    page = write_gap_report(_evidence(lake, outcome), folder, run.gap_id, of)
-    if outcome.comparison is not None:
+    page = write_gap_report(_collect_page(lake, outcome), folder, run.gap_id, of)
+    if outcome.evaluation is not None:
         from flows.viewer.gap import write_gap_recording
 
-        write_gap_recording(outcome.comparison.shown, folder / RECORDING)
+        write_gap_recording(outcome.evaluation, folder / RECORDING)
     return page
 
 
-def _evidence(lake: Lake, outcome: GapOutcome) -> "GapEvidence":
-    from flows.report.gap.evidence import GapEvidence
+def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":
+    from flows.report.gap.answer import GapPage
 
-    turns, comparison = outcome.turns, outcome.comparison
-    if not turns or comparison is None:
-        return GapEvidence(outcome.run.findings, assumed=_assumed(outcome))
-    return GapEvidence(
+    rounds, evaluation = outcome.rounds, outcome.evaluation
+    if not rounds or evaluation is None:
+        return GapPage(outcome.run.findings, assumed=_assumed(outcome))
+    return GapPage(
         findings=outcome.run.findings,
-        where=tuple(turn.where for turn in turns),
-        residuals=comparison.residuals,
-        shown=comparison.shown,
-        theta=_theta_rows(turns[0].before, turns[-1].after, _is_real(lake, outcome.run.campaign_id)),
-        isolated=turns[0].name.isolability,
+        where=tuple(one.where for one in rounds),
+        residuals=rounds[0].residuals,
+        evaluation=evaluation,
+        theta=_theta_rows(rounds[0].before, rounds[-1].after, _is_real(lake, outcome.run.campaign_id)),
+        separability=rounds[0].naming.separability,
         assumed=_assumed(outcome),
     )
 
 
-def _theta_rows(before: "GapModel", after: "GapModel", is_real: bool) -> "tuple[ThetaRow, ...]":
+def _theta_rows(before: "CalibratedSimulator", after: "CalibratedSimulator", is_real: bool) -> "tuple[ThetaRow, ...]":
     """Constants before and after; no instrument has measured the material of a virtual bench."""
-    from flows.report.gap.evidence import INDEPENDENT, ThetaRow
+    from flows.report.gap.answer import INDEPENDENT, ThetaRow
     from models.calibration.means.problem import THETA
 
     known = INDEPENDENT if is_real else {}
@@ -71,7 +71,7 @@ def _is_real(lake: Lake, campaign_id: str | None) -> bool:
     return any(row["bench"] == "real" for row in lake.rows(GraspRow, **wanted))
 
 
-def _interval(model: "GapModel", name: str) -> tuple[float, float, float]:
+def _interval(model: "CalibratedSimulator", name: str) -> tuple[float, float, float]:
     """Median and 90 % interval."""
     low, median, high = np.quantile(model.draws[:, model.names.index(name)], [0.05, 0.5, 0.95])
     return float(median), float(low), float(high)

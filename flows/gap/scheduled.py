@@ -5,22 +5,22 @@ import tomllib
 from prefect.artifacts import create_markdown_artifact
 
 from flows.campaign.events import announce_gap
-from flows.campaign.launch import Voice
 from flows.campaign.notify import KINDS, SILENT, Notifier, notifier
 from flows.gap.folder import write_folder
 from flows.gap.search import GapOrder, GapOutcome, run_gap
-from flows.server.noted_run import NotedRun
+from flows.progress import ProgressReporter
 from lake.handoff.campaign import is_imported
 from lake.store import Lake
 from lake.tables.campaign import CampaignRow, GraspRow
 from models.validation import load_record
 from tasks.calibration.mean_data import TooLittleDataError
 from tasks.campaign.config import CampaignConfig
+from tasks.campaign.flow_runs import record_sentence
 
 FLOW = "close-gap"
 
 
-def watch_gap(lake: Lake, order: GapOrder, flow_run_id: str, voice: Voice) -> str:
+def watch_gap(lake: Lake, order: GapOrder, flow_run_id: str, reporter: ProgressReporter) -> str:
     """Search the lake for its gap if anything is new; a sentence says what was found, or why nothing was done.
 
     A new answer gets its page in the lake's outputs, and is an artifact and an event of the Prefect server. If it found
@@ -29,12 +29,14 @@ def watch_gap(lake: Lake, order: GapOrder, flow_run_id: str, voice: Voice) -> st
     Raises:
         FastError: the search could not be done; what it simulated is in the lake.
     """
-    return NotedRun(lake, FLOW, flow_run_id, order.campaign_id, order.seed).of(lambda: _search(lake, order, voice))
+    return record_sentence(
+        lake, FLOW, flow_run_id, order.campaign_id, order.seed, lambda: _search(lake, order, reporter)
+    )
 
 
-def _search(lake: Lake, order: GapOrder, voice: Voice) -> str:
+def _search(lake: Lake, order: GapOrder, reporter: ProgressReporter) -> str:
     try:
-        outcome = run_gap(lake, order, voice)
+        outcome = run_gap(lake, order, reporter)
     except TooLittleDataError as error:
         return f"nothing to search: {error}"
     if not outcome.is_new:

@@ -9,32 +9,31 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from flows.campaign.launch import Voice
-from flows.campaign.progress import in_words
+from flows.progress import ProgressReporter, describe_duration
 from flows.simulation.progress import n_missing, simulate_missing
 from lake.provenance import current_provenance
 from lake.store import Lake
 from lake.tables.catalogue_rows import missing_version_rows
 from models.calibration.inference.settings import CalibrationSettings
 from models.errors import FastError
-from models.gap.evaluation.power import power_sentence
+from models.gap.data import GapData
+from models.gap.evaluation.power import write_power_sentence
 from models.gap.findings import Findings
-from models.gap.problem import GapProblem
 from models.ids import content_id
 from models.records import EffectValue, SimulatorVersion
-from tasks.calibration.mean_data import base_version
+from tasks.calibration.mean_data import find_base_version
 from tasks.campaign.requests import exclusive
 from tasks.campaign.simulator_versions import newest_calibrated
-from tasks.gap.bank import bank_of, bank_plans
-from tasks.gap.data import MeasuredGrasps, problem_of, read_grasps, split_of, unit_sentences
-from tasks.gap.findings import GapRun, find_run, gap_id_of, starting_effects, write_run, write_start
-from tasks.gap.held_out import Split
+from tasks.gap.bank import plan_bank, read_bank
+from tasks.gap.data import MeasuredGrasps, check_units, make_data, read_grasps, split_measurements
+from tasks.gap.findings import GapRun, find_run, find_starting_effects, make_gap_id, write_run, write_start
+from tasks.gap.split import Split
 from tasks.simulation.plan import SimulationPlan
 
 if TYPE_CHECKING:
-    from tasks.gap.compare import Comparison
-    from tasks.gap.model import GapModel
-    from tasks.gap.round import Turn
+    from models.gap.evaluation.evaluate import Evaluation
+    from tasks.gap.calibrate import CalibratedSimulator, SearchInputs
+    from tasks.gap.rounds import Round
 
 MOST_ROUNDS = 4
 
@@ -58,23 +57,25 @@ class GapOrder:
 
 @dataclass(frozen=True, eq=False)
 class GapOutcome:
-    """A finished search. `is_new`: it was made just now; then `turns` and `comparison` are what it rests on."""
+    """A finished search. `is_new`: it was made just now; then `rounds` and `evaluation` are what it rests on."""
 
     run: GapRun
     is_new: bool
-    turns: "tuple[Turn, ...]" = ()
-    comparison: "Comparison | None" = None
+    rounds: "tuple[Round, ...]" = ()
+    evaluation: "Evaluation | None" = None
 
     @property
     def sentence(self) -> str:
         """What was found, for people and for the state of a flow run."""
         run = self.run
         if not self.is_new:
-            return f"nothing new since gap search {run.gap_id}: {answer(run.findings)}"
-        return f"gap search {run.gap_id} of {run.n_grasps} grasps: {answer(run.findings)}"
+            return f"nothing new since gap search {run.gap_id}: {write_answer(run.findings)}"
+        return f"gap search {run.gap_id} of {run.n_grasps} grasps: {write_answer(run.findings)}"
 
 
-def run_gap(lake: Lake, order: GapOrder, voice: Voice, should_stop: Callable[[], bool] = lambda: False) -> GapOutcome:
+def run_gap(
+    lake: Lake, order: GapOrder, reporter: ProgressReporter, should_stop: Callable[[], bool] = lambda: False
+) -> GapOutcome:
     """Search for the gap of what a lake has measured; killed, the same order continues.
 
     Raises:
@@ -82,16 +83,16 @@ def run_gap(lake: Lake, order: GapOrder, voice: Voice, should_stop: Callable[[],
         FastError: the budget ended before the bank was complete, or another process searches in this lake.
     """
     with exclusive(lake, "gap", f"the lake {lake.address} is already being searched for a gap"):
-        search = _prepared(lake, order)
+        search = _prepare(lake, order)
         known = find_run(lake, search.gap_id)
         if known is not None:
             return GapOutcome(known, False)
-        voice.progress(f"{search.summary}; held out: {search.split.words}, {search.split.split_id}")
+        reporter.progress(f"{search.summary}; held out: {search.split.words}, {search.split.split_id}")
         version_rows = missing_version_rows(lake, search.version)  # an imported lake has never simulated with it
         if version_rows:
             lake.append(version_rows, current_provenance(seed=order.seed))
-        _fill_bank(lake, search, voice, should_stop)
-        return _searched(lake, search, voice)
+        _fill_bank(lake, search, reporter, should_stop)
+        return _run_rounds(lake, search, reporter)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +112,7 @@ class _Search:
     @property
     def plans(self) -> tuple[SimulationPlan, ...]:
         grasps = self.measured.grasps
-        return bank_plans(self.base, grasps.designs, grasps.objects, grasps.setup)
+        return plan_bank(self.base, grasps.designs, grasps.objects, grasps.setup)
 
     @property
     def summary(self) -> str:
@@ -119,20 +120,20 @@ class _Search:
         return f"{len(grasps.grasp_ids)} grasps of {len(grasps.tools)} tools on {len(grasps.objects)} objects"
 
 
-def _prepared(lake: Lake, order: GapOrder) -> _Search:
+def _prepare(lake: Lake, order: GapOrder) -> _Search:
     """Freeze the split, then read what was measured."""
-    split = split_of(lake, order.campaign_id, order.seed)
+    split = split_measurements(lake, order.campaign_id, order.seed)
     measured = read_grasps(lake, order.campaign_id)
-    version = base_version(lake, measured.campaigns, None)
+    version = find_base_version(lake, measured.campaigns, None)
     settings = {
         "rounds": order.rounds,
         "seed": order.seed,
         **order.settings.model_dump(mode="json", exclude={"workers"}),
     }
-    return _Search(order, split, measured, version, gap_id_of(measured, version, split, settings))
+    return _Search(order, split, measured, version, make_gap_id(measured, version, split, settings))
 
 
-def _fill_bank(lake: Lake, search: _Search, voice: Voice, should_stop: Callable[[], bool]) -> None:
+def _fill_bank(lake: Lake, search: _Search, reporter: ProgressReporter, should_stop: Callable[[], bool]) -> None:
     """Simulate what the bank lacks, as long as the budget lasts.
 
     Raises:
@@ -145,47 +146,47 @@ def _fill_bank(lake: Lake, search: _Search, voice: Voice, should_stop: Callable[
 
     n_all = sum(plan.n_grasps for plan in search.plans)
     n_left = n_missing(lake, search.plans)
-    voice.progress(f"bank: {n_all - n_left} of {n_all} simulations are in the lake")
-    simulate_missing(lake, search.plans, search.order.settings.workers, voice, is_over)
+    reporter.progress(f"bank: {n_all - n_left} of {n_all} simulations are in the lake")
+    simulate_missing(lake, search.plans, search.order.settings.workers, reporter, is_over)
     n_left = n_missing(lake, search.plans)
     if n_left:
         raise FastError(
-            f"the bank lacks {n_left} of {n_all} simulations after {in_words(time.monotonic() - began)}; run the same "
-            "command again to go on from here."
+            f"the bank lacks {n_left} of {n_all} simulations after "
+            f"{describe_duration(time.monotonic() - began)}; run the same command again to go on from here."
         )
 
 
-def _searched(lake: Lake, search: _Search, voice: Voice) -> GapOutcome:
+def _run_rounds(lake: Lake, search: _Search, reporter: ProgressReporter) -> GapOutcome:
     """Round after round, then what it changed; writes the answer."""
-    from tasks.gap.compare import compare, show_plans
-    from tasks.gap.round import starting_model
+    from tasks.gap.calibrate import SearchInputs, calibrate_simulator
+    from tasks.gap.rounds import evaluate_rounds, plan_held_out
 
     order, grasps, began = search.order, search.measured.grasps, time.monotonic()
-    bank = bank_of(lake, search.base, grasps.designs, grasps.objects, grasps.setup)
-    problem = problem_of(search.measured, bank, search.split)
-    warnings = [*search.measured.warnings, *unit_sentences(problem), *_failed(problem)]
+    bank = read_bank(lake, search.base, grasps.designs, grasps.objects, grasps.setup)
+    data = make_data(search.measured, bank, search.split)
+    warnings = [*search.measured.warnings, *check_units(data), *_failed(data)]
     effects = _effects_so_far(lake, search)
-    voice.progress(f"theta{' and ' if effects else ''}{', '.join(value.effect for value in effects)}: NUTS")
-    model = starting_model(lake, problem, search.base, order.campaign_id, effects, order.settings, voice.progress)
-    turns = _turns(lake, search, problem, model, voice)
-    if not turns[-1].is_last:
-        warnings.append(f"{len(turns)} rounds were made and the last one still found something; make more rounds.")
-    before, after = turns[0].before, turns[-1].after
-    voice.progress("held-out grasps in the simulator, before and after")
-    plans = show_plans(problem, [before.version, after.version])
-    simulate_missing(lake, plans, order.settings.workers, voice)
-    comparison = compare(lake, problem, before, after, turns[0].residuals, order.seed)
-    warnings += [*after.warnings, *comparison.shown.warnings]
+    reporter.progress(f"theta{' and ' if effects else ''}{', '.join(value.effect for value in effects)}: NUTS")
+    inputs = SearchInputs(lake, data, search.base, order.campaign_id, order.settings, reporter.progress)
+    rounds = _repeat_rounds(inputs, calibrate_simulator(inputs, effects), order.rounds, reporter)
+    if not rounds[-1].is_last:
+        warnings.append(f"{len(rounds)} rounds were made and the last one still found something; make more rounds.")
+    before, after = rounds[0].before, rounds[-1].after
+    reporter.progress("held-out grasps in the simulator, before and after")
+    plans = plan_held_out(data, [before.version, after.version])
+    simulate_missing(lake, plans, order.settings.workers, reporter)
+    evaluation = evaluate_rounds(lake, data, rounds, order.seed)
+    warnings += [*after.warnings, *evaluation.warnings]
     findings = Findings(
-        alarm=any(turn.round.named.kind != "none" for turn in turns),
-        rounds=tuple(turn.round for turn in turns),
-        gap=comparison.shown.gap,
-        aliases=turns[0].aliases,
-        next_experiment=next((turn.next_experiment for turn in turns if turn.next_experiment), None),
+        alarm=any(one.findings.named.kind != "none" for one in rounds),
+        rounds=tuple(one.findings for one in rounds),
+        gap=evaluation.gap,
+        aliases=rounds[0].confounds,
+        next_experiment=next((one.next_experiment for one in rounds if one.next_experiment), None),
         seed=order.seed,
         budget=_spent(search, plans, time.monotonic() - began),
         warnings=tuple(dict.fromkeys(warnings)),
-        power=_power(problem),
+        power=_power(data),
     )
     run = GapRun(
         gap_id=search.gap_id,
@@ -196,28 +197,30 @@ def _searched(lake: Lake, search: _Search, voice: Voice) -> GapOutcome:
         base_version_id=search.version.version_id,
         before_version_id=before.version.version_id,
         after_version_id=after.version.version_id,
-        calibration_ids=tuple(turn.after.calibration_id for turn in turns),
+        calibration_ids=tuple(one.after.calibration_id for one in rounds),
         findings=findings,
     )
-    parents = list(dict.fromkeys([before.calibration_id, *(turn.after.calibration_id for turn in turns)]))
-    write_run(lake, run, answer(findings), current_provenance(content_id("H", search.gap_id), order.seed, parents))
-    return GapOutcome(run, True, tuple(turns), comparison)
+    parents = list(dict.fromkeys([before.calibration_id, *run.calibration_ids]))
+    provenance = current_provenance(content_id("H", search.gap_id), order.seed, parents)
+    write_run(lake, run, write_answer(findings), provenance)
+    return GapOutcome(run, True, tuple(rounds), evaluation)
 
 
-def _turns(lake: Lake, search: _Search, problem: GapProblem, model: "GapModel", voice: Voice) -> "list[Turn]":
+def _repeat_rounds(
+    inputs: "SearchInputs", simulator: "CalibratedSimulator", most: int, reporter: ProgressReporter
+) -> "list[Round]":
     """Rounds until one changes nothing, or as many as are asked for."""
-    from tasks.gap.round import next_turn
+    from tasks.gap.rounds import run_round
 
-    order = search.order
-    turns: list[Turn] = []
-    while len(turns) < order.rounds and not (turns and turns[-1].is_last):
-        voice.progress(f"round {len(turns) + 1}: where, and by what name")
-        assumed = turns[-1].assumed if turns else ()
-        turn = next_turn(lake, problem, search.base, order.campaign_id, model, order.settings, voice.progress, assumed)
-        voice.announce(f"round {len(turns) + 1}: {turn.sentence}")
-        turns.append(turn)
-        model = turn.after
-    return turns
+    rounds: list[Round] = []
+    while len(rounds) < most and not (rounds and rounds[-1].is_last):
+        reporter.progress(f"round {len(rounds) + 1}: where, and by what name")
+        assumed = rounds[-1].assumed if rounds else ()
+        done = run_round(inputs, simulator, assumed)
+        reporter.announce(f"round {len(rounds) + 1}: {done.sentence}")
+        rounds.append(done)
+        simulator = done.after
+    return rounds
 
 
 def _effects_so_far(lake: Lake, search: _Search) -> tuple[EffectValue, ...]:
@@ -225,7 +228,7 @@ def _effects_so_far(lake: Lake, search: _Search) -> tuple[EffectValue, ...]:
 
     Written down when the search begins: one that is killed after it added an effect begins again without.
     """
-    known = starting_effects(lake, search.gap_id)
+    known = find_starting_effects(lake, search.gap_id)
     if known is not None:
         return known
     found = newest_calibrated(lake, search.base.version_id, search.order.campaign_id or "")
@@ -234,12 +237,12 @@ def _effects_so_far(lake: Lake, search: _Search) -> tuple[EffectValue, ...]:
     return effects
 
 
-def _power(problem: GapProblem) -> str:
-    return power_sentence(int((~problem.held_out_tools).sum()), int((~problem.held_out_objects).sum()))
+def _power(data: GapData) -> str:
+    return write_power_sentence(int((~data.held_out_tools).sum()), int((~data.held_out_objects).sum()))
 
 
-def _failed(problem: GapProblem) -> list[str]:
-    share = problem.bank.failed_share
+def _failed(data: GapData) -> list[str]:
+    share = data.bank.failed_share
     return [f"{100 * share:.1f} % of the simulations of the bank failed; they are left out."] if share > 0 else []
 
 
@@ -251,9 +254,9 @@ def _spent(search: _Search, plans: Sequence[SimulationPlan], seconds: float) -> 
     }
 
 
-def answer(findings: Findings) -> str:
+def write_answer(findings: Findings) -> str:
     """What was found, in a sentence."""
-    named = [turn.named for turn in findings.rounds]
+    named = [found.named for found in findings.rounds]
     effects = [name for found in named if found.kind == "effect" for name in found.effects]
     parts = [f"found {', '.join(effects)}"] if effects else []
     parts += [f"one of {', '.join(found.effects)}, not told apart" for found in named if found.kind == "set"]

@@ -1,1 +1,5 @@
-"""The campaign report: one self-contained HTML folder with figures, their data and the SQL behind them."""
+"""Reports: a folder of HTML, figures, data and the SQL behind them, of a campaign, a calibration or a gap search.
+
+`html`, `folder` and `style` are what all pages share; `grasp_frames` is what pictures and Rerun recordings of a grasp
+draw from; `mesh_picture` draws solid bodies.
+"""

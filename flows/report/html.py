@@ -30,6 +30,11 @@ def number(value: float | None, digits: int = 1, unit: str = "") -> str:
     return f"{value:,.{digits}f}".replace(",", "\u202f").replace("-", "\u2212") + (f"\u00a0{unit}" if unit else "")
 
 
+def count(n: int, noun: str) -> str:
+    """A number of things: `1 tool`, `3 tools`."""
+    return f"{number(n, 0)} {noun}{'' if n == 1 else 's'}"
+
+
 def moment(value: datetime | None) -> str:
     """Date and time to the minute, as stored (UTC)."""
     return DASH if value is None else value.strftime("%Y-%m-%d %H:%M")

@@ -13,7 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from flows.campaign.launch import register
 from flows.scientist.strategies import Strategy
 from hardware.bench import Bench, open_virtual_bench
 from hardware.cell.cell import MeasuredGrasp
@@ -24,11 +23,12 @@ from hardware.virtual.world.physics_cache import PhysicsFiles
 from lake.store import Lake
 from models.records import Design, GraspSimulation
 from tasks.bench.measure import measure_batch, measure_tool
+from tasks.bench.plan import ToolWork
 from tasks.bench.print import PrintConfirmation, confirm_print
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
-from tasks.campaign.state import ProposedTool
-from tasks.campaign.summary import ranked_tools
+from tasks.campaign.setup import register
+from tasks.campaign.state import ProposedTool, rank_tools
 from tasks.scientist import propose as proposing
 from tasks.scientist import simulation_only
 from tasks.scientist.observe import means_of_simulations, proposed_designs, unfinished_tools
@@ -39,7 +39,7 @@ _WORD = PrintConfirmation(operator="nobody (comparison)", confirmed_by="auto")
 
 
 @dataclass(frozen=True)
-class BenchRace:
+class PlannedCampaign:
     """One strategy with one seed; `config` is the one that all strategies share, `folder` holds all lakes."""
 
     strategy: Strategy
@@ -50,7 +50,7 @@ class BenchRace:
 
     @property
     def lake_folder(self) -> Path:
-        """Where the campaign of this race is kept."""
+        """Where the campaign is kept."""
         words = "".join(c if c.isalnum() else " " for c in self.strategy.name.lower()).split()
         return self.folder / f"{'-'.join(words)}-{self.seed}"
 
@@ -79,7 +79,7 @@ class BenchRace:
 
 
 @dataclass(frozen=True)
-class BenchCourse:
+class StrategyRun:
     """What a campaign measured: mean peak force of every tool in N, by batch; designs simulated, and their CPU time."""
 
     strategy: str
@@ -99,43 +99,45 @@ class BenchCourse:
         return tuple(max(max(batch) for batch in self.batches_n[: n + 1]) for n in range(len(self.batches_n)))
 
 
-def run_races(races: Sequence[BenchRace], tell: Callable[[str], None]) -> list[BenchCourse]:
+def run_campaigns(plan: Sequence[PlannedCampaign], tell: Callable[[str], None]) -> list[StrategyRun]:
     """Run or continue the campaigns, one after the other, with one worker process."""
     pool = WorkerPool(1)
     try:
-        return [_run(race, pool, tell) for race in races]
+        return [_run_one(planned, pool, tell) for planned in plan]
     finally:
         pool.close()
 
 
-def _run(race: BenchRace, pool: WorkerPool, tell: Callable[[str], None]) -> BenchCourse:
-    campaign = Campaign(Lake.open(race.lake_folder, create=True), race.own_config)
+def _run_one(planned: PlannedCampaign, pool: WorkerPool, tell: Callable[[str], None]) -> StrategyRun:
+    campaign = Campaign(Lake.open(planned.lake_folder, create=True), planned.own_config)
     try:
         register(campaign, toml_of(campaign.config))
-        runner = _Runner(race, campaign, pool, tell)
-        if race.strategy.tools is None:
+        runner = _Runner(planned, campaign, pool, tell)
+        if planned.strategy.tools is None:
             runner.search_in_simulation()
         else:
             for stage in range(campaign.config.schedule.n_stages):
                 runner.run_stage(stage)
-        course = course_of(race, campaign)
+        run = read_run(planned, campaign)
     finally:
         campaign.lake.close()
-    tell(f"{race.strategy.name}, seed {race.seed}: best {course.best_n[-1]:.2f} N of {course.n_measured} tools")
-    return course
+    tell(f"{planned.strategy.name}, seed {planned.seed}: best {run.best_n[-1]:.2f} N of {run.n_measured} tools")
+    return run
 
 
 class _Runner:
     """Drives one campaign; every step asks the lake what is missing."""
 
-    def __init__(self, race: BenchRace, campaign: Campaign, pool: WorkerPool, tell: Callable[[str], None]) -> None:
+    def __init__(
+        self, planned: PlannedCampaign, campaign: Campaign, pool: WorkerPool, tell: Callable[[str], None]
+    ) -> None:
         self._campaign, self._pool = campaign, pool
-        self._world = race.own_world
+        self._world = planned.own_world
         self._schedule = campaign.config.schedule
-        # All races share the world's solved grasps: the initial tools are the same.
-        files = PhysicsFiles(race.folder / "physics")
+        # All campaigns share the world's solved grasps: the initial tools are the same.
+        files = PhysicsFiles(planned.folder / "physics")
         self._physics = PhysicsCache(partial(_solve, pool), files)
-        self._say = lambda what: tell(f"{race.strategy.name}, seed {race.seed}: {what}")
+        self._say = lambda what: tell(f"{planned.strategy.name}, seed {planned.seed}: {what}")
 
     def run_stage(self, stage: int) -> None:
         """Choose tools, simulate, measure."""
@@ -188,9 +190,9 @@ class _Runner:
         self._say(f"measuring {len(tools)} tools of B{batch:02d}")
         measure_batch(campaign, tools, self._open_bench, self._measure_tool, should_stop=_never, on_grasp=_ignore)
 
-    def _measure_tool(self, bench: Bench, tool: ProposedTool, on_grasp: Callable[[MeasuredGrasp], None]) -> None:
+    def _measure_tool(self, bench: Bench, work: ToolWork, on_grasp: Callable[[MeasuredGrasp], None]) -> None:
         world_hash = self._world.world_hash
-        measure_tool(self._campaign, bench, tool, world_hash=world_hash, should_stop=_never, on_grasp=on_grasp)
+        measure_tool(self._campaign, bench, work, world_hash=world_hash, should_stop=_never, on_grasp=on_grasp)
 
     @contextmanager
     def _open_bench(self, tools: Sequence[ProposedTool]) -> Iterator[Bench]:
@@ -199,16 +201,16 @@ class _Runner:
             yield bench
 
 
-def course_of(race: BenchRace, campaign: Campaign) -> BenchCourse:
-    """What the lake of a race has by now."""
+def read_run(planned: PlannedCampaign, campaign: Campaign) -> StrategyRun:
+    """What the lake of a campaign has by now."""
     state = campaign.state()
-    tools = ranked_tools(campaign.lake, campaign.campaign_id)
+    tools = rank_tools(campaign.lake, campaign.campaign_id)
     batches = sorted({tool["batch"] for tool in tools})
     done = means_of_simulations(campaign, campaign.version, proposed_designs(state))
     sql = "SELECT coalesce(sum(cpu_s), 0) AS cpu_s FROM simulations"
-    return BenchCourse(
-        strategy=race.strategy.name,
-        seed=race.seed,
+    return StrategyRun(
+        strategy=planned.strategy.name,
+        seed=planned.seed,
         batches_n=tuple(tuple(t["tool_quality_n"] for t in tools if t["batch"] == batch) for batch in batches),
         n_simulated=len(done.ids),
         simulation_cpu_s=campaign.lake.query(sql).column("cpu_s")[0].as_py(),

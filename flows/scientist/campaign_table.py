@@ -8,25 +8,25 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from flows.report.style import INK, MUTED, new_figure
-from flows.scientist.campaign_runs import BenchCourse
-from flows.scientist.figure import COLOURS
+from flows.scientist.campaign_runs import StrategyRun
+from flows.scientist.landscape_table import COLOURS
 
 Rows = list[dict[str, Any]]
 COLUMNS = ("strategy", "n_campaigns", "last_batch_n", "last_batch_sd_n", "best_n", "best_of_all_n", "n_measured",
            "n_simulated", "simulation_cpu_s")  # fmt: skip
 
 
-def campaign_rows(courses: Sequence[BenchCourse]) -> Rows:
+def campaign_rows(runs: Sequence[StrategyRun]) -> Rows:
     """One row a strategy, forces in N: mean of the last batch's tools and their sd, best tool (mean, and of all)."""
-    return [_summary(name, [c for c in courses if c.strategy == name]) for name in _names(courses)]
+    return [_summary(name, [c for c in runs if c.strategy == name]) for name in _names(runs)]
 
 
-def paired_campaign_rows(courses: Sequence[BenchCourse], reference: str) -> Rows:
+def paired_campaign_rows(runs: Sequence[StrategyRun], reference: str) -> Rows:
     """One row for each other strategy: its difference to the reference with the same seeds, positive where better."""
-    known = {course.seed: course for course in courses if course.strategy == reference}
+    known = {run.seed: run for run in runs if run.strategy == reference}
     rows = []
-    for name in _names(courses):
-        pairs = [(known[c.seed], c) for c in courses if c.strategy == name and c.seed in known]
+    for name in _names(runs):
+        pairs = [(known[c.seed], c) for c in runs if c.strategy == name and c.seed in known]
         if name == reference or not pairs:
             continue
         last = [np.mean(other.batches_n[-1]) - np.mean(base.batches_n[-1]) for base, other in pairs]
@@ -44,16 +44,16 @@ def paired_campaign_rows(courses: Sequence[BenchCourse], reference: str) -> Rows
     return rows
 
 
-def campaigns_figure(courses: Sequence[BenchCourse], reference: str) -> Figure:
+def campaigns_figure(runs: Sequence[StrategyRun], reference: str) -> Figure:
     """Best tool so far against tools measured, mean over the seeds, and the tools of the last batches."""
-    names = list(dict.fromkeys([*(n for n in _names(courses) if n == reference), *_names(courses)]))
+    names = list(dict.fromkeys([*(n for n in _names(runs) if n == reference), *_names(runs)]))
     figure = new_figure(9.2, 4.2)
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
     for place, name in enumerate(names):
-        of_name, colour = [c for c in courses if c.strategy == name], COLOURS[place % len(COLOURS)]
+        of_name, colour = [c for c in runs if c.strategy == name], COLOURS[place % len(COLOURS)]
         _best_line(left, of_name, name, colour)
         _last_tools(right, of_name, len(names) - place, colour)
-    left.set_xticks(sorted({int(n) for c in courses if len(c.batches_n) > 1 for n in _counts(c)}))
+    left.set_xticks(sorted({int(n) for c in runs if len(c.batches_n) > 1 for n in _counts(c)}))
     left.set_xlabel("tools measured")
     left.set_ylabel("best tool so far, mean peak force (N)")
     left.grid(True, axis="y")
@@ -64,47 +64,47 @@ def campaigns_figure(courses: Sequence[BenchCourse], reference: str) -> Figure:
     return figure
 
 
-def _summary(name: str, courses: list[BenchCourse]) -> dict[str, Any]:
-    last = [np.array(course.batches_n[-1]) for course in courses]
+def _summary(name: str, runs: list[StrategyRun]) -> dict[str, Any]:
+    last = [np.array(run.batches_n[-1]) for run in runs]
     within = [float(np.var(batch, ddof=1)) for batch in last if len(batch) > 1]
-    best = [course.best_n[-1] for course in courses]
+    best = [run.best_n[-1] for run in runs]
     return {
         "strategy": name,
-        "n_campaigns": len(courses),
+        "n_campaigns": len(runs),
         "last_batch_n": float(np.mean([batch.mean() for batch in last])),
         "last_batch_sd_n": float(np.sqrt(np.mean(within))) if within else None,
         "best_n": float(np.mean(best)),
         "best_of_all_n": float(np.max(best)),
-        "n_measured": courses[0].n_measured,
-        "n_simulated": courses[0].n_simulated,
-        "simulation_cpu_s": float(np.mean([course.simulation_cpu_s for course in courses])),
+        "n_measured": runs[0].n_measured,
+        "n_simulated": runs[0].n_simulated,
+        "simulation_cpu_s": float(np.mean([run.simulation_cpu_s for run in runs])),
     }
 
 
-def _best_line(axes: Axes, courses: list[BenchCourse], name: str, colour: str) -> None:
-    best = np.array([course.best_n for course in courses])
-    counts = _counts(courses[0])
+def _best_line(axes: Axes, runs: list[StrategyRun], name: str, colour: str) -> None:
+    best = np.array([run.best_n for run in runs])
+    counts = _counts(runs[0])
     if len(counts) == 1:  # measured once, at the end
         axes.axhline(float(best.mean()), color=colour, linestyle=(0, (1, 1.5)), linewidth=1.2, label=name)
         return
-    for course_n in best:
-        axes.plot(counts, course_n, color=colour, linewidth=0.7, alpha=0.35)
+    for run_n in best:
+        axes.plot(counts, run_n, color=colour, linewidth=0.7, alpha=0.35)
     axes.plot(counts, best.mean(axis=0), color=colour, marker="o", markersize=3.5, label=name)
 
 
-def _last_tools(axes: Axes, courses: list[BenchCourse], row: int, colour: str) -> None:
-    tools = np.concatenate([course.batches_n[-1] for course in courses])
+def _last_tools(axes: Axes, runs: list[StrategyRun], row: int, colour: str) -> None:
+    tools = np.concatenate([run.batches_n[-1] for run in runs])
     jitter = np.linspace(-0.2, 0.2, len(tools)) if len(tools) > 1 else np.zeros(1)
     axes.plot(tools, row + jitter, "o", color=colour, markersize=3.5, alpha=0.6, markeredgewidth=0)
-    mean_n = float(np.mean([np.mean(course.batches_n[-1]) for course in courses]))
+    mean_n = float(np.mean([np.mean(run.batches_n[-1]) for run in runs]))
     axes.plot([mean_n, mean_n], [row - 0.3, row + 0.3], color=INK, linewidth=1.6)
     axes.annotate(f"{mean_n:.1f}", (mean_n, row + 0.32), ha="center", va="bottom", fontsize=7, color=MUTED)
 
 
-def _counts(course: BenchCourse) -> np.ndarray:
+def _counts(run: StrategyRun) -> np.ndarray:
     """Tools measured after each batch."""
-    return np.cumsum([len(batch) for batch in course.batches_n])
+    return np.cumsum([len(batch) for batch in run.batches_n])
 
 
-def _names(courses: Sequence[BenchCourse]) -> list[str]:
-    return list(dict.fromkeys(course.strategy for course in courses))
+def _names(runs: Sequence[StrategyRun]) -> list[str]:
+    return list(dict.fromkeys(run.strategy for run in runs))

@@ -14,7 +14,7 @@ from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from models.scientist.surrogate.posterior import Surrogate
 
 
-class RaceSchedule(Record):
+class RunSchedule(Record):
     """How much is measured and simulated; the defaults are the paper's.
 
     Simulations of a round are chosen `simulations_at_once` at a time, each given the others that are under way.
@@ -28,7 +28,7 @@ class RaceSchedule(Record):
     simulations_at_once: int = 25
 
 
-class Course(Record):
+class LandscapeRun(Record):
     """What a strategy reached, in N, after the initial designs and after each round.
 
     `best_n`: largest true force of the designs measured so far. `batch_mean_n`: mean true force of the round's tools.
@@ -42,7 +42,7 @@ class Course(Record):
     batch_mean_n: tuple[float, ...]
     n_measured: int
     n_simulated: int
-    schedule: RaceSchedule = RaceSchedule()
+    schedule: RunSchedule = RunSchedule()
     cpu_s: float = 0.0
 
     @property
@@ -56,17 +56,17 @@ class Course(Record):
         return float(reached[0]) if len(reached) else float("inf")
 
 
-def run_race(landscape: Landscape, strategy: Strategy, schedule: RaceSchedule, seed: int) -> Course:
+def run_strategy(landscape: Landscape, strategy: Strategy, schedule: RunSchedule, seed: int) -> LandscapeRun:
     """Run one strategy; all strategies of a landscape and seed begin with the same designs and noise."""
-    race = _Race(landscape, strategy, schedule, seed)
+    search = _Search(landscape, strategy, schedule, seed)
     for _ in range(schedule.rounds):
         if strategy.simulations is not None:
-            race.simulate()
+            search.simulate()
         if strategy.tools is not None:
-            race.measure()
+            search.measure()
     if strategy.tools is None:
-        race.verify()
-    return race.course(seed)
+        search.verify()
+    return search.result(seed)
 
 
 @dataclass(eq=False)
@@ -80,8 +80,8 @@ class _Known:
         self.x, self.y = np.concatenate([self.x, x]), np.concatenate([self.y, y])
 
 
-class _Race:
-    def __init__(self, landscape: Landscape, strategy: Strategy, schedule: RaceSchedule, seed: int) -> None:
+class _Search:
+    def __init__(self, landscape: Landscape, strategy: Strategy, schedule: RunSchedule, seed: int) -> None:
         self._landscape, self._strategy, self._schedule = landscape, strategy, schedule
         self._rng = np.random.default_rng([seed, 1])
         initial = np.random.default_rng([seed, 0])
@@ -118,9 +118,9 @@ class _Race:
         order = np.argsort(-np.nan_to_num(self._simulated.y, nan=-np.inf))
         self._record(self._simulated.x[order[: self._schedule.tools_per_round]], self._rng)
 
-    def course(self, seed: int) -> Course:
+    def result(self, seed: int) -> LandscapeRun:
         """What was reached."""
-        return Course(
+        return LandscapeRun(
             landscape=self._landscape.name,
             strategy=self._strategy.name,
             seed=seed,
@@ -144,7 +144,7 @@ class _Race:
             pending,
             self._rng,
             min_distance=0.05 if fidelity == REAL else 0.0,
-            acquisition="nei" if rule == "ei" else rule,
+            acquisition=rule,
         )
         return to_unit([proposal.design for proposal in proposals])
 

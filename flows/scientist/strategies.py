@@ -1,4 +1,4 @@
-"""The strategies that are compared: the paper's baselines, the paper's hybrid, and what else was tried."""
+"""The strategies that are compared: those of the paper's table."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from models.scientist.propose import RANDOM
 
 @dataclass(frozen=True)
 class Strategy:
-    """How measured tools (`tools`) and simulated designs (`simulations`) are chosen; None: there are none.
+    """How measured tools (`tools`) and simulated designs (`simulations`) are chosen, as an acquisition rule; None: not.
 
     With simulations but no tools, the best simulated designs are measured once, at the end.
     """
@@ -15,21 +15,16 @@ class Strategy:
     name: str
     tools: str | None
     simulations: str | None
-    about: str
 
 
-STRATEGIES = (
-    Strategy("random", RANDOM, None, "random designs are measured"),
-    Strategy("simulation only", None, "ei", "expected improvement in simulation, then the ten best are measured"),
-    Strategy("measured only", "mes", None, "batch max-value entropy search on measurements alone"),
-    Strategy("measured only, NEI", "nei", None, "batch noisy expected improvement on measurements alone"),
-    Strategy("hybrid, MES", "mes", "mes", "the paper: bi-fidelity max-value entropy search for both"),
-    Strategy("hybrid, NEI + Thompson", "nei", "thompson", "noisy expected improvement, simulations by Thompson paths"),
-    Strategy("hybrid, NEI + MES", "nei", "mes", "noisy expected improvement, simulations by max-value entropy search"),
-    Strategy("hybrid, Thompson + MES", "thompson", "mes", "tools by Thompson paths, simulations by entropy search"),
-    Strategy("hybrid, JES", "jes", "jes", "bi-fidelity joint entropy search for both"),
-)
-STRATEGY_BY_NAME = {strategy.name: strategy for strategy in STRATEGIES}
 REFERENCE = "hybrid, MES"
-# What whole campaigns compare unless told otherwise: the table of the paper
-OF_THE_PAPER = ("random", "simulation only", "measured only", REFERENCE)
+_ALL = (
+    Strategy("random", RANDOM, None),
+    # Expected improvement of the simulated force, then the ten best are measured.
+    Strategy("simulation only", None, "ei"),
+    # Max-value entropy search for a batch, without simulations.
+    Strategy("measured only", "mes", None),
+    # The paper's own: bi-fidelity max-value entropy search for both.
+    Strategy(REFERENCE, "mes", "mes"),
+)
+STRATEGIES = {strategy.name: strategy for strategy in _ALL}

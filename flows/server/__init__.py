@@ -1,1 +1,5 @@
-"""The Prefect server and worker of a lake: start them, keep them, mark runs that died."""
+"""The Prefect server and worker of a lake.
+
+`server` finds or starts a server, `lab` keeps a server and a worker for `fast serve`, `crashed_runs` ends flow runs
+whose process is gone and continues their campaigns. Both are child processes that are started again when they die.
+"""

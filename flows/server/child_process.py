@@ -1,4 +1,4 @@
-"""Processes that stand beside the one that started them: server and worker, restarted when they die."""
+"""Child processes that work as long as the one that started them: server and worker, restarted when they die."""
 
 import socket
 import subprocess
@@ -12,7 +12,7 @@ STOP_LIMIT_S = 15.0
 LEAST_LIFE_S = 5.0  # one that dies sooner is not started again at once
 
 
-class StandingProcess:
+class ChildProcess:
     """A Python module run as a process of its own, which ends with this one (`tasks.simulation.pool.follow_parent`)."""
 
     def __init__(

@@ -2,7 +2,7 @@
 
 Prefect learns of the end of a run from the process that does it, or from the worker that started that. When both are
 killed, or the machine goes down, nobody tells it: the run stays Running for good, and holds the slot of its deployment.
-The sweeper asks the operating system instead.
+Here the operating system is asked instead.
 """
 
 import logging
@@ -31,8 +31,8 @@ Run = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Swept:
-    """What a sweep did, a sentence for each run."""
+class EndedRuns:
+    """Runs that were declared crashed, and campaigns that were continued, a sentence for each."""
 
     crashed: list[str] = field(default_factory=list)
     continued: list[str] = field(default_factory=list)
@@ -43,13 +43,13 @@ class Swept:
         return [*self.crashed, *self.continued]
 
 
-def sweep(
+def end_crashed_runs(
     api_url: str,
     *,
     and_continue: bool = False,
     hour_limit: int = MOST_PER_HOUR,
     worker_since: datetime | None = None,
-) -> Swept:
+) -> EndedRuns:
     """Declare crashed every run of ours whose process is gone; with `and_continue`, start campaigns of them again.
 
     `worker_since`: start of the worker, where it is the only one. A server that does not answer is asked again next
@@ -60,12 +60,12 @@ def sweep(
         crashed = [sentence for run in _active(api_url, names) if (sentence := _declare(api_url, run, worker_since))]
         continued = _continue_campaigns(api_url, names, hour_limit) if and_continue else []
     except (OSError, ValueError) as error:
-        logger.warning("flow runs were not swept: %s", error)
-        return Swept()
-    return Swept(crashed, continued)
+        logger.warning("crashed flow runs were not looked for: %s", error)
+        return EndedRuns()
+    return EndedRuns(crashed, continued)
 
 
-def reason_of_death(run: Run, now: datetime, worker_since: datetime | None = None) -> str | None:
+def explain_death(run: Run, now: datetime, worker_since: datetime | None = None) -> str | None:
     """Why a run that the server holds for active is not, in one sentence; None when it may be.
 
     `worker_since`: start of the only worker; what the one before it was about to start, nobody will.
@@ -110,7 +110,7 @@ def _active(api_url: str, names: Iterable[str]) -> list[Run]:
 
 def _declare(api_url: str, run: Run, worker_since: datetime | None) -> str | None:
     """Set a run whose process is gone, and its tasks, to Crashed; returns the sentence about it."""
-    reason = reason_of_death(run, datetime.now(UTC), worker_since)
+    reason = explain_death(run, datetime.now(UTC), worker_since)
     if reason is None:
         return None
     _set_crashed(api_url, "flow_runs", run["id"], reason)

@@ -9,14 +9,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.server.child_process import StandingProcess
-from flows.server.crashed_runs import sweep
+from flows.server.child_process import ChildProcess
+from flows.server.crashed_runs import end_crashed_runs
 from flows.server.server import (
     LOOPBACK,
     address_for_others,
-    api_url_of,
     ask_server,
     client_environment,
+    get_api_url,
     is_healthy,
     note_server,
     start_server,
@@ -49,11 +49,11 @@ class Lab:
     def __init__(self, lake: Lake, plan: LabPlan) -> None:
         self._lake = lake
         self._swept_s = 0.0
-        self._server: StandingProcess | None = None
+        self._server: ChildProcess | None = None
         named = os.environ.get("PREFECT_API_URL")
         if named is None:
             self._server = start_server(lake.root, plan.port, plan.host)
-            self.api_url = api_url_of(self._server)
+            self.api_url = get_api_url(self._server)
         elif is_healthy(named):
             self.api_url = named
         else:
@@ -68,8 +68,8 @@ class Lab:
         }
         self._environment.setdefault("PREFECT_WORKER_QUERY_SECONDS", WORKER_POLL_S)
         log = state_folder(lake.root) / "worker.log"
-        arguments = [str(plan.n_runs), str(os.getpid())]
-        self._worker = StandingProcess("flows.server.worker_process", arguments, self._environment, log)
+        self._n_runs = plan.n_runs
+        self._worker = ChildProcess("flows.server.worker_process", [str(os.getpid())], self._environment, log)
         self._worker.start()
 
     def deploy(self) -> list[str]:
@@ -78,7 +78,7 @@ class Lab:
         Raises:
             FastError: the worker made no pool, or Prefect refused a deployment.
         """
-        self.wait_for_pool()
+        self.prepare_pool()
         command = [sys.executable, "-m", "prefect", "--no-prompt", "deploy", "--all"]
         done = subprocess.run(
             command, cwd=CHECKOUT, env=self._environment, capture_output=True, text=True, timeout=DEPLOY_LIMIT_S
@@ -99,7 +99,7 @@ class Lab:
         if time.monotonic() - self._swept_s > SWEEP_S and is_healthy(self.api_url):
             self._swept_s = time.monotonic()
             only_worker_since = None if self._server is None else self._worker.since
-            for sentence in sweep(self.api_url, and_continue=True, worker_since=only_worker_since).sentences:
+            for sentence in end_crashed_runs(self.api_url, and_continue=True, worker_since=only_worker_since).sentences:
                 tell(sentence)
 
     def close(self) -> None:
@@ -113,8 +113,8 @@ class Lab:
         """Process ids of the server (0: it is not ours) and of the worker."""
         return self._server.pid if self._server else 0, self._worker.pid
 
-    def wait_for_pool(self) -> None:
-        """Wait until the worker has made its pool.
+    def prepare_pool(self) -> None:
+        """Wait until the worker has made its pool, and limit the runs at once: the server starts no more of them.
 
         Raises:
             FastError: it does not.
@@ -122,7 +122,7 @@ class Lab:
         deadline = time.monotonic() + POOL_LIMIT_S
         while True:
             try:
-                ask_server(self.api_url, f"/work_pools/{POOL}")
+                ask_server(self.api_url, f"/work_pools/{POOL}", {"concurrency_limit": self._n_runs}, method="PATCH")
                 return
             except OSError as error:
                 if time.monotonic() > deadline or not self._worker.is_alive():

@@ -14,8 +14,7 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
-from flows.server.background import ROUNDS
-from flows.server.child_process import StandingProcess
+from flows.server.child_process import ChildProcess
 from flows.server.run_process import is_process_alive
 from lake.store import Lake
 from models.errors import FastError
@@ -40,6 +39,17 @@ OFFLINE = {
 TIDY = {
     "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "events,flow_runs",
     "PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD": str(90 * 86400),
+}
+# Seconds between the rounds of the services, where Prefect has 5 to 20: late runs and workers that are gone are
+# marked within a minute. New schedules are planned at Prefect's own pace. Runs whose process is gone we find ourselves.
+ROUNDS = {
+    "PREFECT_SERVER_SERVICES_LATE_RUNS_LOOP_SECONDS": "60",
+    "PREFECT_SERVER_SERVICES_FOREMAN_LOOP_SECONDS": "60",
+    "PREFECT_SERVER_SERVICES_PAUSE_EXPIRATIONS_LOOP_SECONDS": "60",
+    "PREFECT_SERVER_SERVICES_REPOSSESSOR_LOOP_SECONDS": "60",
+    "PREFECT_SERVER_SERVICES_CLEANUP_RECONCILER_LOOP_SECONDS": "60",
+    "PREFECT_SERVER_SERVICES_CANCELLATION_CLEANUP_LOOP_SECONDS": "60",
+    "PREFECT_SERVER_EVENTS_PROACTIVE_GRANULARITY": "PT60S",
 }
 PATIENT = {"PREFECT_CLIENT_MAX_RETRIES": "7"}  # about four minutes, where a server of others is gone
 
@@ -75,8 +85,10 @@ def _login() -> str | None:
     return f"{USER}:{password}" if password else None
 
 
-def ask_server(api_url: str, path: str, body: Any = None, timeout_s: float = 10.0) -> Any:
+def ask_server(api_url: str, path: str, body: Any = None, timeout_s: float = 10.0, method: str | None = None) -> Any:
     """Answer of the server to a GET, or to a POST of `body`, without the cost of importing Prefect.
+
+    `method`: another one, such as PATCH.
 
     Raises:
         OSError: no answer, or a refusal (`urllib.error.HTTPError`).
@@ -86,7 +98,7 @@ def ask_server(api_url: str, path: str, body: Any = None, timeout_s: float = 10.
     if login:
         headers["Authorization"] = f"Basic {base64.b64encode(login.encode()).decode()}"
     data = None if body is None else json.dumps(body).encode()
-    request = urllib.request.Request(f"{api_url}{path}", data, headers)
+    request = urllib.request.Request(f"{api_url}{path}", data, headers, method=method)
     for patience_s in (0.5, 1.0, 2.0, 4.0, 0.0):
         try:
             with urllib.request.urlopen(request, timeout=timeout_s) as answer:
@@ -109,34 +121,36 @@ def server(lake_root: Path, port: int | None = None) -> Iterator[str]:
     Raises:
         FastError: the server did not become healthy.
     """
-    known = os.environ.get("PREFECT_API_URL") or running_server(lake_root)
+    known = os.environ.get("PREFECT_API_URL") or find_server(lake_root)
     if known:
         yield known
         return
     process = start_server(lake_root, port or ANY_PORT)
     is_over = threading.Event()
-    keeper = threading.Thread(target=_keep_alive, args=(lake_root, process, is_over), daemon=True, name="server-keeper")
-    keeper.start()
+    watcher = threading.Thread(
+        target=_keep_alive, args=(lake_root, process, is_over), daemon=True, name="server-watcher"
+    )
+    watcher.start()
     try:
-        yield api_url_of(process)
+        yield get_api_url(process)
     finally:
         is_over.set()
-        keeper.join()
+        watcher.join()
         stop_server(lake_root, process)
 
 
-def _keep_alive(lake_root: Path, process: StandingProcess, is_over: threading.Event) -> None:
+def _keep_alive(lake_root: Path, process: ChildProcess, is_over: threading.Event) -> None:
     """Start a server of ours again when it died, until it is over; clients ask again meanwhile."""
     while not is_over.wait(KEEP_S):
         if process.restart_if_dead():
             note_server(lake_root, process)
 
 
-def running_server(lake_root: Path) -> str | None:
+def find_server(lake_root: Path) -> str | None:
     """API address of a server that already serves this lake, if it answers."""
     try:
-        noted = json.loads(_address_file(lake_root).read_text())
-        url, owner_pid = str(noted["api_url"]), int(noted["owner_pid"])
+        entry = json.loads(_address_file(lake_root).read_text())
+        url, owner_pid = str(entry["api_url"]), int(entry["owner_pid"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
     if not is_process_alive(owner_pid):
@@ -152,7 +166,7 @@ def is_healthy(api_url: str) -> bool:
         return False
 
 
-def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> StandingProcess:
+def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> ChildProcess:
     """Start a server of this lake and wait until it answers; others find it by the lake's address file.
 
     This process holds the listening socket, and only hands it on: while a server that was killed is started again,
@@ -174,7 +188,7 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> StandingPr
     # Pages that were opened under another name ask the server they came from.
     environment.setdefault("PREFECT_UI_API_URL", "/api")
     arguments = [str(listener.fileno()), str(os.getpid()), str(lake_root / "outputs")]
-    process = StandingProcess("flows.server.server_process", arguments, environment, home / "server.log", listener)
+    process = ChildProcess("flows.server.server_process", arguments, environment, home / "server.log", listener)
     process.start()
     try:
         _wait_until_healthy(url, process)
@@ -185,25 +199,25 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> StandingPr
     return process
 
 
-def note_server(lake_root: Path, process: StandingProcess) -> None:
+def note_server(lake_root: Path, process: ChildProcess) -> None:
     """Write the address of a server where other processes of this machine look for it."""
     _address_file(lake_root).write_text(
-        json.dumps({"api_url": api_url_of(process), "pid": process.pid, "owner_pid": os.getpid()})
+        json.dumps({"api_url": get_api_url(process), "pid": process.pid, "owner_pid": os.getpid()})
     )
 
 
-def stop_server(lake_root: Path, process: StandingProcess) -> None:
+def stop_server(lake_root: Path, process: ChildProcess) -> None:
     """Stop a server of ours."""
     _address_file(lake_root).unlink(missing_ok=True)
     process.stop()
 
 
-def api_url_of(process: StandingProcess) -> str:
+def get_api_url(process: ChildProcess) -> str:
     """API address of a server of ours, for processes of this machine."""
     return process.environment["PREFECT_API_URL"]
 
 
-def _wait_until_healthy(url: str, process: StandingProcess) -> None:
+def _wait_until_healthy(url: str, process: ChildProcess) -> None:
     deadline = time.monotonic() + START_LIMIT_S
     while not is_healthy(url):
         if not process.is_alive() or time.monotonic() > deadline:

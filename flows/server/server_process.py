@@ -21,7 +21,7 @@ Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 
-def with_outputs(pages: App, folder: Path, login: str | None) -> App:
+def add_outputs(pages: App, folder: Path, login: str | None) -> App:
     """Prefect's application with reports and recordings of the lake under `/outputs/`, behind the same password."""
     from starlette.applications import Starlette
     from starlette.responses import PlainTextResponse
@@ -60,13 +60,11 @@ def serve(listener: socket.socket, parent_pid: int, folder: Path) -> None:
     import uvicorn
     from prefect.server.api.server import create_app
 
-    from flows.server.background import calm_down
     from tasks.simulation.pool import follow_parent
 
     follow_parent(parent_pid)
-    calm_down()
     login = os.environ.get("PREFECT_SERVER_API_AUTH_STRING")
-    config = uvicorn.Config(with_outputs(create_app(), folder, login), log_level="warning")
+    config = uvicorn.Config(add_outputs(create_app(), folder, login), log_level="warning")
     uvicorn.Server(config).run(sockets=[listener])
 
 

@@ -1,1 +1,1 @@
-"""Flows around single simulations: how far a plan has come, and the CalculiX deck of a grasp."""
+"""Around the simulator: progress of many simulations, and a grasp written as an input deck of CalculiX."""

@@ -4,8 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from flows.campaign.launch import Voice
-from flows.campaign.progress import RateEstimate, in_words
+from flows.progress import ProgressReporter, RateEstimate, describe_time_left
 from lake.maintenance import compact
 from lake.store import Lake
 from lake.tables.campaign import SimTraceRow, SimulationRow
@@ -23,29 +22,29 @@ def simulate_missing(
     lake: Lake,
     plans: Sequence[SimulationPlan],
     n_workers: int,
-    voice: Voice,
+    reporter: ProgressReporter,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> None:
     """Simulate what the lake lacks of the plans, one after the other; killed, the same call continues."""
     total = n_missing(lake, plans)
     if not total:
         return
-    reporter = _Reporter(voice, total)
+    counter = _SimulationCounter(reporter, total)
     n_failed = 0
     for plan in plans:
-        reporter.begin(n_missing(lake, [plan]))
-        n_failed += simulate_plan(lake, plan, n_workers, reporter.tell, should_stop)
+        counter.begin(n_missing(lake, [plan]))
+        n_failed += simulate_plan(lake, plan, n_workers, counter.tell, should_stop)
     for row_type in (SimTraceRow, SimulationRow):
         compact(lake, row_type)
     failed = f"; {n_failed} failed" if n_failed else ""
-    voice.progress(f"simulated {total - n_missing(lake, plans)} grasps{failed}")
+    reporter.progress(f"simulated {total - n_missing(lake, plans)} grasps{failed}")
 
 
 @dataclass
-class _Reporter:
+class _SimulationCounter:
     """A line of progress with the time left, at most one in ten seconds."""
 
-    voice: Voice
+    reporter: ProgressReporter
     total: int
     before: int = 0
     of_plan: int = 0
@@ -64,9 +63,8 @@ class _Reporter:
         if now - self.last_s < _PROGRESS_INTERVAL_S:
             return
         self.last_s = now
-        left_s = self.rate.seconds_left(self.total - made)
-        left = f"{in_words(left_s)} left" if left_s is not None else "time left not known yet"
+        left = describe_time_left(self.rate.seconds_left(self.total - made))
         failed = f", {done.n_failed} failed" if done.n_failed else ""
-        self.voice.progress(
+        self.reporter.progress(
             f"{time.strftime('%H:%M:%S')}  simulated {made}/{self.total} missing grasps{failed}  |  {left}"
         )

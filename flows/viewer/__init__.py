@@ -1,1 +1,4 @@
-"""Rerun recordings of grasps and campaigns, made on demand from the lake."""
+"""Rerun recordings (`.rrd`) of what the lake holds: a grasp, a design, a campaign as it runs, a simulated grasp.
+
+`stream` and `scene` are what all of them share; `bench_timeline` sends a campaign grasp by grasp.
+"""

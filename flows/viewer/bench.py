@@ -1,20 +1,24 @@
-"""The bench that a campaign works on, as it stands: sheet and mounts of the objects, and where to look from."""
+"""The bench that a campaign works on: sheet and mounts of the objects, the head with a tool, and where to look from."""
 
 from collections.abc import Sequence
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+import trimesh
 
 from flows.report.style import FAINT, MUTED
 from flows.viewer.scene import rgb
 from flows.viewer.stream import eye_around
 from hardware.cell.layout import BenchLayout
+from models.records import Design, GraspSetup
 
 HEAD_ROOM_MM = 210.0  # a gripper at the end of its lift
 ROUND_MM = 75.0  # about an object: half of the pitch
 _MOUNT_MM = 22.0
 _SHEET_MM = 6.0
+HEAD_MM = (110.0, 60.0, 24.0)
+_FACES = ((0, 2, 1), (3, 4, 5), (0, 1, 4), (0, 4, 3), (1, 2, 5), (1, 5, 4), (2, 0, 3), (2, 3, 5))
 _FROM = (-0.1, -0.8, 0.62)  # direction from the objects to the eye
 
 
@@ -37,6 +41,28 @@ def bench_eye(layout: BenchLayout, objects: Sequence[int]) -> rrb.EyeControls3D:
     """An eye in front of the bench from which all these objects, and a gripper over them, are seen."""
     low, high = _extent(layout, objects or range(layout.n_columns**2))
     return eye_around([*low, 0.0], [*high, HEAD_ROOM_MM], _FROM)
+
+
+def head_meshes(design: Design) -> list[tuple[str, trimesh.Trimesh]]:
+    """Head, right and left finger as a few triangles, by name, mm: z = 0 at the tips, the gripper around x = y = 0.
+
+    The fingers, prisms without ribs so that many tools stay small, stand at half of their way between open and closed.
+    """
+    setup = GraspSetup()
+    gap = 0.25 * (setup.open_gap_mm + setup.closed_gap_mm)
+    head = trimesh.creation.box(HEAD_MM)
+    head.apply_translation([0.0, 0.0, design.height_mm + HEAD_MM[2] / 2])
+    return [("head", head), *((side, _prism(design, sign, gap)) for side, sign in (("right", 1.0), ("left", -1.0)))]
+
+
+def _prism(design: Design, sign: float, gap_mm: float) -> trimesh.Trimesh:
+    """A finger as a prism over the triangle of front face, base and back, tip down."""
+    profile = np.array([[gap_mm, 0.0], [gap_mm, design.height_mm], [gap_mm + design.length_mm, design.height_mm]])
+    half = design.width_mm / 2
+    corners = np.array([[sign * x, y, z] for y in (-half, half) for x, z in profile])
+    prism = trimesh.Trimesh(corners, np.array(_FACES), process=False)
+    prism.fix_normals()
+    return prism
 
 
 def _extent(layout: BenchLayout, objects: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:

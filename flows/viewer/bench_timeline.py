@@ -14,11 +14,10 @@ from matplotlib import colormaps
 
 from flows.report.campaign.queries import literal
 from flows.report.style import BEST, COMPLIANT, FIRST, INK, MUTED, OBJECT
-from flows.viewer.bench import send_bench
+from flows.viewer.bench import head_meshes, send_bench
 from flows.viewer.curves import Curves
 from flows.viewer.scene import flat_mesh, object_mesh_at, rgb
 from flows.viewer.stream import stored_design
-from flows.viewer.wedge import head_and_wedges
 from hardware.cell.layout import BenchLayout
 from lake.store import Lake
 from models.design.space import PARAMETERS
@@ -44,7 +43,7 @@ SELECT p.proposal_id, p.fidelity, p.created_at, d.* FROM proposals p JOIN design
 WHERE p.campaign_id = {campaign} ORDER BY p.created_at, p.proposal_id"""
 
 
-class Tour:
+class BenchTimeline:
     """Sends what a lake has of a campaign to a recording; asked again, only what is new.
 
     `objects` are those that its tools shall meet; `full_n` is the force of the lightest colour and of the curves' top.
@@ -158,7 +157,7 @@ class Tour:
         self._stream.log("log", rr.TextLog(f"{self._label} on the head", level=rr.TextLogLevel.INFO))
 
     def _send_head(self, design: Design) -> None:
-        for name, mesh in head_and_wedges(design):
+        for name, mesh in head_meshes(design):
             self._stream.log(f"cell/head/{name}", flat_mesh(mesh, MUTED if name == "head" else COMPLIANT))
 
     def _draw_object(self, object_id: int) -> None:

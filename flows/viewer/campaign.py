@@ -1,7 +1,9 @@
-"""Rerun recording of a campaign: the bench at work, what it measured, and what the scientist proposed."""
+"""Rerun recording of a campaign, afterwards or while it runs: bench at work, what it measured and what was proposed."""
 
 import logging
+import time
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
@@ -12,9 +14,9 @@ from flows.report.campaign.content import Content
 from flows.report.campaign.facts import Tool
 from flows.report.campaign.queries import literal
 from flows.viewer.bench import bench_eye
-from flows.viewer.bench_timeline import Tour
+from flows.viewer.bench_timeline import BenchTimeline
 from flows.viewer.curves import curves_view
-from flows.viewer.stream import recording_to
+from flows.viewer.stream import APPLICATION, make_file, recording_to
 from hardware.cell.layout import N_OBJECTS, BenchLayout
 from lake.handoff.campaign import is_imported
 from lake.store import Lake
@@ -23,6 +25,7 @@ from models.units import unit_of
 
 _LOG = logging.getLogger(__name__)
 
+POLL_S = 2.0
 PLAYBACK_SPEED = 15.0
 FULL_FORCES_N = (5.0, 10.0, 20.0, 40.0, 60.0, 80.0)  # of the lightest colour
 _PEAK = "SELECT max(peak_force_n) AS peak_n FROM grasps WHERE campaign_id = {campaign} AND status = 'ok'"
@@ -43,17 +46,61 @@ def write_recording(lake: Lake, campaign_id: str, path: Path) -> Path:
     return path
 
 
-def send_campaign(recording: rr.RecordingStream, content: Content) -> Tour:
-    """What there is of a campaign; the tour can be asked for more."""
-    document = rr.TextDocument(about(content), media_type="text/markdown")
+def follow(
+    lake: Lake,
+    campaign_id: str,
+    path: Path,
+    is_running: Callable[[], bool],
+    *,
+    address: str | None = None,
+    tell: Callable[[str], None] | None = None,
+    poll_s: float = POLL_S,
+) -> int:
+    """Write to a file, and to the viewer at `address`, what the campaign measures and proposes, until it ends.
+
+    Looks at the lake every `poll_s`. Ctrl-C ends it too; what was written stays. Returns the number of grasps.
+
+    Raises:
+        UsageError: there is no such campaign, or the file cannot be written.
+    """
+    content = Content.load(lake, campaign_id)
+    make_file(path)
+    sinks: list[rr.FileSink | rr.GrpcSink] = [rr.FileSink(path)]
+    if address:
+        sinks.append(rr.GrpcSink(address))
+    blueprint = campaign_blueprint(content, is_live=True)
+    with rr.RecordingStream(APPLICATION, recording_id=f"campaign {campaign_id} live") as stream:
+        stream.set_sinks(*sinks, default_blueprint=blueprint)
+        stream.log("cell", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        timeline = send_campaign(stream, content)
+        try:
+            is_last = False
+            while not is_last:
+                is_last = not is_running()  # asked first: what is written until then is still sent
+                if timeline.update() and tell is not None:
+                    tell(f"{timeline.n_grasps} grasps of {campaign_id}")
+                stream.flush()
+                if not is_last:
+                    time.sleep(poll_s)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            stream.flush()
+            stream.disconnect()
+    return timeline.n_grasps
+
+
+def send_campaign(recording: rr.RecordingStream, content: Content) -> BenchTimeline:
+    """What there is of a campaign; the timeline can be asked for more."""
+    document = rr.TextDocument(describe(content), media_type="text/markdown")
     recording.log("about", document, static=True)
     campaign_id = content.campaign.campaign_id
-    tour = Tour(recording, content.lake, campaign_id, objects_of(content), full_force_n(content))
-    tour.update()
-    return tour
+    timeline = BenchTimeline(recording, content.lake, campaign_id, find_objects(content), full_force_n(content))
+    timeline.update()
+    return timeline
 
 
-def objects_of(content: Content) -> list[int]:
+def find_objects(content: Content) -> list[int]:
     """Objects that the tools of a campaign shall meet; of one that was run elsewhere, those that they met."""
     config_toml = content.campaign.config_toml
     if is_imported(config_toml):
@@ -74,7 +121,7 @@ def campaign_blueprint(content: Content, is_live: bool = False) -> rrb.Blueprint
     scene = rrb.Spatial3DView(
         origin="cell",
         name=f"Bench; objects by the peak of their last grasp: dark 0, yellow {full_force_n(content):g} N",
-        eye_controls=bench_eye(BenchLayout(), objects_of(content)),
+        eye_controls=bench_eye(BenchLayout(), find_objects(content)),
         background=[255, 255, 255],
         line_grid=False,
     )
@@ -140,11 +187,11 @@ def _proposals_tab() -> rrb.Grid:
     return rrb.Grid(*views, grid_columns=3, name="Proposals")
 
 
-def about(content: Content) -> str:
+def describe(content: Content) -> str:
     """What the recording shows, and the tools so far, as Markdown."""
     rows = "\n".join(
         f"| {t.label} | {t.kind} | {'' if t.quality_n is None else format(t.quality_n, '.2f')} | {t.n_objects} |"
-        for t in chosen_tools(content)
+        for t in choose_tools(content)
     )
     return (
         f"# {content.campaign.name or content.campaign.campaign_id}\n\nThe head goes from object to "
@@ -154,12 +201,12 @@ def about(content: Content) -> str:
     )
 
 
-def chosen_tools(content: Content) -> list[Tool]:
+def choose_tools(content: Content) -> list[Tool]:
     """The best tool first, then the best of each other batch, in order."""
     measured = [t for t in content.tools if t.n_grasps > 0]
     batches = sorted({t.batch for t in measured})
-    leading = [
+    best_tools = [
         max((t for t in measured if t.batch == batch), key=lambda t: (t.is_complete, t.quality_n or 0.0))
         for batch in batches
     ]
-    return sorted(leading, key=lambda t: (t is not content.best, t.batch, t.slot))
+    return sorted(best_tools, key=lambda t: (t is not content.best, t.batch, t.slot))

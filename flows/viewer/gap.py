@@ -11,14 +11,14 @@ from flows.report.gap.figures import SIM_AFTER, SIM_BEFORE, chosen_cells
 from flows.report.style import MUTED
 from flows.viewer.scene import rgb
 from flows.viewer.stream import recording_to
-from models.gap.evaluation.show import AFTER, BEFORE, Shown
+from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation
 from models.objects.catalogue import get_object
 from models.traces.step_features import STEP_MM
 
 _N_CELLS = 6
 
 
-def write_gap_recording(shown: Shown, path: Path, cells: Sequence[Sequence[int]] | None = None) -> Path:
+def write_gap_recording(evaluation: Evaluation, path: Path, cells: Sequence[Sequence[int]] | None = None) -> Path:
     """Write measured and simulated forces of held-out grasps over lift; returns `path`.
 
     cells: rows of the held-out grasps of each cell to show; without them six cells of other tools and objects.
@@ -26,23 +26,27 @@ def write_gap_recording(shown: Shown, path: Path, cells: Sequence[Sequence[int]]
     Raises:
         UsageError: the file cannot be written.
     """
-    chosen = list(cells) if cells is not None else chosen_cells(shown, _N_CELLS)
-    names = [_name(shown, rows[0]) for rows in chosen]
+    chosen = list(cells) if cells is not None else chosen_cells(evaluation, _N_CELLS)
+    names = [_name(evaluation, rows[0]) for rows in chosen]
     with recording_to("gap search", path, _blueprint(names)) as stream:
-        stream.log("about", rr.TextDocument(_about(shown), media_type="text/markdown"), static=True)
+        stream.log("about", rr.TextDocument(_about(evaluation), media_type="text/markdown"), static=True)
         for place, rows in enumerate(chosen):
-            _send_cell(stream, shown, place, rows)
+            _send_cell(stream, evaluation, place, rows)
     return path
 
 
-def _send_cell(stream: rr.RecordingStream, shown: Shown, place: int, rows: Sequence[int]) -> None:
+def _send_cell(stream: rr.RecordingStream, evaluation: Evaluation, place: int, rows: Sequence[int]) -> None:
     """Every measured repeat, and both simulations, of one tool on one object."""
     for repeat, row in enumerate(rows):
         _send(
-            stream, f"grasp_{place}/measured_{repeat}", shown.held_out.measured_n[row], f"measured {repeat + 1}", MUTED
+            stream,
+            f"grasp_{place}/measured_{repeat}",
+            evaluation.held_out.measured_n[row],
+            f"measured {repeat + 1}",
+            MUTED,
         )
     for label, entity, name, colour in ((BEFORE, "before", "before", SIM_BEFORE), (AFTER, "after", "after", SIM_AFTER)):
-        steps_n = next(p.steps_n for p in shown.predictions if p.label == label)
+        steps_n = next(p.steps_n for p in evaluation.predictions if p.label == label)
         _send(stream, f"grasp_{place}/{entity}", steps_n[rows[0]], name, colour)
 
 
@@ -66,13 +70,13 @@ def _blueprint(names: Sequence[str]) -> rrb.Blueprint:
     )
 
 
-def _name(shown: Shown, row: int) -> str:
-    held_out = shown.held_out
+def _name(evaluation: Evaluation, row: int) -> str:
+    held_out = evaluation.held_out
     return f"{held_out.tools[held_out.tool[row]]} on the {get_object(held_out.objects[held_out.obj[row]]).name}"
 
 
-def _about(shown: Shown) -> str:
-    gap = shown.gap
+def _about(evaluation: Evaluation) -> str:
+    gap = evaluation.gap
     return (
         "Force over lift of grasps that were held out; timeline `lift_um` is the lift in micrometres. "
         f"Held-out error {gap.rmse_before_n:.2f} N before and {gap.rmse_after_n:.2f} N after, noise floor "

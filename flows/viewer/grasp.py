@@ -7,13 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 
-from flows.report.campaign.again import Simulated, simulate_again
+from flows.report.grasp_frames import GraspFrames, Simulated, simulate_again
 from flows.report.style import BEST, SIMULATED
 from flows.viewer.scene import finger_meshes, finger_translations, object_words
-from flows.viewer.simulation import arrow_mm_per_n, curves_over_time, furthest_mm, send_fingers
-from flows.viewer.stream import FRONT_EYE, recording_to, send_object, send_trace, stored_design, times
+from flows.viewer.simulation import describe_fingers, grasp_blueprint, send_fingers
+from flows.viewer.stream import recording_to, send_object, send_trace, stored_design, times
 from lake.store import Lake
 from lake.tables.campaign import GraspRow, SimTraceRow, SimulationRow
 from models.errors import UsageError
@@ -38,9 +37,10 @@ def write_grasp_recording(lake: Lake, grasp_id: str, path: Path, is_simulated: b
     design, setup = stored_design(lake, grasp.design_id), GraspSetup.model_validate_json(grasp.setup_json)
     label = tool_label(grasp.batch, grasp.slot) if grasp.batch is not None and grasp.slot is not None else grasp.tool_id
     simulated = simulate_again(lake, design, grasp.design_id, grasp.object_id, setup) if is_simulated else None
+    frames = None if simulated is None else GraspFrames.of(simulated.recording)
     name = object_words(grasp.object_id)
-    with recording_to(f"grasp {grasp_id}", path, _blueprint(f"{label} on {name}")) as stream:
-        text = _about(f"{label} on {name}, repeat {grasp.repeat}", trace, simulated)
+    with recording_to(f"grasp {grasp_id}", path, grasp_blueprint(f"{label} on {name}")) as stream:
+        text = _about(f"{label} on {name}, repeat {grasp.repeat}", trace, simulated, frames)
         stream.log("about", rr.TextDocument(text, media_type="text/markdown"), static=True)
         send_object(stream, "cell/object", grasp.object_id, (0.0, 0.0))
         send_trace(stream, "force/measured", "lift/measured", trace, grasp.started_at, "measured", BEST)
@@ -49,11 +49,11 @@ def write_grasp_recording(lake: Lake, grasp_id: str, path: Path, is_simulated: b
             moved = Clock.between(simulation, trace).moved(simulation)
             line = "simulated" if len(stored) == 1 else f"simulated {version_id}"
             send_trace(stream, f"force/simulated_{number}", None, moved, None, line, SIMULATED)
-        if simulated is None:
+        if simulated is None or frames is None:
             _send_moving_fingers(stream, design, setup, label, trace)
         else:
             clock = Clock.between(simulated.result.trace, trace)
-            send_fingers(stream, simulated.recording, lambda s: clock.at(s.phase, s.time_s, s.lift_mm))
+            send_fingers(stream, frames, lambda s: clock.at(s.phase, s.time_s, s.lift_mm))
     return path
 
 
@@ -112,31 +112,14 @@ def _stored_traces(lake: Lake, grasp: GraspRow) -> Iterator[tuple[str, Trace]]:
             yield simulation.version_id, lake.trace(simulation.simulation_id, SimTraceRow)
 
 
-def _about(title: str, trace: Trace, simulated: Simulated | None) -> str:
-    lines = [f"### {title}", ""]
+def _about(title: str, trace: Trace, simulated: Simulated | None, frames: GraspFrames | None) -> str:
     peak = float(trace.force_n[trace.is_lift].max()) if trace.is_lift.any() else float(trace.force_n.max())
-    if simulated is None:
-        lines.append(f"Measured peak {peak:.2f} N. Fingers are drawn undeformed.")
-    else:
-        lines.append(
-            f"Measured peak {peak:.2f} N, simulated {simulated.result.peak_force_n:.2f} N. Fingers are those of the "
-            f"simulation ({simulated.version_id}), coloured by how far they moved from their undeformed shape: dark 0, "
-            f"yellow {furthest_mm(simulated.recording):.1f} mm. Arrows: force of the object on them, "
-            f"{arrow_mm_per_n(simulated.recording):g} mm per N. The cursor in the curves is the moment in the scene."
-        )
-    return "\n".join(lines)
-
-
-def _blueprint(title: str) -> rrb.Blueprint:
-    scene = rrb.Spatial3DView(origin="cell", name=f"{title} (mm)", eye_controls=FRONT_EYE)
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(scene, rrb.TextDocumentView(origin="about", name="About"), row_shares=[7, 2]),
-            curves_over_time(),
-        ),
-        rrb.TimePanel(timeline="time", state="collapsed", play_state="playing", loop_mode="all"),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
+    if simulated is None or frames is None:
+        return f"### {title}\n\nMeasured peak {peak:.2f} N. Fingers are drawn undeformed."
+    return (
+        f"### {title}\n\nMeasured peak {peak:.2f} N, simulated {simulated.result.peak_force_n:.2f} N. Fingers are "
+        f"those of the simulation ({simulated.version_id}), {describe_fingers(frames)} The cursor in the curves is the "
+        "moment in the scene."
     )
 
 

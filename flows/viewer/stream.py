@@ -27,7 +27,7 @@ _LOG = logging.getLogger(__name__)
 APPLICATION = "fast"
 
 
-def writable(path: Path) -> None:
+def make_file(path: Path) -> None:
     """Make the file and its folder.
 
     Raises:
@@ -45,7 +45,7 @@ def recording_to(
     name: str, path: Path, blueprint: rrb.Blueprint, scenes: Sequence[str] = ("cell",)
 ) -> Iterator[rr.RecordingStream]:
     """A recording that is on disk when the context ends; `scenes` are the origins of three-dimensional views."""
-    writable(path)
+    make_file(path)
     with rr.RecordingStream(APPLICATION, recording_id=name) as recording:
         recording.save(path, default_blueprint=blueprint)
         for scene in scenes:

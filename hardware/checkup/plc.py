@@ -75,7 +75,7 @@ def _check_scan(findings: Findings, plc: ClickPlc, clock: Clock) -> tuple[bool, 
         "PLC scan",
         is_scanning,
         f"{tags.SCAN_COUNTER_REGISTER} counts" if is_scanning else f"{tags.SCAN_COUNTER_REGISTER} stands still",
-        "switch the PLC to RUN; if it runs, load the ladder of docs/bench.md",
+        "switch the PLC to RUN; if it runs, load the ladder of docs/how-to/set-up-a-bench.md",
     )
     return is_scanning, plc.read_int(tags.HEARTBEAT_REGISTER) != beat
 
@@ -119,14 +119,19 @@ def _check_heartbeat(findings: Findings, plc: ClickPlc, link: ModbusLink, clock:
     echo = tags.HEARTBEAT_ECHO_REGISTER
     is_echoed = _wait(clock, ECHO_S, lambda: plc.read_int(echo) == beat)
     wrong = f"{echo} does not follow {tags.HEARTBEAT_REGISTER}"
-    findings.judge("heartbeat", is_echoed, "echoed" if is_echoed else wrong, "load the ladder of docs/bench.md")
+    findings.judge(
+        "heartbeat", is_echoed, "echoed" if is_echoed else wrong, "load the ladder of docs/how-to/set-up-a-bench.md"
+    )
     if is_echoed and is_estop_ok:
         _check_watchdog(findings, plc, clock, sent_s)
 
 
 def _check_watchdog(findings: Findings, plc: ClickPlc, clock: Clock, sent_s: float) -> None:
     output, limit_s = tags.MOTOR_ENABLE_OUTPUT, tags.HOST_TIME_OUT_S
-    fix = f"it must come on with a heartbeat and fall {limit_s:g} s after the last: check the rungs of docs/bench.md"
+    fix = (
+        f"it must come on with a heartbeat and fall {limit_s:g} s after the last: check the rungs of "
+        "docs/how-to/set-up-a-bench.md"
+    )
     if not _wait(clock, ECHO_S, lambda: plc.read_bit(output)):
         findings.add("host watchdog", f"{output} stays off", fix)
         return

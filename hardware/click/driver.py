@@ -278,7 +278,8 @@ class ClickPlc:
         if echo != self._beat_count and self._last_beat_s is not None and now_s - self._last_beat_s > _SCANNED_AFTER_S:
             raise LadderError(
                 f"{self._link.name} scans, but echoes heartbeat {echo} in {tags.HEARTBEAT_ECHO_REGISTER} instead of "
-                f"{self._beat_count}; its program is not the one of docs/bench.md, or a second host writes to it."
+                f"{self._beat_count}; its program is not the one of "
+                "docs/how-to/set-up-a-bench.md, or a second host writes to it."
             )
 
     def _stopped(self) -> LadderError:

@@ -128,7 +128,8 @@ def decode_scale(register: int) -> Scale:
     if division_code >= len(DIVISIONS) or unit_code >= len(UNITS):
         raise DeviceError(
             f"The weight transmitter reports division code {division_code} and unit code {unit_code}, which its manual "
-            "does not list; check that this is a Laumas instrument with the register map of docs/hardware."
+            "does not list; check that this is a Laumas instrument with the register map "
+            "of docs/how-to/set-up-a-bench.md."
         )
     division = DIVISIONS[division_code]
     if division not in PLAIN_DIVISIONS:

@@ -125,7 +125,7 @@ class ModbusLink:
             words = _EXCEPTION_WORDS.get(code, "unknown")
             raise DeviceError(
                 f"{self.name} refused a request with Modbus exception {code} ({words}); "
-                "check that its model and register map are those of docs/hardware."
+                "check that its model and register map are those of docs/how-to/set-up-a-bench.md."
             )
         return answer
 

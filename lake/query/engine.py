@@ -14,7 +14,7 @@ from __future__ import annotations
 import logging
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from importlib.resources import files
@@ -41,15 +41,14 @@ _ENGINES = count()  # numbers of engines: their file numbers are their own
 
 
 class Mark(NamedTuple):
-    """How far an engine has read a table: files by number, and how often some that it had read went away."""
+    """How far an engine has read a table: files by number, and how often some that it had read went away.
+
+    The same mark again says that nothing came to the table since, and nothing went.
+    """
 
     engine: int
     next_number: int
     n_losses: int
-
-    def follows(self, earlier: Mark) -> bool:
-        """True when files only came since."""
-        return (self.engine, self.n_losses) == (earlier.engine, earlier.n_losses)
 
 
 @dataclass
@@ -93,16 +92,18 @@ class Engine:
         self.connection.execute("SET enable_external_access = false")
         self.connection.execute("SET lock_configuration = true")
 
-    def sync(self, tables: Iterable[str], *, with_views: bool = True) -> None:
+    def sync(self, tables: Collection[str], views: Collection[str]) -> None:
         """Read what is new or changed in these tables, forget what is gone.
 
-        Without views, only `raw_` tables are up to date: a view of traces names all its files, a millisecond for 50.
+        Only the views of `views` are up to date then: a view of traces names all its files, a millisecond for 50.
+        What a row refers to is written before the row and read after it, so that it is found.
 
         Raises:
             LakeError: a file cannot be read; the message names it.
         """
-        for table in tables:
-            self._sync_table(TABLE_BY_NAME[table], with_views)
+        for row_type in reversed(TABLES):
+            if row_type.table in tables:
+                self._sync_table(row_type, row_type.table in views)
 
     def read(self, sql: str, params: Sequence[Any] | dict[str, Any] | None = None) -> pa.Table:
         """Result of a query over what was last synced, in a read-only transaction."""
@@ -244,7 +245,7 @@ class Engine:
     def _read_rows(self, row_type: type[Row], taken: _TableFiles, numbers: dict[str, int]) -> None:
         """Add the rows (of traces: the index, and which files lack a column) of the files with these numbers."""
         table = row_type.table
-        self.connection.register("new_files", _number_table(numbers))
+        self._hold_numbers(numbers)
         paths = _quoted_list(taken.paths(self._root.resolve() / table, numbers))
         held = "rows.* EXCLUDE (filename, file_row_number)"
         if has_samples(row_type):
@@ -257,7 +258,14 @@ class Engine:
             "JOIN new_files ON new_files._name = parse_filename(rows.filename)"
         )
         self._n_loose += inserted.fetchall()[0][0]
-        self.connection.unregister("new_files")
+
+    def _hold_numbers(self, numbers: dict[str, int]) -> None:
+        """Hold names and numbers of files for a join; not as an Arrow table, which would import pandas."""
+        self.connection.execute(
+            "CREATE OR REPLACE TEMP TABLE new_files AS SELECT unnest(?::VARCHAR[]) AS _name, "
+            "unnest(?::INTEGER[]) AS _file",
+            [list(numbers), list(numbers.values())],
+        )
 
     def _partial_files(self, row_type: type[Row], paths: list[Path]) -> set[str]:
         """Names of the files that lack a column: only for their sake need DuckDB compare the columns of all files."""
@@ -283,7 +291,7 @@ class Engine:
             return
         self.connection.execute(f"INSERT INTO touched {came}", [known.next_number])
         self.connection.execute(f"DELETE FROM superseded_{table} WHERE _id IN (SELECT _id FROM touched)")
-        self.connection.register("new_files", _number_table(self._files[table].numbers))
+        self._hold_numbers(self._files[table].numbers)
         repeated = (
             f"SELECT {key} FROM raw_{table} WHERE {key} IN (SELECT _id FROM touched) GROUP BY {key} HAVING count(*) > 1"
         )
@@ -293,7 +301,6 @@ class Engine:
             f"QUALIFY row_number() OVER (PARTITION BY {key} ORDER BY created_at DESC, _file DESC, _row DESC) > 1"
             ") JOIN new_files USING (_file)"
         )
-        self.connection.unregister("new_files")
 
     def _are_new(self, row_type: type[Row], known: _TableFiles) -> bool:
         """True when no id of the rows that came was there before, nor twice among them: nothing is superseded."""
@@ -342,6 +349,11 @@ def tables_used(sql: str) -> set[str]:
     return used
 
 
+def views_used(sql: str) -> set[str]:
+    """Those of `tables_used` that are not read as `raw_` tables alone."""
+    return tables_used(re.sub(r"\braw_\w+", "", sql.lower()))
+
+
 @cache
 def _view_text() -> str:
     return files("lake").joinpath("views.sql").read_text(encoding="utf-8")
@@ -373,11 +385,6 @@ def _settled_listing(folder: Path, known: dict[str, Signature]) -> dict[str, Sig
     while found != before:
         found, before = list_files(folder), found
     return found
-
-
-def _number_table(numbers: dict[str, int]) -> pa.Table:
-    columns = {"_name": pa.array(numbers, type=pa.string()), "_file": pa.array(numbers.values(), type=pa.int32())}
-    return pa.table(columns)
 
 
 def create_table(name: str, columns: Mapping[str, str]) -> str:

@@ -1,1 +1,5 @@
-"""The finger: its parameters, geometry, printability, print tray."""
+"""The finger as a design: its nine parameters and their unit cube (`space`), drawing, prints and what can be printed.
+
+`profile` draws the section, `finger` and `tray` make bodies and print trays of it, `sheet` and `glyphs` the paper that
+goes with them, `printability` the rules that a printed finger keeps.
+"""

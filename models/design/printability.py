@@ -1,14 +1,16 @@
 """What a printer and the person who cleans its prints ask of a finger, as rules that a design keeps or breaks."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-import shapely
 from pydantic import Field
 
-from models.design.profile import BASE_HEIGHT_MM, cavities, outline_area_mm2
 from models.design.space import from_unit
 from models.records import Design, Record
+
+if TYPE_CHECKING:
+    import shapely
 
 
 class PrintingRules(Record):
@@ -33,6 +35,11 @@ def broken_rules(design: Design, rules: PrintingRules) -> list[str]:
         >>> broken_rules(BEST_PUBLISHED, PrintingRules(max_mass_g=20.0))
         ['mass 32.7 g, limit 20 g']
     """
+    # The rules are part of every campaign's config, which is often read without a design.
+    import shapely
+
+    from models.design.profile import cavities
+
     broken = []
     voids = cavities(design)
     is_tight = shapely.is_empty(shapely.buffer(voids, -rules.min_cavity_mm / 2, join_style="mitre"))
@@ -51,8 +58,11 @@ def printable(points: np.ndarray, rules: PrintingRules) -> np.ndarray:
     return np.array([not broken_rules(design, rules) for design in from_unit(points)], dtype=bool)
 
 
-def _mass_g(design: Design, voids: Sequence[shapely.Polygon]) -> float:
+def _mass_g(design: Design, voids: "Sequence[shapely.Polygon]") -> float:
+    import shapely
+
     from models.design.finger import DENSITY_G_PER_MM3  # trimesh takes half a second to import
+    from models.design.profile import BASE_HEIGHT_MM, outline_area_mm2
 
     area_mm2 = outline_area_mm2(design) - float(np.sum(shapely.area(voids)))
     base_mm3 = design.length_mm * design.width_mm * BASE_HEIGHT_MM

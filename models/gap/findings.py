@@ -1,4 +1,4 @@
-"""The answer of gap discovery, as it is written to `findings.json` (design.md section 10) and shown in the report."""
+"""The answer of gap discovery, as it is written to `findings.json` and shown in the report; its keys stay."""
 
 from typing import Literal
 
@@ -40,29 +40,29 @@ class Candidate(Record):
     parameters: dict[str, float] = {}
 
 
-class NamedParameter(Record):
-    """A parameter of a named effect, from the joint posterior with theta."""
+class ParameterEstimate(Record):
+    """A parameter of a named effect, from the posterior jointly with theta."""
 
     median: float
     ci90: Interval
 
 
-class Named(Record):
+class Decision(Record):
     """The answer of a round: one effect, a set that cannot be told apart, none, or not in the catalogue."""
 
     kind: Literal["effect", "set", "none", "unknown"]
     effects: tuple[str, ...] = ()
     probability: float
-    parameters: dict[str, NamedParameter] = {}
+    parameters: dict[str, ParameterEstimate] = {}
     sentence: str = ""
 
 
-class Round(Record):
-    """One turn of the loop; `version` is the simulator version with what was named, if anything was added."""
+class RoundFindings(Record):
+    """What one round found; `version` is the simulator version with what was named, if anything was added."""
 
     where: tuple[WhereFinding, ...]
     candidates: tuple[Candidate, ...]
-    named: Named
+    named: Decision
     version: str | None = None
     dropped: tuple[str, ...] = ()
 
@@ -77,7 +77,7 @@ class Gap(Record):
     ci95: Interval
 
 
-class Alias(Record):
+class Confound(Record):
     """Something that these data cannot tell from another quantity, declared and never named."""
 
     effect: str
@@ -95,12 +95,12 @@ class NextExperiment(Record):
 
 
 class Findings(Record):
-    """`findings.json`. `power`: what so many designs and objects could have shown, a sentence."""
+    """`findings.json`. `aliases`: confounds. `power`: what so many designs and objects could have shown, a sentence."""
 
     alarm: bool
-    rounds: tuple[Round, ...]
+    rounds: tuple[RoundFindings, ...]
     gap: Gap
-    aliases: tuple[Alias, ...]
+    aliases: tuple[Confound, ...]
     next_experiment: NextExperiment | None
     seed: int
     budget: dict[str, float]

@@ -1,1 +1,1 @@
-"""What every Gaussian process here shares: Matern covariance and the Gaussian density."""
+"""What several Gaussian processes share: Matern covariances and log densities, with their gradients."""

@@ -1,1 +1,1 @@
-"""The 36 rigid test objects: what they are, their signed distance and their meshes."""
+"""The 36 rigid test objects: `catalogue.get_object` by number, their signed distance, and their surface as a mesh."""

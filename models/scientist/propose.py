@@ -1,5 +1,6 @@
 """The Bayesian scientist: which designs to simulate or print next."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,13 +10,19 @@ from models.design.printability import PrintingRules, printable
 from models.design.space import PARAMETERS, from_unit, random_unit
 from models.errors import UsageError
 from models.records import Design
-from models.scientist.acquisition.candidates import CandidateSettings, candidate_points
-from models.scientist.acquisition.catalogue import ACQUISITIONS, Selection
-from models.scientist.acquisition.spacing import Spacing
+from models.scientist.acquisition.candidates import CandidateSettings, Spacing, candidate_points
+from models.scientist.acquisition.improvement import select_by_improvement
+from models.scientist.acquisition.mes import select_by_mes
 from models.scientist.surrogate.observations import REAL, SIM
 from models.scientist.surrogate.posterior import Surrogate
 from models.validation import closest
 
+# (surrogate, points m x 9, fidelity, n, pending p x 10, spacing, rng) -> [(row of points, value)], best first
+Selection = Callable[
+    [Surrogate, np.ndarray, int, int, np.ndarray, Spacing, np.random.Generator], list[tuple[int, float]]
+]
+# A new rule is one function and one line here; `random` needs no surrogate, and no function.
+ACQUISITIONS: dict[str, Selection] = {"mes": select_by_mes, "ei": select_by_improvement}
 RANDOM = "random"
 NO_PENDING = np.zeros((0, len(PARAMETERS) + 1))
 NO_POINTS = np.zeros((0, len(PARAMETERS)))
@@ -71,34 +78,22 @@ def propose(
     if surrogate is None or acquisition == RANDOM:
         return _propose_random(n, spacing, rng, printing)
     with one_blas_thread():
-        return _propose_by(ACQUISITIONS[acquisition], surrogate, fidelity, n, pending, spacing, rng, printing)
-
-
-def _propose_by(
-    select: Selection,
-    surrogate: Surrogate,
-    fidelity: int,
-    n: int,
-    pending: np.ndarray,
-    spacing: Spacing,
-    rng: np.random.Generator,
-    printing: PrintingRules | None,
-) -> list[Proposal]:
-    """Choose from fresh candidates until n are found; what is already chosen counts as pending."""
-    settings = SINGLE_CANDIDATES if n == 1 else BATCH_CANDIDATES
-    proposals: list[Proposal] = []
-    for _ in range(_MAX_ROUNDS):
-        points = _printable(candidate_points(surrogate, rng, settings), printing)
-        if not len(points):
-            continue
-        chosen = select(surrogate, points, fidelity, n - len(proposals), pending, spacing, rng)
-        rows = [row for row, _ in chosen]
-        designs = from_unit(points[rows])
-        proposals += [Proposal(design, value) for design, (_, value) in zip(designs, chosen, strict=True)]
-        if len(proposals) == n:
-            return proposals
-        picked = np.column_stack([points[rows], np.full(len(rows), fidelity)])
-        pending = np.concatenate([pending, picked])
+        # From fresh candidates until n are found; what is already chosen counts as pending.
+        settings = SINGLE_CANDIDATES if n == 1 else BATCH_CANDIDATES
+        proposals: list[Proposal] = []
+        for _ in range(_MAX_ROUNDS):
+            points = _printable(candidate_points(surrogate, rng, settings), printing)
+            if not len(points):
+                continue
+            n_left = n - len(proposals)
+            chosen = ACQUISITIONS[acquisition](surrogate, points, fidelity, n_left, pending, spacing, rng)
+            rows = [row for row, _ in chosen]
+            designs = from_unit(points[rows])
+            proposals += [Proposal(design, value) for design, (_, value) in zip(designs, chosen, strict=True)]
+            if len(proposals) == n:
+                return proposals
+            picked = np.column_stack([points[rows], np.full(len(rows), fidelity)])
+            pending = np.concatenate([pending, picked])
     raise _no_room(n, len(proposals))
 
 

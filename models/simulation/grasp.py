@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.errors import UsageError
 from models.objects.catalogue import RigidObject
 from models.records import (
     Design,
@@ -16,24 +15,20 @@ from models.records import (
     Placement,
     SimulatorVersion,
     Trace,
+    check_tier,
 )
 from models.simulation.actuation import ClosingStall
 from models.simulation.body.elasticity import REFERENCE_MODULUS_MPA
-from models.simulation.contact.law import Obstacle
+from models.simulation.contact.law import ObjectObstacle, Obstacle
 from models.simulation.effects.base import Effect
 from models.simulation.effects.catalogue import build_effects
-from models.simulation.finger import FingerState
+from models.simulation.finger import FingerState, FingerStep
 from models.simulation.mesh.build import build_mesh
-from models.simulation.mesh.plane import PlaneMesh, plane_mesh
 from models.simulation.mesh.solid import SolidMesh
-from models.simulation.obstacle import ObjectObstacle
 from models.simulation.output.recording import SIDES, Camera, Recorder, Side
-from models.simulation.plane_recording import section_camera
-from models.simulation.problem import SCREENING_NUMERICS, FingerProblem, Numerics
-from models.simulation.section.finger import PlaneFinger
+from models.simulation.problem import FingerProblem, Numerics
 from models.simulation.solver.newton import NewtonSolver
 from models.simulation.solver.stepping import (
-    Finger,
     FingerRecord,
     Path,
     Stepper,
@@ -43,7 +38,7 @@ from models.simulation.solver.stepping import (
 )
 from models.traces import peak_force_n, work_j
 
-__all__ = ["SCREENING_NUMERICS", "FingerProblem", "FingerResult", "Numerics", "simulate_finger", "simulate_grasp"]
+__all__ = ["FingerProblem", "FingerResult", "Numerics", "simulate_finger", "simulate_grasp"]
 
 INWARD, UPWARD = np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 FREE_STEPS = 2  # steps without contact before the end of the lift is considered
@@ -78,28 +73,29 @@ def simulate_grasp(
     placement: Placement = Placement(),  # noqa: B008 - frozen record
     context: GraspContext = GraspContext(),  # noqa: B008 - frozen record
     effects: Sequence[Effect] | None = None,
-    mesh: SolidMesh | PlaneMesh | None = None,
-    numerics: Numerics | None = None,
+    mesh: SolidMesh | None = None,
+    numerics: Numerics = Numerics(),  # noqa: B008 - frozen record
     deadline_s: float | None = None,
     recorder: Recorder | None = None,
 ) -> GraspSimulation:
-    """Simulate one displacement-controlled grasp of a fixed rigid object (design.md 5.1).
+    """Simulate one displacement-controlled grasp of a fixed rigid object.
 
     Each finger is solved alone: the object is fixed, so the fingers meet only through the mirror plane x = 0. One
     finger counts twice when the object is symmetric in x and not offset; half a finger is modelled when the object
     is symmetric in y. Forces are exactly proportional to E (see `models.simulation.body.elasticity`).
 
     `context` is what came before, for effects with a memory. `effects` default to those of the version. `mesh`
-    replaces the mesh of the design (half width only for objects symmetric in y). `numerics` (by default those of the
-    tier) is for convergence studies and for worlds that must not share the simulator's regularisation. `deadline_s` is
-    a wall-clock limit. `recorder` is called with every converged step (see `models.simulation.output.recording`).
+    replaces the mesh of the design (half width only for objects symmetric in y). `numerics` is for convergence studies
+    and for worlds that must not share the simulator's regularisation. `deadline_s` is a wall-clock limit. `recorder` is
+    called with every converged step (see `models.simulation.output.recording`).
 
     Raises:
-        UsageError: `mesh` is not for the version's tier.
+        UsageError: the version's tier was removed.
         SimulationFailed: reason `time_out`, `no_convergence`, `inverted_element`, `indefinite`, `deep_penetration`
             or `max_steps`.
         MeshingFailed: the mesh could not be made.
     """
+    check_tier(version.tier)
     started = time.process_time()
     deadline = deadline_after(deadline_s)
     known = build_effects(version.effects) if effects is None else effects
@@ -109,14 +105,8 @@ def simulate_grasp(
         theta = effect.modify_theta(theta, design)
         setup = effect.modify_setup(setup, design)
         obj = effect.modify_object(obj)
-    is_section = version.tier == "screening"
     if mesh is None:
-        build = plane_mesh if is_section else build_mesh
-        mesh = build(design, version.mesh, full_width=not obj.mirror_y, effects=active)
-    elif is_section != isinstance(mesh, PlaneMesh):
-        raise UsageError(f"The tier `{version.tier}` cannot use a {type(mesh).__name__}; leave `mesh` out.")
-    if numerics is None:
-        numerics = SCREENING_NUMERICS if is_section else Numerics()
+        mesh = build_mesh(design, version.mesh, full_width=not obj.mirror_y, effects=active)
     meshed = time.process_time()
     problem = FingerProblem(mesh, design, theta, setup, active, numerics)
     is_symmetric = obj.mirror_x and placement.offset_x_mm == 0.0
@@ -163,7 +153,7 @@ def simulate_finger(
     camera = None
     if recorder is not None:
         scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
-        camera = _camera(finger, recorder, side, obstacle, scale)
+        camera = Camera(recorder, side, finger.body.mesh, finger.nodes, finger.surface, obstacle, scale)
     record, n_closing = _close_and_lift(finger, stepper, problem, camera)
     share = 2.0 if problem.mesh.is_half else 1.0
     return FingerResult(
@@ -177,12 +167,6 @@ def simulate_finger(
         n_dof=model.body.n_dof,
         setup_cpu_s=setup_cpu_s,
     )
-
-
-def _camera(finger: Finger, recorder: Recorder, side: Side, obstacle: Obstacle, scale: float) -> Camera:
-    if isinstance(finger, PlaneFinger):
-        return section_camera(finger, recorder, side, obstacle, scale)
-    return Camera(recorder, side, finger.body.mesh, finger.nodes, finger.surface, obstacle, scale)
 
 
 def _friction(problem: FingerProblem, n: int) -> Callable[[FingerState], np.ndarray]:
@@ -199,7 +183,7 @@ def _friction(problem: FingerProblem, n: int) -> Callable[[FingerState], np.ndar
 
 
 def _close_and_lift(
-    finger: Finger, stepper: Stepper, problem: FingerProblem, camera: Camera | None
+    finger: FingerStep, stepper: Stepper, problem: FingerProblem, camera: Camera | None
 ) -> tuple[FingerRecord, int]:
     setup, limits = problem.setup, problem.numerics.limits
     record = FingerRecord()
@@ -239,7 +223,7 @@ def _close_and_lift(
     return record, n_closing
 
 
-def _is_clear(finger: Finger, lift: Path, travel: float) -> bool:
+def _is_clear(finger: FingerStep, lift: Path, travel: float) -> bool:
     """True if the undeformed finger meets nothing during the rest of the lift."""
     rest = lift.length_mm - travel
     free = travel_to_touch(finger.distance_to_object, lift.at(travel), UPWARD, rest)

@@ -2,9 +2,8 @@
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
 
 import numpy as np
 
@@ -40,22 +39,10 @@ class _Kept(threading.local):
     """Models of this thread; a model is working storage, so threads must not share one."""
 
     def __init__(self) -> None:
-        self.models: OrderedDict[tuple[object, ...], Any] = OrderedDict()
+        self.models: OrderedDict[tuple[object, ...], FingerModel] = OrderedDict()
 
 
 _KEPT = _Kept()
-Model = TypeVar("Model")
-
-
-def kept(key: tuple[object, ...], build: Callable[[], Model]) -> Model:
-    """The model of this key, from the last few built in this thread or new."""
-    model: Model | None = _KEPT.models.pop(key, None)
-    if model is None:
-        model = build()
-    _KEPT.models[key] = model
-    while len(_KEPT.models) > MAX_KEPT:
-        _KEPT.models.popitem(last=False)
-    return model
 
 
 def finger_model(
@@ -72,22 +59,20 @@ def finger_model(
 
     `factors`: see `ElasticBody`.
     """
-
-    def build() -> FingerModel:
+    factor_bytes = None if factors is None else tuple(values.tobytes() for values in factors)
+    key = mesh.mesh_id, height_mm, tip_below_mm, material, law, spacing, factor_bytes
+    model = _KEPT.models.pop(key, None)
+    if model is None:
         nodes = to_object_frame(mesh.nodes, height_mm, tip_below_mm)
         body = ElasticBody(mesh, nodes, material, factors=factors)
         surface = ContactSurface(body, nodes, law, spacing)
         blocks = np.zeros((len(body.pattern.indices), 3, 3))
-        return FingerModel(nodes, body, surface, BlockCholesky(body.pattern), blocks)
-
-    model = kept((mesh.mesh_id, height_mm, tip_below_mm, material, law, spacing, bytes_of(factors)), build)
+        model = FingerModel(nodes, body, surface, BlockCholesky(body.pattern), blocks)
+    _KEPT.models[key] = model
+    while len(_KEPT.models) > MAX_KEPT:
+        _KEPT.models.popitem(last=False)
     model.surface.forget()
     return model
-
-
-def bytes_of(factors: Sequence[np.ndarray] | None) -> tuple[bytes, ...] | None:
-    """Factors on the modulus as a key of `kept`."""
-    return None if factors is None else tuple(values.tobytes() for values in factors)
 
 
 def to_object_frame(nodes: np.ndarray, height_mm: float, tip_below_mm: float) -> np.ndarray:

@@ -11,10 +11,8 @@ from models.simulation.body.elasticity import REFERENCE_MODULUS_MPA, MaterialLaw
 from models.simulation.contact.law import ContactLaw, PointSpacing
 from models.simulation.effects.base import Effect
 from models.simulation.mesh.build import IN_SECTION
-from models.simulation.mesh.plane import PlaneMesh
 from models.simulation.mesh.solid import SolidMesh
 from models.simulation.model import FingerModel, finger_model
-from models.simulation.section.model import SectionModel, section_model
 from models.simulation.solver.newton import NewtonSettings
 from models.simulation.solver.stepping import StepLimits
 
@@ -23,7 +21,7 @@ from models.simulation.solver.stepping import StepLimits
 class Numerics:
     """Everything numerical but the mesh: contact regularisation, contact points, step sizes, Newton's limits.
 
-    `material_law` is here because the laws agree at small strains and differ little in a grasp (notes/fem.md 1).
+    `material_law` is here because the laws agree at small strains and differ little in a grasp.
     """
 
     contact: ContactLaw = ContactLaw()
@@ -33,15 +31,11 @@ class Numerics:
     material_law: MaterialLaw = "neo_hookean"
 
 
-# Points over the width cost most here, and tangents and factors least.
-SCREENING_NUMERICS = Numerics(spacing=PointSpacing(across_mm=0.5), newton=NewtonSettings(patience=6.0))
-
-
 @dataclass(frozen=True)
 class FingerProblem:
     """Everything about one finger in one grasp. `mesh` is in the finger frame; forces at the reference modulus."""
 
-    mesh: SolidMesh | PlaneMesh
+    mesh: SolidMesh
     design: Design
     theta: Theta
     setup: GraspSetup
@@ -78,8 +72,7 @@ class FingerProblem:
 
     def factors(self) -> list[np.ndarray] | None:
         """Factors (m) of the effects on the modulus of every element, per kind; None if all are 1."""
-        is_plane = isinstance(self.mesh, PlaneMesh)
-        nodes = self.mesh.nodes if is_plane else self.mesh.nodes[:, IN_SECTION]
+        nodes = self.mesh.nodes[:, IN_SECTION]
         factors = []
         for elements in self.mesh.connectivities:
             middles, factor = nodes[elements].mean(axis=1), np.ones(len(elements))
@@ -88,19 +81,14 @@ class FingerProblem:
             factors.append(factor)
         return None if all((factor == 1.0).all() for factor in factors) else factors
 
-    def model(self) -> FingerModel | SectionModel:
+    def model(self) -> FingerModel:
         """The finger's mechanics, shared by the grasps of a design."""
-        factors = self.factors() if self.effects else None
-        heights = {"height_mm": self.design.height_mm, "tip_below_mm": self.setup.tip_below_mm}
-        if isinstance(self.mesh, PlaneMesh):
-            return section_model(
-                self.mesh,
-                **heights,
-                material=self.material,
-                law=self.law,
-                spacing=self.numerics.spacing,
-                factors=factors,
-            )
         return finger_model(
-            self.mesh, **heights, material=self.material, law=self.law, spacing=self.numerics.spacing, factors=factors
+            self.mesh,
+            height_mm=self.design.height_mm,
+            tip_below_mm=self.setup.tip_below_mm,
+            material=self.material,
+            law=self.law,
+            spacing=self.numerics.spacing,
+            factors=self.factors() if self.effects else None,
         )

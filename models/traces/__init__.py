@@ -1,4 +1,4 @@
-"""What a measured or simulated grasp's trace says in numbers: docs/features.md.
+"""What a measured or simulated grasp's trace says in numbers: docs/explanation/trace-features.md.
 
 The scalars of one trace are here; the features of many traces at once, compiled, in `models.traces.batch`.
 """

@@ -1,7 +1,7 @@
 """Grasps that do not look like their repeats or their peers, what is wrong with them, and how sure that is (Fig. 5g).
 
 A grasp departs if it falls short of its repeats, or of what its tool and object lead to expect, by more than chance
-explains and by more than matters. The kinds, their measures and limits are in docs/identification.md.
+explains and by more than matters. The kinds, their measures and limits are in docs/explanation/identification.md.
 """
 
 from dataclasses import dataclass

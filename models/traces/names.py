@@ -1,4 +1,4 @@
-"""Names, order and thresholds of the features of a trace; the formulas are in docs/features.md."""
+"""Names, order and thresholds of the features of a trace; the formulas are in docs/explanation/trace-features.md."""
 
 FEATURE_VERSION = 2  # raise it when a definition changes: the lake then calculates anew beside the old rows
 

@@ -1,4 +1,4 @@
-"""What a force trace says, in fourteen numbers: the data of trace-level calibration (notes/gap.md section 3).
+"""What a force trace says, in fourteen numbers: the data of a calibration on traces.
 
 Traces are aligned on the start of the lift: the bench knows it exactly, contact is made before it, and simulator and
 bench count the same millimetres from it. Every trace is first averaged over steps of `STEP_MM`, which makes measured

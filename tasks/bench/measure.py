@@ -1,25 +1,42 @@
-"""Measure tools on the bench: every grasp goes to the lake the moment it is made."""
+"""Measure tools on the bench: every grasp goes to the lake as it is made. Check the gantry for lost steps."""
 
 import logging
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from functools import partial
 from itertools import count
 
 from hardware.bench import Bench
 from hardware.cell.cell import MeasuredGrasp
-from lake.tables.campaign import GraspRow, TraceRow
+from hardware.cell.diagnostics import NO_OBJECT
+from hardware.safety.lost_steps import SLIP_LIMIT_MM, LostStepsError
+from lake.provenance import Provenance
+from lake.store import Lake
+from lake.tables.campaign import DiagnosticRow, GraspRow, TraceRow, setup_columns
+from models.errors import UsageError
 from models.ids import canonical_json
 from models.traces import initial_force_n, peak_force_n, work_j
-from tasks.bench.diagnose import append_diagnostic, missing_runs, plan_items
-from tasks.bench.position_check import check_position
-from tasks.bench.reference_grasps import References
+from tasks.bench.plan import ToolWork, plan_tool, seed_of_order
+from tasks.bench.reference_grasps import ReferenceGrasps
 from tasks.campaign.campaign import Campaign
-from tasks.campaign.requests import append_event, exclusive, require_room, verbs_noted
-from tasks.campaign.state import Cell, ProposedTool, tuples
+from tasks.campaign.requests import append_event, exclusive, note_verbs, require_room
+from tasks.campaign.state import ProposedTool, tuples
 
 OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
-MeasureTool = Callable[[Bench, ProposedTool, Callable[[MeasuredGrasp], None]], None]
+MeasureTool = Callable[[Bench, ToolWork, Callable[[MeasuredGrasp], None]], None]
+
+CHECKED, LOST_STEPS = "position_checked", "lost_steps"  # kinds of events
+
+# Ordinary grasps and diagnostic runs that came after the last check; after lost steps the gantry was homed.
+_SINCE_LAST_CHECK = f"""
+    WITH made AS (
+        SELECT grasp_id AS id, created_at FROM raw_grasps WHERE campaign_id = $campaign
+        UNION SELECT diagnostic_id, created_at FROM diagnostics WHERE campaign_id = $campaign
+    ), last AS (
+        SELECT max(created_at) AS checked_at FROM events
+        WHERE campaign_id = $campaign AND kind IN ('{CHECKED}', '{LOST_STEPS}')
+    )
+    SELECT id FROM made, last WHERE checked_at IS NULL OR created_at > checked_at ORDER BY created_at, id
+"""
 
 logger = logging.getLogger(__name__)
 
@@ -47,20 +64,28 @@ def measure_batch(
     batch, state = tools[0].batch, campaign.state()
     # All that stands on the rack, since a finished tool may still be on the head.
     mounted = [tool for tool in state.tools_of(batch) if state.confirmed.get(tool.tool_id) == "printed"]
-    references = References(campaign, batch)
-    mounted = references.added_to(mounted)
-    noted = verbs_noted(campaign.lake, campaign.campaign_id)
-    with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), noted, open_bench(mounted) as bench:
+    references = ReferenceGrasps(campaign, batch)
+    mounted = references.add_to(mounted)
+
+    def work_on(bench: Bench, work: ToolWork) -> None:
+        def count(grasp: MeasuredGrasp) -> None:
+            references.count(work.tool, grasp)
+            on_grasp(work.tool, grasp)
+
+        measure(bench, work, count)
+
+    verbs = note_verbs(campaign.lake, campaign.campaign_id)
+    with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), verbs, open_bench(mounted) as bench:
         every = campaign.config.execution.position_check_tools
         for number, tool in enumerate(tools):
             if should_stop():
                 break
             if every and number and number % every == 0:
                 check_position(campaign, bench, batch)
-            for item in (*references.due(), tool):
-                measure(bench, item, partial(on_grasp, item))
-        for item in references.due(is_last=True):
-            measure(bench, item, partial(on_grasp, item))
+            for work in (*references.plan_due(), plan_tool(campaign, state, tool)):
+                work_on(bench, work)
+        for work in references.plan_due(is_last=True):
+            work_on(bench, work)
         check_position(campaign, bench, batch)
     if not should_stop():
         append_event(campaign.lake, campaign.campaign_id, "batch_measured", f"B{batch:02d} measured", batch=batch)
@@ -69,13 +94,13 @@ def measure_batch(
 def measure_tool(
     campaign: Campaign,
     bench: Bench,
-    tool: ProposedTool,
+    work: ToolWork,
     *,
     world_hash: str | None,
     should_stop: Callable[[], bool],
     on_grasp: Callable[[MeasuredGrasp], None],
 ) -> None:
-    """Make the missing grasps of a tool and the diagnostic runs it owes; those in the lake are not repeated.
+    """Make the missing grasps of a tool and the diagnostic runs it owes, and write each to the lake.
 
     `world_hash` names the world of a virtual bench; None is a real one.
 
@@ -83,51 +108,53 @@ def measure_tool(
         DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
         LakeError: the disk is nearly full; no grasp was begun that could not be kept.
     """
-    state, limit = campaign.state(), campaign.config.execution.max_grasp_attempts
-    missing = state.missing_grasps(tool, planned_cells(campaign, tool), limit)
-    references = References(campaign, tool.batch)
-    runs = references.runs() if tool == references.tool else missing_runs(campaign, state, tool)
-    if not (missing or runs):
+    if not work.items:
         return
-    orders = count(_first_order(campaign))
-    made_before = campaign.config.objects.n_grasps - len(missing)
-    if tool == references.tool:
-        made_before = references.n_grasps()
-    n_made = made_before
+    orders, n_made = count(_first_order(campaign)), work.n_made
 
     def record(grasp: MeasuredGrasp) -> None:
         nonlocal n_made
-        if grasp.diagnostic is not None:
-            _append_run(campaign, tool, grasp, n_made, world_hash)
-            on_grasp(grasp)
-            return
-        n_made += 1
-        attempt = state.next_attempt(tool.tool_id, (grasp.object_id, grasp.repeat))
-        order = next(orders)
-        _append(campaign, tool, grasp, attempt=attempt, order=order, world_hash=world_hash)
+        if grasp.diagnostic is None:
+            n_made += 1
+            _append_grasp(campaign, work, grasp, order=next(orders), world_hash=world_hash)
+        else:
+            _append_run(campaign, work.tool, grasp, n_made, world_hash)
         on_grasp(grasp)
 
     def may_not_go_on() -> bool:
         require_room(campaign.lake)
         return should_stop()
 
-    items = plan_items(campaign.config.diagnostics, missing, made_before, runs)
-    bench.cell.measure_tool(tool.rack_slot, items, campaign.config.grasp, record, may_not_go_on)
+    bench.cell.measure_tool(work.tool.rack_slot, work.items, campaign.config.grasp, record, may_not_go_on)
+
+
+def check_position(campaign: Campaign, bench: Bench, batch: int) -> None:
+    """Check that the gantry is where it is counted, and keep the outcome as an event.
+
+    Raises:
+        LostStepsError: it is not; the event `lost_steps` names every grasp and diagnostic run since the last check.
+        DeviceError: a device failed on the way.
+    """
+    lake, name = campaign.lake, campaign.campaign_id
+    since = lake.query(_SINCE_LAST_CHECK, {"campaign": name})["id"].to_pylist()
+    try:
+        slip_mm = bench.position.run()
+    except LostStepsError as error:
+        what = {"batch": batch, "slip_mm": error.slip_mm, "limit_mm": SLIP_LIMIT_MM, "grasp_ids": since}
+        append_event(lake, name, LOST_STEPS, f"{error} Suspect grasps: {len(since)}.", **what)
+        raise
+    what = {"batch": batch, "slip_mm": slip_mm, "limit_mm": SLIP_LIMIT_MM, "n_grasps": len(since)}
+    append_event(lake, name, CHECKED, f"no lost steps over {len(since)} grasps", **what)
 
 
 def _append_run(
     campaign: Campaign, tool: ProposedTool, grasp: MeasuredGrasp, n_made: int, world_hash: str | None
 ) -> None:
-    provenance = campaign.provenance(_order_seed(campaign, tool), [tool.tool_id, tool.design.design_id])
+    provenance = campaign.provenance(seed_of_order(campaign, tool), [tool.tool_id, tool.design.design_id])
     name = campaign.campaign_id
     append_diagnostic(
         campaign.lake, provenance, tool, grasp, campaign_id=name, n_grasps_before=n_made, world_hash=world_hash
     )
-
-
-def planned_cells(campaign: Campaign, tool: ProposedTool) -> list[Cell]:
-    """All (object, repeat) of a tool in the order in which they are made, the same after every restart."""
-    return campaign.config.objects.cells(_order_seed(campaign, tool))
 
 
 def _first_order(campaign: Campaign) -> int:
@@ -137,20 +164,10 @@ def _first_order(campaign: Campaign) -> int:
     return int(order)
 
 
-def _order_seed(campaign: Campaign, tool: ProposedTool) -> int:
-    """Seed of the order in which the grasps of a tool are made."""
-    return campaign.seed("order", tool.tool_id)
-
-
-def _append(
-    campaign: Campaign,
-    tool: ProposedTool,
-    grasp: MeasuredGrasp,
-    *,
-    attempt: int,
-    order: int,
-    world_hash: str | None,
+def _append_grasp(
+    campaign: Campaign, work: ToolWork, grasp: MeasuredGrasp, *, order: int, world_hash: str | None
 ) -> None:
+    tool, attempt = work.tool, work.attempts.get((grasp.object_id, grasp.repeat), 0)
     grasp_id = GraspRow.make_id(tool.tool_id, grasp.object_id, grasp.repeat, attempt)
     ok = grasp.status == "ok"
     setup = campaign.config.grasp
@@ -179,7 +196,52 @@ def _append(
         world_hash=world_hash,
         details_json=canonical_json(grasp.details),
     )
-    provenance = campaign.provenance(_order_seed(campaign, tool), [tool.tool_id, tool.design.design_id])
+    provenance = campaign.provenance(seed_of_order(campaign, tool), [tool.tool_id, tool.design.design_id])
     campaign.lake.append([TraceRow.of(grasp_id, grasp.trace), row], provenance)
     if not ok:
         logger.warning("grasp %s on object %d failed: %s", tool.label, grasp.object_id, grasp.reason)
+
+
+def append_diagnostic(
+    lake: Lake,
+    provenance: Provenance,
+    tool: ProposedTool,
+    grasp: MeasuredGrasp,
+    *,
+    campaign_id: str,
+    n_grasps_before: int,
+    world_hash: str | None,
+) -> None:
+    """Write a diagnostic run; the lake's table of grasps does not see it. `world_hash` None is a real bench.
+
+    Raises:
+        UsageError: it is an ordinary grasp.
+    """
+    run = grasp.diagnostic
+    if run is None:
+        raise UsageError("An ordinary grasp is not a diagnostic run; write it to the grasps.")
+    row = DiagnosticRow(
+        diagnostic_id=DiagnosticRow.make_id(tool.tool_id, run.kind, grasp.started_at),
+        campaign_id=campaign_id,
+        tool_id=tool.tool_id,
+        batch=tool.batch,
+        slot=tool.slot,
+        design_id=tool.design.design_id,
+        kind=run.kind,
+        parameters_json=canonical_json(run.parameters),
+        object_id=None if run.object_id == NO_OBJECT else run.object_id,
+        repeat=run.repeat,
+        n_grasps_before=n_grasps_before,
+        status=grasp.status,
+        reason=grasp.reason,
+        started_at=grasp.started_at,
+        tare_force_n=grasp.tare_force_n,
+        bench="real" if world_hash is None else "virtual",
+        world_hash=world_hash,
+        details_json=canonical_json(grasp.details),
+        time_s=grasp.trace.time_s,
+        lift_mm=grasp.trace.lift_mm,
+        force_n=grasp.trace.force_n,
+        **setup_columns(grasp.setup),
+    )
+    lake.append([row], provenance)

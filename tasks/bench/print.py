@@ -52,16 +52,16 @@ class Printed:
     sheet: Path | None = None
 
 
-class Desk(Protocol):
+class OperatorPrompts(Protocol):
     """Where a campaign and the person at the printer meet."""
 
     def ask(self, batch: int, sheet: Path) -> None:
         """A batch has to be printed and mounted now."""
 
-    def wait(self, batch: int, sheet: Path) -> None:
+    def remind(self, batch: int, sheet: Path) -> None:
         """Called again and again until the batch is confirmed."""
 
-    def thank(self, batch: int) -> None:
+    def close(self, batch: int) -> None:
         """The batch is confirmed."""
 
 

@@ -7,21 +7,22 @@ made since, and at the end; each time it makes `repeats` grasps on the reference
 
 from collections.abc import Sequence
 
-from hardware.cell.diagnostics import DiagnosticRun
+from hardware.cell.cell import MeasuredGrasp
 from lake.tables.campaign import DesignRow
 from models.errors import ConfigError
+from tasks.bench.plan import ToolWork
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.state import ProposedTool, tuples
 
 _MADE = """
-    SELECT count(*), count(*) FILTER (batch = CAST(? AS INTEGER)),
-        max(n_grasps_before) FILTER (batch = CAST(? AS INTEGER))
-    FROM diagnostics WHERE tool_id = ? AND kind = 'reference' AND status = 'ok'
+    SELECT count(*), count(*) FILTER (batch = $batch), max(n_grasps_before) FILTER (batch = $batch)
+    FROM diagnostics WHERE tool_id = $tool AND kind = 'reference' AND status = 'ok'
 """
+_GRASPS = "SELECT count(*) FROM raw_grasps WHERE campaign_id = $campaign AND batch = $batch"
 
 
-class References:
-    """The reference tool in one batch of a campaign.
+class ReferenceGrasps:
+    """The reference tool in one batch of a campaign; what is made with it is read once, then counted.
 
     Attributes:
         tool: as it hangs in the rack, under the id `CAMPAIGN/R9` (its slot) in every batch; None where none is named.
@@ -30,13 +31,18 @@ class References:
     def __init__(self, campaign: Campaign, batch: int) -> None:
         self._campaign = campaign
         self._plan = campaign.config.diagnostics
-        self._batch = batch
-        named = self._plan.reference_tool
         self.tool: ProposedTool | None = None
-        if named is not None:
-            self.tool = ProposedTool(f"{campaign.campaign_id}/R{named.slot}", batch, named.slot, named.design)
+        self._n_grasps = self._n_made = self._n_here = self._n_before = 0
+        named, name, lake = self._plan.reference_tool, campaign.campaign_id, campaign.lake
+        if named is None:
+            return
+        self.tool = ProposedTool(f"{name}/R{named.slot}", batch, named.slot, named.design)
+        # Grasps of the batch; reference grasps of the campaign, of the batch; grasps of the batch before the last one.
+        ((self._n_grasps,),) = tuples(lake, _GRASPS, campaign=name, batch=batch)
+        ((self._n_made, self._n_here, n_before),) = tuples(lake, _MADE, tool=self.tool.tool_id, batch=batch)
+        self._n_before = n_before or 0
 
-    def added_to(self, mounted: Sequence[ProposedTool]) -> list[ProposedTool]:
+    def add_to(self, mounted: Sequence[ProposedTool]) -> list[ProposedTool]:
         """The rack with the reference tool, whose design is then in the lake.
 
         Raises:
@@ -53,31 +59,21 @@ class References:
         self._campaign.lake.append([DesignRow.of(self.tool.design)], self._campaign.provenance())
         return [*mounted, self.tool]
 
-    def due(self, is_last: bool = False) -> list[ProposedTool]:
-        """The reference tool, if it is its turn; `is_last`: after the last tool of the batch."""
+    def plan_due(self, is_last: bool = False) -> list[ToolWork]:
+        """The reference grasps of one turn, if it is its turn; `is_last`: after the last tool of the batch.
+
+        They are numbered through the whole campaign.
+        """
         if self.tool is None:
             return []
-        _, n_here, n_before = self._made()
-        n_since = self.n_grasps() - (n_before or 0)
-        is_due = n_since > 0 if is_last else n_here == 0 or n_since >= self._plan.reference_every
-        return [self.tool] if is_due else []
+        n_since = self._n_grasps - self._n_before
+        is_due = n_since > 0 if is_last else self._n_here == 0 or n_since >= self._plan.reference_every
+        runs = [self._plan.reference(self._n_made + k) for k in range(self._plan.repeats)]
+        return [ToolWork(self.tool, runs, self._n_grasps)] if is_due else []
 
-    def runs(self) -> list[DiagnosticRun]:
-        """The reference grasps of one turn, numbered through the whole campaign."""
-        n_made, *_ = self._made()
-        return [self._plan.reference(n_made + k) for k in range(self._plan.repeats)]
-
-    def n_grasps(self) -> int:
-        """Ordinary grasps of the batch so far."""
-        name = self._campaign.campaign_id
-        sql = "SELECT count(*) AS n FROM raw_grasps WHERE campaign_id = ? AND batch = CAST(? AS INTEGER)"
-        ((n,),) = tuples(self._campaign.lake, sql, name, str(self._batch))
-        return int(n)
-
-    def _made(self) -> tuple[int, int, int | None]:
-        """Good reference grasps of the campaign, of this batch, and the batch's grasps before the last of them."""
-        if self.tool is None:
-            return 0, 0, None
-        batch = str(self._batch)
-        ((n_made, n_here, n_before),) = tuples(self._campaign.lake, _MADE, batch, batch, self.tool.tool_id)
-        return n_made, n_here, n_before
+    def count(self, tool: ProposedTool, grasp: MeasuredGrasp) -> None:
+        """Note a grasp of the batch, or a reference grasp."""
+        if grasp.diagnostic is None:
+            self._n_grasps += 1
+        elif tool == self.tool and grasp.status == "ok":
+            self._n_made, self._n_here, self._n_before = self._n_made + 1, self._n_here + 1, self._n_grasps

@@ -10,14 +10,13 @@ from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow
 from lake.tables.catalogue_rows import missing_version_rows
 from lake.tables.row import Row
-from models.calibration.inference.outcome import refusal, theta_of, worst
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings
-from models.calibration.inference.summary import theta_summary
+from models.calibration.inference.summary import check_quality, find_theta, find_worst, summarise_theta
 from models.calibration.means.problem import THETA
 from models.ids import canonical_json, content_id
 from models.records import SimulatorVersion
-from tasks.calibration.drift import drift_warnings, theta_history
+from tasks.calibration.drift import find_drift, read_theta_history
 
 Progress = Callable[[str], None]
 
@@ -75,11 +74,11 @@ class CalibrationSource(ABC):
 
     def calibration_id(self, settings: CalibrationSettings) -> str:
         """Id of the calibration of these data with these settings."""
-        text = settings_text(settings)
+        text = write_settings(settings)
         return CalibrationRow.make_id(self.base.version_id, self.data, self.row_ids, text, settings.seed)
 
 
-def settings_text(settings: CalibrationSettings) -> str:
+def write_settings(settings: CalibrationSettings) -> str:
     """Settings that decide the result, as JSON; the seed has a column of its own, processes change nothing."""
     return canonical_json(settings.model_dump(mode="json", exclude={"workers", "seed"}))
 
@@ -105,28 +104,28 @@ def infer(
     learned = data.learn(settings, progress)
     result, version = learned.result, learned.version
     calibration_id = data.calibration_id(settings)
-    provenance = current_provenance(content_id("H", settings_text(settings)), settings.seed)
-    lake.append(draw_rows(calibration_id, result), provenance)
+    provenance = current_provenance(content_id("H", write_settings(settings)), settings.seed)
+    lake.append(make_draw_rows(calibration_id, result), provenance)
     if version is not None:
         version_rows = missing_version_rows(lake, version)
         if version_rows:
             lake.append(version_rows, _with_parents(provenance, [calibration_id]))
-    history = theta_history(lake, data.base.version_id, data.campaign_id, data.data)
+    history = read_theta_history(lake, data.base.version_id, data.campaign_id, data.data)
     can_drift = version is not None and result.method != WITH_EFFECTS
-    drift = drift_warnings(history, theta_summary(result)) if can_drift else ()
+    drift = find_drift(history, summarise_theta(result)) if can_drift else ()
     row = _row(calibration_id, data, settings, learned, drift)
     lake.append([row], _with_parents(provenance, data.row_ids))
     return row, result
 
 
-def new_version(base: SimulatorVersion, result: CalibrationResult) -> SimulatorVersion | None:
+def make_version(base: SimulatorVersion, result: CalibrationResult) -> SimulatorVersion | None:
     """The simulator with the theta that was found, or None where nothing may be built on the draws."""
-    if refusal(result):
+    if check_quality(result):
         return None
-    return base.model_copy(update={"theta": theta_of(theta_summary(result))})
+    return base.model_copy(update={"theta": find_theta(summarise_theta(result))})
 
 
-def draw_rows(calibration_id: str, result: CalibrationResult) -> list[Row]:
+def make_draw_rows(calibration_id: str, result: CalibrationResult) -> list[Row]:
     """A row for each parameter and chain."""
     return [
         PosteriorDrawsRow.of(calibration_id, chain, name, result.draws[chain, :, place])
@@ -147,8 +146,8 @@ def _row(
     drift: tuple[str, ...],
 ) -> CalibrationRow:
     result, version = learned.result, learned.version
-    summary = theta_summary(result)
-    r_hat, ess = worst(result)
+    summary = summarise_theta(result)
+    r_hat, ess = find_worst(result)
     unit = {"young_modulus_mpa": "_mpa"}
     table_2 = {
         f"{name.removesuffix('_mpa')}_{column}{unit.get(name, '')}": getattr(summary[name], column)
@@ -162,12 +161,12 @@ def _row(
         version_id=version.version_id if version is not None else None,
         data=data.data,
         status="ok" if version is not None else "failed",
-        reason=refusal(result),
+        reason=check_quality(result),
         n_chains=result.draws.shape[0],
         n_draws=result.draws.shape[1],
         n_tune=settings.tune,
         sampler=result.method,
-        settings_json=settings_text(settings),
+        settings_json=write_settings(settings),
         **table_2,
         r_hat_max=r_hat,
         ess_bulk_min=ess,

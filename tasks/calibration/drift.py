@@ -25,7 +25,7 @@ class PastCalibration(NamedTuple):
     intervals: Mapping[str, tuple[float, float, float]]  # 5 % quantile, median, 95 % quantile
 
 
-def theta_history(lake: Lake, base_version_id: str, campaign_id: str | None, data: str) -> list[PastCalibration]:
+def read_theta_history(lake: Lake, base_version_id: str, campaign_id: str | None, data: str) -> list[PastCalibration]:
     """The calibrations of a simulator with this kind of data of these measurements that gave a version, oldest first.
 
     Means and traces of the same grasps say different things of theta, as do calibrations of a search for the gap, each
@@ -39,7 +39,7 @@ def theta_history(lake: Lake, base_version_id: str, campaign_id: str | None, dat
     ]
 
 
-def drift_warnings(history: Sequence[PastCalibration], summary: Mapping[str, ParameterSummary]) -> tuple[str, ...]:
+def find_drift(history: Sequence[PastCalibration], summary: Mapping[str, ParameterSummary]) -> tuple[str, ...]:
     """A sentence for each parameter whose 90 % interval excludes the median that the last calibration found."""
     if not history:
         return ()

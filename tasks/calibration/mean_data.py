@@ -13,7 +13,7 @@ from models.calibration.means.problem import MIN_DESIGNS, CalibrationProblem
 from models.calibration.traces.theta_grid import ThetaGrid
 from models.design.space import to_unit
 from models.errors import UsageError
-from models.gap.bank.plan import CENTRE
+from models.gap.bank.bank import CENTRE
 from models.ids import canonical_json
 from models.records import Design, GraspSetup, SimulatorVersion
 from models.scientist.surrogate.imputation import mean_over_objects
@@ -59,7 +59,7 @@ class SimulatedPoints:
     simulation_ids: tuple[str, ...]
 
 
-def measured_tools(lake: Lake, campaign_id: str | None, only: Collection[str] | None = None) -> MeasuredTools:
+def read_measured_tools(lake: Lake, campaign_id: str | None, only: Collection[str] | None = None) -> MeasuredTools:
     """The measured tools of a campaign, or of the whole lake; by grasps with these ids, if some are given.
 
     Raises:
@@ -109,7 +109,7 @@ def measured_tools(lake: Lake, campaign_id: str | None, only: Collection[str] | 
     )
 
 
-def base_version(lake: Lake, campaign_ids: Iterable[str], version_id: str | None) -> SimulatorVersion:
+def find_base_version(lake: Lake, campaign_ids: Iterable[str], version_id: str | None) -> SimulatorVersion:
     """The simulator that is to be calibrated: the one asked for, else the one that these campaigns consult.
 
     Imported campaigns consult none; with them alone it is the program's own.
@@ -125,7 +125,7 @@ def base_version(lake: Lake, campaign_ids: Iterable[str], version_id: str | None
             )
         return rows[version_id].version
     versions = _consulted(lake, set(campaign_ids))
-    if len({family(version) for version in versions.values()}) > 1:
+    if len({describe_family(version) for version in versions.values()}) > 1:
         raise UsageError(
             f"campaigns {', '.join(versions)} consult simulators that differ in more than theta; "
             "give one --campaign or the --version to calibrate."
@@ -133,12 +133,12 @@ def base_version(lake: Lake, campaign_ids: Iterable[str], version_id: str | None
     return list(versions.values())[-1] if versions else SimulatorVersion()
 
 
-def family(version: SimulatorVersion) -> str:
+def describe_family(version: SimulatorVersion) -> str:
     """Everything of a simulator version but theta: versions of one family differ in theta alone."""
     return canonical_json(version.model_dump(exclude={"theta"}))
 
 
-def simulated_points(
+def read_simulated_points(
     lake: Lake, base: SimulatorVersion, measured: MeasuredTools, only: Collection[str] | None = None
 ) -> SimulatedPoints:
     """Designs simulated by the family of `base` on the measured objects, each with a theta that was drawn.
@@ -179,7 +179,7 @@ def simulated_points(
     )
 
 
-def problem_of(
+def make_problem(
     measured: MeasuredTools, simulated: SimulatedPoints, base: SimulatorVersion, print_scatter: float = 0.0
 ) -> CalibrationProblem:
     """Means over the objects, with the paper's rule for missing ones.
@@ -297,15 +297,17 @@ def _drawn_versions(lake: Lake, base: SimulatorVersion) -> dict[str, SimulatorVe
     # By theta, not id: held-out grasps are also simulated with a calibrated theta less some of its effects.
     known = {*ThetaGrid().thetas, CENTRE} | {version.theta for version in believed}
     known |= {row.version.theta for row in rows if row.version_id in calibrated}
-    wanted = family(base)
+    wanted = describe_family(base)
     return {
-        row.version_id: row.version for row in rows if row.version.theta not in known and family(row.version) == wanted
+        row.version_id: row.version
+        for row in rows
+        if row.version.theta not in known and describe_family(row.version) == wanted
     }
 
 
 def _nothing_simulated(lake: Lake, base: SimulatorVersion, measured: MeasuredTools) -> str:
     versions = [row.version for row in lake.records(SimulatorVersionRow) if row.tier != "imported"]
-    n_others = sum(family(version) != family(base) for version in versions)
+    n_others = sum(describe_family(version) != describe_family(base) for version in versions)
     others = f" ({n_others} simulator versions of another mesh, tier or effect are there)" if n_others else ""
     return (
         f"{lake.address} has no design that is simulated with a theta of its own on the {len(measured.object_ids)} "

@@ -10,19 +10,19 @@ import numpy as np
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, SimulatorVersionRow
 from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.held_out import Score, emulate, is_held_out, score
+from models.calibration.inference.settings import CalibrationSettings, read_settings
+from models.calibration.means.checks import Score, emulate, is_held_out, score
 from models.calibration.means.problem import CalibrationProblem
 from models.errors import UsageError
 from models.records import SimulatorVersion
-from tasks.calibration.calibrate import CalibrationSource, Learned, Progress, new_version
+from tasks.calibration.calibrate import CalibrationSource, Learned, Progress, make_version
 from tasks.calibration.mean_data import (
     MeasuredTools,
     SimulatedPoints,
-    base_version,
-    measured_tools,
-    problem_of,
-    simulated_points,
+    find_base_version,
+    make_problem,
+    read_measured_tools,
+    read_simulated_points,
 )
 
 
@@ -79,7 +79,7 @@ class CalibrationData(CalibrationSource):
 
         fitted = self.fitted
         result = calibrate(fitted, settings, progress)
-        version = new_version(self.base, result)
+        version = make_version(self.base, result)
         columns = {
             "n_designs": fitted.n_real,
             "n_objects": len(self.measured.object_ids),
@@ -105,10 +105,26 @@ def gather(
     Raises:
         UsageError: it is not there, too little, or of several benches, setups, simulators.
     """
-    measured = measured_tools(lake, campaign_id, only)
-    base = base_version(lake, measured.campaign_ids, version_id)
-    simulated = simulated_points(lake, base, measured, only)
-    problem = problem_of(measured, simulated, base, print_scatter)
+    measured = read_measured_tools(lake, campaign_id, only)
+    base = find_base_version(lake, measured.campaign_ids, version_id)
+    simulated = read_simulated_points(lake, base, measured, only)
+    return compare_means(campaign_id, base, measured, simulated, seed, print_scatter)
+
+
+def compare_means(
+    campaign_id: str | None,
+    base: SimulatorVersion,
+    measured: MeasuredTools,
+    simulated: SimulatedPoints,
+    seed: int,
+    print_scatter: float = 0.0,
+) -> CalibrationData:
+    """What a calibration compares, of what was measured and simulated; `seed` draws the held-out designs.
+
+    Raises:
+        UsageError: there is too little to learn from.
+    """
+    problem = make_problem(measured, simulated, base, print_scatter)
     held_out = is_held_out(list(measured.design_ids), seed)
     return CalibrationData(campaign_id, base, measured, simulated, problem, held_out)
 
@@ -122,7 +138,7 @@ def regather(lake: Lake, calibration_id: str) -> CalibrationData | None:
     # A simulator that no campaign consults and nothing was simulated with is the program's own, and in no lake.
     base = row["base_version_id"] if lake.has(SimulatorVersionRow, row["base_version_id"]) else None
     try:
-        print_scatter = CalibrationSettings.model_validate_json(row["settings_json"]).print_scatter
+        print_scatter = read_settings(row["settings_json"]).print_scatter
         data = gather(lake, row["campaign_id"], base, row["seed"], set(row["parents"]), print_scatter)
     except UsageError:
         return None
@@ -141,10 +157,10 @@ def _held_out_columns(
         score(emulate(data.fitted, result, x, np.array(list(v.theta.model_dump().values()))), y)
         for v in (data.base, version)
     )
-    return held_out_columns(before, after, len(y), "emulator")
+    return make_held_out_columns(before, after, len(y), "emulator")
 
 
-def held_out_columns(before: Score, after: Score, n: int, by: str) -> dict[str, Any]:
+def make_held_out_columns(before: Score, after: Score, n: int, by: str) -> dict[str, Any]:
     """Columns of `calibrations` about the held-out designs."""
     return {
         "correlation_before": before.correlation,

@@ -5,15 +5,15 @@ import numpy as np
 from lake.provenance import current_provenance
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, SimulatorVersionRow
-from models.calibration.means.held_out import Score, score
+from models.calibration.means.checks import Score, score
 from models.ids import content_id
 from models.scientist.surrogate.imputation import mean_over_objects
-from tasks.calibration.means import CalibrationData, held_out_columns
+from tasks.calibration.means import CalibrationData, make_held_out_columns
 from tasks.campaign.state import tuples
 from tasks.simulation.plan import SimulationPlan
 
 
-def verification_plan(lake: Lake, data: CalibrationData, row: CalibrationRow) -> SimulationPlan | None:
+def plan_verification(lake: Lake, data: CalibrationData, row: CalibrationRow) -> SimulationPlan | None:
     """The held-out designs, as they were asked for, with both versions; None where there is nothing to verify."""
     if row.version_id is None or not data.held_out.any():
         return None
@@ -36,7 +36,7 @@ def verify(lake: Lake, data: CalibrationData, row: CalibrationRow, plan: Simulat
     before, after = (_score(lake, data, plan, version_id) for version_id in versions)
     if before is None or after is None:
         return row
-    columns = held_out_columns(before, after, int(data.held_out.sum()), "simulator")
+    columns = make_held_out_columns(before, after, int(data.held_out.sum()), "simulator")
     verified = row.model_copy(update=columns)
     if verified != row:
         lake.append([verified], current_provenance(plan.config_hash, parents=data.row_ids))

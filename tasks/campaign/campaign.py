@@ -9,11 +9,8 @@ from lake.store import Lake
 from lake.tables.campaign import CampaignRow
 from models.ids import seed_from
 from models.records import SimulatorVersion
-from models.simulation.effects.scaling import force_ratio
 from tasks.campaign.config import CampaignConfig
-from tasks.campaign.state import CampaignState
-from tasks.campaign.state_keeper import kept_state
-from tasks.campaign.state_parts import Question
+from tasks.campaign.state import CampaignState, derive_state
 
 
 @dataclass(frozen=True)
@@ -40,6 +37,8 @@ class Campaign:
     @property
     def older_versions(self) -> tuple[SimulatorVersion, ...]:
         """Those of its versions whose results are not those of the present one, newest first."""
+        from models.simulation.effects.scaling import force_ratio
+
         older: list[SimulatorVersion] = []
         for version in reversed(self.versions):
             if all(force_ratio(version, other) is None for other in (self.version, *older)):
@@ -51,6 +50,10 @@ class Campaign:
 
         `version` itself comes last.
         """
+        if not self.versions:
+            return {version.version_id: 1.0}
+        from models.simulation.effects.scaling import force_ratio  # all effects, a tenth of a second of imports
+
         ratios = {v.version_id: ratio for v in self.versions if (ratio := force_ratio(v, version)) is not None}
         ratios.pop(version.version_id, None)
         return ratios | {version.version_id: 1.0}
@@ -69,7 +72,7 @@ class Campaign:
         """Where the campaign stands now, from the lake."""
         present = frozenset(self.force_ratios(self.version))
         older = frozenset(v.version_id for v in self.versions) - present
-        return kept_state(self.lake, Question(self.campaign_id, self.config.grasp.setup_id, present, older))
+        return derive_state(self.lake, self.campaign_id, self.config.grasp.setup_id, present, older)
 
     def seed(self, *parts: str | int) -> int:
         """A random seed for one decision, the same whenever it is taken again."""

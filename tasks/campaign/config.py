@@ -7,11 +7,11 @@ from typing import Any
 from pydantic import Field, model_validator
 
 from hardware.cell.diagnostics import DiagnosticPlan
-from models.errors import ConfigError
+from models.errors import ConfigError, UsageError
 from models.ids import canonical_json, content_id
-from models.records import GraspSetup, Record
+from models.records import GraspSetup, Record, check_tier
 from models.validation import load_record
-from tasks.campaign.settings import Execution, ObjectPlan, Schedule, ScientistSettings, SimulatorSettings
+from tasks.campaign.settings import REMOVED_RULES, Execution, ObjectPlan, Schedule, ScientistSettings, SimulatorSettings
 
 
 class BenchChoice(Record):
@@ -64,7 +64,7 @@ def load_config(path: Path) -> CampaignConfig:
     """
     data = read_toml(path, "campaign config")
     config = load_record(CampaignConfig, data, str(path))
-    _check_effects(config, str(path))
+    _check_science(config, str(path))
     world = relative_to(path, config.bench.world)
     if not world.is_file():
         raise ConfigError(f"{path}: world file `{world}` does not exist; set bench.world to an existing file.")
@@ -112,11 +112,16 @@ def _flatten(data: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
     return pairs
 
 
-def _check_effects(config: CampaignConfig, source: str) -> None:
+def _check_science(config: CampaignConfig, source: str) -> None:
+    """Refuse effects that are unknown, and a tier or rules that only stored configs may still name."""
     from models.simulation.effects.catalogue import build_effects
 
     try:
         build_effects(config.simulator.effects)
-    except ConfigError as error:
+        check_tier(config.simulator.tier)
+        for rule in (config.scientist.acquisition, config.scientist.simulation_acquisition):
+            if rule in REMOVED_RULES:
+                raise ConfigError(f'The acquisition rule "{rule}" was removed, "mes" is no worse; set it instead.')
+    except UsageError as error:
         sentence = str(error)
         raise ConfigError(f"{source}: {sentence[:1].lower()}{sentence[1:]}") from error

@@ -15,6 +15,7 @@ from models.records import Design
 from tasks.bench import measure as measuring
 from tasks.bench import print as printing
 from tasks.bench.measure import OpenBench
+from tasks.bench.plan import ToolWork
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.run_names import PlaceInName
 from tasks.campaign.state import ProposedTool
@@ -25,7 +26,7 @@ from tasks.simulation.engine import Engine
 T = TypeVar("T")
 
 
-def opaque(value: T) -> T:
+def unmapped(value: T) -> T:
     """Pass a value to a task as it is: Prefect would otherwise walk into it, looking for futures."""
     return cast(T, quote(value))
 
@@ -57,7 +58,7 @@ def print_batch(
     batch: int,
     auto_print: bool,
     should_stop: Callable[[], bool],
-    desk: printing.Desk,
+    prompts: printing.OperatorPrompts,
 ) -> None:
     """Write tray and sheet, then wait until a person has confirmed the batch."""
     sheet = printing.ensure_tray(campaign.lake, campaign.campaign_id, batch)
@@ -65,13 +66,13 @@ def print_batch(
         word = printing.PrintConfirmation(operator="nobody (--auto-print)", confirmed_by="auto")
         printing.confirm_print(campaign.lake, campaign.campaign_id, batch, word)
         return
-    desk.ask(batch, sheet)
-    while not campaign.state().is_confirmed(batch):
+    prompts.ask(batch, sheet)
+    while printing.open_slots(campaign.lake, campaign.campaign_id, batch):
         if should_stop():
             return
         time.sleep(campaign.config.execution.print_poll_s)
-        desk.wait(batch, sheet)
-    desk.thank(batch)
+        prompts.remind(batch, sheet)
+    prompts.close(batch)
 
 
 @task(task_run_name="{label}", cache_policy=NO_CACHE)
@@ -79,14 +80,13 @@ def measure_tool(
     label: str,
     campaign: Campaign,
     bench: Bench,
-    tool: ProposedTool,
+    work: ToolWork,
     world_hash: str | None,
     should_stop: Callable[[], bool],
     on_grasp: Callable[[MeasuredGrasp], None],
 ) -> None:
     """Make the missing grasps of one tool; its run is named after the object it is at."""
-    done = campaign.state().measured.get(tool.tool_id, set())
-    place = PlaceInName(label, str(task_run.get_id()), campaign.config.objects, done)
+    place = PlaceInName(label, str(task_run.get_id()), campaign.config.objects, set(work.done))
 
     def count(grasp: MeasuredGrasp) -> None:
         on_grasp(grasp)
@@ -95,7 +95,7 @@ def measure_tool(
     measuring.measure_tool(
         campaign,
         bench,
-        tool,
+        work,
         world_hash=world_hash,
         should_stop=should_stop,
         on_grasp=count,
@@ -114,15 +114,15 @@ def measure_batch(
 ) -> None:
     """Measure the tools of a batch, each as a task of its own; errors as of `tasks.bench.measure.measure_batch`."""
 
-    def measure(bench: Bench, tool: ProposedTool, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
+    def measure(bench: Bench, work: ToolWork, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
         measure_tool(
-            f"{label} gantry, tool {tool.slot}",
-            opaque(campaign),
-            opaque(bench),
-            opaque(tool),
+            f"{label} gantry, tool {work.tool.slot}",
+            unmapped(campaign),
+            unmapped(bench),
+            unmapped(work),
             world_hash,
-            opaque(should_stop),
-            opaque(on_tool_grasp),
+            unmapped(should_stop),
+            unmapped(on_tool_grasp),
         )
 
     measuring.measure_batch(campaign, tools, open_bench, measure, should_stop=should_stop, on_grasp=on_grasp)

@@ -11,7 +11,6 @@ from typing import TextIO
 
 from hardware.safety.safe_state import EmergencyStopError, StopAskedError, Verb
 from hardware.wire.log_files import FOLDER_NAME
-from lake.query.additions import mark_of
 from lake.query.engine import Mark
 from lake.storage.files import writing_failed
 from lake.store import Lake
@@ -20,6 +19,10 @@ from models.errors import FastError, LakeError
 from models.ids import canonical_json, content_id
 from tasks.campaign.campaign import stored_provenance
 
+_LATEST = """
+    SELECT kind FROM events WHERE campaign_id = $campaign AND list_contains($kinds, kind)
+    ORDER BY created_at DESC, event_id LIMIT 1
+"""
 LEAST_FREE_MB = 100.0  # some thousand grasps of 30 kB
 
 
@@ -38,11 +41,8 @@ def append_event(lake: Lake, campaign_id: str, kind: str, message: str, **payloa
 
 def requested_verb(lake: Lake, campaign_id: str) -> Verb | None:
     """The latest verb that came after the campaign was last started, if any; the bench itself notes an e-stop."""
-    events = [r for r in lake.rows(EventRow, campaign_id=campaign_id) if r["kind"] in (*Verb, "started")]
-    if not events:
-        return None
-    latest = max(events, key=lambda row: row["created_at"])["kind"]
-    return None if latest == "started" else Verb(latest)
+    found = lake.query(_LATEST, {"campaign": campaign_id, "kinds": [*map(str, Verb), "started"]})["kind"].to_pylist()
+    return None if not found or found[0] == "started" else Verb(found[0])
 
 
 class Requests:
@@ -55,7 +55,7 @@ class Requests:
 
     def verb(self) -> Verb | None:
         """The latest verb since the campaign was last started, if any."""
-        mark = mark_of(self._lake, EventRow)
+        mark = self._lake.mark(EventRow)
         if mark != self._mark:
             self._verb = requested_verb(self._lake, self._campaign_id)
             self._mark = mark
@@ -76,7 +76,7 @@ def require_acknowledgement(lake: Lake, campaign_id: str, is_acknowledged: bool)
 
 
 @contextmanager
-def verbs_noted(lake: Lake, campaign_id: str) -> Iterator[None]:
+def note_verbs(lake: Lake, campaign_id: str) -> Iterator[None]:
     """Bench work: a person's stop or abort is a normal end, an emergency stop is noted before it goes up."""
     try:
         yield

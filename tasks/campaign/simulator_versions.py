@@ -7,11 +7,9 @@ from typing import NamedTuple
 
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, EventRow, SimulatorVersionRow
-from lake.tables.catalogue_rows import missing_version_rows
 from models.calibration.inference.settings import WITH_EFFECTS
 from models.ids import canonical_json, content_id
 from models.records import Design, SimulatorVersion
-from models.simulation.effects.scaling import force_ratio
 from tasks.campaign.campaign import Campaign
 from tasks.scientist.observe import means_of_simulations, means_of_tools, older_simulations, proposed_designs
 
@@ -42,7 +40,7 @@ def at_present(campaign: Campaign) -> Campaign:
     return campaign if campaign.config.simulator.follow == "pinned" else _with_versions(campaign, _decisions(campaign))
 
 
-def designs_to_rerun(campaign: Campaign, stage: int) -> list[Design]:
+def list_reruns(campaign: Campaign, stage: int) -> list[Design]:
     """Designs that a stage simulates again because its simulator version is new, in order."""
     if campaign.config.simulator.follow == "pinned":
         return []
@@ -99,6 +97,9 @@ def newest_calibrated(lake: Lake, base_version_id: str, campaign_id: str) -> tup
 
 def _decide(campaign: Campaign, stage: int) -> None:
     """Take the newest version for a stage and write down which it is."""
+    from lake.tables.catalogue_rows import missing_version_rows
+    from models.simulation.effects.scaling import force_ratio
+
     base = campaign.config.simulator.version
     found = newest_calibrated(campaign.lake, base.version_id, campaign.campaign_id)
     version, calibration_id = found or (base, None)
@@ -129,8 +130,8 @@ def _worth_rerunning(campaign: Campaign) -> list[str]:
     ranked = (design_of[tool_id] for _, tool_id in sorted(zip(-measured.y, measured.ids, strict=True)))
     tools = [design_id for design_id in ranked if design_id in found.ids]
     simulated = [design_id for _, design_id in sorted(zip(-found.y, found.ids, strict=True))]
-    in_turn = (design_id for pair in zip_longest(tools, simulated) for design_id in pair if design_id is not None)
-    return list(dict.fromkeys(in_turn))[: campaign.config.simulator.reruns]
+    alternating = (design_id for pair in zip_longest(tools, simulated) for design_id in pair if design_id is not None)
+    return list(dict.fromkeys(alternating))[: campaign.config.simulator.reruns]
 
 
 def _with_versions(campaign: Campaign, decided: list[StageVersion]) -> Campaign:

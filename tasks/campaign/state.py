@@ -1,16 +1,16 @@
-"""Where a campaign stands. It is derived from the lake alone: any process can be killed."""
+"""Where a campaign stands. It is derived from the lake alone, by a few queries: any process can be killed."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from lake.store import Lake
-from lake.tables.campaign import DesignRow
+from lake.tables.campaign import DesignRow, ToolRow
 from models.design.space import LOWER, PARAMETERS, UPPER, to_unit
 from models.ids import tool_label
-from models.records import Design
+from models.records import BENCH_FAULT, Design
 
 Cell = tuple[int, int]  # (object id, repeat)
 THICKNESSES = ("front_thickness_mm", "back_thickness_mm", "rib_thickness_mm")
@@ -119,12 +119,137 @@ class CampaignState:
         return self.simulated.get(design_id, set()) | self.simulated_before.get(design_id, set())
 
 
+_PROPOSALS = f"""
+    SELECT proposal_id, batch, slot, "index", fidelity, {", ".join(f"d.{name}" for name in PARAMETERS)}
+    FROM proposals AS p JOIN designs AS d USING (design_id)
+    WHERE p.campaign_id = $campaign ORDER BY p.created_at, proposal_id
+"""
+_TOOLS = f"""
+    SELECT tool_id, status, rack_slot, {", ".join(f"measured_{name}" for name in THICKNESSES)}
+    FROM tools WHERE campaign_id = $campaign
+"""
+_GRASPS = """
+    (SELECT *, grasp_id IN (SELECT grasp_id FROM raw_traces) AS has_trace FROM grasps WHERE campaign_id = $campaign)
+"""
+_MEASURED = f"""
+    SELECT tool_id, list(object_id ORDER BY grasp_id), list(repeat ORDER BY grasp_id)
+    FROM {_GRASPS} WHERE status = 'ok' AND has_trace GROUP BY tool_id
+"""
+# (tool, object, repeat) where a grasp failed or lost its trace: failures of its own, and number of the next attempt.
+_FAILURES = f"""
+    SELECT tool_id, object_id, repeat,
+        count(*) FILTER (status <> 'ok' AND coalesce(details_json ->> '$.end', '') <> '{BENCH_FAULT}'),
+        coalesce(max(attempt) FILTER (status = 'ok'), max(attempt) + 1)
+    FROM {_GRASPS} WHERE status <> 'ok' OR NOT has_trace GROUP BY ALL
+"""
+_BATCH_ON_RACK = "SELECT coalesce(max(batch), 0) FROM grasps WHERE campaign_id = $campaign AND bench = 'real'"
+_SIMULATIONS = """
+    SELECT design_id, list_contains($present, version_id) AS is_present, list(object_id), bool_or(status = 'ok')
+    FROM simulations WHERE setup_id = $setup AND list_contains($wanted, version_id) GROUP BY ALL
+"""
+_RANKING = """
+SELECT tool_id, batch, slot, tool_quality_n, n_objects, n_grasps
+FROM tool_quality WHERE campaign_id = ?
+ORDER BY n_objects = max(n_objects) OVER () DESC, tool_quality_n DESC
+"""
+
+
+def derive_state(
+    lake: Lake, campaign_id: str, setup_id: str, version_ids: Collection[str], older_ids: Collection[str] = ()
+) -> CampaignState:
+    """The state of a campaign from the rows of its lake as they are now.
+
+    Simulations count with this setup and a version of `version_ids`; those of `older_ids` did.
+
+    Raises:
+        LakeError: the lake cannot be read.
+    """
+    return CampaignState(
+        **_read_plans(lake, campaign_id),
+        **_read_grasps(lake, campaign_id),
+        **_read_simulations(lake, setup_id, version_ids, older_ids),
+    )
+
+
+def _read_plans(lake: Lake, campaign_id: str) -> dict[str, Any]:
+    """What the scientist proposed, and what became of the printed tools."""
+    printed = {tool_id: said for tool_id, *said in tuples(lake, _TOOLS, campaign=campaign_id)}
+    tools: list[ProposedTool] = []
+    simulations: list[ProposedSimulation] = []
+    for proposal_id, batch, slot, index, fidelity, *values in tuples(lake, _PROPOSALS, campaign=campaign_id):
+        design = Design.model_validate(dict(zip(PARAMETERS, values, strict=True)))
+        if fidelity == "sim":
+            simulations.append(ProposedSimulation(proposal_id, batch, index, design))
+            continue
+        tool_id = ToolRow.make_id(campaign_id, batch, slot)
+        _, rack_slot, *thicknesses = printed.get(tool_id, (None, None))
+        measured_mm = {n: mm for n, mm in zip(THICKNESSES, thicknesses, strict=False) if mm is not None}
+        tools.append(ProposedTool(tool_id, batch, slot, design, rack_slot, measured_mm))
+    confirmed = {tool_id: said[0] for tool_id, said in printed.items()}
+    return {"tools": tuple(tools), "simulations": tuple(simulations), "confirmed": confirmed}
+
+
+def _read_grasps(lake: Lake, campaign_id: str) -> dict[str, Any]:
+    """What was measured, and where it went wrong."""
+    failures: dict[tuple[str, Cell], int] = {}
+    next_attempts: dict[tuple[str, Cell], int] = {}
+    for tool_id, object_id, repeat, n_failures, next_attempt in tuples(lake, _FAILURES, campaign=campaign_id):
+        next_attempts[tool_id, (object_id, repeat)] = next_attempt
+        if n_failures:
+            failures[tool_id, (object_id, repeat)] = n_failures
+    measured = {
+        tool_id: set(zip(object_ids, repeats, strict=True))
+        for tool_id, object_ids, repeats in tuples(lake, _MEASURED, campaign=campaign_id)
+    }
+    ((batch_on_rack,),) = tuples(lake, _BATCH_ON_RACK, campaign=campaign_id)
+    return {
+        "measured": measured,
+        "failures": failures,
+        "next_attempts": next_attempts,
+        "batch_on_rack": batch_on_rack,
+    }
+
+
+def _read_simulations(
+    lake: Lake, setup_id: str, present_ids: Collection[str], older_ids: Collection[str]
+) -> dict[str, Any]:
+    """Which designs were simulated on which objects."""
+    present: dict[str, set[int]] = {}
+    before: dict[str, set[int]] = {}
+    fruitful: set[str] = set()
+    wanted_ids = [*present_ids, *older_ids]
+    found = tuples(lake, _SIMULATIONS, setup=setup_id, present=list(present_ids), wanted=wanted_ids)
+    for design_id, is_present, object_ids, has_result in found:
+        (present if is_present else before).setdefault(design_id, set()).update(object_ids)
+        if has_result:
+            fruitful.add(design_id)
+    return {"simulated": present, "simulated_before": before, "fruitful": frozenset(fruitful)}
+
+
+def rank_tools(lake: Lake, campaign_id: str) -> list[dict[str, Any]]:
+    """Measured tools, best first, with tool quality (mean peak pull-off force over the objects) in N.
+
+    Tools that miss objects come after all others: their means are over easier or harder objects.
+    """
+    return lake.query(_RANKING, [campaign_id]).to_pylist()
+
+
+def format_ranking(tools: list[dict[str, Any]]) -> str:
+    """The ranking as a Markdown table."""
+    head = "| tool | batch | tool quality (N) | objects | grasps |\n| --- | --- | --- | --- | --- |"
+    rows = [
+        f"| {t['tool_id']} | {t['batch']} | {t['tool_quality_n']:.2f} | {t['n_objects']} | {t['n_grasps']} |"
+        for t in tools
+    ]
+    return "\n".join([head, *rows])
+
+
 def load_designs(lake: Lake) -> dict[str, Design]:
     """All designs of the lake by id."""
     return {row.design_id: row.design for row in lake.records(DesignRow)}
 
 
-def tuples(lake: Lake, sql: str, *params: str) -> Iterable[tuple[Any, ...]]:
-    """Rows as tuples: a campaign of the paper's size has 46,000 of them, and its state is derived often."""
-    found = lake.query(sql, list(params))
+def tuples(lake: Lake, sql: str, *params: Any, **named: Any) -> Iterable[tuple[Any, ...]]:
+    """Rows of a query as tuples; its parameters (`?` or `$name`) are given by place or by name."""
+    found = lake.query(sql, named or list(params))
     return zip(*(column.to_pylist() for column in found.columns), strict=True)

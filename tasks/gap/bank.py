@@ -9,35 +9,44 @@ from lake.store import Lake
 from lake.tables.campaign import SimTraceRow, SimulationRow
 from models.calibration.traces.theta_grid import ThetaGrid
 from models.errors import UsageError
-from models.gap.bank.plan import AMPLITUDES, CENTRE, NUMERICAL_MESHES, WIDER_MM, bank_versions, wider_setups
-from models.gap.bank.sensor_effects import N_LEAD, lead_means
-from models.gap.problem import Bank, Field
+from models.gap.bank.bank import (
+    AMPLITUDES,
+    CENTRE,
+    NUMERICAL_MESHES,
+    WIDER_MM,
+    Bank,
+    EffectRuns,
+    list_versions,
+    list_wider_setups,
+)
+from models.gap.bank.sensor_effects import N_LEAD, read_lead
+from models.gap.fit.theta import make_grid_bank
 from models.records import Design, GraspSetup, SimulatorVersion, Trace
 from models.traces.step_features import N_STEPS, is_usable, step_means
-from tasks.calibration.trace_rows import read_traces
+from tasks.gap.trace_rows import read_traces
 from tasks.simulation.plan import SimulationPlan
 
 _AT_ONCE = 4000  # traces held while they are averaged
 
 
-def bank_plans(
+def plan_bank(
     base: SimulatorVersion, designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup
 ) -> tuple[SimulationPlan, ...]:
     """Simulations of the bank, for `tasks.simulation.plan.simulate_plan`, which makes what the lake lacks.
 
     Version by version over all designs, the centre first: a bank that is not complete lacks effects, not designs.
     """
-    unique, versions = list(dict.fromkeys(designs)), bank_versions(base)
+    unique, versions = list(dict.fromkeys(designs)), list_versions(base)
     n_grid = len(ThetaGrid().points)
     centre = versions[n_grid]
     order = [centre, *versions[:n_grid], *versions[n_grid + 1 :]]
     points = tuple((design, version) for version in order for design in unique)
     wider = tuple((design, centre) for design in unique)
     plans = [SimulationPlan(points, tuple(objects), setup)]
-    return (*plans, *(SimulationPlan(wider, tuple(objects), other) for other in wider_setups(setup)))
+    return (*plans, *(SimulationPlan(wider, tuple(objects), other) for other in list_wider_setups(setup)))
 
 
-def bank_of(
+def read_bank(
     lake: Lake, base: SimulatorVersion, designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup
 ) -> Bank:
     """The bank of t designs on o objects, of what the lake has; NaN where a simulation failed or is missing.
@@ -45,11 +54,12 @@ def bank_of(
     Raises:
         UsageError: no simulation at the centre of theta is there.
     """
-    grid, versions = ThetaGrid(), bank_versions(base)
+    grid, versions = ThetaGrid(), list_versions(base)
     n_grid = len(grid.points)
-    steps_n = simulated_steps(lake, versions, designs, objects, setup)
+    steps_n = read_simulated_steps(lake, versions, designs, objects, setup)
     wider = [
-        simulated_steps(lake, versions[n_grid : n_grid + 1], designs, objects, other) for other in wider_setups(setup)
+        read_simulated_steps(lake, versions[n_grid : n_grid + 1], designs, objects, other)
+        for other in list_wider_setups(setup)
     ]
     at_centre = steps_n[:, :, n_grid]
     if not np.isfinite(at_centre).any():
@@ -59,8 +69,8 @@ def bank_of(
         )
     after = n_grid + 1 + len(NUMERICAL_MESHES)
     wider_steps_n = np.concatenate(wider, axis=2)
-    of_lead = partial(lead_means, setup=setup)
-    lead_n = simulated_steps(lake, versions[:n_grid], designs, objects, setup, of_trace=of_lead, n=N_LEAD)
+    of_lead = partial(read_lead, setup=setup)
+    lead_n = read_simulated_steps(lake, versions[:n_grid], designs, objects, setup, of_trace=of_lead, n=N_LEAD)
     n_failed = np.isnan(steps_n[..., 0]).sum() + np.isnan(wider_steps_n[..., 0]).sum()
     return Bank(
         centre=CENTRE,
@@ -71,32 +81,64 @@ def bank_of(
         numerical_steps_n=steps_n[:, :, n_grid + 1 : after],
         wider_mm=np.array(WIDER_MM),
         wider_steps_n=wider_steps_n,
-        fields=_fields(steps_n[:, :, after:]),
+        effects=_part_effects(steps_n[:, :, after:]),
         failed_share=float(n_failed / (steps_n[..., 0].size + wider_steps_n[..., 0].size)),
     )
 
 
-def bank_ids(base: SimulatorVersion, designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup) -> list[str]:
+def list_bank_ids(
+    base: SimulatorVersion, designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup
+) -> list[str]:
     """Ids of all simulations of the bank."""
+    return list_plan_ids(plan_bank(base, designs, objects, setup))
+
+
+def list_plan_ids(plans: Sequence[SimulationPlan]) -> list[str]:
+    """Ids of all simulations of plans."""
     return [
         SimulationRow.make_id(design.design_id, object_id, version.version_id, plan.setup.setup_id)
-        for plan in bank_plans(base, designs, objects, setup)
+        for plan in plans
         for design, version in plan.points
         for object_id in plan.object_ids
     ]
 
 
-def _fields(steps_n: np.ndarray) -> dict[str, Field]:
+def plan_theta_grid(
+    base: SimulatorVersion, designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup
+) -> SimulationPlan:
+    """The part of the bank that theta alone needs: the grid of friction and Poisson ratio."""
+    versions = list_versions(base)[: len(ThetaGrid().points)]
+    points = tuple((design, version) for design in dict.fromkeys(designs) for version in versions)
+    return SimulationPlan(points, tuple(objects), setup)
+
+
+def read_grid_bank(
+    lake: Lake, base: SimulatorVersion, designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup
+) -> Bank:
+    """The bank for theta alone: the grid of t designs on o objects, of what the lake has.
+
+    Raises:
+        UsageError: no cell has enough of the grid.
+    """
+    versions = list_versions(base)[: len(ThetaGrid().points)]
+    of_lead = partial(read_lead, setup=setup)
+    return make_grid_bank(
+        read_simulated_steps(lake, versions, designs, objects, setup),
+        read_simulated_steps(lake, versions, designs, objects, setup, of_trace=of_lead, n=N_LEAD),
+    )
+
+
+def _part_effects(steps_n: np.ndarray) -> dict[str, EffectRuns]:
     """Effects of the bank from their simulations (t x o x n x 120) in the order of `AMPLITUDES`."""
     found, start = {}, 0
     for effect, parameters in AMPLITUDES.items():
         end = start + len(parameters)
-        found[effect] = Field(effect, parameters, steps_n[:, :, start:end])
+        found[effect] = EffectRuns(effect, parameters, steps_n[:, :, start:end])
         start = end
     return found
 
 
-def simulated_steps(
+def read_simulated_steps(
     lake: Lake,
     versions: Sequence[SimulatorVersion],
     designs: Sequence[Design],

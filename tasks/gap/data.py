@@ -1,25 +1,27 @@
-"""What gap discovery works on, from the lake: measured grasps one by one, and the bank around their tools."""
+"""The data of a search from the lake: measured grasps one by one, what came before each, and their split."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
 from lake.store import Lake
 from lake.tables.campaign import GraspRow, ToolRow, TraceRow
+from models.calibration.inference.diagnostics import find_unit_warnings
 from models.calibration.inference.settings import ThetaPriors
 from models.errors import UsageError
-from models.gap.problem import Bank, GapProblem, Grasps
-from models.records import Design, GraspSetup, SimulatorVersion, Trace
+from models.gap.bank.bank import Bank
+from models.gap.data import GapData
+from models.gap.grasps import Grasps
+from models.records import Design, GraspContext, GraspSetup, Trace
 from models.traces.step_features import N_STEPS, STEP_MM, is_usable, step_means
 from models.traces.step_noise import QUIET_S, SensorNoise, noise_of_readings, noise_of_repeats
-from tasks.calibration.trace_rows import designs_of, measured_grasps, read_traces
 from tasks.campaign.state import THICKNESSES
-from tasks.gap.bank import bank_of
-from tasks.gap.context import contexts_of
-from tasks.gap.held_out import Split, frozen_split
+from tasks.gap.split import Split, freeze_split
+from tasks.gap.trace_rows import designs_of, measured_grasps, read_traces
 
 _CUT_SHARE = 0.3  # of the peak: traces of whole lifts end with less than 0.2
 _NOISE_TRACES = 20  # of each tool, whose readings before contact are kept
@@ -27,46 +29,47 @@ _NOISE_TRACES = 20  # of each tool, whose readings before contact are kept
 
 @dataclass(frozen=True, eq=False)
 class MeasuredGrasps:
-    """Measured grasps, what each tool was printed from (t), their campaigns, and what was left out or is not known."""
+    """Measured grasps, what each tool was printed from (t), their campaigns, and what was left out or is not known.
+
+    context_warnings: what is not known of the order of the grasps, which theta alone does not need.
+    """
 
     grasps: Grasps
     design_ids: tuple[str, ...]
     campaigns: tuple[str, ...]
+    trace_warnings: tuple[str, ...]
+    context_warnings: tuple[str, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """All of them."""
+        return (*self.trace_warnings, *self.context_warnings)
+
+
+@dataclass(frozen=True)
+class Contexts:
+    """What came before each measured grasp, by its id; failed and replaced attempts count, since they wear a finger."""
+
+    of: Mapping[str, GraspContext]
     warnings: tuple[str, ...]
 
 
-def gap_problem(lake: Lake, base: SimulatorVersion, campaign_id: str | None = None, seed: int = 0) -> GapProblem:
-    """The measured grasps of a campaign (or of the lake), the bank around `base`, and the frozen split of a seed.
-
-    The split is in the lake before any trace is read. Simulations that the lake lacks are NaN; `tasks.gap.bank` says
-    which they are.
-
-    Raises:
-        UsageError: nothing was measured, or not in one way; too few designs or objects; a design is unknown; nothing of
-            the bank is simulated.
-    """
-    split = split_of(lake, campaign_id, seed)
-    measured = read_grasps(lake, campaign_id)
-    grasps = measured.grasps
-    return problem_of(measured, bank_of(lake, base, grasps.designs, grasps.objects, grasps.setup), split)
-
-
-def split_of(lake: Lake, campaign_id: str | None, seed: int) -> Split:
+def split_measurements(lake: Lake, campaign_id: str | None, seed: int) -> Split:
     """The frozen split of what was measured, without a look at any force.
 
     Raises:
-        UsageError: as `gap_problem`, of measurements.
+        UsageError: nothing was measured, or not in one way; too few designs or objects; a design is unknown.
     """
     rows = measured_grasps(lake, campaign_id)
     designs = designs_of(lake, [row.design_id for row in rows])
     ids = [design.design_id for design in designs.values()]
-    return frozen_split(lake, campaign_id, ids, [row.object_id for row in rows], seed)
+    return freeze_split(lake, campaign_id, ids, [row.object_id for row in rows], seed)
 
 
-def problem_of(measured: MeasuredGrasps, bank: Bank, split: Split) -> GapProblem:
+def make_data(measured: MeasuredGrasps, bank: Bank, split: Split) -> GapData:
     """Grasps and bank with the masks of a split."""
     grasps = measured.grasps
-    return GapProblem(
+    return GapData(
         grasps=grasps,
         bank=bank,
         held_out_tools=np.array([split.designs[design_id] for design_id in measured.design_ids]),
@@ -74,19 +77,17 @@ def problem_of(measured: MeasuredGrasps, bank: Bank, split: Split) -> GapProblem
     )
 
 
-def unit_sentences(problem: GapProblem) -> list[str]:
+def check_units(data: GapData) -> list[str]:
     """What the size of the measured forces says about their unit.
 
     Raises:
         UsageError: a factor of about 1000 is suspected.
     """
-    from models.calibration.traces.calibrate import unit_warnings  # ArviZ takes seconds to import
-
-    grasps, bank = problem.grasps, problem.bank
+    grasps, bank = data.grasps, data.bank
     simulated = bank.centre_steps_n[grasps.tool, grasps.obj]
     is_known = np.isfinite(simulated).all(axis=1)
     share = np.abs(grasps.steps_n[is_known]).sum(axis=1) / np.abs(simulated[is_known]).sum(axis=1)
-    return unit_warnings(float(np.median(share)) * bank.centre.young_modulus_mpa, ThetaPriors())
+    return find_unit_warnings(float(np.median(share)) * bank.centre.young_modulus_mpa, ThetaPriors())
 
 
 def read_grasps(lake: Lake, campaign_id: str | None) -> MeasuredGrasps:
@@ -107,8 +108,8 @@ def read_grasps(lake: Lake, campaign_id: str | None) -> MeasuredGrasps:
     tools, objects = sorted({row.tool_id for row in used}), sorted({row.object_id for row in used})
     nominal = {row.tool_id: row.design_id for row in used}
     known = designs_of(lake, [*nominal.values()])
-    printed, printed_sentences = _as_printed(lake, {tool: known[nominal[tool]] for tool in tools})
-    contexts = contexts_of(lake, campaign_id)
+    printed, printed_sentences = _read_printed(lake, {tool: known[nominal[tool]] for tool in tools})
+    contexts = rebuild_contexts(lake, campaign_id)
     tool = np.array([tools.index(row.tool_id) for row in used])
     obj = np.array([objects.index(row.object_id) for row in used])
     all_steps_n = np.array([steps_n[row.grasp_id] for row in used])
@@ -129,8 +130,41 @@ def read_grasps(lake: Lake, campaign_id: str | None) -> MeasuredGrasps:
         grasps=grasps,
         design_ids=tuple(known[nominal[tool]].design_id for tool in tools),
         campaigns=tuple(sorted({row.campaign_id for row in used})),
-        warnings=(*sentences, *printed_sentences, *contexts.warnings, *noise_sentences),
+        trace_warnings=(*sentences, *printed_sentences, *noise_sentences),
+        context_warnings=contexts.warnings,
     )
+
+
+def rebuild_contexts(lake: Lake, campaign_id: str | None) -> Contexts:
+    """Contexts of all grasps of a campaign, or of the lake.
+
+    Batches are told apart by campaign and number. Within one, grasps follow each other by `started_at`, else by
+    `order`, else tool by tool, repeat by repeat; only `started_at` tells the time.
+    """
+    where = "WHERE campaign_id = ?" if campaign_id else ""
+    sql = (
+        'SELECT grasp_id, campaign_id, batch, tool_id, object_id, repeat, attempt, "order", started_at '
+        f"FROM grasps {where}"
+    )
+    batches: dict[tuple[str, int | None], list[dict[str, Any]]] = defaultdict(list)
+    for row in lake.query(sql, [campaign_id] if campaign_id else []).to_pylist():
+        batches[row["campaign_id"], row["batch"]].append(row)
+    found: dict[str, GraspContext] = {}
+    n_untimed = n_unordered = 0
+    for rows in batches.values():
+        if any(row["started_at"] is None for row in rows):
+            n_untimed += len(rows)
+            n_unordered += len(rows) if any(row["order"] is None for row in rows) else 0
+        found |= _in_batch(rows)
+    warnings = []
+    if n_untimed:
+        warnings.append(f"{n_untimed} grasps have no `started_at`: nothing that changes with the time can be found.")
+    if n_unordered:
+        warnings.append(
+            f"{n_unordered} grasps have neither `started_at` nor `order`: they are taken to be made tool by tool and "
+            "repeat by repeat, and what wears off is placed accordingly."
+        )
+    return Contexts(found, tuple(warnings))
 
 
 def _steps(
@@ -203,7 +237,7 @@ def _noise(
         ]
 
 
-def _as_printed(lake: Lake, designs: Mapping[str, Design]) -> tuple[tuple[Design, ...], list[str]]:
+def _read_printed(lake: Lake, designs: Mapping[str, Design]) -> tuple[tuple[Design, ...], list[str]]:
     """Designs of tools with the thicknesses that a person measured, and those that the simulator cannot make."""
     said = {row.tool_id: row for row in lake.records(ToolRow, tool_id=list(designs))}
     printed, sentences = [], []
@@ -219,3 +253,29 @@ def _as_printed(lake: Lake, designs: Mapping[str, Design]) -> tuple[tuple[Design
                 f"tool {tool_id} was printed with walls beyond the range of designs; it is simulated as designed."
             )
     return tuple(printed), sentences
+
+
+def _in_batch(rows: Sequence[dict[str, Any]]) -> dict[str, GraspContext]:
+    is_timed = all(row["started_at"] is not None for row in rows)
+    is_ordered = all(row["order"] is not None for row in rows)
+
+    def place(row: dict[str, Any]) -> tuple[Any, ...]:
+        by = row["started_at"] if is_timed else row["order"] if is_ordered else 0
+        return (by, row["tool_id"], row["repeat"], row["object_id"], row["attempt"])
+
+    made = sorted(rows, key=place)
+    began = made[0]["started_at"] if is_timed else None
+    of_tool: dict[str, int] = defaultdict(int)
+    of_pair: dict[tuple[str, int], int] = defaultdict(int)
+    found = {}
+    for number, row in enumerate(made):
+        pair = row["tool_id"], row["object_id"]
+        found[row["grasp_id"]] = GraspContext(
+            repeat=of_pair[pair],
+            tool_grasps=of_tool[row["tool_id"]],
+            batch_grasps=number,
+            clock_s=(row["started_at"] - began).total_seconds() if began is not None else 0.0,
+        )
+        of_tool[row["tool_id"]] += 1
+        of_pair[pair] += 1
+    return found

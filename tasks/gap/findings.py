@@ -8,12 +8,12 @@ from lake.provenance import Provenance, current_provenance
 from lake.store import Lake
 from lake.tables.campaign import EventRow, GapFindingRow
 from lake.tables.row import Row
-from models.gap.findings import Candidate, Findings, Named, Round, WhereFinding
+from models.gap.findings import Candidate, Decision, Findings, RoundFindings, WhereFinding
 from models.ids import canonical_json, content_id
 from models.records import EffectValue, Record, SimulatorVersion
 from models.simulation.effects.catalogue import CATALOGUE
 from tasks.gap.data import MeasuredGrasps
-from tasks.gap.held_out import Split
+from tasks.gap.split import Split
 
 KIND, STARTED = "gap", "gap_started"
 
@@ -36,7 +36,7 @@ class GapRun(Record):
     findings: Findings
 
 
-def gap_id_of(measured: MeasuredGrasps, base: SimulatorVersion, split: Split, settings: Mapping[str, object]) -> str:
+def make_gap_id(measured: MeasuredGrasps, base: SimulatorVersion, split: Split, settings: Mapping[str, object]) -> str:
     """Id of a search: the same grasps, simulator, split, catalogue and settings give the same answer."""
     catalogue = {name: spec.version for name, spec in CATALOGUE.items()}
     content = [sorted(measured.grasps.grasp_ids), base.version_id, split.split_id, catalogue, dict(settings)]
@@ -49,15 +49,7 @@ def find_run(lake: Lake, gap_id: str) -> GapRun | None:
     return GapRun.model_validate(json.loads(found[-1].payload_json)) if found else None
 
 
-def newest_run(lake: Lake, gap_id: str | None = None) -> GapRun | None:
-    """The search that ended last."""
-    if gap_id is not None:
-        return find_run(lake, gap_id)
-    found = lake.records(EventRow, kind=KIND)
-    return GapRun.model_validate(json.loads(found[-1].payload_json)) if found else None
-
-
-def starting_effects(lake: Lake, gap_id: str) -> tuple[EffectValue, ...] | None:
+def find_starting_effects(lake: Lake, gap_id: str) -> tuple[EffectValue, ...] | None:
     """Effects of the simulator with which a search has begun, if it has."""
     found = lake.records(EventRow, event_id=_event_id(gap_id, STARTED))
     return tuple(map(EffectValue.model_validate, json.loads(found[-1].payload_json)["effects"])) if found else None
@@ -78,7 +70,7 @@ def write_start(lake: Lake, gap_id: str, campaign_id: str | None, effects: Seque
 
 def write_run(lake: Lake, run: GapRun, message: str, provenance: Provenance) -> None:
     """Write a finished search: its lines, and last the event by which it is found again."""
-    rows: list[Row] = [row for number in range(len(run.findings.rounds)) for row in round_rows(run, number)]
+    rows: list[Row] = [row for number in range(len(run.findings.rounds)) for row in make_round_rows(run, number)]
     event = EventRow(
         event_id=_event_id(run.gap_id),
         campaign_id=run.campaign_id or "",
@@ -89,7 +81,7 @@ def write_run(lake: Lake, run: GapRun, message: str, provenance: Provenance) -> 
     lake.append([*rows, event], provenance)
 
 
-def round_rows(run: GapRun, number: int) -> list[GapFindingRow]:
+def make_round_rows(run: GapRun, number: int) -> list[GapFindingRow]:
     """Lines of one round, which counts from 0 here and from 1 in the table."""
     found = run.findings.rounds[number]
     rows = [_where_row(run, number, place, where) for place, where in enumerate(found.where)]
@@ -126,7 +118,7 @@ def _candidate_row(run: GapRun, number: int, place: int, candidate: Candidate) -
     )
 
 
-def _named_rows(run: GapRun, number: int, found: Round) -> list[GapFindingRow]:
+def _named_rows(run: GapRun, number: int, found: RoundFindings) -> list[GapFindingRow]:
     """One row for each effect of the answer, or one without effect; the gap is that of the whole search."""
     named, gap = found.named, run.findings.gap
     effects: Sequence[str | None] = named.effects or (None,)
@@ -151,7 +143,7 @@ def _named_rows(run: GapRun, number: int, found: Round) -> list[GapFindingRow]:
     ]
 
 
-def _parameters(named: Named, effect: str | None) -> dict[str, Any]:
+def _parameters(named: Decision, effect: str | None) -> dict[str, Any]:
     """Parameters of one effect of an answer, which names them `<effect>.<parameter>` or, of a single one, plainly."""
     if effect is None:
         return {}

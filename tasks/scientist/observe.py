@@ -10,7 +10,7 @@ from models.records import Design, SimulatorVersion
 from models.scientist.surrogate.imputation import mean_over_objects
 from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from models.scientist.surrogate.version_map import VersionMap, fit_version_map
-from tasks.bench.diagnose import missing_runs
+from tasks.bench.plan import find_missing_runs
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.state import CampaignState, ProposedTool, tuples
 
@@ -100,7 +100,7 @@ def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> li
     return [
         tool
         for tool in state.tools_of(batch)
-        if state.missing_grasps(tool, plan, limit) or missing_runs(campaign, state, tool)
+        if state.missing_grasps(tool, plan, limit) or find_missing_runs(campaign, state, tool)
     ]
 
 

@@ -1,6 +1,7 @@
 """Ask the scientist: tools for the next batch, one more design to simulate. Decisions go to the lake."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,6 +21,22 @@ from tasks.campaign.state import CampaignState
 from tasks.scientist.fit import fit, surrogate_for_simulation, tools_fit_id
 from tasks.scientist.observe import closed_batches, observe, observed_rows
 
+
+@dataclass(frozen=True)
+class Choice:
+    """How designs were chosen, as `proposals` keeps it.
+
+    `data` is what the rule knew (None: nothing, drawn at random), `n_pending` how many points were under way, `parents`
+    the ids of the fit behind it.
+    """
+
+    acquisition: str
+    seed: int
+    data: ObservationSet | None = None
+    n_pending: int = 0
+    parents: tuple[str, ...] = ()
+
+
 _MAX_DRAWS = 100  # times the initial tools: what so few designs can be printed of is a slip of the pen
 
 
@@ -35,7 +52,7 @@ def propose_initial_simulations(campaign: Campaign) -> None:
     seed = campaign.seed("initial simulations")
     last = schedule.batches_of(0)[-1]
     for index, design in enumerate(random_designs(schedule.initial_simulations, np.random.default_rng(seed))):
-        append_simulation(campaign, last, index, ProposedDesign(design=design, value=0.0), RANDOM, seed)
+        append_simulation(campaign, last, index, ProposedDesign(design=design, value=0.0), Choice(RANDOM, seed))
 
 
 def propose_initial_tools(campaign: Campaign) -> None:
@@ -46,7 +63,7 @@ def propose_initial_tools(campaign: Campaign) -> None:
     for batch in schedule.batches_of(0):
         start = (batch - 1) * schedule.tools_per_batch
         chosen = designs[start : start + schedule.tools_of(batch)]
-        append_tools(campaign, batch, [ProposedDesign(design=d, value=0.0) for d in chosen], RANDOM, seed)
+        append_tools(campaign, batch, [ProposedDesign(design=d, value=0.0) for d in chosen], Choice(RANDOM, seed))
 
 
 def _random_tools(campaign: Campaign, n: int, rng: np.random.Generator) -> list[Design]:
@@ -109,7 +126,7 @@ def propose_tools(
         printing=scientist.printing_rules,
     )
     fit_id = tools_fit_id(campaign, batch, data)
-    append_tools(campaign, batch, proposals, scientist.acquisition, seed, data, len(pending), [fit_id])
+    append_tools(campaign, batch, proposals, Choice(scientist.acquisition, seed, data, len(pending), (fit_id,)))
 
 
 def propose_simulation(
@@ -130,8 +147,8 @@ def propose_simulation(
         taken=to_unit(simulated_designs(campaign, state)),
         printing=scientist.printing_rules,
     )[0]
-    rule = scientist.simulation_acquisition
-    append_simulation(campaign, batch, index, proposal, rule, seed, surrogate.data, len(pending), [fit_id])
+    choice = Choice(scientist.simulation_acquisition, seed, surrogate.data, len(pending), (fit_id,))
+    append_simulation(campaign, batch, index, proposal, choice)
 
 
 def pending_points(campaign: Campaign, state: CampaignState) -> np.ndarray:
@@ -161,48 +178,27 @@ def simulated_designs(campaign: Campaign, state: CampaignState) -> list[Design]:
     return list(designs.values())
 
 
-def append_tools(
-    campaign: Campaign,
-    batch: int,
-    proposals: Sequence[ProposedDesign],
-    acquisition: str,
-    seed: int,
-    data: ObservationSet | None = None,
-    n_pending: int = 0,
-    parents: Sequence[str] = (),
-) -> None:
+def append_tools(campaign: Campaign, batch: int, proposals: Sequence[ProposedDesign], choice: Choice) -> None:
     """Write the proposals of a batch; the batch row comes last and makes the batch complete."""
-    provenance = campaign.provenance(seed, parents)
-    _append_designs(campaign, [p.design for p in proposals], seed)
-    rows = [
-        _proposal_row(campaign, batch, slot, slot, p, acquisition, data, n_pending) for slot, p in enumerate(proposals)
-    ]
+    provenance = campaign.provenance(choice.seed, choice.parents)
+    _append_designs(campaign, [p.design for p in proposals], choice.seed)
+    rows = [_proposal_row(campaign, batch, slot, slot, p, choice) for slot, p in enumerate(proposals)]
     campaign.lake.append(rows, provenance)
     row = BatchRow(
         batch_id=BatchRow.make_id(campaign.campaign_id, batch),
         campaign_id=campaign.campaign_id,
         batch=batch,
-        kind="random" if data is None else "guided",
+        kind="random" if choice.data is None else "guided",
         n_tools=len(proposals),
     )
     campaign.lake.append([row], provenance)
 
 
-def append_simulation(
-    campaign: Campaign,
-    batch: int,
-    index: int,
-    proposal: ProposedDesign,
-    acquisition: str,
-    seed: int,
-    data: ObservationSet | None = None,
-    n_pending: int = 0,
-    parents: Sequence[str] = (),
-) -> None:
+def append_simulation(campaign: Campaign, batch: int, index: int, proposal: ProposedDesign, choice: Choice) -> None:
     """Write the proposal of one more simulation."""
-    _append_designs(campaign, [proposal.design], seed)
-    row = _proposal_row(campaign, batch, None, index, proposal, acquisition, data, n_pending)
-    campaign.lake.append([row], campaign.provenance(seed, parents))
+    _append_designs(campaign, [proposal.design], choice.seed)
+    row = _proposal_row(campaign, batch, None, index, proposal, choice)
+    campaign.lake.append([row], campaign.provenance(choice.seed, choice.parents))
 
 
 def _append_designs(campaign: Campaign, designs: Sequence[Design], seed: int) -> None:
@@ -216,11 +212,9 @@ def _proposal_row(
     slot: int | None,
     index: int,
     proposal: ProposedDesign,
-    acquisition: str,
-    data: ObservationSet | None,
-    n_pending: int,
+    choice: Choice,
 ) -> ProposalRow:
-    """A row of `proposals`; `data` None means that the design was drawn at random, without a model."""
+    data = choice.data
     return ProposalRow(
         proposal_id=content_id("P", [campaign.campaign_id, batch, slot, index]),
         campaign_id=campaign.campaign_id,
@@ -229,9 +223,9 @@ def _proposal_row(
         index=index,
         fidelity="sim" if slot is None else "real",
         design_id=proposal.design.design_id,
-        acquisition=acquisition,
+        acquisition=choice.acquisition,
         acquisition_value=None if data is None else proposal.value,
         n_real=0 if data is None else data.n_real,
         n_sim=0 if data is None else data.n_sim,
-        n_pending=n_pending,
+        n_pending=choice.n_pending,
     )

@@ -10,7 +10,7 @@ from tasks.campaign.campaign import Campaign
 from tasks.campaign.state import CampaignState
 from tasks.scientist.fit import surrogate_for_simulation
 from tasks.scientist.observe import means_of_simulations, observe, observed_rows, proposed_designs
-from tasks.scientist.propose import append_simulation, append_tools, pending_points, simulated_designs
+from tasks.scientist.propose import Choice, append_simulation, append_tools, pending_points, simulated_designs
 
 IMPROVEMENT, BEST_SIMULATED = "ei", "best_simulated"  # what `proposals.acquisition` calls the two
 _NOTHING = 1e-6  # of the simulations' spread: stands for a discrepancy that is not there
@@ -32,11 +32,11 @@ def propose_improvement(campaign: Campaign, batch: int, index: int, state: Campa
         pending,
         np.random.default_rng(seed),
         min_distance=0.0,
-        acquisition="nei",
+        acquisition=IMPROVEMENT,
         taken=to_unit(simulated_designs(campaign, state)),
         printing=campaign.config.scientist.printing_rules,
     )[0]
-    append_simulation(campaign, batch, index, proposal, IMPROVEMENT, seed, data, len(pending), [fit_id])
+    append_simulation(campaign, batch, index, proposal, Choice(IMPROVEMENT, seed, data, len(pending), (fit_id,)))
 
 
 def propose_best_simulated(campaign: Campaign, batch: int, state: CampaignState) -> None:
@@ -45,9 +45,8 @@ def propose_best_simulated(campaign: Campaign, batch: int, state: CampaignState)
     means = means_of_simulations(campaign, campaign.version, designs)
     best = np.argsort(-means.y, kind="stable")[: campaign.config.schedule.tools_of(batch)]
     proposals = [Proposal(designs[means.ids[row]], float(means.y[row])) for row in best]
-    append_tools(
-        campaign, batch, proposals, BEST_SIMULATED, campaign.seed("tools", batch), observe(campaign, state, ())
-    )
+    choice = Choice(BEST_SIMULATED, campaign.seed("tools", batch), observe(campaign, state, ()))
+    append_tools(campaign, batch, proposals, choice)
 
 
 def as_target(surrogate: Surrogate) -> Surrogate:

@@ -4,26 +4,25 @@ import logging
 import os
 import resource
 import sys
+import tempfile
 import time
 from concurrent.futures import BrokenExecutor, CancelledError, Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from models.design.space import BEST_PUBLISHED
 from models.errors import MeshingFailed, SimulationFailed
-from models.ids import canonical_json
+from models.ids import canonical_json, content_id
 from models.objects.catalogue import get_object
-from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion
+from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion, check_tier
 from models.simulation.effects.catalogue import build_effects
 from models.simulation.mesh.build import build_mesh
 from models.simulation.mesh.solid import SolidMesh
-from tasks.simulation.engine import EngineWorker
-from tasks.simulation.mesh_cache import cached_mesh
+from tasks.simulation.pool import EngineWorker
 
 logger = logging.getLogger(__name__)
 
@@ -31,6 +30,7 @@ ATTEMPTS = 2
 # Wall time past a grasp's own deadline after which its worker is taken to hang; compiling kernels takes its time
 HANG_MARGIN_S = 300.0
 WARM_UP_OBJECT = 30  # a cube
+MESH_CACHE_FORMAT = 2
 MESHES_KEPT = 4  # half and full width of a design, for two designs
 
 
@@ -70,17 +70,22 @@ class Attempt:
 
 
 def attempt_grasp(job: GraspJob) -> Attempt:
-    """Mesh and simulate; a failed grasp is an outcome like any other. Runs in a worker process."""
+    """Mesh and simulate; a failed grasp is an outcome like any other. Runs in a worker process.
+
+    Raises:
+        UsageError: the job's tier was removed.
+    """
     from models.simulation.grasp import simulate_grasp  # compiled kernels are loaded in workers only
 
     wall, started, meshed = time.perf_counter(), time.process_time(), time.process_time()
     result, reason, message = None, "", ""
     try:
-        _load_kernels("screening" if job.version.tier == "screening" else "production")
+        check_tier(job.version.tier)
+        _load_kernels()
         wall, started = time.perf_counter(), time.process_time()
         obj = get_object(job.object_id)
         mesh = job.mesh
-        if mesh is None and job.version.tier != "screening":  # which has a plane mesh, made in no time
+        if mesh is None:
             version_json = canonical_json(job.version.model_dump())
             mesh = _mesh_of(job.design, version_json, not obj.mirror_y, job.lake_root)
         meshed = time.process_time()
@@ -103,8 +108,8 @@ def attempt_grasp(job: GraspJob) -> Attempt:
 
 
 @cache
-def _load_kernels(tier: Literal["screening", "production"]) -> None:
-    """Have the kernels of a tier (the reference has those of production) loaded by a short grasp.
+def _load_kernels() -> None:
+    """Have the solver's kernels loaded by a short grasp.
 
     After an update they are compiled first, on a busy machine for minutes. That time belongs to no grasp: counted
     against a deadline, it would be kept as a failure for good.
@@ -112,7 +117,7 @@ def _load_kernels(tier: Literal["screening", "production"]) -> None:
     from models.simulation.grasp import simulate_grasp
 
     setup = GraspSetup(max_lift_mm=1.0)
-    simulate_grasp(BEST_PUBLISHED, get_object(WARM_UP_OBJECT), SimulatorVersion(tier=tier), setup)
+    simulate_grasp(BEST_PUBLISHED, get_object(WARM_UP_OBJECT), setup=setup)
 
 
 def _max_rss_mb() -> float:
@@ -128,6 +133,44 @@ def _mesh_of(design: Design, version_json: str, full_width: bool, lake_root: Pat
         return cached_mesh(lake_root, design, version, full_width=full_width)
     effects = build_effects(version.effects)
     return build_mesh(design, version.mesh, full_width=full_width, effects=effects)
+
+
+def cached_mesh(lake_root: Path, design: Design, version: SimulatorVersion, *, full_width: bool) -> SolidMesh:
+    """The mesh of a design for a simulator version: from the cache beside the lake's tables, else made and cached.
+
+    It is cached by content, so that a mesher that is not repeatable runs once per body.
+
+    Raises:
+        MeshingFailed: the mesher gave no usable mesh.
+    """
+    content = {
+        "format": MESH_CACHE_FORMAT,
+        "fem_version": version.fem_version,
+        "design": design.model_dump(),
+        "mesh": version.mesh.model_dump(),
+        "effects": [e.model_dump() for e in version.effects],
+        "full_width": full_width,
+    }
+    path = lake_root / ".state" / "meshes" / f"{content_id('M', content)}.npz"
+    try:
+        with np.load(path) as arrays:
+            return SolidMesh.from_arrays(dict(arrays))
+    except FileNotFoundError:
+        pass
+    except (OSError, ValueError, KeyError) as error:
+        logger.warning("cached mesh %s is unreadable (%s); meshing again", path.name, error)
+    effects = build_effects(version.effects)
+    mesh = build_mesh(design, version.mesh, full_width=full_width, effects=effects)
+    _store_mesh(path, mesh)
+    return mesh
+
+
+def _store_mesh(path: Path, mesh: SolidMesh) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
+    with os.fdopen(handle, "wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **mesh.to_arrays())
+    os.replace(temporary, path)
 
 
 def answer(worker: EngineWorker, job: GraspJob, future: "Future[Attempt]") -> Attempt:

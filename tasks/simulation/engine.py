@@ -1,34 +1,15 @@
 """Where simulations are computed: worker processes of this machine, or of a Dask cluster. Changes no result."""
 
 import re
-from collections.abc import Callable
-from concurrent.futures import Future
 from contextlib import AbstractContextManager
-from typing import ParamSpec, Protocol, TypeVar
+from typing import Protocol
 
 from models.errors import ConfigError
-from tasks.simulation.pool import WorkerPool
+from tasks.simulation.pool import EngineWorker, WorkerPool
 
 LOCAL = "local"
 _ADDRESS = re.compile(r"(?P<scheme>dask|dask\+tls)://(?P<host>[A-Za-z0-9_.-]+):(?P<port>\d{1,5})")
 _LOOPBACK = ("localhost", "127.0.0.1")
-
-P = ParamSpec("P")
-R = TypeVar("R")
-
-
-class EngineWorker(Protocol):
-    """A process that does one thing at a time, in order. `ends_hangs`: it ends itself when a grasp hangs."""
-
-    ends_hangs: bool
-
-    def submit(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> "Future[R]":
-        """Queue `function` for the process; `concurrent.futures.BrokenExecutor` says that it died."""
-        ...
-
-    def restart(self) -> None:
-        """Kill the process, since it hangs."""
-        ...
 
 
 class Engine(Protocol):
@@ -57,7 +38,7 @@ def check_engine(address: str) -> str:
     if found["scheme"] == "dask" and found["host"] not in _LOOPBACK:
         raise ValueError(
             f"`{address}` would send programs in the clear, and whoever reaches that port can run theirs here; write "
-            "dask+tls:// (docs/scale-out.md)"
+            "dask+tls:// (docs/how-to/scale-out.md)"
         )
     return address
 

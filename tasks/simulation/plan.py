@@ -1,6 +1,5 @@
 """Simulate designs with a theta of their own, side by side: the points of a hypercube, or tools at a new theta."""
 
-import logging
 import threading
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -16,9 +15,7 @@ from models.records import Design, GraspSetup, SimulatorVersion
 from tasks.campaign.state import tuples
 from tasks.simulation.attempt import GraspJob, answer, attempt_grasp
 from tasks.simulation.pool import WorkerPool
-from tasks.simulation.simulation_rows import simulation_rows
-
-logger = logging.getLogger(__name__)
+from tasks.simulation.simulate import simulation_rows
 
 
 @dataclass(frozen=True)
@@ -148,7 +145,6 @@ def _simulate_point(
             n_made += 1
             if attempt.result is None:
                 n_failed += 1
-                logger.warning("simulation of %s on object %d failed: %s", design.design_id, object_id, attempt.message)
             rows += simulation_rows(job, attempt)
     if rows:
         lake.append(rows, plan.provenance([design.design_id, version.version_id]))

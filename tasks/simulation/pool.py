@@ -11,7 +11,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
-from typing import ParamSpec, TypeVar
+from typing import ParamSpec, Protocol, TypeVar
 
 logger = logging.getLogger(__name__)
 
@@ -19,6 +19,20 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+
+
+class EngineWorker(Protocol):
+    """A process that does one thing at a time, in order. `ends_hangs`: it ends itself when a grasp hangs."""
+
+    ends_hangs: bool
+
+    def submit(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> "Future[R]":
+        """Queue `function` for the process; `concurrent.futures.BrokenExecutor` says that it died."""
+        ...
+
+    def restart(self) -> None:
+        """Kill the process, since it hangs."""
+        ...
 
 
 class Worker:

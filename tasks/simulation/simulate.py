@@ -1,4 +1,4 @@
-"""Simulate a design on its objects: one worker process for all of them, rows every few seconds."""
+"""Simulate a design on its objects: one worker process for all of them, rows of the lake every few seconds."""
 
 import logging
 import time
@@ -8,7 +8,7 @@ from typing import Any
 from lake.tables.campaign import Row, SimTraceRow, SimulationRow, setup_columns
 from lake.tables.catalogue_rows import missing_version_rows
 from models.ids import canonical_json
-from models.records import Design, GraspSimulation
+from models.records import Design
 from tasks.campaign.campaign import Campaign
 from tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
 from tasks.simulation.engine import Engine
@@ -75,7 +75,7 @@ class _Writer:
 
     def add(self, job: GraspJob, attempt: Attempt) -> bool:
         """Take the row of a grasp, and its trace; True when it failed."""
-        self._rows += _rows(job, attempt)
+        self._rows += simulation_rows(job, attempt)
         if time.monotonic() - self._written_s >= WRITE_S:
             self._write()
         return attempt.result is None
@@ -86,11 +86,12 @@ class _Writer:
         self._rows, self._written_s = [], time.monotonic()
 
 
-def _rows(job: GraspJob, attempt: Attempt) -> list[Row]:
-    """What the lake keeps of a grasp: its row and, unless it failed, its trace."""
-    version_id, design_id = job.version.version_id, job.design.design_id
+def simulation_rows(job: GraspJob, attempt: Attempt) -> list[Row]:
+    """The row of a grasp and, if it succeeded, its trace; a failed one says why, and so does the log."""
+    version_id, design_id, setup_id = job.version.version_id, job.design.design_id, job.setup.setup_id
+    simulation_id = SimulationRow.make_id(design_id, job.object_id, version_id, setup_id)
     key: dict[str, Any] = {
-        "simulation_id": SimulationRow.make_id(design_id, job.object_id, version_id, job.setup.setup_id),
+        "simulation_id": simulation_id,
         "design_id": design_id,
         "object_id": job.object_id,
         "version_id": version_id,
@@ -98,19 +99,14 @@ def _rows(job: GraspJob, attempt: Attempt) -> list[Row]:
         **setup_columns(job.setup),
     }
     details: dict[str, Any] = {"wall_s": round(attempt.wall_s, 3)}
-    if attempt.result is None:
+    result = attempt.result
+    if result is None:
         logger.warning("simulation of %s on object %d failed: %s", design_id, job.object_id, attempt.message)
-        details["message"] = attempt.message
-        return [SimulationRow(**key, status="failed", reason=attempt.reason, details_json=canonical_json(details))]
-    trace = SimTraceRow.of(key["simulation_id"], attempt.result.trace)
-    return [trace, _result_row(key, attempt.result, details)]
-
-
-def _result_row(key: dict[str, Any], result: GraspSimulation, details: dict[str, Any]) -> SimulationRow:
-    return SimulationRow(
+        details_json = canonical_json(details | {"message": attempt.message})
+        return [SimulationRow(**key, status="failed", reason=attempt.reason, details_json=details_json)]
+    scalars = SimulationRow(
         **key,
         status="ok",
-        reason="",
         peak_force_n=result.peak_force_n,
         contact_force_n=result.contact_force_n,
         work_j=result.work_j,
@@ -118,3 +114,4 @@ def _result_row(key: dict[str, Any], result: GraspSimulation, details: dict[str,
         n_newton=result.n_newton,
         details_json=canonical_json(details | {"mesh_id": result.mesh_id}),
     )
+    return [SimTraceRow.of(simulation_id, result.trace), scalars]

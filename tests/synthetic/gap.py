@@ -1,8 +1,9 @@
 """A made-up gap problem with a known answer: closed-form grasps whose effects have made-up but sensible physics.
 
-As `tests.synthetic.traces`: a part that friction holds from the start of the lift and a normal part that
-pushes or draws late. Here tools and objects make the shape of a grasp through their designs and numbers, so that what
-is learnt of some speaks of others. Effects of cost P and those with a memory are the catalogue's own.
+A part that friction holds from the start of the lift and a normal part that pushes or draws late, so that traces tell
+friction from modulus and their peaks hardly do: the structure of the simulator's own traces. Tools and objects make the
+shape of a grasp through their designs and numbers, so that what is learnt of some speaks of others. Effects of cost P
+and those with a memory are the catalogue's own.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,9 +13,10 @@ import numpy as np
 
 from models.calibration.traces.theta_grid import ThetaGrid
 from models.design.space import numbered_design, to_unit
-from models.gap.bank.plan import AMPLITUDES, CENTRE, NUMERICAL_MESHES, WIDER_MM
-from models.gap.bank.sensor_effects import lead_means
-from models.gap.problem import Bank, Field, GapProblem, Grasps
+from models.gap.bank.bank import AMPLITUDES, CENTRE, NUMERICAL_MESHES, WIDER_MM, Bank, EffectRuns
+from models.gap.bank.sensor_effects import read_lead
+from models.gap.data import GapData
+from models.gap.grasps import Grasps
 from models.records import Design, EffectValue, GraspContext, GraspSetup, Theta, Trace
 from models.simulation.effects.catalogue import CATALOGUE, build_effects
 from models.traces.step_features import N_STEPS, step_means
@@ -54,7 +56,7 @@ def made_up_gap(
     *,
     n_repeats: int = 3,
     held_out: tuple[int, int] = (0, 0),
-) -> GapProblem:
+) -> GapData:
     """A problem of numbered designs on the first of `OBJECTS`; the last `held_out` tools and objects are held out."""
     rng = np.random.default_rng(seed)
     designs = tuple(numbered_design(number) for number in range(n_tools))
@@ -75,15 +77,17 @@ def made_up_gap(
         setup=GraspSetup(),
     )
     masks = [np.arange(n) >= n - left for n, left in zip((n_tools, n_objects), held_out, strict=True)]
-    return GapProblem(grasps, made_up_bank(shapes), *masks)
+    return GapData(grasps, made_up_bank(shapes), *masks)
 
 
 def made_up_bank(shapes: np.ndarray) -> Bank:
-    """The bank of grasps of these shapes (t x o x 4), as `models.gap.bank.plan` asks for it."""
+    """The bank of grasps of these shapes (t x o x 4), as `models.gap.bank.bank` asks for it."""
     points = ThetaGrid().points
     grid = [CENTRE.model_copy(update={"friction": mu, "poisson_ratio": nu}) for mu, nu in points]
-    fields = {
-        name: Field(name, rows, np.stack([_steps(shapes, CENTRE, {name: _whole(name, row)}) for row in rows], axis=2))
+    effects = {
+        name: EffectRuns(
+            name, rows, np.stack([_steps(shapes, CENTRE, {name: _whole(name, row)}) for row in rows], axis=2)
+        )
         for name, rows in AMPLITUDES.items()
         if name in _MADE_UP
     }
@@ -96,7 +100,7 @@ def made_up_bank(shapes: np.ndarray) -> Bank:
         numerical_steps_n=np.stack([_steps(shapes, CENTRE, mesh=row) for row in np.eye(len(NUMERICAL_MESHES))], axis=2),
         wider_mm=np.array(WIDER_MM),
         wider_steps_n=np.stack([_steps(shapes, CENTRE, wider_mm=wider) for wider in WIDER_MM], axis=2),
-        fields=fields,
+        effects=effects,
     )
 
 
@@ -204,7 +208,7 @@ def _steps(
 
 def _leads(shapes: np.ndarray, theta: Theta) -> np.ndarray:
     """What is before the lift, t x o x 12: made-up grasps hold."""
-    leads = [lead_means(made_up_trace(shape, theta), GraspSetup()) for shape in shapes.reshape(-1, shapes.shape[-1])]
+    leads = [read_lead(made_up_trace(shape, theta), GraspSetup()) for shape in shapes.reshape(-1, shapes.shape[-1])]
     return np.array(leads).reshape(*shapes.shape[:-1], -1)
 
 

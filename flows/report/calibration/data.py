@@ -1,27 +1,30 @@
-"""A calibration as the lake has it: its row, draws, history, and the data it learned from."""
+"""A calibration as the lake has it: row, draws, history, the data it learned from; and all that as an ArviZ file."""
 
-import json
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
-from flows.report.calibration.agreement import Cloud, Panel
+from flows.report.calibration.prediction_figures import Cloud, Panel
 from flows.report.campaign.queries import Result, fetch
 from lake.store import Lake
-from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow
-from models.calibration.inference.diagnostics import convergence
+from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow, SimulatorVersionRow
+from models.calibration.inference.diagnostics import measure_convergence
 from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.inference.summary import ParameterSummary, summary_of
-from models.calibration.means.leave_one_out import CalibrationChecks, check_calibration
-from models.calibration.means.parameters import Layout
+from models.calibration.inference.settings import CalibrationSettings, read_settings
+from models.calibration.inference.summary import ParameterSummary, summarise_all
+from models.calibration.means.checks import CalibrationChecks, check_calibration
+from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.predict import N_DRAWS, predict_measured, predict_simulated
 from models.calibration.means.problem import THETA, CalibrationProblem, Standardised
 from models.design.space import PARAMETERS
 from models.errors import UsageError
+from models.records import Theta
+from models.units import unit_of
 from models.validation import closest
 from tasks.calibration.drift import PastCalibration
 from tasks.calibration.means import regather
@@ -85,6 +88,7 @@ class StoredCalibration:
     queries: dict[str, Result]
     evidence: Evidence | None = None
     n_predicted: int = N_DRAWS
+    version_theta: Theta | None = None  # of the simulator version that it gave
 
     @staticmethod
     def load(
@@ -108,12 +112,14 @@ class StoredCalibration:
             for name, sql in (("calibration", CALIBRATION), ("posterior_draws", DRAWS), ("history", HISTORY))
         }
         found = Evidence.of(lake, calibration_id) if evidence is None else evidence
-        return StoredCalibration(row, rows[-1]["created_at"], _result(lake, row), results, found, n_predicted)
+        versions = lake.records(SimulatorVersionRow, version_id=row.version_id) if row.version_id else []
+        theta = versions[-1].version.theta if versions else None
+        return StoredCalibration(row, rows[-1]["created_at"], _result(lake, row), results, found, n_predicted, theta)
 
     @cached_property
     def summary(self) -> dict[str, ParameterSummary]:
         """Statistics of every parameter."""
-        return summary_of(self.result, self.force_scale_n)
+        return summarise_all(self.result, self.force_scale_n)
 
     @property
     def simulations(self) -> str:
@@ -187,11 +193,11 @@ def _result(lake: Lake, row: CalibrationRow) -> CalibrationResult:
         what = f"draws of {missing[0]}" if missing else "any draws"
         raise UsageError(f"Calibration {row.calibration_id} is stored without {what}; run `fast calibrate` again.")
     values = np.array([[draws[name, chain] for name in names] for chain in chains]).swapaxes(1, 2)
-    r_hat, ess_bulk, ess_tail = convergence(names, values)
+    r_hat, ess_bulk, ess_tail = measure_convergence(names, values)
     return CalibrationResult(
         names=names,
         draws=values,
-        settings=_settings(row.settings_json),
+        settings=read_settings(row.settings_json),
         method=row.sampler,
         r_hat=r_hat,
         ess_bulk=ess_bulk,
@@ -204,19 +210,92 @@ def _result(lake: Lake, row: CalibrationRow) -> CalibrationResult:
 
 
 def _ordered(parameters: set[str]) -> tuple[str, ...]:
-    """The order of `Layout.names`; parameters that it does not know follow by name."""
+    """The order of `ParameterVector.names`; parameters that it does not know follow by name."""
     settings = CalibrationSettings()
     n_inputs = len(PARAMETERS) + (3 if "lengthscale_h.young_modulus_mpa" in parameters else 2)
-    known = Layout(n_inputs, "rho" in parameters, settings.priors).names
+    known = ParameterVector(n_inputs, "rho" in parameters, settings.priors).names
     return (*(name for name in known if name in parameters), *sorted(parameters.difference(known)))
-
-
-def _settings(settings_json: str) -> CalibrationSettings:
-    stored = json.loads(settings_json)
-    return CalibrationSettings(**{name: stored[name] for name in CalibrationSettings.model_fields if name in stored})
 
 
 def _interval(row: dict[str, float], name: str) -> tuple[float, float, float]:
     stem, unit = name.removesuffix("_mpa"), "_mpa" if name.endswith("_mpa") else ""
     q05, median, q95 = (float(row[f"{stem}_{column}{unit}"]) for column in ("q05", "median", "q95"))
     return q05, median, q95
+
+
+def write_archive(path: Path, result: CalibrationResult, calibration_id: str, data: CalibrationProblem | None) -> Path:
+    """Write the draws as NetCDF, which `arviz.from_netcdf` and whatever reads HDF5 read.
+
+    Diagnostics are attributes; the data, where known, constant and observed data.
+    """
+    with warnings.catch_warnings():  # ArviZ announces its next version on import
+        warnings.simplefilter("ignore", FutureWarning)
+        import arviz
+    posterior, dims, coords = _posterior(result)
+    constant, observed = ({}, {}) if data is None else _data(data)
+    archive = arviz.from_dict(
+        posterior=posterior,
+        constant_data=constant or None,
+        observed_data=observed or None,
+        dims=dims | {name: axes for name, axes in _DATA_DIMS.items() if name in constant | observed},
+        coords=coords,
+        posterior_attrs=_attributes(result, calibration_id),
+    )
+    for name, values in archive.posterior.data_vars.items():
+        if unit := unit_of(str(name)):
+            values.attrs["units"] = unit
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)  # a file that a reader still has open keeps its content
+    archive.to_netcdf(str(path), engine="h5netcdf")
+    return path
+
+
+_DATA_DIMS = {
+    "x_sim": ["simulation", "design_parameter"],
+    "theta_sim": ["simulation", "theta_parameter"],
+    "y_sim_n": ["simulation"],
+    "variance_sim_n2": ["simulation"],
+    "x_real": ["measurement", "design_parameter"],
+    "y_real_n": ["measurement"],
+    "variance_real_n2": ["measurement"],
+}
+
+
+def _posterior(
+    result: CalibrationResult,
+) -> tuple[dict[str, np.ndarray], dict[str, list[str]], dict[str, list[str]]]:
+    """Variables (chains x n, or chains x n x inputs), their dimensions, and the names of the inputs."""
+    variables: dict[str, np.ndarray] = {}
+    dims: dict[str, list[str]] = {}
+    coords = {"design_parameter": list(PARAMETERS), "theta_parameter": list(THETA)}
+    for kernel in ("h", "e"):
+        names = [name for name in result.names if name.startswith(f"lengthscale_{kernel}.")]
+        if names:
+            variables[f"lengthscale_{kernel}"] = np.stack([result.of(name) for name in names], axis=-1)
+            dims[f"lengthscale_{kernel}"] = [f"input_{kernel}"]
+            coords[f"input_{kernel}"] = [name.partition(".")[2] for name in names]
+    variables |= {name: result.of(name) for name in result.names if "." not in name}
+    return variables, dims, coords
+
+
+def _data(data: CalibrationProblem) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    constant = {
+        "x_sim": data.x_sim,
+        "theta_sim": data.theta_sim,
+        "variance_sim_n2": data.variance_sim,
+        "x_real": data.x_real,
+        "variance_real_n2": data.variance_real,
+    }
+    return constant, {"y_sim_n": data.y_sim, "y_real_n": data.y_real}
+
+
+def _attributes(result: CalibrationResult, calibration_id: str) -> dict[str, str | float | int]:
+    known: dict[str, str | float | int] = {
+        "calibration_id": calibration_id,
+        "method": result.method,
+        "n_divergences": result.n_divergences,
+        "k_hat": np.nan if result.k_hat is None else result.k_hat,
+        "warnings": "\n".join(result.warnings),
+        "settings": result.settings.model_dump_json(),
+    }
+    return {name: value for name, value in known.items() if value != ""}

@@ -3,9 +3,8 @@
 import logging
 from pathlib import Path
 
-from flows.report.calibration.archive import write_archive
-from flows.report.calibration.data import Evidence, StoredCalibration
-from flows.report.calibration.pairs import Markers, pairs_figure
+from flows.report.calibration.data import Evidence, StoredCalibration, write_archive
+from flows.report.calibration.posterior_figures import Markers, pairs_figure
 from flows.report.calibration.sections import (
     agreement_columns,
     agreement_section,

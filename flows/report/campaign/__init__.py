@@ -1,1 +1,1 @@
-"""The report of a campaign: its sections and figures."""
+"""The report of a campaign: `content` fetches what `queries` ask; each other file is one place that a reader sees."""

@@ -1,14 +1,47 @@
-"""Sections of the report that say what it took and where every number came from."""
+"""Sections of the report that say what it took, where every number came from, and where the paper's figures are."""
 
 import json
 
 from flows.report.campaign import queries
-from flows.report.campaign.content import Content
+from flows.report.campaign.content import NOT_MEASURED, Content
 from flows.report.campaign.facts import Tool
-from flows.report.campaign.results import NOT_MEASURED
-from flows.report.campaign.throughput import throughput
+from flows.report.campaign.queries import Result
 from flows.report.folder import Folder
-from flows.report.html import DASH, Markup, moment, number, paragraph, section, table, text
+from flows.report.html import DASH, Markup, count, moment, number, paragraph, section, table, text
+
+PAPER = {"grasp_s": "15", "grasps_per_hour": "240, the most", "measured": "8,532", "simulated": "50,608"}  # Results
+
+_LOCKSTEP = Markup(
+    "This virtual bench worked in lockstep: it does not wait, and the clock times below are the computer's. "
+    "<code>fast gantry plan</code> says what the same batch takes on a bench."
+)
+
+_NO_MEASUREMENT = "needs a measured tool"
+_NO_CALIBRATION = "needs a calibration: fast calibrate"
+_NO_PAIRS = "needs a measured design that was simulated with the same grasp setup"
+_NO_BASELINE = "needs a second approach: fast compare, then fast report CAMPAIGN --against LAKE"
+_NO_FIT = "needs a fit of the surrogate or a calibration"
+
+# Figure, what it shows, anchor in the page, marks of which one must be in the page, what is missing where none is.
+_ROWS = (
+    ("Fig. 2a", "Tools found, against other approaches", "baselines", ("figures/approaches.svg",), _NO_BASELINE),
+    ("Fig. 2a", "Tool quality by batch", "progress", ("figures/quality_by_batch.svg",), _NO_MEASUREMENT),
+    ("Fig. 2b", "Closure and pull-up of a grasp", "moments", ("figures/moments/",), _NO_MEASUREMENT),
+    ("Fig. 2c", "Work to break the grasp, by object", "work", ("figures/work_by_object.svg",), _NO_MEASUREMENT),
+    ("Table 1", "Parameters of the best finger", "best", ("figures/profile.svg",), _NO_MEASUREMENT),
+    ("Fig. 3a", "Simulated against measured", "agreement", ("figures/agreement_designs.svg",), _NO_PAIRS),
+    ("Fig. 3b", "The same after calibration", "calibration", ("figures/calibration_agreement",), _NO_CALIBRATION),
+    ("Fig. 4", "Joint posterior of theta", "calibration", ("figures/calibration_pairs.svg",), _NO_CALIBRATION),
+    ("Table 2", "Statistics of the posterior", "calibration", ("figures/calibration_pairs.svg",), _NO_CALIBRATION),
+    ("Fig. 5a, b", "Traces of the first and the last batch", "traces", ("figures/traces/",), _NO_MEASUREMENT),
+    ("Fig. 5c-f", "Traces by shape", "shapes", ("figures/shapes/",), _NO_MEASUREMENT),
+    ("Fig. 5g", "Grasps lost too early", "shapes", ("early_losses.sql",), _NO_MEASUREMENT),
+    ("Suppl. 1, 2", "Noise and amplitude of the discrepancy", "supplement", ("calibration_noise.svg", "tool_sd.svg"),
+     _NO_CALIBRATION),
+    ("Suppl. 3, 4", "Sensitivities: lengthscales of k_eps and k_h", "supplement", ("calibration_sensitivity",), ""),
+    ("Suppl. 3, 4", "The same, of the surrogate", "surrogate", ("figures/relevance.svg",), _NO_FIT),
+    ("Resource usage", "Throughput", "cost", ("throughput.sql",), _NO_MEASUREMENT),
+)  # fmt: skip
 
 
 def tools_section(content: Content, folder: Folder) -> Markup:
@@ -63,7 +96,7 @@ def _bar(tool: Tool, top: float) -> Markup:
 def cost_section(content: Content, folder: Folder) -> Markup:
     """Batches, throughput, simulations and failures."""
     failures = content.result("failures", queries.FAILURES)
-    pace, throughput_source = throughput(content)
+    pace, throughput_source = describe_throughput(content)
     reasons = [(row["what"], row["reason"], row["n"]) for row in failures.rows]
     return section(
         "cost",
@@ -77,6 +110,31 @@ def cost_section(content: Content, folder: Folder) -> Markup:
         table(("what failed", "reason", "times"), reasons, numeric=(2,), empty="Nothing failed."),
         folder.sources(content.batches, content.cost, failures, throughput_source),
     )
+
+
+def describe_throughput(content: Content) -> tuple[Markup, Result]:
+    """Counts, seconds per grasp, grasps per hour, and what was simulated while the bench worked."""
+    result = content.result("throughput", queries.THROUGHPUT)
+    row = result.rows[0]
+    pause, trace_s = row["median_interval_s"], row["median_trace_s"]
+    is_lockstep = bool(row["is_virtual"] and pause and trace_s and pause < trace_s)
+    if is_lockstep:
+        pause = None
+    rows = [
+        ("grasps measured, failed ones too", number(row["n_grasps"], 0), PAPER["measured"]),
+        ("grasps simulated", number(row["n_simulated"], 0), PAPER["simulated"]),
+        (
+            f"of these, within {queries.MEANWHILE_S:g} s of a measured grasp",
+            number(row["n_simulated_meanwhile"], 0),
+            DASH,
+        ),
+        ("closing and lift of a grasp (s), by its trace", number(trace_s, 1), DASH),
+        ("start of a grasp to start of the next (s), within a tool", number(pause, 1), PAPER["grasp_s"]),
+        ("grasps per hour at that pace", number(3600 / pause if pause else None, 0), PAPER["grasps_per_hour"]),
+    ]
+    shown = table(("throughput", "this campaign", "paper"), rows, numeric=(1, 2))
+    shown = Markup(f'<div class="words">{shown}</div>')
+    return Markup(shown + (paragraph(_LOCKSTEP, "note") if is_lockstep else "")), result
 
 
 def _batches_table(content: Content) -> Markup:
@@ -175,7 +233,8 @@ def _lineage(content: Content, folder: Folder) -> str:
         f"Measured after printing: {', '.join(measured)}." if measured else "Walls and hardness were not measured.",
         f"{row['n_grasps']} grasps from {moment(row['first_grasp_at'])} to {moment(row['last_grasp_at'])} UTC, each "
         "with its raw trace.",
-        f"Peak of each trace, mean over repeats, mean over {best.n_objects} objects: {number(best.quality_n, 2, 'N')}.",
+        f"Peak of each trace, mean over repeats, mean over {count(best.n_objects, 'object')}: "
+        f"{number(best.quality_n, 2, 'N')}.",
     ]  # fmt: skip
     items = "".join(f"<li>{text(step)}</li>" for step in steps)
     commands = (
@@ -190,3 +249,17 @@ def _lineage(content: Content, folder: Folder) -> str:
 
 def _who(row: dict) -> str:
     return row["operator"] or {"person": "a person", "auto": "the campaign itself"}[row["confirmed_by"]]
+
+
+def paper_section(body: str) -> Markup:
+    """A table of the paper's figures with links into the page made so far."""
+    rows = []
+    for figure, what, anchor, marks, missing in _ROWS:
+        is_there = any(mark in body for mark in marks)
+        where = Markup(f'<a href="#{anchor}">here</a>') if is_there else missing or _NO_CALIBRATION
+        rows.append((figure, what, where))
+    note = paragraph(
+        "Fig. 1 shows the authors' platform. Fig. 2b: photographs there, drawn from the simulator here.", "note"
+    )
+    shown = table(("paper", "what it shows", "in this report"), rows)
+    return section("paper", "The paper's figures and tables", f'<div class="words">{shown}</div>', note)

@@ -7,12 +7,11 @@ from functools import cached_property
 from flows.report.campaign import queries
 from flows.report.campaign.facts import (
     Tool,
-    best_tool,
-    compared_versions,
-    first_batch,
-    last_batch,
-    middle_tool,
-    tools_of,
+    find_best_tool,
+    find_first_batch,
+    find_last_batch,
+    read_tools,
+    versions_to_compare,
 )
 from flows.report.campaign.queries import Result, fetch
 from lake.store import Lake
@@ -21,6 +20,10 @@ from models.design.space import PARAMETERS
 from models.errors import UsageError
 from models.records import Design
 from models.validation import closest
+
+NOT_MEASURED = (
+    "No tool of this campaign has been measured on any object yet; this part fills itself with the first batch."
+)
 
 
 @dataclass(frozen=True)
@@ -99,32 +102,27 @@ class Content:
     @cached_property
     def tools(self) -> list[Tool]:
         """All tools."""
-        return tools_of(self.quality.rows)
+        return read_tools(self.quality.rows)
 
     @cached_property
     def best(self) -> Tool | None:
         """The best tool, None before the first measurement."""
-        return best_tool(self.tools)
+        return find_best_tool(self.tools)
 
     @cached_property
     def first(self) -> list[Tool]:
         """Tools of the first random batch."""
-        return first_batch(self.tools)
+        return find_first_batch(self.tools)
 
     @cached_property
     def last(self) -> list[Tool]:
         """Tools of the newest measured batch."""
-        return last_batch(self.tools)
+        return find_last_batch(self.tools)
 
     @cached_property
     def compared(self) -> list[str]:
         """Simulator versions that are compared with measurements, oldest first."""
-        return compared_versions(self.pairs.rows, [row["version_id"] for row in self.versions.rows])
-
-    @cached_property
-    def rival(self) -> Tool | None:
-        """The tool the best one is shown against: of median quality in the first batch, never itself."""
-        return middle_tool([t for t in self.first if t is not self.best])
+        return versions_to_compare(self.pairs.rows, [row["version_id"] for row in self.versions.rows])
 
     def design_of(self, tool: Tool) -> Design:
         """Design of a mounted tool."""

@@ -60,7 +60,7 @@ class Pair:
     n_objects: int
 
 
-def tools_of(rows: Sequence[Mapping[str, Any]]) -> list[Tool]:
+def read_tools(rows: Sequence[Mapping[str, Any]]) -> list[Tool]:
     """Tools in order of batch and slot; complete means measured on as many objects as the best covered tool."""
     most = max((row["n_objects"] for row in rows), default=0)
     return [
@@ -85,12 +85,12 @@ def _half_width(standard_error: float | None, n_freedom: int | None) -> float | 
     return float(stats.t.ppf(0.5 + CONFIDENCE / 2, n_freedom)) * standard_error
 
 
-def best_tool(tools: Sequence[Tool]) -> Tool | None:
+def find_best_tool(tools: Sequence[Tool]) -> Tool | None:
     """Highest tool quality among the completely measured tools (a few easy objects do not make a good tool)."""
     return max((t for t in tools if t.is_complete), key=_quality, default=None)
 
 
-def first_batch(tools: Sequence[Tool]) -> list[Tool]:
+def find_first_batch(tools: Sequence[Tool]) -> list[Tool]:
     """The completely measured tools of the first random batch (of the first batch, where none was random)."""
     measured = [t for t in tools if t.is_complete]
     random = [t for t in measured if t.kind == "random"] or measured
@@ -98,17 +98,11 @@ def first_batch(tools: Sequence[Tool]) -> list[Tool]:
     return [t for t in random if t.batch == first]
 
 
-def last_batch(tools: Sequence[Tool]) -> list[Tool]:
+def find_last_batch(tools: Sequence[Tool]) -> list[Tool]:
     """The completely measured tools of the newest batch that has any."""
     measured = [t for t in tools if t.is_complete]
     last = max((t.batch for t in measured), default=0)
     return [t for t in measured if t.batch == last]
-
-
-def middle_tool(tools: Sequence[Tool]) -> Tool | None:
-    """The tool of median quality (the lower one of two)."""
-    ranked = sorted(tools, key=_quality)
-    return ranked[(len(ranked) - 1) // 2] if ranked else None
 
 
 def mean_quality_n(tools: Sequence[Tool]) -> float:
@@ -116,19 +110,19 @@ def mean_quality_n(tools: Sequence[Tool]) -> float:
     return float(np.mean([_quality(t) for t in tools]))
 
 
-def n_objects_won(work_rows: Sequence[Mapping[str, Any]], winner: Tool, others: Sequence[Tool]) -> tuple[int, int]:
+def count_objects_won(work_rows: Sequence[Mapping[str, Any]], winner: Tool, others: Sequence[Tool]) -> tuple[int, int]:
     """On how many objects the winner's mean peak force is above the mean of the others; and of how many."""
     peaks: dict[tuple[int, int], dict[int, float]] = defaultdict(dict)
     for row in work_rows:
         peaks[row["batch"], row["slot"]][row["object_id"]] = row["peak_force_n"]
-    rivals = [peaks[t.batch, t.slot] for t in others]
+    theirs = [peaks[t.batch, t.slot] for t in others]
     mine = peaks[winner.batch, winner.slot]
-    shared = [o for o in mine if all(o in rival for rival in rivals)]
-    won = [o for o in shared if mine[o] > np.mean([rival[o] for rival in rivals])]
+    shared = [o for o in mine if all(o in other for other in theirs)]
+    won = [o for o in shared if mine[o] > np.mean([other[o] for other in theirs])]
     return len(won), len(shared)
 
 
-def object_pairs(rows: Sequence[Mapping[str, Any]], version_id: str) -> list[Pair]:
+def pair_objects(rows: Sequence[Mapping[str, Any]], version_id: str) -> list[Pair]:
     """One pair per tool and object that a simulator version has simulated and the bench has measured."""
     return [
         Pair(tool_label(r["batch"], r["slot"]), r["batch"], r["simulated_n"], r["measured_n"], 1)
@@ -137,7 +131,7 @@ def object_pairs(rows: Sequence[Mapping[str, Any]], version_id: str) -> list[Pai
     ]
 
 
-def design_pairs(pairs: Sequence[Pair]) -> list[Pair]:
+def pair_designs(pairs: Sequence[Pair]) -> list[Pair]:
     """One pair per tool: means over the objects it has in common with the simulation."""
     grouped: dict[tuple[int, str], list[Pair]] = defaultdict(list)
     for pair in pairs:
@@ -154,7 +148,7 @@ def design_pairs(pairs: Sequence[Pair]) -> list[Pair]:
     ]
 
 
-def agreement(pairs: Sequence[Pair]) -> Agreement:
+def measure_agreement(pairs: Sequence[Pair]) -> Agreement:
     """Pearson and Spearman correlation, root mean square error and mean error (simulated - measured), in N."""
     simulated = np.array([p.simulated_n for p in pairs])
     measured = np.array([p.measured_n for p in pairs])
@@ -169,7 +163,7 @@ def agreement(pairs: Sequence[Pair]) -> Agreement:
     )
 
 
-def compared_versions(rows: Sequence[Mapping[str, Any]], ordered: Sequence[str]) -> list[str]:
+def versions_to_compare(rows: Sequence[Mapping[str, Any]], ordered: Sequence[str]) -> list[str]:
     """Simulator versions to compare with measurements: the oldest and the newest that have pairs.
 
     Where any is of the production tier, only that tier is compared. `ordered` lists versions by age.

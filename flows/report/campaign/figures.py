@@ -14,6 +14,7 @@ from flows.report.style import BEST, FAINT, FIRST, INK, MUTED, SIMULATED, WIDTH_
 ROW_IN = 0.2
 BOX_FROM_N = 5
 DENSE_PAIRS = 400
+MARKS = {"random": (FIRST, "o"), "guided": (BEST, "D"), "imported": (MUTED, "s")}  # colour and marker by kind of design
 
 
 def quality_figure(tools: Sequence[Tool], best: Tool) -> Figure:
@@ -27,10 +28,10 @@ def quality_figure(tools: Sequence[Tool], best: Tool) -> Figure:
         axes.text(batch, 0.005, _kind(measured, batch), transform=axes.get_xaxis_transform(),
                   ha="center", va="bottom", fontsize=7.5, color=MUTED)  # fmt: skip
     for tool in measured:
-        colour = FIRST if tool.kind == "random" else BEST
+        colour, marker = MARKS.get(tool.kind, MARKS["imported"])
         axes.errorbar(
             tool.batch + _offset(tool.slot), tool.quality_n or 0.0, yerr=tool.half_width_n,
-            fmt="o" if tool.kind == "random" else "D", color=colour, ecolor=colour, elinewidth=0.8,
+            fmt=marker, color=colour, ecolor=colour, elinewidth=0.8,
             markersize=4.2, markerfacecolor=colour if tool.is_complete else "white", markeredgewidth=0.9,
         )  # fmt: skip
     so_far = np.maximum.accumulate(
@@ -40,7 +41,7 @@ def quality_figure(tools: Sequence[Tool], best: Tool) -> Figure:
     axes.plot(edges, np.repeat(so_far, 2), color=INK, linewidth=1.1, linestyle=(0, (4, 2)), label="best so far")
     axes.annotate(
         best.label, (best.batch + _offset(best.slot), best.quality_n or 0.0), xytext=(0, 9),
-        textcoords="offset points", ha="center", fontweight="bold", color=FIRST if best.kind == "random" else BEST,
+        textcoords="offset points", ha="center", fontweight="bold", color=MARKS.get(best.kind, MARKS["imported"])[0],
     )  # fmt: skip
     axes.set_xticks(batches, [f"B{b:02d}" for b in batches])
     axes.set_xlim(batches[0] - 0.6, batches[-1] + 0.6)

@@ -1,4 +1,4 @@
-"""Pictures of one finger: its printed body in 3-D, and its planar profile with dimensions."""
+"""The best finger: its printed body in 3-D, its profile with dimensions, and its parameters (Table 1)."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -7,14 +7,73 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 from shapely.geometry import Polygon, box
 
-from flows.report.rasteriser import Body, render
+from flows.report.campaign.content import NOT_MEASURED, Content
+from flows.report.folder import Folder
+from flows.report.html import Markup, columns, number, paragraph, picture, section, table, text
+from flows.report.mesh_picture import Body, render
 from flows.report.style import BEST, COMPLIANT, INK, MUTED, RIGID, new_axes
 from models.design.finger import finger_bodies
 from models.design.profile import APEX_EXTRA_MM, BASE_HEIGHT_MM, planar_profile
+from models.design.space import BEST_PUBLISHED, LOWER, PARAMETERS, UPPER
 from models.records import Design
+from models.units import unit_of
 
 PICTURE_PX = 1100
 PROFILE_SIZE_IN = (2.9, 5.0)
+SYMBOLS = {
+    "length_mm": "L",
+    "width_mm": "W",
+    "height_mm": "H",
+    "tip_length_mm": "L<sub>tip</sub>",
+    "front_thickness_mm": "T<sub>f</sub>",
+    "back_thickness_mm": "T<sub>b</sub>",
+    "rib_thickness_mm": "T<sub>r</sub>",
+    "rib_count": "N",
+    "rib_angle_deg": "α",
+}
+
+
+def best_section(content: Content, folder: Folder) -> Markup:
+    """The best finger: picture, profile, parameters next to the paper's."""
+    best = content.best
+    if best is None:
+        return section("best", "The best finger", paragraph(NOT_MEASURED))
+    design = content.design_of(best)
+    address = folder.image("finger", finger_picture(design, best.label))
+    seen = picture(address, f"Finger {best.label} in three dimensions",
+                   "As printed: compliant body (blue) on its rigid base (grey), front wall on the left.")  # fmt: skip
+    profile = folder.figure("profile", profile_figure(design), f"Profile of finger {best.label} with dimensions",
+                            f"Profile in mm; extruded to W {design.width_mm:.1f} mm.")  # fmt: skip
+    rows = []
+    for name, low, high in zip(PARAMETERS, LOWER, UPPER, strict=True):
+        mine, published = design.model_dump()[name], BEST_PUBLISHED.model_dump()[name]
+        digits = 0 if name == "rib_count" else 2
+        rows.append(
+            (Markup(f"{text(_words(name))} <i>{SYMBOLS[name]}</i>"), number(mine, digits), number(published, digits),
+             _range_mark(mine, published, low, high))
+        )  # fmt: skip
+    parameters = table(("parameter", best.label, "paper", "allowed range"), rows, numeric=(1, 2))
+    note = paragraph(
+        "Blue dot: this design; ring: the paper's best tool (Table 1, B07T8, 29.68 N on the authors' bench, whose "
+        "stroke and objects are not all published, so forces compare only within this campaign).", "note",
+    )  # fmt: skip
+    right = f'<div class="params">{parameters}</div>{note}'
+    return section(
+        "best", f"The best finger, {best.label}", columns(seen, profile, right, css="finger"),
+        folder.sources(content.designs),
+    )  # fmt: skip
+
+
+def _words(name: str) -> str:
+    unit = unit_of(name)
+    words = name.rsplit("_", 1)[0] if unit else name
+    return words.replace("_", " ") + (f" ({unit})" if unit else "")
+
+
+def _range_mark(mine: float, published: float, low: float, high: float) -> Markup:
+    places = [100 * (value - low) / (high - low) for value in (published, mine)]
+    dots = f'<i class="paper" style="left:{places[0]:.1f}%"></i><i style="left:{places[1]:.1f}%"></i>'
+    return Markup(f'{low:g} <span class="range">{dots}</span> {high:g}')
 
 
 def finger_picture(design: Design, mark: str) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -11,59 +12,20 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from flows.report.grasp_frames import Frame, Instant, largest_force_n
 from flows.report.style import COMPLIANT, FAINT, INK, MUTED, OBJECT, RIGID, SIMULATED, new_figure
 from models.objects.catalogue import RigidObject
 from models.objects.distance import distance
 from models.objects.primitives import bounds
-from models.records import GraspSimulation, Trace
-from models.simulation.output.recording import SIDES, GraspRecording, Side, Snapshot
-from models.simulation.output.surface import section_of, section_outline
+from models.records import GraspSimulation
 
 FORCE_COLOURS = "plasma_r"
-CELL_MM = 3.0  # contact forces are summed over cells of this size
 ARROW_MM = 22.0  # length of the largest arrow
 BASE_MM = 4.0  # drawn height of the rigid base
 PANEL_IN = 2.3
 MARGIN_MM = 4.0
 GRID_MM = 0.5
 N_SLICES = 41  # of the object along y
-SIGNS = dict(zip(SIDES, (1.0, -1.0), strict=True))
-
-
-@dataclass(frozen=True)
-class Instant:
-    """A named instant of a grasp: one snapshot per finger, and the force on the load cell in N."""
-
-    name: str
-    snapshots: dict[Side, Snapshot]
-    force_n: float
-
-    @property
-    def right(self) -> Snapshot:
-        """The finger on the +x side."""
-        return self.snapshots["right"]
-
-
-def five_instants(recording: GraspRecording, trace: Trace) -> list[Instant]:
-    """Touch, half closed, closed, peak, and the last contact of the lift; none of an empty recording."""
-    if recording.is_empty:
-        return []
-    snapshots = recording.of("right")
-    closing = [s for s in snapshots if s.phase == "closing"]
-    lift = [s for s in snapshots if s.phase == "lift"]
-    middle = 0.5 * (closing[0].travel_mm + closing[-1].travel_mm)
-    half = min(closing, key=lambda s: abs(s.travel_mm - middle))
-    lifting = trace.is_lift
-    peak_s = float(trace.time_s[lifting][np.argmax(trace.force_n[lifting])])
-    peak = min(lift, key=lambda s: abs(s.time_s - peak_s))
-    last = max((s for s in lift if s.pressure.size), key=lambda s: s.time_s, default=lift[-1])
-    named = {"touch": closing[0], "half closed": half, "closed": closing[-1], "peak": peak, "last contact": last}
-    return [_instant(recording, trace, name, snapshot.time_s) for name, snapshot in named.items()]
-
-
-def _instant(recording: GraspRecording, trace: Trace, name: str, time_s: float) -> Instant:
-    near: dict[Side, Snapshot] = {side: min(recording.of(side), key=lambda s: abs(s.time_s - time_s)) for side in SIDES}
-    return Instant(name, near, float(np.interp(time_s, trace.time_s, trace.force_n)))
 
 
 def trace_figure(result: GraspSimulation, instants: Sequence[Instant], title: str) -> Figure:
@@ -124,7 +86,6 @@ class Stage:
         silhouette: of the object, as `_silhouette` gives it.
         top_kpa: pressure of the darkest dots; a few points on edges carry ten times that of all others.
         longest_n: force of the arrow of `ARROW_MM`.
-        mm_per_n: length of the arrows over forces at the reference modulus.
     """
 
     low: np.ndarray
@@ -132,17 +93,14 @@ class Stage:
     silhouette: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     top_kpa: float
     longest_n: float
-    mm_per_n: float
 
     @classmethod
     def of(cls, obj: RigidObject, instants: Sequence[Instant]) -> "Stage":
         """The stage that holds all of these instants."""
-        pressed = [s.pressure * s.scale * 1e3 for i in instants for s in i.snapshots.values() if s.pressure.size]
+        frames = [frame for instant in instants for frame in instant.frames.values()]
+        pressed = [frame.pressure_kpa for frame in frames if frame.pressure_kpa.size]
         top_kpa = float(np.percentile(np.concatenate(pressed), 98.0)) if pressed else 1.0
-        largest = max(
-            (float(np.linalg.norm(f, axis=1).max()) for i in instants for _, f in _all_forces(i)), default=1.0
-        )
-        return cls(*_limits(instants, obj), _silhouette(obj), top_kpa, largest * _scale(instants), ARROW_MM / largest)
+        return cls(*_limits(frames, obj), _silhouette(obj), top_kpa, largest_force_n(frames))
 
     @property
     def height_over_width(self) -> float:
@@ -162,9 +120,9 @@ class Stage:
         dots where the finger is pressed, coloured by pressure, and arrows for the object's force on the finger.
         """
         _draw_object(axes, *self.silhouette)
-        for side, snapshot in instant.snapshots.items():
-            _draw_finger(axes, snapshot, SIGNS[side])
-            _draw_pressure(axes, snapshot, SIGNS[side], self.colours, self.mm_per_n)
+        for frame in instant.frames.values():
+            _draw_finger(axes, frame)
+            _draw_pressure(axes, frame, self.colours, ARROW_MM / self.longest_n)
         axes.set_xlim(self.low[0], self.high[0])
         axes.set_ylim(self.low[1], self.high[1])
         axes.set_aspect("equal")
@@ -203,36 +161,11 @@ def _caption(number: int, instant: Instant) -> str:
     return f"{number}  {instant.name}\n{where}\n{force:.2f} N on the load cell"
 
 
-def _scale(instants: Sequence[Instant]) -> float:
-    return instants[0].right.scale
-
-
-def _all_forces(instant: Instant) -> list[tuple[np.ndarray, np.ndarray]]:
-    return [cell_forces(s, CELL_MM) for s in instant.snapshots.values() if s.pressure.size]
-
-
-def cell_forces(snapshot: Snapshot, cell_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Places (k, 3) and forces (k, 3) of the object on the whole finger, summed across its width.
-
-    At the reference modulus. Contact points are gathered by cells of `cell_mm` in x and z.
-    """
-    points, force = snapshot.contact_points, snapshot.contact_force
-    if snapshot.mesh.is_half:
-        force = 2.0 * force * np.array([1.0, 0.0, 1.0])
-    _, cell, count = np.unique(np.floor(points[:, [0, 2]] / cell_mm), axis=0, return_inverse=True, return_counts=True)
-    places, sums = np.zeros((len(count), 3)), np.zeros((len(count), 3))
-    np.add.at(places, cell.ravel(), points)
-    np.add.at(sums, cell.ravel(), force)
-    return places / count[:, None], sums
-
-
-def _limits(instants: Sequence[Instant], obj: RigidObject) -> tuple[np.ndarray, np.ndarray]:
+def _limits(frames: Sequence[Frame], obj: RigidObject) -> tuple[np.ndarray, np.ndarray]:
     """Corners (x, z) of a view that holds both fingers at every instant, and the object."""
     low, high = (np.array([bound[0], bound[2]]) for bound in bounds(obj.primitives))
-    for instant in instants:
-        for side, snapshot in instant.snapshots.items():
-            points = snapshot.nodes[:, [0, 2]] * np.array([SIGNS[side], 1.0])
-            low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+    for points in (frame.nodes[:, [0, 2]] for frame in frames):
+        low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
     return low - MARGIN_MM, high + np.array([MARGIN_MM, MARGIN_MM + BASE_MM])
 
 
@@ -258,32 +191,32 @@ def _draw_object(axes: Axes, x: np.ndarray, z: np.ndarray, middle: np.ndarray, l
     axes.contour(x, z, least, levels=[0.0], colors=[MUTED], linewidths=0.8)
 
 
-def _draw_finger(axes: Axes, snapshot: Snapshot, sign: float) -> None:
-    section = section_of(snapshot.mesh)
-    points = snapshot.nodes[:, [0, 2]] * np.array([sign, 1.0])
+def _draw_finger(axes: Axes, frame: Frame) -> None:
+    points, shape = frame.nodes[:, [0, 2]], frame.shape
     axes.add_collection(
-        PolyCollection([points[rim] for rim in section], facecolor=COMPLIANT, edgecolor=COMPLIANT, lw=0.3)
+        PolyCollection([points[rim] for rim in shape.section], facecolor=COMPLIANT, edgecolor=COMPLIANT, lw=0.3)
     )
-    axes.add_collection(LineCollection(list(points[section_outline(section)]), colors=INK, linewidths=0.6))
-    base = points[snapshot.mesh.base_nodes]
+    axes.add_collection(LineCollection(list(points[shape.outline]), colors=INK, linewidths=0.6))
+    base = points[shape.base_nodes]
     left, width, bottom = base[:, 0].min(), np.ptp(base[:, 0]), base[:, 1].min()
     axes.bar(left, BASE_MM, width, bottom=bottom, align="edge", facecolor=RIGID, edgecolor=INK, linewidth=0.6)
 
 
-def _draw_pressure(axes: Axes, snapshot: Snapshot, sign: float, colours: ScalarMappable, mm_per_n: float) -> None:
-    if not snapshot.pressure.size:
+def _draw_pressure(axes: Axes, frame: Frame, colours: ScalarMappable, mm_per_n: float) -> None:
+    """Dots where the finger is pressed, and arrows for the force on it."""
+    pressure_kpa = frame.pressure_kpa
+    if not pressure_kpa.size:
         return
-    order = np.argsort(snapshot.pressure)  # the highest on top
-    x, z = (snapshot.contact_points[order][:, [0, 2]] * np.array([sign, 1.0])).T
-    axes.scatter(x, z, c=colours.to_rgba(snapshot.pressure[order] * snapshot.scale * 1e3), s=7, linewidths=0, zorder=4)
-    places, forces = cell_forces(snapshot, CELL_MM)
-    axes.quiver(
-        *(places[:, [0, 2]] * np.array([sign, 1.0])).T,
-        *(forces[:, [0, 2]] * np.array([sign, 1.0]) * mm_per_n).T,
-        angles="xy",
-        scale_units="xy",
-        scale=1.0,
-        width=0.006,
-        color=INK,
-        zorder=5,
-    )
+    order = np.argsort(pressure_kpa)  # the highest on top
+    x, z = frame.pressed_at[order][:, [0, 2]].T
+    axes.scatter(x, z, c=colours.to_rgba(pressure_kpa[order]), s=7, linewidths=0, zorder=4)
+    places, forces = (values[:, [0, 2]].T for values in frame.forces)
+    arrows: dict[str, Any] = {
+        "angles": "xy",
+        "scale_units": "xy",
+        "scale": 1.0,
+        "width": 0.006,
+        "color": INK,
+        "zorder": 5,
+    }
+    axes.quiver(*places, *(mm_per_n * forces), **arrows)

@@ -6,16 +6,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from flows.report.calibration.page import calibration_section
-from flows.report.campaign.account import cost_section, provenance_section, tools_section
-from flows.report.campaign.comparison import agreement_section, traces_section
+from flows.report.campaign.account import cost_section, paper_section, provenance_section, tools_section
 from flows.report.campaign.content import Content
-from flows.report.campaign.moments import moments_section
-from flows.report.campaign.paper import paper_section
-from flows.report.campaign.results import best_section, headline, progress_section
-from flows.report.campaign.rivals import rivals_section
+from flows.report.campaign.finger import best_section
+from flows.report.campaign.quality import baselines_section, headline, progress_section
 from flows.report.campaign.shapes import shapes_section
+from flows.report.campaign.simulation import agreement_section, moments_section
 from flows.report.campaign.surrogate import surrogate_section
-from flows.report.campaign.tool_traces import tool_traces_section
+from flows.report.campaign.traces import traces_section
 from flows.report.campaign.work import work_section
 from flows.report.folder import Folder
 from flows.report.html import moment, page, text
@@ -31,9 +29,8 @@ NAV = {
     "best": "Best finger",
     "moments": "A grasp",
     "progress": "Tool quality",
-    "rivals": "Approaches",
+    "baselines": "Approaches",
     "traces": "Traces",
-    "batches": "Batches",
     "shapes": "Shapes",
     "work": "Grasp work",
     "agreement": "Simulation",
@@ -65,9 +62,8 @@ def write_report(lake: Lake, campaign_id: str, out: Path, against: Sequence[Lake
                 best_section,
                 moments_section,
                 progress_section,
-                rivals_section,
+                baselines_section,
                 traces_section,
-                tool_traces_section,
                 shapes_section,
                 work_section,
                 agreement_section,

@@ -14,27 +14,26 @@ import pyarrow as pa
 from lake.store import Lake
 
 TRACE_STEP_MM = 0.5
+MEANWHILE_S = 5.0  # a simulation this close to a grasp ran while the bench measured
 
-# The last attempt of each repeat is the one that counts.
-_COUNTED = """
-  SELECT * FROM grasps
-  WHERE campaign_id = {campaign} AND status = 'ok'
-  QUALIFY row_number() OVER (PARTITION BY tool_id, object_id, repeat ORDER BY attempt DESC) = 1"""
-
-TOOL_QUALITY = f"""
-WITH counted AS ({_COUNTED}),
-per_object AS (
-  SELECT tool_id, object_id, avg(peak_force_n ORDER BY repeat) AS peak_force_n,
+# Grasps that count; means over the repeats on an object; designs that the campaign asked for. The views `tool_object`
+# and `tool_quality` have the same means, but not the same last digit each time.
+_VALID = "SELECT * FROM grasp_summary WHERE campaign_id = {campaign} AND is_valid"
+_ON_OBJECT = f"""
+  SELECT tool_id, batch, slot, design_id, object_id, object_name, avg(peak_force_n ORDER BY repeat) AS peak_force_n,
          avg(work_j ORDER BY repeat) AS work_j, count(*) AS n_repeats,
          coalesce(var_samp(peak_force_n ORDER BY repeat), 0) * (count(*) - 1) AS squares_n2
-  FROM counted GROUP BY ALL),
-per_tool AS (
+  FROM ({_VALID}) GROUP BY ALL"""
+_ASKED = """(SELECT design_id FROM proposals WHERE campaign_id = {campaign}
+                      UNION SELECT design_id FROM tools WHERE campaign_id = {campaign})"""
+
+TOOL_QUALITY = f"""
+WITH per_tool AS (
   SELECT tool_id, count(*) AS n_objects, sum(n_repeats)::BIGINT AS n_grasps,
          avg(peak_force_n ORDER BY object_id) AS quality_n, avg(work_j ORDER BY object_id) AS work_j,
-         sum(n_repeats - 1)::BIGINT AS n_freedom,
-         sum(squares_n2 ORDER BY object_id) AS squares_n2,
+         sum(n_repeats - 1)::BIGINT AS n_freedom, sum(squares_n2 ORDER BY object_id) AS squares_n2,
          sum(1.0::DOUBLE / n_repeats ORDER BY object_id) AS inverse_repeats
-  FROM per_object GROUP BY ALL),
+  FROM ({_ON_OBJECT}) GROUP BY ALL),
 failed AS (
   SELECT tool_id, count(*) AS n_failed FROM grasps
   WHERE campaign_id = {{campaign}} AND status = 'failed' GROUP BY ALL)
@@ -62,35 +61,31 @@ WHERE object_id IN (SELECT object_id FROM grasps WHERE campaign_id = {campaign})
 ORDER BY object_id"""
 
 OBJECT_WORK = f"""
-WITH counted AS ({_COUNTED})
-SELECT c.batch, c.slot, c.object_id, any_value(o.name) AS object_name, avg(c.work_j ORDER BY c.repeat) AS work_j,
-       avg(c.peak_force_n ORDER BY c.repeat) AS peak_force_n, count(*) AS n_repeats
-FROM counted c LEFT JOIN objects o USING (object_id)
-GROUP BY c.batch, c.slot, c.object_id
-ORDER BY c.batch, c.slot, c.object_id"""
+SELECT batch, slot, object_id, object_name, work_j, peak_force_n, n_repeats
+FROM ({_ON_OBJECT})
+ORDER BY batch, slot, object_id"""
 
 
-def _mean_traces(which: str, keys: str) -> str:
-    """SQL of the mean force against lift of the counted grasps `which`, for each of the columns `keys` and object."""
-    of_grasp = ", ".join(f"c.{key}" for key in keys.split(", "))
+def _mean_traces(which: str) -> str:
+    """SQL of the mean force against lift of the valid grasps `which`, for each tool and object, in steps of lift."""
     return f"""
-WITH counted AS ({_COUNTED} AND {which}),
-points AS (
-  SELECT {of_grasp}, c.object_id, c.repeat, unnest(t.lift_mm) AS lift_mm, unnest(t.force_n) AS force_n
-  FROM counted c JOIN trace_times w USING (grasp_id)
-  JOIN traces t ON t.grasp_id = w.grasp_id AND t.created_at = w.created_at)
-SELECT {keys}, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm,
+SELECT tool_id, batch, slot, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm,
        avg(force_n ORDER BY repeat, lift_mm, force_n) AS force_n
-FROM points WHERE lift_mm > 0
+FROM (SELECT tool_id, batch, slot, object_id, repeat, unnest(lift_mm) AS lift_mm, unnest(force_n) AS force_n
+      FROM grasp_traces WHERE campaign_id = {{campaign}} AND is_valid AND {which})
+WHERE lift_mm > 0
 GROUP BY ALL
-ORDER BY {keys}, object_id, lift_mm"""
+ORDER BY batch, slot, tool_id, object_id, lift_mm"""
 
 
-# {best}, {other}: quoted tool ids; {step}: lift step in mm.
-TRACES = _mean_traces("tool_id IN ({best}, {other})", "tool_id")
+# {first}, {last}: batches; {best}: quoted tool id; {step}: lift step in mm.
+BATCH_TRACES = _mean_traces("(batch IN ({first}, {last}) OR tool_id = {best})")
 
-# {first}, {last}: batches; {step}: lift step in mm.
-BATCH_TRACES = _mean_traces("batch IN ({first}, {last})", "batch, slot")
+# {soft}, {stiff}, {best}: quoted tool ids; {step}: lift step in mm.
+THREE_TOOLS = _mean_traces("tool_id IN ({soft}, {stiff}, {best})")
+
+# {object}, {batch}: numbers; {step}: lift step in mm.
+OBJECT_TRACES = _mean_traces("object_id = {object} AND batch = {batch}")
 
 # Softness by what the simulator says that a closed finger presses with; {batch}: the first batch.
 CONTACT_FORCES = """
@@ -100,9 +95,6 @@ FROM tools t JOIN simulations s USING (design_id)
 WHERE t.campaign_id = {campaign} AND t.batch = {batch} AND s.status = 'ok' AND s.contact_force_n IS NOT NULL
 GROUP BY ALL
 ORDER BY n_objects DESC, s.version_id, contact_force_n, t.slot"""
-
-# {soft}, {stiff}, {best}: quoted tool ids; {step}: lift step in mm.
-THREE_TOOLS = _mean_traces("tool_id IN ({soft}, {stiff}, {best})", "tool_id")
 
 SHAPE_FEATURES = """
 SELECT object_class, count(*) AS n_grasps, median(hold_mm) AS hold_mm, median(hold_slope_n_per_mm / peak_force_n)
@@ -128,19 +120,6 @@ SELECT kind, tool_id, batch, slot, object_id, object_name, repeat, grasp_id, p_v
 FROM anomalies WHERE campaign_id = {campaign}
 ORDER BY p_value, tool_id, object_id, repeat, kind"""
 
-# {object}, {batch}: numbers; {step}: lift step in mm.
-OBJECT_TRACES = f"""
-WITH counted AS ({_COUNTED} AND object_id = {{object}} AND batch = {{batch}}),
-points AS (
-  SELECT c.slot, c.repeat, unnest(t.lift_mm) AS lift_mm, unnest(t.force_n) AS force_n
-  FROM counted c JOIN trace_times w USING (grasp_id)
-  JOIN traces t ON t.grasp_id = w.grasp_id AND t.created_at = w.created_at)
-SELECT slot, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm,
-       avg(force_n ORDER BY repeat, lift_mm, force_n) AS force_n
-FROM points WHERE lift_mm > 0
-GROUP BY ALL
-ORDER BY slot, lift_mm"""
-
 # {version}, {design}: quoted ids; {setup}: the setup the measurements used.
 SIMULATED_TRACES = """
 WITH chosen AS (
@@ -155,10 +134,9 @@ ORDER BY object_id, lift_mm"""
 
 # Same design, object and grasp setup on both sides, one row per simulator version.
 SIM_REAL_PAIRS = f"""
-WITH counted AS ({_COUNTED}),
-measured AS (
+WITH measured AS (
   SELECT batch, slot, design_id, object_id, setup_id, avg(peak_force_n ORDER BY repeat) AS measured_n
-  FROM counted GROUP BY ALL)
+  FROM ({_VALID}) GROUP BY ALL)
 SELECT s.version_id, v.tier, m.batch, m.slot, m.object_id, m.setup_id, s.peak_force_n AS simulated_n, m.measured_n
 FROM measured m
 JOIN simulations s USING (design_id, object_id, setup_id)
@@ -166,12 +144,11 @@ LEFT JOIN simulator_versions v USING (version_id)
 WHERE s.status = 'ok' AND s.peak_force_n IS NOT NULL
 ORDER BY s.version_id, m.batch, m.slot, m.object_id"""
 
-VERSIONS = """
+VERSIONS = f"""
 SELECT v.version_id, v.tier, v.young_modulus_mpa, v.friction, v.poisson_ratio, v.effects_json,
        count(*) AS n_simulations, min(s.created_at) AS first_at
 FROM simulations s JOIN simulator_versions v USING (version_id)
-WHERE s.design_id IN (SELECT design_id FROM proposals WHERE campaign_id = {campaign}
-                      UNION SELECT design_id FROM tools WHERE campaign_id = {campaign})
+WHERE s.design_id IN {_ASKED}
 GROUP BY ALL
 ORDER BY first_at, v.version_id"""
 
@@ -187,44 +164,43 @@ WHERE b.campaign_id = {campaign}
 GROUP BY b.batch, b.kind, b.n_tools
 ORDER BY b.batch"""
 
-THROUGHPUT = """
-WITH designs_asked AS (SELECT design_id FROM proposals WHERE campaign_id = {campaign}
-                       UNION SELECT design_id FROM tools WHERE campaign_id = {campaign}),
-measured AS (
-  SELECT grasp_id, started_at, bench,
-         epoch(started_at - lag(started_at) OVER (PARTITION BY tool_id ORDER BY started_at)) AS interval_s
-  FROM grasps WHERE campaign_id = {campaign}),
-simulated AS (SELECT created_at FROM simulations WHERE design_id IN (FROM designs_asked))
+# A grasp lasts until it was written, or as long as its trace where it was written much later (imported).
+THROUGHPUT = f"""
+WITH measured AS (
+  SELECT g.started_at, g.bench, t.time_s[-1] AS trace_s,
+         least(g.created_at, g.started_at + to_seconds(coalesce(t.time_s[-1], 0))) AS ended_at,
+         epoch(g.started_at - lag(g.started_at) OVER (PARTITION BY g.tool_id ORDER BY g.started_at)) AS interval_s
+  FROM grasps g LEFT JOIN traces t USING (grasp_id) WHERE g.campaign_id = {{campaign}}),
+simulated AS (
+  SELECT simulation_id, created_at + INTERVAL '{MEANWHILE_S:g} seconds' AS until,
+         created_at - to_seconds(coalesce(cpu_s, 0) + {MEANWHILE_S:g}) AS since
+  FROM simulations WHERE design_id IN {_ASKED})
 SELECT count(*) AS n_grasps, coalesce(bool_or(bench = 'virtual'), false) AS is_virtual,
-       median(interval_s) AS median_interval_s,
-       (SELECT median(t.time_s[-1]) FROM traces t JOIN measured USING (grasp_id)) AS median_trace_s,
+       median(interval_s) AS median_interval_s, median(trace_s) AS median_trace_s,
        (SELECT count(*) FROM simulated) AS n_simulated,
-       (SELECT count(*) FROM simulated
-        WHERE created_at BETWEEN (SELECT min(started_at) FROM measured) AND (SELECT max(started_at) FROM measured))
+       (SELECT count(*) FROM simulated s ASOF JOIN measured m ON s.until >= m.started_at WHERE m.ended_at >= s.since)
          AS n_simulated_meanwhile
 FROM measured"""
 
-SIMULATION_COST = """
+SIMULATION_COST = f"""
 SELECT s.version_id, count(*) AS n_simulations, count(*) FILTER (s.status = 'ok') AS n_ok,
        count(*) FILTER (s.status = 'failed') AS n_failed, count(DISTINCT s.design_id) AS n_designs,
        median(s.cpu_s) AS median_cpu_s, sum(s.cpu_s ORDER BY s.simulation_id) / 3600 AS total_cpu_h
 FROM simulations s
-WHERE s.design_id IN (SELECT design_id FROM proposals WHERE campaign_id = {campaign}
-                      UNION SELECT design_id FROM tools WHERE campaign_id = {campaign})
+WHERE s.design_id IN {_ASKED}
 GROUP BY s.version_id
 ORDER BY min(s.created_at), s.version_id"""
 
-FAILURES = """
+FAILURES = f"""
 SELECT 'grasp' AS what, coalesce(nullif(reason, ''), 'no reason given') AS reason, count(*) AS n FROM grasps
-WHERE campaign_id = {campaign} AND status = 'failed' GROUP BY ALL
+WHERE campaign_id = {{campaign}} AND status = 'failed' GROUP BY ALL
 UNION ALL
 SELECT 'simulation', coalesce(nullif(reason, ''), 'no reason given'), count(*) FROM simulations
-WHERE status = 'failed' AND design_id IN (SELECT design_id FROM proposals WHERE campaign_id = {campaign}
-                                          UNION SELECT design_id FROM tools WHERE campaign_id = {campaign})
+WHERE status = 'failed' AND design_id IN {_ASKED}
 GROUP BY ALL
 UNION ALL
 SELECT 'tool', coalesce(nullif(reason, ''), 'no reason given'), count(*) FROM tools
-WHERE campaign_id = {campaign} AND status = 'rejected' GROUP BY ALL
+WHERE campaign_id = {{campaign}} AND status = 'rejected' GROUP BY ALL
 ORDER BY what, n DESC, reason"""
 
 # Of a batch, the fit that its tools were chosen with; others chose simulations.
@@ -237,17 +213,16 @@ QUALIFY row_number() OVER (PARTITION BY batch ORDER BY
   fit_id IN (SELECT unnest(parents) FROM proposals WHERE fidelity = 'real') DESC, created_at DESC) = 1
 ORDER BY batch"""
 
-PROVENANCE = """
+PROVENANCE = f"""
 SELECT 'grasps' AS rows_of, code_version, code_dirty, config_hash, bench, world_hash, count(*) AS n
-FROM grasps WHERE campaign_id = {campaign} GROUP BY ALL
+FROM grasps WHERE campaign_id = {{campaign}} GROUP BY ALL
 UNION ALL
 SELECT 'proposals', code_version, code_dirty, config_hash, NULL, NULL, count(*)
-FROM proposals WHERE campaign_id = {campaign} GROUP BY ALL
+FROM proposals WHERE campaign_id = {{campaign}} GROUP BY ALL
 UNION ALL
 SELECT 'simulations', code_version, code_dirty, config_hash, NULL, NULL, count(*)
 FROM simulations
-WHERE design_id IN (SELECT design_id FROM proposals WHERE campaign_id = {campaign}
-                    UNION SELECT design_id FROM tools WHERE campaign_id = {campaign})
+WHERE design_id IN {_ASKED}
 GROUP BY ALL
 ORDER BY rows_of, code_version, config_hash"""
 
@@ -257,7 +232,7 @@ FROM grasps WHERE campaign_id = {campaign} GROUP BY setup_id ORDER BY n_grasps D
 
 # {best}: quoted tool id.
 LINEAGE = f"""
-WITH counted AS ({_COUNTED} AND tool_id = {{best}}),
+WITH counted AS ({_VALID} AND tool_id = {{best}}),
 tool AS (SELECT * FROM tools WHERE tool_id = {{best}})
 SELECT (SELECT max(proposal_id) FROM proposals p JOIN tool t
           ON p.campaign_id = t.campaign_id AND p.batch = t.batch AND p.slot = t.slot AND p.fidelity = 'real')

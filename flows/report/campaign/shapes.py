@@ -1,27 +1,29 @@
 """Fig. 5c-g: what the shape of an object does to the trace of the softest, the stiffest and the best tool."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from flows.report.campaign import queries
-from flows.report.campaign.content import Content
-from flows.report.campaign.early_loss import NO_FEATURES, early_loss, flagged_grasps
+from flows.report.campaign.content import NOT_MEASURED, Content
 from flows.report.campaign.facts import Tool
 from flows.report.campaign.queries import Result
-from flows.report.campaign.results import NOT_MEASURED
-from flows.report.campaign.traces import Curve
-from flows.report.campaign.windows import NO_TRACES, Window, object_panel
+from flows.report.campaign.traces import NO_TRACES, Curve, Window, curves_by, object_panel
 from flows.report.folder import Folder
-from flows.report.html import Markup, number, paragraph, section, table
-from flows.report.style import BEST, FIRST, MUTED, SOFTEST, new_figure
+from flows.report.html import Markup, columns, number, paragraph, section, table
+from flows.report.style import BEST, FIRST, MUTED, SOFTEST, new_axes, new_figure
+from models.ids import tool_label
 
 AT_MOST = 4  # objects of a group that are drawn
 WIDTH_IN, HEIGHT_IN = 1.95, 2.7
+SHORT = 0.6  # of the middle tool's lift above half the peak; less is a grasp lost early
+LEAST_N = 1.0  # grasps below are too weak to tell
+N_ROWS = 6
+N_FLAGS = 12
+NO_FEATURES = Markup("No features of these traces yet; <code>fast features</code> calculates them.")
 _DASHES = {"softest": (0, (1, 1)), "stiffest": (0, (4, 1.5)), "best": "-"}
 _COLOURS = {"softest": SOFTEST, "stiffest": FIRST, "best": BEST}
 
@@ -50,20 +52,24 @@ def shapes_section(content: Content, folder: Folder) -> Markup:
     title = "What shapes do to the force"
     if content.best is None:
         return section("shapes", title, paragraph(NOT_MEASURED))
-    tools, softness = three_tools(content, content.best)
+    tools, softness = choose_tools(content, content.best)
     soft, stiff, best = (tool.tool_id for tool in tools.values())
     traces = content.result(
         "shape_traces", queries.THREE_TOOLS, soft=soft, stiff=stiff, best=best, step=queries.TRACE_STEP_MM
     )
     features = content.result("shape_features", queries.SHAPE_FEATURES)
     classes = {row["object_id"]: (row["object_class"], row["object_name"]) for row in content.object_classes.rows}
-    curves = _by_object(traces.rows, tools)
+    drawn_tools = curves_by(traces.rows, "object_id", "tool_id")
+    curves: dict[int, dict[str, Curve]] = defaultdict(dict)
+    for object_id, tool_id in sorted(drawn_tools):
+        for what in (what for what, tool in tools.items() if tool.tool_id == tool_id):
+            curves[object_id][what] = drawn_tools[object_id, tool_id]
     if not curves:
         return section("shapes", title, paragraph(NO_TRACES), folder.sources(traces))
     window = Window.of([curve for found in curves.values() for curve in found.values()])
     parts = []
     for group in GROUPS:
-        drawn = chosen_objects(group, {o: classes[o][0] for o in curves if o in classes})
+        drawn = choose_objects(group, {o: classes[o][0] for o in curves if o in classes})
         if drawn:
             cells = (object_panel("shapes", o, classes[o][1], shape_figure(curves[o], window), folder) for o in drawn)
             title_line = f"<h3>{group.letter}&ensp;{group.title}</h3>"
@@ -72,8 +78,8 @@ def shapes_section(content: Content, folder: Folder) -> Markup:
         "Fig. 5c to g of the paper. Upper panels: force; lower panels: the same over its peak, so that the shape shows "
         f"even of a weak tool. {_softness_words(softness)}", "note",
     )  # fmt: skip
-    loss, loss_sources = early_loss(content, folder, STABLE_CLASSES)
-    flags, flag_source = flagged_grasps(content)
+    loss, loss_sources = early_loss(content, folder)
+    flags, flag_source = list_flagged_grasps(content)
     return section(
         "shapes", title, _key(tools), words, f'<div class="groups">{"".join(parts)}</div>', _features_table(features),
         "<h3>g&ensp;Lost too early, and other anomalies</h3>", loss, flags,
@@ -81,7 +87,7 @@ def shapes_section(content: Content, folder: Folder) -> Markup:
     )  # fmt: skip
 
 
-def three_tools(content: Content, best: Tool) -> tuple[dict[str, Tool], Result | None]:
+def choose_tools(content: Content, best: Tool) -> tuple[dict[str, Tool], Result | None]:
     """Softest and stiffest tool of the first batch, and the best; with simulated contact forces, if they said so.
 
     The best is none of the other two, where the batch has two others.
@@ -99,7 +105,7 @@ def three_tools(content: Content, best: Tool) -> tuple[dict[str, Tool], Result |
     return tools, result if known else None
 
 
-def chosen_objects(group: Group, classes: Mapping[int, str]) -> list[int]:
+def choose_objects(group: Group, classes: Mapping[int, str]) -> list[int]:
     """At most `AT_MOST` objects of a group, of as many classes as possible, by number."""
     members: dict[str, list[int]] = defaultdict(list)
     for object_id, name in sorted(classes.items()):
@@ -119,27 +125,12 @@ def shape_figure(curves: Mapping[str, Curve], window: Window) -> Figure:
         top = float(curve.force_n.max())
         if top > 0.0:
             shape.plot(curve.lift_mm, curve.force_n / top, **style)
-    for axes in (force, shape):
-        axes.axhline(0, color=MUTED, linewidth=0.8)
     window.apply(force, has_lift=False)
     window.apply(shape)
     shape.set_ylim(-0.5, 1.1)
     force.set_ylabel("force (N)", fontsize=8, labelpad=1)
     shape.set_ylabel("force / peak", fontsize=8, labelpad=1)
     return figure
-
-
-def _by_object(rows: Sequence[Mapping[str, Any]], tools: Mapping[str, Tool]) -> dict[int, dict[str, Curve]]:
-    points: dict[tuple[str, int], list[tuple[float, float]]] = defaultdict(list)
-    for row in rows:
-        points[row["tool_id"], row["object_id"]].append((row["lift_mm"], row["force_n"]))
-    found: dict[int, dict[str, Curve]] = defaultdict(dict)
-    for what, tool in tools.items():
-        for (tool_id, object_id), values in points.items():
-            if tool_id == tool.tool_id:
-                array = np.array(values)
-                found[object_id][what] = Curve(array[:, 0], array[:, 1])
-    return found
 
 
 def _key(tools: Mapping[str, Tool]) -> Markup:
@@ -171,3 +162,72 @@ def _features_table(features: Result) -> Markup:
     headings = (Markup("&nbsp;"), "class", "grasps", "above half the peak (mm)", "plateau (mm)",
                 "slope of it (% of peak / mm)", "peaks", "no push before (%)")  # fmt: skip
     return table(headings, rows, numeric=(2, 3, 4, 5, 6, 7))
+
+
+def early_loss(content: Content, folder: Folder) -> tuple[Markup, list[Result]]:
+    """Fig. 5g: the shortest hold among stably grasped objects, between the other tools of its batch; and the next."""
+    losses = content.result("early_losses", queries.EARLY_LOSSES)
+    if not losses.rows:
+        return paragraph(NO_FEATURES, "note"), [losses]
+    rows = [r for r in losses.rows if r["object_class"] in STABLE_CLASSES and r["peak_force_n"] > LEAST_N and r["part"]]
+    if not rows or rows[0]["part"] > SHORT:
+        least = f" (the shortest: {100 * rows[0]['part']:.0f} %)" if rows else ""
+        said = (
+            f"No tool holds a stably grasped object for less than {100 * SHORT:.0f} % of the middle tool's lift{least}."
+        )
+        return paragraph(said), [losses]
+    worst = rows[0]
+    traces = content.result(
+        "early_loss_traces", queries.OBJECT_TRACES, object=worst["object_id"], batch=worst["batch"],
+        step=queries.TRACE_STEP_MM,
+    )  # fmt: skip
+    label = tool_label(worst["batch"], worst["slot"])
+    curves = {slot: curve for (slot,), curve in curves_by(traces.rows, "slot").items()}
+    figure = loss_figure(curves, worst["slot"], label)
+    said = (
+        f"{label} on the {worst['object_name']} ({worst['object_id']}): above half its peak for "
+        f"{number(worst['held_mm'], 1, 'mm')}, where the middle tool of the campaign holds for "
+        f"{number(worst['median_mm'], 1, 'mm')}. A narrow peak on an object that others hold points at a finger that "
+        "twists or slips off; fast view shows the grasp."
+    )
+    short = [r for r in rows if r["part"] <= SHORT][:N_ROWS]
+    listed = table(
+        ("tool", "object", "held (mm)", "middle tool (mm)", "part (%)"),
+        [(tool_label(r["batch"], r["slot"]), f"{r['object_name']} ({r['object_id']})", number(r["held_mm"], 1),
+          number(r["median_mm"], 1), number(100 * r["part"], 0)) for r in short],
+        numeric=(2, 3, 4),
+    )  # fmt: skip
+    shown = folder.figure("early_loss", figure, f"Force over lift of {label} and the others of its batch")
+    return columns(shown, paragraph(said) + listed), [losses, traces]
+
+
+def list_flagged_grasps(content: Content) -> tuple[Markup, Result]:
+    """What `fast features` has flagged, the surest first."""
+    result = content.result("anomalies", queries.ANOMALIES)
+    if not result.rows:
+        return paragraph(Markup("<code>fast features</code> has flagged no grasp of this campaign.")), result
+    rows = [
+        (r["kind"].replace("_", " "), tool_label(r["batch"], r["slot"]), f"{r['object_name']} ({r['object_id']})",
+         r["repeat"], f"{r['p_value']:.1g}", r["reason"])
+        for r in result.rows[:N_FLAGS]
+    ]  # fmt: skip
+    more = len(result.rows) - len(rows)
+    under = paragraph(f"{more} more are in data/anomalies.csv.", "note") if more > 0 else ""
+    headings = ("flag", "tool", "object", "repeat", "p", "why")
+    shown = table(headings, rows, numeric=(3, 4))
+    return Markup(f'<div class="words">{shown}</div>{under}'), result
+
+
+def loss_figure(curves: Mapping[int, Curve], slot: int, label: str) -> Figure:
+    """One tool's force over lift before those of the others of its batch."""
+    figure, axes = new_axes(height_in=2.6)
+    for other, curve in curves.items():
+        if other != slot:
+            axes.plot(curve.lift_mm, curve.force_n, color=MUTED, linewidth=0.9, alpha=0.7)
+    axes.plot([], [], color=MUTED, linewidth=0.9, label="other tools of its batch")
+    axes.plot(curves[slot].lift_mm, curves[slot].force_n, color=FIRST, linewidth=2.0, label=label)
+    axes.axhline(0, color=MUTED, linewidth=0.8)
+    axes.set_xlabel("lift (mm)")
+    axes.set_ylabel("force (N), mean over repeats")
+    axes.legend(loc="upper right")
+    return figure

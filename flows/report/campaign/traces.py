@@ -1,92 +1,200 @@
-"""Force over lift, one small panel per object: the best tool, a tool of the first batch, the simulation (Fig. 5)."""
+"""Fig. 5a, b: force over lift, object by object: all tools of the first and of the last batch, and the simulation.
 
+Also what other panels of force over lift share: their curves, their common window, the picture of the object.
+"""
+
+import logging
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from flows.report.style import BEST, FIRST, MUTED, SIMULATED, new_axes
+from flows.report.campaign import queries
+from flows.report.campaign.content import NOT_MEASURED, Content
+from flows.report.campaign.facts import Tool
+from flows.report.folder import Folder
+from flows.report.html import Markup, paragraph, section, text
+from flows.report.mesh_picture import object_picture
+from flows.report.style import BEST, FIRST, MUTED, SIMULATED, new_figure
+from models.errors import UsageError
 
-PANEL_WIDTH_IN = 1.85
-PANEL_HEIGHT_IN = 1.5
+_LOG = logging.getLogger(__name__)
+NO_TRACES = "These grasps have no lift in their traces, so there is nothing to draw."
+STEP_MM = 1.0
+WIDTH_IN, HEIGHT_IN = 2.9, 1.75
+_STILL = 0.04  # of the largest force; beyond, nothing happens any more
+_ROOM_MM = 3.0
+_SIMULATED_SHARE = 1.5  # of the largest measured force; simulated ones beyond are cut off
+_LOWEST_SHARE = 0.35  # forces below zero get at most this share of the height of those above
+_SIMULATED_LINE: dict[str, Any] = {"color": SIMULATED, "linestyle": (0, (3, 1.5)), "linewidth": 1.3}
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One line of a panel."""
+    """Force over lift of one tool on one object."""
 
     lift_mm: np.ndarray
     force_n: np.ndarray
 
 
+def curves_by(rows: Sequence[Mapping[str, Any]], *keys: str) -> dict[tuple[Any, ...], Curve]:
+    """Curves by the values of these columns, from rows ordered by lift."""
+    points: dict[tuple[Any, ...], list[tuple[float, float]]] = defaultdict(list)
+    for row in rows:
+        points[tuple(row[key] for key in keys)].append((row["lift_mm"], row["force_n"]))
+    return {key: Curve(*np.array(values).T) for key, values in points.items()}
+
+
 @dataclass(frozen=True)
-class Panel:
-    """The lines of one object; any of them may be missing."""
+class Window:
+    """Limits of lift (mm) and force (N) that panels share, so that objects can be compared by eye."""
 
-    object_id: int
-    best: Curve | None
-    other: Curve | None
-    simulated: Curve | None
+    lift_mm: tuple[float, float]
+    force_n: tuple[float, float]
+
+    @classmethod
+    def of(cls, curves: Sequence[Curve], simulated: Sequence[Curve] = ()) -> "Window":
+        """Window of all curves; pushes far below zero, at the start of a lift, are cut off.
+
+        Simulated curves get at most half as much again above the measured ones, which they must not press flat.
+        """
+        force = np.concatenate([c.force_n for c in curves])
+        top = max(float(force.max()), 1e-6)
+        still = [c.lift_mm[c.force_n > _STILL * top] for c in curves]
+        furthest = max((float(lift.max()) for lift in still if lift.size), default=10.0)
+        end = min(furthest + _ROOM_MM, max(float(c.lift_mm.max()) for c in curves))
+        bottom = max(float(min(force.min(), 0.0)), -_LOWEST_SHARE * top) - 0.02 * top
+        higher = max((float(c.force_n.max()) for c in simulated), default=0.0)
+        return cls((0.0, end), (bottom, 1.05 * max(top, min(higher, _SIMULATED_SHARE * top))))
+
+    def apply(self, axes: Axes, has_lift: bool = True) -> None:
+        """Set limits, zero line, grid and small labels; the lift is named where `has_lift`."""
+        axes.axhline(0, color=MUTED, linewidth=0.8)
+        axes.set_xlim(*self.lift_mm)
+        axes.set_ylim(*self.force_n)
+        axes.grid(True)
+        axes.locator_params(axis="both", nbins=4)
+        axes.tick_params(labelsize=7.5, length=2, pad=1.5)
+        if has_lift:
+            axes.set_xlabel("lift (mm)", fontsize=8, labelpad=1)
 
 
-def panels_of(
-    measured: Sequence[Mapping[str, Any]], simulated: Sequence[Mapping[str, Any]], best_id: str, other_id: str
-) -> list[Panel]:
-    """Panels in order of object id, from rows of (tool_id, object_id, lift_mm, force_n)."""
-    curves: dict[tuple[str, int], list[tuple[float, float]]] = defaultdict(list)
-    for row in measured:
-        curves[row["tool_id"], row["object_id"]].append((row["lift_mm"], row["force_n"]))
-    for row in simulated:
-        curves["simulated", row["object_id"]].append((row["lift_mm"], row["force_n"]))
-    return [
-        Panel(
-            object_id,
-            best=_curve(curves.get((best_id, object_id))),
-            other=_curve(curves.get((other_id, object_id))) if other_id != best_id else None,
-            simulated=_curve(curves.get(("simulated", object_id))),
+def object_panel(kind: str, object_id: int, name: str | None, figure: Figure, folder: Folder) -> str:
+    """A figure under the picture, name and number of its object; `kind` names the folder of the figures."""
+    label = name or "object"
+    shown = folder.figure(f"{kind}/object_{object_id:02d}", figure, f"Force over lift, {label}")
+    title = f"{_object_image(object_id, folder)}<span>{text(label)} <i>{object_id}</i></span>"
+    return f'<div class="panel"><h3>{title}</h3>{shown}</div>'
+
+
+def _object_image(object_id: int, folder: Folder) -> Markup:
+    """The picture of an object; empty for one that the catalogue does not have."""
+    try:
+        address = folder.image(f"objects/object_{object_id:02d}", object_picture(object_id))
+    except UsageError as error:
+        _LOG.info("object %d is drawn without its picture: %s", object_id, error)
+        return Markup("")
+    return Markup(f'<img src="{address}" alt="">')
+
+
+def traces_section(content: Content, folder: Folder) -> Markup:
+    """All tools of two batches on every object, the best tool also as simulated."""
+    title = "Force during the lift, object by object"
+    best = content.best
+    if best is None:
+        return section("traces", title, paragraph(NOT_MEASURED))
+    first, last = content.first[0].batch, content.last[0].batch
+    values: dict[str, str | float] = {"first": first, "last": last, "best": best.tool_id, "step": STEP_MM}
+    measured = content.result("traces", queries.BATCH_TRACES, **values)
+    curves = curves_by(measured.rows, "object_id", "batch", "slot")
+    if not curves:
+        return section("traces", title, paragraph(NO_TRACES), folder.sources(measured))
+    shown, simulated = [measured], {}
+    if content.compared:
+        version = content.compared[-1]
+        setup = next(row["setup_id"] for row in content.pairs.rows if row["version_id"] == version)
+        result = content.result(
+            "simulated_traces", queries.SIMULATED_TRACES, design=best.design_id, version=version, setup=setup
         )
-        for object_id in sorted({key[1] for key in curves})
-    ]
-
-
-def _curve(points: list[tuple[float, float]] | None) -> Curve | None:
-    if not points:
-        return None
-    array = np.array(points)
-    return Curve(array[:, 0], array[:, 1])
-
-
-def common_limits(panels: Sequence[Panel]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Limits of lift (mm) and force (N) shared by all panels, so that objects can be compared by eye."""
-    curves = [c for p in panels for c in (p.best, p.other, p.simulated) if c is not None]
-    force = np.concatenate([c.force_n for c in curves])
-    still = [c.lift_mm[np.abs(c.force_n) > 0.04 * max(float(force.max()), 1e-6)] for c in curves]
-    furthest = max((float(lift.max()) for lift in still if lift.size), default=10.0)
-    return (0.0, min(furthest + 3.0, max(float(c.lift_mm.max()) for c in curves))), (
-        float(min(force.min(), 0.0)) - 0.5,
-        1.05 * float(force.max()),
+        shown.append(result)
+        simulated = {object_id: curve for (object_id,), curve in curves_by(result.rows, "object_id").items()}
+    panels = BatchPanels(
+        sorted({first, last}), best, content.tools, Window.of(list(curves.values()), list(simulated.values()))
     )
-
-
-def panel_figure(panel: Panel, limits: tuple[tuple[float, float], tuple[float, float]]) -> Figure:
-    """One small panel. Colours and dashes are explained once, in the page."""
-    figure, axes = new_axes(PANEL_WIDTH_IN, PANEL_HEIGHT_IN, grid="both")
-    axes.axhline(0, color=MUTED, linewidth=0.8)
-    styles = (
-        (panel.other, FIRST, "-", 1.2),
-        (panel.simulated, SIMULATED, (0, (3, 1.5)), 1.3),
-        (panel.best, BEST, "-", 1.8),
+    names = {row["object_id"]: row["object_name"] for row in content.work.rows}
+    cells = []
+    for object_id in sorted({key[0] for key in curves}):
+        lines = {(batch, slot): curve for (of, batch, slot), curve in curves.items() if of == object_id}
+        figure = panels.draw(lines, simulated.get(object_id))
+        cells.append(object_panel("traces", object_id, names.get(object_id), figure, folder))
+    batches = (
+        f"left the tools of B{first:02d}, right those of B{last:02d}" if first != last else f"tools of B{first:02d}"
     )
-    for curve, colour, dashes, width in styles:
-        if curve is not None:
-            axes.plot(curve.lift_mm, curve.force_n, color=colour, linestyle=dashes, linewidth=width)
-    axes.set_xlim(*limits[0])
-    axes.set_ylim(*limits[1])
-    axes.locator_params(axis="both", nbins=4)
-    axes.set_xlabel("lift (mm)", fontsize=8, labelpad=1)
-    axes.set_ylabel("force (N)", fontsize=8, labelpad=1)
-    axes.tick_params(labelsize=7.5, length=2, pad=1.5)
-    return figure
+    words = paragraph(
+        f"Fig. 5a and b of the paper: {batches}, each line the mean of a tool's repeats in steps of {STEP_MM:g} mm; "
+        "the darker, the better the tool over all objects. All panels share their axes. Below zero the object is still "
+        "pushed down; the highest point is the peak pull-off force; where the line returns to zero the object has left "
+        "the grip. Simulated forces far above all measured ones are cut off. "
+        f"{describe_specialists(content.work.rows, (first, last))}", "note",
+    )  # fmt: skip
+    key = [f"<span><i></i>{best.label}, the best tool, on the right</span>"]
+    key += [f'<span><i class="sim"></i>{best.label} simulated</span>'] if simulated else []
+    return section(
+        "traces", title, f'<div class="key">{"".join(key)}</div>', words,
+        f'<div class="panels wide">{"".join(cells)}</div>', folder.sources(*shown),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class BatchPanels:
+    """Draws one object: an axis per batch, one line per tool; the best tool and its simulation in the last one."""
+
+    batches: Sequence[int]
+    best: Tool
+    tools: Sequence[Tool]
+    window: Window
+
+    def draw(self, lines: Mapping[tuple[int, int], Curve], simulated: Curve | None = None) -> Figure:
+        """The figure of an object, from the lines of its tools by batch and slot."""
+        figure = new_figure(WIDTH_IN if len(self.batches) > 1 else 0.62 * WIDTH_IN, HEIGHT_IN)
+        places = np.atleast_1d(figure.subplots(1, len(self.batches), sharex=True, sharey=True))
+        ranked = sorted(self.tools, key=lambda tool: tool.quality_n or 0.0)
+        for axes, batch in zip(places, self.batches, strict=True):
+            slots = [(t.batch, t.slot) for t in ranked if t.batch == batch and (t.batch, t.slot) in lines]
+            is_last = batch == self.batches[-1]
+            for rank, slot in enumerate(slots, start=1):
+                shade = _lighten(BEST if is_last else FIRST, 0.3 + 0.5 * rank / len(slots))
+                axes.plot(lines[slot].lift_mm, lines[slot].force_n, color=shade, linewidth=0.9)
+            if is_last:
+                if simulated is not None:
+                    axes.plot(simulated.lift_mm, simulated.force_n, **_SIMULATED_LINE)
+                if (line := lines.get((self.best.batch, self.best.slot))) is not None:
+                    axes.plot(line.lift_mm, line.force_n, color=BEST, linewidth=1.8)
+            axes.set_title(f"B{batch:02d}", loc="left", fontsize=8, pad=2)
+            self.window.apply(axes)
+        places[0].set_ylabel("force (N)", fontsize=8, labelpad=1)
+        return figure
+
+
+def _lighten(colour: str, share: float) -> tuple[float, ...]:
+    """A mixture of a colour, by its share, with white."""
+    return tuple(1.0 - share * (1.0 - part) for part in to_rgb(colour))
+
+
+def describe_specialists(rows: Sequence[Mapping[str, Any]], batches: tuple[int, int]) -> str:
+    """In words: how many tools of a batch are the strongest on at least one object."""
+    told = []
+    for batch in sorted(set(batches)):
+        peaks: dict[int, dict[int, float]] = defaultdict(dict)
+        for row in rows:
+            if row["batch"] == batch:
+                peaks[row["object_id"]][row["slot"]] = row["peak_force_n"]
+        tools = {slot for slots in peaks.values() for slot in slots}
+        winners = {max(slots, key=lambda slot: slots[slot]) for slots in peaks.values() if slots}
+        told.append(f"In B{batch:02d}, {len(winners)} of {len(tools)} tools are the strongest on at least one object.")
+    return " ".join(told)

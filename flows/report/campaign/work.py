@@ -4,11 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flows.report.campaign.content import Content
+from flows.report.campaign.content import NOT_MEASURED, Content
 from flows.report.campaign.figures import work_figure
-from flows.report.campaign.results import NOT_MEASURED
 from flows.report.folder import Folder
-from flows.report.html import Markup, columns, number, paragraph, section, table
+from flows.report.html import Markup, columns, count, number, paragraph, section, table
 from models.traces.quality import Interval, difference_of_tools, mean_of_tools
 
 TITLE = "Grasp work by object"
@@ -36,14 +35,14 @@ def work_section(content: Content, folder: Folder) -> Markup:
         "grasp that holds long counts for more than one that is strong for a moment. Each dot is a tool, each bar the "
         "median of its batch; objects are sorted by the newest batch."
     )
-    changes = work_changes(content, first, last) if first != last else []
+    changes = compare_work(content, first, last) if first != last else []
     parts = [columns(shown, words + _changes_table(changes, first, last)), folder.sources(content.work)]
     if changes:
         parts.insert(1, folder.numbers("work_changes", [_numbers(change) for change in changes]))
     return section("work", TITLE, *parts)
 
 
-def work_changes(content: Content, first: int, last: int) -> list[WorkChange]:
+def compare_work(content: Content, first: int, last: int) -> list[WorkChange]:
     """Changes on the objects that tools of both batches have met, the largest first."""
     found = []
     for object_id in sorted({row["object_id"] for row in content.work.rows}):
@@ -71,8 +70,8 @@ def _changes_table(changes: list[WorkChange], first: int, last: int) -> Markup:
     ]  # fmt: skip
     return Markup(
         paragraph(
-            f"From B{first:02d} to B{last:02d} the mean work rose on {rose} of {len(changes)} objects, on {surely} of "
-            f"them by more than the 95 % interval (bootstrap over tools) leaves to chance.{which}"
+            f"From B{first:02d} to B{last:02d} the mean work rose on {rose} of {count(len(changes), 'object')}, on "
+            f"{surely} of them by more than the 95 % interval (bootstrap over tools) leaves to chance.{which}"
         )
         + table(("object", f"B{first:02d} (J)", f"B{last:02d} (J)", "change (J)", "95 %"), rows, numeric=(1, 2, 3, 4))
     )

@@ -1,1 +1,1 @@
-"""The page of a gap search."""
+"""The page of a gap search: `page` writes it, from `figures` and the answer in words (`answer`)."""

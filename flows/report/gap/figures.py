@@ -6,14 +6,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from flows.report.gap.words import probability_words, words
+from flows.report.gap.answer import describe_effect, describe_probability
 from flows.report.style import BEST, FAINT, FIRST, INK, MUTED, SIMULATED, WIDTH_IN, new_axes
-from models.gap.evaluation.show import AFTER, BEFORE, Shown
-from models.gap.findings import Candidate, Named
-from models.gap.naming.isolability import LEAST_NATS, Isolability
-from models.gap.where.phases import AT, PHASES
-from models.gap.where.residuals import Residuals
-from models.gap.where.variance_shares import SOURCES, PhaseShares
+from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation
+from models.gap.findings import Candidate, Decision
+from models.gap.naming.rank_effects import LEAST_NATS, Separability
+from models.gap.where.residuals import AT, PHASES, Residuals
+from models.gap.where.variance_components import SOURCES, PhaseComponents
 from models.objects.catalogue import get_object
 from models.traces.step_features import STEP_MM
 
@@ -25,17 +24,17 @@ _FEWEST_NAMES, _MOST_NAMES = 4, 8
 _LEAST_SHARE = 2.0  # per cent that the colours of a map always span
 
 
-def error_figure(shown: Shown) -> Figure:
+def error_figure(evaluation: Evaluation) -> Figure:
     """Bars of the held-out error: before, after, what peers without a name reach, and the floor as a line."""
-    labels = [p.label for p in shown.predictions]
-    values = [shown.of(label).rmse_n for label in labels]
+    labels = [p.label for p in evaluation.predictions]
+    values = [evaluation.of(label).rmse_n for label in labels]
     figure, axes = new_axes(WIDTH_IN, 0.9 + 0.42 * len(labels), grid="x")
     colours = [SIM_BEFORE if x == BEFORE else SIM_AFTER if x == AFTER else FAINT for x in labels]
     places = np.arange(len(labels))
     axes.barh(places, values, height=0.62, color=colours)
     for place, value in enumerate(values):
         axes.text(value, place, f" {value:.2f} N", va="center", fontsize=8.5)
-    floor = shown.gap.rmse_floor_n
+    floor = evaluation.gap.rmse_floor_n
     axes.axvline(floor, color=MUTED, linewidth=1.2, linestyle=(0, (4, 2)))
     axes.text(floor, -0.62, f"noise floor {floor:.2f} N", ha="center", va="bottom", fontsize=8, color=MUTED)
     axes.set_yticks(places, labels)
@@ -85,22 +84,22 @@ def _by_mean(table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.argsort(np.nanmean(table, axis=1)), np.argsort(np.nanmean(table, axis=0))
 
 
-def shares_figure(shares: Sequence[PhaseShares]) -> Figure:
+def components_figure(components: Sequence[PhaseComponents]) -> Figure:
     """What the squares of the gap go with, phase by phase, as bars of root mean squares."""
-    figure, axes = new_axes(WIDTH_IN, 1.5 + 0.36 * len(shares), grid="x")
-    places = np.arange(len(shares))
-    left = np.zeros(len(shares))
+    figure, axes = new_axes(WIDTH_IN, 1.5 + 0.36 * len(components), grid="x")
+    places = np.arange(len(components))
+    left = np.zeros(len(components))
     for source in SOURCES:
-        part = np.array([s.parts[source] for s in shares])
-        total = np.maximum([sum(s.parts.values()) for s in shares], 1e-12)
-        width = 100.0 * np.sqrt([s.mean_square for s in shares]) * part / total
+        part = np.array([s.parts[source] for s in components])
+        total = np.maximum([sum(s.parts.values()) for s in components], 1e-12)
+        width = 100.0 * np.sqrt([s.mean_square for s in components]) * part / total
         axes.barh(places, width, left=left, height=0.62, color=_SOURCE_COLOURS[source], label=source)
         left = left + width
-    floor = 100.0 * np.sqrt([s.numerical for s in shares])
+    floor = 100.0 * np.sqrt([s.numerical for s in components])
     axes.vlines(
         floor, places - 0.4, places + 0.4, color=INK, linewidth=1.4, linestyle=(0, (2, 1)), label="other meshes"
     )
-    axes.set_yticks(places, [s.phase for s in shares])
+    axes.set_yticks(places, [s.phase for s in components])
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
     axes.set_xlabel("root mean square residual (% of the peak), parted by variance")
@@ -108,7 +107,7 @@ def shares_figure(shares: Sequence[PhaseShares]) -> Figure:
     return figure
 
 
-def names_figure(candidates: Sequence[Candidate], named: Named) -> Figure:
+def names_figure(candidates: Sequence[Candidate], named: Decision) -> Figure:
     """Probabilities of names, the answer's in blue; `none` and `unknown` are among them."""
     ranked = sorted(candidates, key=lambda c: -c.probability)
     n_likely = sum(c.probability >= 0.005 or c.effect in named.effects for c in ranked)
@@ -119,8 +118,8 @@ def names_figure(candidates: Sequence[Candidate], named: Named) -> Figure:
     colours = [BEST if c.effect in answer else FAINT for c in chosen]
     axes.barh(places, [c.probability for c in chosen], height=0.62, color=colours)
     for place, c in enumerate(chosen):
-        axes.text(c.probability, place, f" {probability_words(c.probability)}", va="center", fontsize=8.5)
-    axes.set_yticks(places, [words(c.effect) for c in chosen])
+        axes.text(c.probability, place, f" {describe_probability(c.probability)}", va="center", fontsize=8.5)
+    axes.set_yticks(places, [describe_effect(c.effect) for c in chosen])
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
     axes.set_xlim(0.0, 1.12)
@@ -128,18 +127,18 @@ def names_figure(candidates: Sequence[Candidate], named: Named) -> Figure:
     return figure
 
 
-def isolability_figure(isolated: Isolability) -> Figure:
+def separability_figure(separability: Separability) -> Figure:
     """Which effects these designs and objects could tell apart: dark is sure, white is not at all."""
-    n = len(isolated.effects)
-    apart = np.minimum(isolated.nats, isolated.nats.T)
+    n = len(separability.effects)
+    apart = np.minimum(separability.nats, separability.nats.T)
     figure, axes = new_axes(WIDTH_IN, 1.2 + 0.185 * n, grid="")
     shown = np.log10(np.clip(np.where(np.eye(n) > 0, np.nan, apart), 0.1, 1000.0))
     image = axes.imshow(shown, cmap="Greys", vmin=-1.0, vmax=3.0, aspect="auto")
     for i, j in zip(*np.nonzero((apart < LEAST_NATS) & ~np.eye(n, dtype=bool)), strict=True):
         axes.plot(j, i, marker="x", color=FIRST, markersize=3.5, markeredgewidth=1.1)
-    axes.set_yticks(range(n), [words(e) for e in isolated.effects], fontsize=7.2)
+    axes.set_yticks(range(n), [describe_effect(e) for e in separability.effects], fontsize=7.2)
     axes.set_xticks(range(n), [str(i + 1) for i in range(n)], fontsize=6.5)
-    axes.set_yticklabels([f"{words(e)}  {i + 1}" for i, e in enumerate(isolated.effects)], fontsize=7.2)
+    axes.set_yticklabels([f"{describe_effect(e)}  {i + 1}" for i, e in enumerate(separability.effects)], fontsize=7.2)
     axes.tick_params(length=0)
     bar = figure.colorbar(image, ax=axes, location="top", shrink=0.7, aspect=28, pad=0.02, ticks=[-1, 0, 1, 2, 3])
     bar.ax.set_xticklabels(["0.1", "1", "10", "100", "1000"], fontsize=8)
@@ -147,11 +146,11 @@ def isolability_figure(isolated: Isolability) -> Figure:
     return figure
 
 
-def trace_figure(shown: Shown, rows: Sequence[int], title: str) -> Figure:
+def trace_figure(evaluation: Evaluation, rows: Sequence[int], title: str) -> Figure:
     """One held-out tool on one object: measured repeats, and the simulator before and after with its 90 % interval."""
     figure, axes = new_axes(WIDTH_IN, 2.5, grid="both")
-    by_label = {p.label: p for p in shown.predictions}
-    lift_mm = STEP_MM * (np.arange(shown.held_out.measured_n.shape[1]) + 0.5)
+    by_label = {p.label: p for p in evaluation.predictions}
+    lift_mm = STEP_MM * (np.arange(evaluation.held_out.measured_n.shape[1]) + 0.5)
     axes.axhline(0.0, color=MUTED, linewidth=0.8)
     after = by_label[AFTER]
     first = rows[0]
@@ -160,10 +159,10 @@ def trace_figure(shown: Shown, rows: Sequence[int], title: str) -> Figure:
         low, high = after.steps_n[first] - half, after.steps_n[first] + half
         axes.fill_between(lift_mm, low, high, color=SIM_AFTER, alpha=0.15, linewidth=0)
     for row in rows:
-        axes.plot(lift_mm, shown.held_out.measured_n[row], color=MEASURED, linewidth=1.0, alpha=0.75)
+        axes.plot(lift_mm, evaluation.held_out.measured_n[row], color=MEASURED, linewidth=1.0, alpha=0.75)
     axes.plot(lift_mm, by_label[BEFORE].steps_n[first], color=SIM_BEFORE, linewidth=1.7, linestyle=(0, (4, 1.5)))
     axes.plot(lift_mm, after.steps_n[first], color=SIM_AFTER, linewidth=1.7)
-    held = np.abs(shown.held_out.measured_n[list(rows)]).max(axis=0)
+    held = np.abs(evaluation.held_out.measured_n[list(rows)]).max(axis=0)
     still = np.flatnonzero(held > 0.05 * held.max())
     axes.set_xlim(0.0, min(lift_mm[still[-1]] + 5.0, lift_mm[-1]) if still.size else lift_mm[-1])
     axes.set_title(title, loc="left")
@@ -172,9 +171,9 @@ def trace_figure(shown: Shown, rows: Sequence[int], title: str) -> Figure:
     return figure
 
 
-def class_figure(shown: Shown) -> Figure:
+def class_figure(evaluation: Evaluation) -> Figure:
     """Held-out error by class of the object, before and after."""
-    before, after = shown.by_class[BEFORE], shown.by_class[AFTER]
+    before, after = evaluation.by_class[BEFORE], evaluation.by_class[AFTER]
     names = sorted(before, key=lambda name: before[name])
     figure, axes = new_axes(WIDTH_IN, 0.9 + 0.24 * len(names), grid="x")
     places = np.arange(len(names))
@@ -189,10 +188,10 @@ def class_figure(shown: Shown) -> Figure:
     return figure
 
 
-def chosen_cells(shown: Shown, n: int = 6) -> list[list[int]]:
+def chosen_cells(evaluation: Evaluation, n: int = 6) -> list[list[int]]:
     """Rows of n held-out cells to show: of other objects and tools in turn, from the middle of the errors before."""
-    held_out = shown.held_out
-    before = next(p for p in shown.predictions if p.label == BEFORE)
+    held_out = evaluation.held_out
+    before = next(p for p in evaluation.predictions if p.label == BEFORE)
     squares = ((held_out.measured_n - before.steps_n) ** 2).mean(axis=1)
     cells = np.unique(held_out.cell)
     rows = {int(c): np.flatnonzero(held_out.cell == c).tolist() for c in cells}

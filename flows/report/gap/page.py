@@ -5,15 +5,40 @@ It is written from the answer (`Findings`) and, as far as it is there, from what
 """
 
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from flows.report.folder import Folder
-from flows.report.gap.evidence import GapEvidence
-from flows.report.gap.sections import assumed_section, headline, name_section, next_section, show_section, where_section
-from flows.report.gap.theta import theta_section
-from flows.report.html import page, text
+from flows.report.gap.answer import (
+    OLD,
+    GapPage,
+    describe_answer,
+    describe_decision,
+    describe_effect,
+    describe_reserve,
+    describe_sureness,
+    shorten_answer,
+)
+from flows.report.gap.figures import (
+    chosen_cells,
+    class_figure,
+    components_figure,
+    error_figure,
+    map_figure,
+    names_figure,
+    separability_figure,
+    trace_figure,
+)
+from flows.report.html import Markup, columns, number, page, paragraph, section, table, text, tiles
 from flows.report.style import figure_style
-from models.gap.findings import Findings
+from models.gap.evaluation.evaluate import Evaluation
+from models.gap.findings import Decision, Findings, RoundFindings
+from models.gap.where.permutation_tests import Q
+from models.gap.where.residuals import PHASES
+from models.objects.catalogue import get_object
+from models.units import unit_of
 
 _LOG = logging.getLogger(__name__)
 PAGE, FINDINGS = "report.html", "findings.json"
@@ -26,17 +51,27 @@ NAV = {
     "next": "What to measure next",
     "assumed": "What was assumed",
 }
+_KEY = Markup(
+    '<div class="key"><span><i style="border-color:#1a1a1a;border-width:2px"></i>measured, each repeat</span>'
+    '<span><i style="border-color:#d55e00;border-top-style:dashed"></i>simulated before</span>'
+    "<span><i></i>simulated after, band: 90 %</span></div>"
+)
+_NONE = (
+    "Probabilities are shares among the candidates. None of them predicts what was left out better than the best one "
+    "does in worlds without a gap."
+)
+_THETA = {"young_modulus_mpa": "Young's modulus (MPa)", "friction": "friction", "poisson_ratio": "Poisson ratio"}
 
 
 def write_findings(findings: Findings, out: Path) -> Path:
-    """Write `findings.json` (design.md section 10) into a folder; returns its path."""
+    """Write `findings.json` into a folder; returns its path."""
     out.mkdir(parents=True, exist_ok=True)
     path = out / FINDINGS
     path.write_text(findings.model_dump_json(indent=2) + "\n", encoding="utf-8")
     return path
 
 
-def write_gap_report(evidence: GapEvidence, out: Path, name: str, of: str = "") -> Path:
+def write_gap_report(content: GapPage, out: Path, name: str, of: str = "") -> Path:
     """Write the page of a search, its figures and numbers, and `findings.json` into the folder `out`.
 
     name: of the search. of: what was searched, for the line above the title. Returns the path of the page.
@@ -47,12 +82,286 @@ def write_gap_report(evidence: GapEvidence, out: Path, name: str, of: str = "") 
     folder = Folder(Path(out))
     with figure_style():
         parts = (where_section, name_section, show_section, theta_section, next_section, assumed_section)
-        body = "".join(build(evidence, folder) for build in parts)
-        top = headline(evidence)
-    write_findings(evidence.findings, folder.root)
+        body = "".join(build(content, folder) for build in parts)
+        top = headline(content)
+    write_findings(content.findings, folder.root)
     footer = text(f"Gap search {name}. Units: mm, N, MPa. For machines: {FINDINGS}.")
     path = folder.root / PAGE
     document = page("What the simulator misses", of or f"FAST gap search {name}", top, NAV, body, footer)
     path.write_text(document, encoding="utf-8")
     _LOG.info("page of gap search %s written to %s", name, path)
     return path
+
+
+def headline(content: GapPage) -> Markup:
+    """The answer in a sentence and four numbers."""
+    findings = content.findings
+    gap = findings.gap
+    low, high = gap.ci95
+    shown = [(shorten_answer(findings), describe_sureness(findings))]
+    if any(found.version for found in findings.rounds):
+        closed = f"{100 * gap.closed_fraction:.0f}\u00a0%"
+        shown += [
+            (number(gap.rmse_before_n, 2, "N"), "held-out error before, theta alone recalibrated"),
+            (number(gap.rmse_after_n, 2, "N"), f"held-out error after; noise floor {gap.rmse_floor_n:.2f} N"),
+            (closed, f"of the gap above the floor closed, 95 %: {100 * low:.0f} to {100 * high:.0f} %"),
+        ]
+    else:
+        shown += [
+            (number(gap.rmse_before_n, 2, "N"), "held-out error; nothing was added to the simulator"),
+            (number(gap.rmse_floor_n, 2, "N"), "noise floor: repeats and meshes, without scatter of prints"),
+        ]
+    warnings = "".join(paragraph(f"Warning: {sentence}", "note") for sentence in findings.warnings)
+    return Markup(paragraph(describe_answer(findings), "lead") + tiles(shown) + warnings)
+
+
+def where_section(content: GapPage, folder: Folder) -> Markup:
+    """Sentences, the map of the phase that they are about, and what the gap goes with."""
+    rounds = content.findings.rounds
+    parts = [_sentences(found, place, len(rounds)) for place, found in enumerate(rounds)]
+    if content.where and content.residuals is not None:
+        where = content.where[0]
+        lead = where.findings[0].phase if where.findings else "peak"
+        phases = [phase for phase in PHASES if phase == lead or any(s.phase == phase for s in where.components)]
+        maps = {
+            phase: folder.figure(
+                f"gap_map_{phase}", map_figure(content.residuals, phase), f"Gap by tool, object: {phase}"
+            )
+            for phase in phases
+        }
+        note = paragraph(
+            "Purple: the simulator promises too little; orange: too much. Tools and objects are sorted by their means, "
+            "so that what belongs together lies together. A gap that is one colour per column is a print, not physics.",
+            "note",
+        )
+        shares = folder.figure("gap_shares", components_figure(where.components), "What the gap goes with")
+        clues = [t.sentence for t in where.trends if t.is_clue]
+        parts.append(columns(maps[lead] + note, shares + _components_note() + _clues(clues)))
+        others = "".join(picture for phase, picture in maps.items() if phase != lead)
+        folded = f'<summary>Maps of the other phases</summary><div class="two">{others}</div>'
+        parts.append(Markup(f"<details>{folded}</details>"))
+        parts.append(_components_table(content, folder))
+    return section("where", "Where they disagree", *parts)
+
+
+def name_section(content: GapPage, folder: Folder) -> Markup:
+    """Probabilities of names round by round, parameters, and what could not be told apart."""
+    rounds = content.findings.rounds
+    parts: list[str] = []
+    for place, found in enumerate(rounds):
+        title = (
+            f"Round {place + 1}: {describe_decision(found.named)}"
+            if len(rounds) > 1
+            else describe_decision(found.named)
+        )
+        figure = folder.figure(
+            f"gap_names_{place + 1}", names_figure(found.candidates, found.named), "Probabilities of names"
+        )
+        told = Markup(f"<h3>{text(title)}</h3>") + paragraph(found.named.sentence) + _parameters(found.named)
+        if note := describe_reserve(found):
+            told += paragraph(note, "note")
+        if found.named.kind == "none":
+            told += paragraph(_NONE, "note")
+        dropped = f"No longer needed: {', '.join(describe_effect(e) for e in found.dropped)}." if found.dropped else ""
+        parts.append(columns(Markup(told + (paragraph(dropped) if dropped else "")), figure))
+    if content.separability is not None and len(content.separability.effects) > 1:
+        figure = folder.figure(
+            "gap_isolability", separability_figure(content.separability), "Which effects could be told apart"
+        )
+        note = paragraph(
+            "What these designs, objects and repeats could tell apart at all, computed before looking at the gap: each "
+            "row against each column, at a plausible size. Crosses: less than 3 nats, so that such a pair is reported "
+            "as a set.", "note",
+        )  # fmt: skip
+        parts.append(Markup("<h3>What could be told apart</h3>") + columns(figure, note))
+    parts.append(_candidates(rounds, folder))
+    return section("name", "What is missing", *parts)
+
+
+def show_section(content: GapPage, folder: Folder) -> Markup:
+    """Errors beside peers and floor, held-out traces, classes of objects, and all metrics."""
+    evaluation = content.evaluation
+    if evaluation is None:
+        return section("show", "Before and after", paragraph(OLD))
+    errors = folder.figure("gap_errors", error_figure(evaluation), "Held-out errors")
+    note = paragraph(
+        "Designs and objects that were put aside before the search. Gaussian process and black box learn the same "
+        "residual without a name for it. The floor is what repeats scatter, or what a finer mesh changes.", "note",
+    )  # fmt: skip
+    classes = folder.figure("gap_classes", class_figure(evaluation), "Held-out error by class of object")
+    panels = [_trace(evaluation, rows, place, folder) for place, rows in enumerate(chosen_cells(evaluation))]
+    pairs = [columns(*panels[i : i + 2]) for i in range(0, len(panels), 2)]
+    return section(
+        "show",
+        "Before and after, on what was held out",
+        columns(errors + note, classes),
+        Markup("<h3>Held-out grasps</h3>"),
+        _KEY,
+        *pairs,
+        _metrics(evaluation, folder),
+    )
+
+
+def next_section(content: GapPage, folder: Folder) -> Markup:
+    """The experiment that separates a set, and aliases with what would tell."""
+    findings = content.findings
+    asked = findings.next_experiment
+    told = (
+        paragraph(asked.sentence, "lead")
+        + paragraph(f"It separates {', '.join(describe_effect(e) for e in asked.separates)}.")
+        if asked is not None
+        else paragraph("Nothing is left ambiguous that an experiment of the bench would separate.")
+    )
+    rows = [(describe_effect(a.effect), a.of, a.experiment) for a in findings.aliases]
+    wrapped = [tuple(Markup(f'<span style="white-space:normal">{text(cell)}</span>') for cell in row) for row in rows]
+    return section(
+        "next",
+        "What to measure next",
+        told,
+        Markup("<h3>What these data cannot tell from something else</h3>"),
+        table(("effect", "cannot be told from", "what would tell"), wrapped),
+    )
+
+
+def assumed_section(content: GapPage, folder: Folder) -> Markup:
+    """What the answer rests on, and what it cost."""
+    findings = content.findings
+    budget = [
+        (name.replace("_", " "), number(value, 0 if value == round(value) else 1))
+        for name, value in findings.budget.items()
+    ]
+    power = (findings.power,) if findings.power else ()
+    general = (
+        "Theta was calibrated again before anything was called a gap; rho is 1.",
+        f"Findings of WHERE hold a false discovery rate of {100 * Q:.0f} % over phases and factors; the unit is the "
+        "tool or the object, never the grasp.",
+        "Names are those of the catalogue; what is not in it can only be called unknown.",
+        f"Seed {findings.seed}.",
+    )
+    return section(
+        "assumed",
+        "What was assumed",
+        _list((*general, *power, *content.assumed)),
+        table(("cost", "value"), budget, (1,)),
+    )
+
+
+def theta_section(content: GapPage, folder: Folder) -> Markup:
+    """Whether the constants moved towards what other instruments say."""
+    is_known = any(row.independent is not None for row in content.theta)
+    headings = ("constant", "before", "with what was named", "tensile bars of the paper", "")[: 5 if is_known else 3]
+    rows = [
+        (
+            _THETA.get(r.parameter, r.parameter),
+            _median(r.before),
+            _median(r.after),
+            None if r.independent is None else f"{r.independent[0]:.3g} \u00b1 {r.independent[1]:.2g}",
+            _moved(r.before[0], r.after[0], r.independent),
+        )[: len(headings)]
+        for r in content.theta
+    ]
+    words_ = paragraph(
+        "Median and 90 % interval. A missing effect bends theta; with the right effect it moves back to what other "
+        "instruments say.", "note",
+    )  # fmt: skip
+    return section("theta", "Theta before and after", table(headings, rows, empty=OLD), words_ if rows else "")
+
+
+def _sentences(found: RoundFindings, place: int, n_rounds: int) -> Markup:
+    head = Markup(f"<h3>Round {place + 1}</h3>") if n_rounds > 1 else Markup("")
+    if not found.where:
+        pattern = " What is named below shows in the pattern of all traces." if found.named.kind != "none" else ""
+        sentence = "No single tool, object or phase stands out from noise, scatter of prints and meshes." + pattern
+        return Markup(head + paragraph(sentence))
+    first, *others = found.where
+    return Markup(head + paragraph(first.sentence, "lead" if place == 0 else "") + _list([f.sentence for f in others]))
+
+
+def _clues(sentences: Sequence[str]) -> Markup:
+    return Markup(f"<h3>Constants that vary</h3>{_list(sentences)}" if sentences else "")
+
+
+def _list(sentences: Sequence[str]) -> Markup:
+    items = "".join(f"<li>{text(s)}</li>" for s in sentences)
+    return Markup(f"<ul>{items}</ul>" if items else "")
+
+
+def _components_note() -> Markup:
+    return paragraph(
+        "What the squares of the gap go with. Noise is what repeats scatter; the dashed mark is what another mesh "
+        "changes: a bar that ends before it is no gap of physics. Common: the same for all grasps.", "note",
+    )  # fmt: skip
+
+
+def _components_table(content: GapPage, folder: Folder) -> Markup:
+    rows = [
+        {"phase": s.phase, "source": source, "mean_square_relative": value, "lower_90": s.intervals[source][0],
+         "upper_90": s.intervals[source][1], "numerical_mean_square": s.numerical, "order_alias": s.order_confounding}
+        for s in content.where[0].components
+        for source, value in s.parts.items()
+    ]  # fmt: skip
+    alias = max((s.order_confounding for s in content.where[0].components), default=0.0)
+    said = paragraph(
+        f"{100 * alias:.0f} % of the order of a tool's grasps is known from tool and object"
+        + ("; what drifts cannot be told from them, randomise the order." if alias > 0.9 else "."), "note",
+    )  # fmt: skip
+    return Markup(said + folder.numbers("gap_shares", rows)) if rows else said
+
+
+def _parameters(named: Decision) -> Markup:
+    rows = [
+        (name.replace("_", " "), f"{p.median:.3g}", f"{p.ci90[0]:.3g} to {p.ci90[1]:.3g}", unit_of(name) or "")
+        for name, p in named.parameters.items()
+    ]
+    return table(("parameter", "median", "90 % interval", "unit"), rows, (1,)) if rows else Markup("")
+
+
+def _candidates(rounds: tuple[RoundFindings, ...], folder: Folder) -> Markup:
+    rows = [
+        {"round": i + 1, **c.model_dump(exclude={"parameters"})} for i, r in enumerate(rounds) for c in r.candidates
+    ]
+    return folder.numbers("gap_candidates", rows) if rows else Markup("")
+
+
+def _trace(evaluation: Evaluation, rows: list[int], place: int, folder: Folder) -> Markup:
+    held_out = evaluation.held_out
+    row = rows[0]
+    obj = get_object(held_out.objects[held_out.obj[row]])
+    fresh = [
+        word
+        for word, is_new in (("design", held_out.is_new_tool[row]), ("object", held_out.is_new_object[row]))
+        if is_new
+    ]
+    title = f"{held_out.tools[held_out.tool[row]]} on the {obj.name} (new {' and '.join(fresh)})"
+    return folder.figure(f"gap_trace_{place + 1}", trace_figure(evaluation, rows, title), title)
+
+
+def _metrics(evaluation: Evaluation, folder: Folder) -> Markup:
+    headings = ("model", "of", "RMSE (N)", "peak bias (%)", "peak MAE (N)", "rank, designs", "rank, per object",
+                "work (J)", "in 90 %", "width (N)")  # fmt: skip
+    rows = [
+        (m.label, m.block, number(m.rmse_n, 2), number(100 * m.peak_bias_share, 1), number(m.peak_mae_n, 2),
+         number(m.rank_by_design, 2), number(m.rank_by_object, 2), number(m.work_error_j, 3), number(m.coverage_90, 2),
+         number(m.width_90_n, 2))
+        for m in evaluation.metrics
+    ]  # fmt: skip
+    note = paragraph(
+        "Bias: measured less simulated. Rank: Spearman, of mean peaks over designs, and over designs within an object.",
+        "note",
+    )
+    folded = Markup(
+        f"<details><summary>All figures of merit</summary>{table(headings, rows, range(2, 10))}{note}</details>"
+    )
+    return Markup(folded + folder.numbers("gap_metrics", [m.model_dump() for m in evaluation.metrics]))
+
+
+def _median(of: tuple[float, float, float]) -> str:
+    median, low, high = of
+    return f"{median:.3g} [{low:.3g}, {high:.3g}]" if high > low else f"{median:.3g}"
+
+
+def _moved(before: float, after: float, independent: tuple[float, float] | None) -> str:
+    """Whether a constant came nearer to its independent measurement."""
+    if independent is None or np.isclose(before, after, rtol=0.01):
+        return ""
+    return "nearer" if abs(after - independent[0]) < abs(before - independent[0]) else "further away"

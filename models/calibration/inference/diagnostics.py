@@ -9,10 +9,14 @@ import numpy as np
 from models.calibration.inference.result import ESS_LIMIT, R_HAT_LIMIT
 from models.calibration.inference.settings import CalibrationSettings, ThetaPriors
 from models.calibration.means.problem import THETA, CalibrationProblem
+from models.errors import UsageError
 
 EDGE_SHARE, EDGE_LIMIT, OUTSIDE_LIMIT = 0.05, 0.2, 0.05
 OVERLAP_LIMIT = 0.85
 CORRELATION_LIMIT = 0.7
+GRAVITY_N_PER_KG = 9.81
+_UNIT_TOLERANCE = 0.4  # of the logarithm: how near a factor counts as suspected
+_FAR_SD = 2.0  # prior standard deviations of ln E that call for a suspicion
 _N_PRIOR_DRAWS, _N_BINS = 20_000, 30
 _WORDS = {"young_modulus_mpa": "Young's modulus", "friction": "friction", "poisson_ratio": "Poisson ratio"}
 _UNITS = {"young_modulus_mpa": " MPa", "friction": "", "poisson_ratio": ""}
@@ -37,7 +41,7 @@ def diagnose(
     n_deepest: int = 0,
 ) -> Diagnosis:
     """Diagnose constrained draws (chains x n x len(names)), see `CalibrationResult`."""
-    r_hat, ess_bulk, ess_tail = convergence(names, draws)
+    r_hat, ess_bulk, ess_tail = measure_convergence(names, draws)
     flat = {name: draws[:, :, i].ravel() for i, name in enumerate(names)}
     sentences = [
         *_sampler_sentences(draws.shape[0] * draws.shape[1], settings, n_divergences, n_deepest),
@@ -49,7 +53,9 @@ def diagnose(
     return Diagnosis(r_hat, ess_bulk, ess_tail, tuple(sentences))
 
 
-def convergence(names: Sequence[str], draws: np.ndarray) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
+def measure_convergence(
+    names: Sequence[str], draws: np.ndarray
+) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
     """Rank-normalised R-hat, bulk ESS and tail ESS by name (Vehtari et al. 2021), of chains x n x len(names)."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # announcements of ArviZ's next version
@@ -62,7 +68,7 @@ def convergence(names: Sequence[str], draws: np.ndarray) -> tuple[dict[str, floa
     return r_hat, ess_bulk, ess_tail
 
 
-def overlap(first: np.ndarray, second: np.ndarray) -> float:
+def measure_overlap(first: np.ndarray, second: np.ndarray) -> float:
     """Area common to the densities of two sets of draws, 0 apart, 1 the same; by histograms over both."""
     edges = np.quantile(np.concatenate([first, second]), np.linspace(0.0, 1.0, _N_BINS + 1))
     shares = [np.histogram(draws, edges)[0] / len(draws) for draws in (first, second)]
@@ -139,7 +145,7 @@ def _overlap_sentences(priors: ThetaPriors, flat: Mapping[str, np.ndarray]) -> l
     prior = priors.draw(_N_PRIOR_DRAWS, np.random.default_rng(0))
     found = []
     for k, name in enumerate(THETA):
-        common = overlap(prior[:, k], flat[name])
+        common = measure_overlap(prior[:, k], flat[name])
         if common > OVERLAP_LIMIT:
             found.append(
                 f"the measurements say little about the {_WORDS[name]}: posterior and prior overlap by "
@@ -162,3 +168,21 @@ def _correlation_sentences(flat: Mapping[str, np.ndarray]) -> list[str]:
                 "their combination, not each of them; quote them jointly" + (", or fix rho." if first == "rho" else ".")
             )
     return found
+
+
+def find_unit_warnings(modulus_mpa: float, priors: ThetaPriors) -> list[str]:
+    """What a first estimate of Young's modulus far from its prior says about the unit of the forces.
+
+    Raises:
+        UsageError: it is off by about a thousand.
+    """
+    ratio = np.log(modulus_mpa / priors.young_modulus_median_mpa)
+    if abs(ratio) < _FAR_SD * priors.young_modulus_log_sd:
+        return []
+    found = f"Measured forces ask for a Young's modulus of {modulus_mpa:.3g} MPa, the prior says "
+    found += f"{priors.young_modulus_median_mpa:.3g}"
+    if abs(abs(ratio) - np.log(1000.0)) < np.log(4.0):
+        raise UsageError(f"{found}; a factor of about 1000 is suspected in the unit of the forces: give them in N.")
+    if abs(abs(ratio) - np.log(GRAVITY_N_PER_KG)) < _UNIT_TOLERANCE:
+        return [f"{found}; a factor of 9.81 is suspected: check that forces are in N, not in kg."]
+    return [f"{found}; check the unit of the forces and the simulator."]

@@ -2,7 +2,6 @@
 
 import time
 import warnings
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -24,30 +23,6 @@ from pytensor.tensor import TensorType
 LogDensity = Callable[[np.ndarray], tuple[float, np.ndarray]]
 _FIRST_WINDOW, _WINDOW_GROWTH = 50, 2.0
 _PYTHON = Mode(linker="py", optimizer="fast_run")  # the density is Python: a C compiler would gain nothing
-
-
-class ChangingDensity(ABC):
-    """A log density conditional on another block of parameters, which moves between the steps of NUTS.
-
-    Draws of the chain are the other block (`state`), then what NUTS samples. Each chain calls `begin` first.
-    """
-
-    @abstractmethod
-    def __call__(self, values: np.ndarray) -> tuple[float, np.ndarray]:
-        """Value and gradient at what NUTS samples, given the present state."""
-
-    @abstractmethod
-    def begin(self, rng: np.random.Generator) -> None:
-        """Draw a first state."""
-
-    @abstractmethod
-    def move(self, values: np.ndarray, rng: np.random.Generator) -> None:
-        """Change the state by a move that leaves the joint density invariant, given what NUTS samples."""
-
-    @property
-    @abstractmethod
-    def state(self) -> np.ndarray:
-        """The other block."""
 
 
 class Chain(NamedTuple):
@@ -83,21 +58,6 @@ class DensityOp(Op):
     def L_op(self, inputs: Sequence[Any], outputs: Sequence[Any], output_grads: Sequence[Any]) -> list[Any]:
         """Reverse-mode rule of the value; the gradient itself is not differentiated."""
         return [output_grads[0] * outputs[1]]
-
-
-class BlockedNuts(pm.NUTS):
-    """NUTS that moves the other block before each of its steps."""
-
-    def __init__(self, density: ChangingDensity, rng: np.random.Generator, **options: Any) -> None:
-        super().__init__(**options)
-        self._density, self._rng = density, rng
-        self.states: list[np.ndarray] = []
-
-    def astep(self, q0: Any) -> Any:
-        """Move the other block, then step."""
-        self._density.move(q0.data, self._rng)
-        self.states.append(self._density.state)
-        return super().astep(q0)
 
 
 class DenseMetric(QuadPotentialFull):
@@ -144,8 +104,6 @@ def run_chain(
     `tell` hears how many draws, tuning included, are done, and the divergences after tuning.
     """
     started = time.process_time()
-    if isinstance(log_density, ChangingDensity):
-        log_density.begin(np.random.default_rng(seed))
     operation = DensityOp(log_density)
     metric = DenseMetric(np.eye(len(start)) if scale is None else scale)
 
@@ -158,11 +116,7 @@ def run_chain(
         with pm.Model():
             z = pm.Flat("z", shape=len(start))
             pm.Potential("log_density", operation.make_node(z).outputs[0])
-            options = {"target_accept": settings.target_accept, "potential": metric}
-            if isinstance(log_density, ChangingDensity):
-                step: pm.NUTS = BlockedNuts(log_density, np.random.default_rng([seed, 1]), **options)
-            else:
-                step = pm.NUTS(**options)
+            step = pm.NUTS(target_accept=settings.target_accept, potential=metric)
             operation.n_calls = 0
             trace = pm.sample(
                 draws=settings.draws,
@@ -178,11 +132,7 @@ def run_chain(
                 compute_convergence_checks=False,
                 return_inferencedata=False,
             )
-    chain = _chain(trace, operation.n_calls, time.process_time() - started)
-    if isinstance(step, BlockedNuts):
-        states = np.array(step.states[-settings.draws :])
-        return chain._replace(draws=np.concatenate([states, chain.draws], axis=1))
-    return chain
+    return _chain(trace, operation.n_calls, time.process_time() - started)
 
 
 def _chain(trace: Any, n_gradients: int, cpu_s: float) -> Chain:

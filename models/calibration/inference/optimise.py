@@ -11,6 +11,7 @@ from models.errors import FastError
 LogDensity = Callable[[np.ndarray], tuple[float, np.ndarray]]
 _WALL = 1e10  # finite, so that the line search goes on where the covariance is numerically singular
 _STEP = 1e-3  # of the central differences, in units of the unconstrained parameters (prior sds near 1)
+_MODE_STEP = 1e-4  # the same where the density is cheap and smooth
 _LEAST_CURVATURE = 0.1  # no parameter's prior is wider than that
 _TOLERANCE = 2.2e-9  # of the density, relative
 _NEAR = 15.0  # log densities below the best optimum at which a chain may still start
@@ -65,7 +66,7 @@ def climb_scaled(
     return Optimum(start + root @ best.vector, best.value)
 
 
-def laplace_covariance(log_density: LogDensity, mode: np.ndarray) -> np.ndarray:
+def find_laplace_covariance(log_density: LogDensity, mode: np.ndarray) -> np.ndarray:
     """Inverse of the negative Hessian at a maximum, k x k, from central differences of the gradient.
 
     Curvatures below a floor count as the floor: the maximum need not be exact.
@@ -75,17 +76,17 @@ def laplace_covariance(log_density: LogDensity, mode: np.ndarray) -> np.ndarray:
         step = np.zeros_like(mode)
         step[k] = _STEP
         columns.append((log_density(mode - step)[1] - log_density(mode + step)[1]) / (2.0 * _STEP))
-    return covariance_of(np.array(columns))
+    return invert_hessian(np.array(columns))
 
 
-def covariance_of(hessian: np.ndarray) -> np.ndarray:
+def invert_hessian(hessian: np.ndarray) -> np.ndarray:
     """Inverse of a numerical negative Hessian (k x k), its curvatures at least that of the widest prior."""
     curvatures, directions = np.linalg.eigh(0.5 * (hessian + hessian.T))
     covariance = (directions / np.maximum(curvatures, _LEAST_CURVATURE)) @ directions.T
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
-def starts_around(
+def draw_starts(
     log_density: LogDensity, optima: Sequence[Optimum], covariance: np.ndarray, n_chains: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Starts of chains, n_chains x k: the good optima in turn, each with a draw of the normal approximation added.
@@ -101,3 +102,15 @@ def starts_around(
             offset = 0.5 * offset
         starts.append(near[i % len(near)] + offset)
     return np.array(starts)
+
+
+def approximate_at_mode(log_density: LogDensity, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mode of a density of unbounded coordinates (k), from `start`, and the inverse of its curvature there (k x k).
+
+    Where the density is flat, as beside a bound, a standard deviation of 2 of a logit is as far as it goes.
+    """
+    found = minimize(lambda z: tuple(-part for part in log_density(z)), start, jac=True, method="L-BFGS-B")
+    steps = _MODE_STEP * np.eye(len(start))
+    curvature = np.array([log_density(found.x - s)[1] - log_density(found.x + s)[1] for s in steps]) / (2 * _MODE_STEP)
+    values, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T))
+    return np.asarray(found.x), (vectors / np.maximum(values, 0.25)) @ vectors.T

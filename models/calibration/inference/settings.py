@@ -1,5 +1,6 @@
 """Priors and sampler settings of a calibration."""
 
+import json
 import math
 from typing import Literal
 
@@ -61,8 +62,8 @@ class CalibrationSettings(Record):
     rho: Literal["fixed", "free"] = Field(
         default="fixed", description="scale between simulation and measurement: 1, or a parameter with prior N(1, 0.1)"
     )
-    method: Literal["auto", "factorised", "joint", "blocked"] = Field(
-        default="auto", description="auto: factorised, checked by k-hat; joint for small problems; blocked otherwise"
+    method: Literal["auto", "factorised", "joint"] = Field(
+        default="auto", description="auto: factorised, checked by k-hat; where that fails, joint for small problems"
     )
     print_scatter: float = Field(
         default=0.0,
@@ -76,3 +77,13 @@ class CalibrationSettings(Record):
     target_accept: float = Field(default=0.9, ge=0.5, lt=1)
     seed: int = Field(default=0, ge=0)
     workers: int = Field(default=2, ge=1, le=64, description="processes; changes no result")
+
+
+def read_settings(settings_json: str) -> CalibrationSettings:
+    """Settings as a stored calibration has them, but for `method`: other versions of the program knew other methods.
+
+    Which one made the draws is the column `sampler`. Fields that are unknown today are left out.
+    """
+    stored = json.loads(settings_json)
+    known = CalibrationSettings.model_fields.keys() - {"method"}
+    return CalibrationSettings(**{name: stored[name] for name in known if name in stored})

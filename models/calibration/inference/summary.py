@@ -1,24 +1,21 @@
-"""What a calibration found, in numbers: Table 2 of the paper, and what the data taught beyond the prior."""
+"""What a calibration found, in numbers: Table 2 of the paper, densities, and whether anything may be built on it."""
+
+import warnings
+from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
+from scipy.ndimage import gaussian_filter
 
-from models.calibration.inference.density_plot import density_of
-from models.calibration.inference.result import CalibrationResult
+from models.calibration.inference.result import K_HAT_LIMIT, CalibrationResult
 from models.calibration.inference.settings import ThetaPriors
 from models.calibration.means.parameters import LENGTHSCALE, NOISE_SD, NUGGET, RHO_MEAN, RHO_SD, SD_E, SD_H
 from models.calibration.means.problem import THETA
-from models.records import Record
+from models.records import Record, Theta
 
-LITTLE_LEARNED = 0.8  # overlap of prior and posterior above which the data said little
-RIDGE = 0.7  # rank correlation above which two parameters are known only together
-MOST_OUTSIDE = 0.05  # of the draws outside the simulated range
-WORDS = {
-    "young_modulus_mpa": "Young's modulus",
-    "friction": "friction",
-    "poisson_ratio": "Poisson's ratio",
-    "rho": "rho",
-}
+WEIGHTED = "factorised"  # the method whose draws are as good as their importance weights
+R_HAT_REFUSED, ESS_REFUSED = 1.05, 100.0  # beyond these the draws say nothing that a simulator may be built on
+ESS_WEIGHTED = 280.0  # a tenth of the draws that are weighted at most, unless they are drawn again for longer
 
 
 class ParameterSummary(Record):
@@ -42,7 +39,7 @@ def summarise(draws: np.ndarray, prior: stats.rv_continuous | None = None) -> Pa
     """Summary of draws of one parameter (any shape); `prior` is a frozen distribution of scipy."""
     values = np.ravel(draws)
     q05, median, q95 = np.quantile(values, (0.05, 0.5, 0.95))
-    grid, density = curve = density_of(values)
+    grid, density = curve = estimate_density(values)
     sd = float(np.std(values, ddof=1))
     return ParameterSummary(
         mean=float(np.mean(values)),
@@ -56,19 +53,20 @@ def summarise(draws: np.ndarray, prior: stats.rv_continuous | None = None) -> Pa
     )
 
 
-def summary_of(result: CalibrationResult, force_scale_n: float | None = None) -> dict[str, ParameterSummary]:
+def summarise_all(result: CalibrationResult, force_scale_n: float | None = None) -> dict[str, ParameterSummary]:
     """Summary of every parameter. `force_scale_n` (`Standardised`) turns the priors of sd and noise into N."""
     return {
-        name: summarise(result.of(name), prior_of(name, result.settings.priors, force_scale_n)) for name in result.names
+        name: summarise(result.of(name), find_prior(name, result.settings.priors, force_scale_n))
+        for name in result.names
     }
 
 
-def theta_summary(result: CalibrationResult) -> dict[str, ParameterSummary]:
+def summarise_theta(result: CalibrationResult) -> dict[str, ParameterSummary]:
     """Table 2 of the paper: young_modulus_mpa, friction, poisson_ratio."""
-    return {name: summarise(result.of(name), prior_of(name, result.settings.priors)) for name in THETA}
+    return {name: summarise(result.of(name), find_prior(name, result.settings.priors)) for name in THETA}
 
 
-def prior_of(name: str, priors: ThetaPriors, force_scale_n: float | None = None) -> stats.rv_continuous | None:
+def find_prior(name: str, priors: ThetaPriors, force_scale_n: float | None = None) -> stats.rv_continuous | None:
     """Prior of a parameter as a frozen distribution of scipy, in the unit of its draws; None where it has none."""
     if name == "young_modulus_mpa":
         return stats.lognorm(priors.young_modulus_log_sd, scale=priors.young_modulus_median_mpa)
@@ -88,11 +86,116 @@ def prior_of(name: str, priors: ThetaPriors, force_scale_n: float | None = None)
     return None
 
 
-def rank_correlations(result: CalibrationResult) -> tuple[tuple[str, ...], np.ndarray]:
+def correlate_ranks(result: CalibrationResult) -> tuple[tuple[str, ...], np.ndarray]:
     """Names and Spearman's correlations, k x k, of theta, rho where it is free, discrepancy and noise."""
     names = tuple(name for name in (*THETA, "rho", "sd_e_n", "noise_sd_n") if name in result.names)
     ranks = np.apply_along_axis(stats.rankdata, 0, result.flat(*names))
     return names, np.corrcoef(ranks.T)
+
+
+def check_quality(result: CalibrationResult) -> str:
+    """The quality gate: why no simulator may be built on these draws, and what to do; empty if one may."""
+    fault = check_convergence(result)
+    if not fault and find_theta(summarise_theta(result)) is None:
+        return "the median of theta is outside what the simulator takes; compare the data's units and setup."
+    return fault
+
+
+def check_convergence(result: CalibrationResult) -> str:
+    """Why these draws are not of the posterior, and what to do; empty if they are.
+
+    Weighted draws must have weights that hold, and be worth a tenth of their number, at most `ESS_WEIGHTED`.
+    """
+    is_weighted = result.method == WEIGHTED  # another method keeps the k-hat for which it replaced this one
+    if is_weighted and not has_good_weights(result):
+        found = "unknown" if result.k_hat is None else f"{result.k_hat:.2f}"
+        return (
+            f"the calibration has not converged: its importance weights cannot be trusted (k-hat {found}, it must be "
+            f"below {K_HAT_LIMIT:g}); simulate more designs, or give --method joint, which is exact and slow."
+        )
+    r_hat, ess = find_worst(result)
+    wanted = min(ESS_WEIGHTED, 0.1 * result.draws.shape[0] * result.draws.shape[1]) if is_weighted else 0.0
+    needed = max(ESS_REFUSED, wanted)
+    if not (r_hat <= R_HAT_REFUSED and ess >= needed):
+        return (
+            f"the calibration has not converged (R-hat {r_hat:.3f}, limit {R_HAT_REFUSED:g}; bulk ESS {ess:.0f}, at "
+            f"least {needed:.0f}); give more --tune and --draws."
+        )
+    return ""
+
+
+def has_good_weights(result: CalibrationResult) -> bool:
+    """Whether importance weights were tried and hold."""
+    return result.k_hat is not None and result.k_hat < K_HAT_LIMIT
+
+
+def find_theta(summary: dict[str, ParameterSummary]) -> Theta | None:
+    """Theta of the calibrated simulator: the medians; None where they are outside what a simulator takes.
+
+    Medians, since they do not depend on whether E or ln E is averaged, and long tails do not move them.
+    """
+    values = {name: float(f"{row.median:.6g}") for name, row in summary.items()}
+    is_usable = 0.5 <= values["young_modulus_mpa"] <= 200.0 and values["friction"] <= 2.0
+    return Theta(**values) if is_usable and values["poisson_ratio"] < 0.5 else None
+
+
+def find_worst(result: CalibrationResult) -> tuple[float, float]:
+    """Largest R-hat and smallest bulk effective sample size of theta."""
+    return max(result.r_hat[name] for name in THETA), min(result.ess_bulk[name] for name in THETA)
+
+
+class Density(NamedTuple):
+    """Density on a grid from the smallest to the largest draw, both n."""
+
+    grid: np.ndarray
+    density: np.ndarray
+
+    @property
+    def mode(self) -> float:
+        """Where the density is highest."""
+        return float(self.grid[np.argmax(self.density)])
+
+
+def estimate_density(draws: np.ndarray) -> Density:
+    """Kernel density of draws (any shape) by ArviZ, mirrored at both ends: mass at a bound is not smeared over it.
+
+    The bandwidth is the mean of Silverman's rule and of Botev et al. (2010).
+    """
+    values = np.ravel(draws)
+    if np.ptp(values) <= 1e-12 * max(1.0, float(np.abs(values).max())):
+        return Density(values[:1], np.ones(1))
+    with warnings.catch_warnings():  # ArviZ announces its next version on import
+        warnings.simplefilter("ignore", FutureWarning)
+        from arviz import kde
+    grid, density = kde(values, bound_correction=True)
+    return Density(np.asarray(grid), np.asarray(density))
+
+
+class DensityMap(NamedTuple):
+    """Density of two parameters: cell middles x (n) and y (n), and the density at [y, x], n x n."""
+
+    x: np.ndarray
+    y: np.ndarray
+    density: np.ndarray
+
+    def levels(self, *shares: float) -> list[float]:
+        """Densities above which these shares of the probability lie, ascending: contours of highest density."""
+        ranked = np.sort(self.density, axis=None)[::-1]
+        held = np.cumsum(ranked) / ranked.sum()
+        return sorted(float(ranked[np.searchsorted(held, share)]) for share in shares)
+
+
+def estimate_density_map(x: np.ndarray, y: np.ndarray, n_cells: int = 128) -> DensityMap:
+    """Kernel density of joint draws (n each), on cells between the smallest and the largest: mirrored at the ends.
+
+    Gaussian, with Scott's bandwidth for two dimensions on each axis.
+    """
+    counts, x_edges, y_edges = np.histogram2d(x, y, bins=n_cells)
+    scott = len(x) ** (-1 / 6)
+    widths = [scott * float(np.std(v)) / (edges[1] - edges[0]) for v, edges in ((x, x_edges), (y, y_edges))]
+    smooth = gaussian_filter(counts, widths, mode="reflect")
+    middles = [0.5 * (edges[1:] + edges[:-1]) for edges in (x_edges, y_edges)]
+    return DensityMap(middles[0], middles[1], smooth.T)
 
 
 def _log_normal(parameters: tuple[float, float], scale: float = 1.0) -> stats.rv_continuous:

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.calibration.inference.optimise import climb, climb_scaled, laplace_covariance
-from models.calibration.means.parameters import LENGTHSCALE, NUGGET, SD_H, Layout, Phi
+from models.calibration.inference.optimise import climb, climb_scaled, find_laplace_covariance
+from models.calibration.means.parameters import LENGTHSCALE, NUGGET, SD_H, ParameterVector, Phi
 from models.calibration.means.problem import Standardised
 from models.gaussian_process.density import half_weights, lengthscale_gradient, log_normal
 from models.gaussian_process.matern import matern52_with_slope
@@ -46,12 +46,12 @@ def factorise(phi: Phi, data: Standardised) -> Factor | None:
     return Factor(phi, found.factor, found.alpha, found.value) if found else None
 
 
-def log_posterior(values: np.ndarray, data: Standardised, layout: Layout) -> tuple[float, np.ndarray]:
+def log_posterior(values: np.ndarray, data: Standardised, parameters: ParameterVector) -> tuple[float, np.ndarray]:
     """Log density log p(y_S | phi) + log p(phi) at the vector form of phi, and its gradient (n_phi).
 
     Minus infinity (gradient zero) where the covariance is numerically singular.
     """
-    phi = layout.phi(values)
+    phi = parameters.phi(values)
     h = matern52_with_slope(data.z_sim, phi.lengthscales, phi.sd)
     K = h.covariance.T.copy(order="F")
     K[np.diag_indices_from(K)] += data.variance_sim + phi.nugget**2
@@ -59,7 +59,7 @@ def log_posterior(values: np.ndarray, data: Standardised, layout: Layout) -> tup
     if found is None:
         return -np.inf, np.zeros_like(values)
     W = half_weights(found)
-    prior, gradient = layout.log_prior_phi(values)
+    prior, gradient = parameters.log_prior_phi(values)
     gradient[-2] += 2.0 * np.vdot(W, h.covariance)
     gradient[-1] += 2.0 * phi.nugget**2 * np.trace(W)
     W *= h.slope
@@ -68,7 +68,7 @@ def log_posterior(values: np.ndarray, data: Standardised, layout: Layout) -> tup
 
 
 def find_mode(
-    data: Standardised, layout: Layout, seed: int, progress: Callable[[str], None] | None = None
+    data: Standardised, parameters: ParameterVector, seed: int, progress: Callable[[str], None] | None = None
 ) -> EmulatorMode:
     """Phi of the largest posterior density given the simulations alone.
 
@@ -78,17 +78,19 @@ def find_mode(
         FastError: the covariance is singular everywhere the search went.
     """
     tell = progress or (lambda line: None)
-    start = np.array([LENGTHSCALE[0]] * layout.n_inputs + [SD_H[0], NUGGET[0]])
+    start = np.array([LENGTHSCALE[0]] * parameters.n_inputs + [SD_H[0], NUGGET[0]])
     subset = _subset(data, np.random.default_rng(seed))
 
     def of_subset(values: np.ndarray) -> tuple[float, np.ndarray]:
-        return log_posterior(values, subset, layout)
+        return log_posterior(values, subset, parameters)
 
     found = climb(of_subset, [start], SEARCH_ITERATIONS, TOLERANCE)[0].vector
-    root = np.linalg.cholesky(laplace_covariance(of_subset, found))
+    root = np.linalg.cholesky(find_laplace_covariance(of_subset, found))
     tell(f"emulator: optimum on {len(subset.y_sim):,} of {len(data.y_sim):,} simulations found")
     if subset is not data:
-        found = climb_scaled(lambda v: log_posterior(v, data, layout), found, root, POLISH_ITERATIONS, TOLERANCE).vector
+        found = climb_scaled(
+            lambda v: log_posterior(v, data, parameters), found, root, POLISH_ITERATIONS, TOLERANCE
+        ).vector
     return EmulatorMode(found, root)
 
 

@@ -16,23 +16,19 @@ from scipy.stats import gamma, norm
 
 from models.blas import one_blas_thread
 from models.calibration.inference.diagnostics import diagnose
-from models.calibration.inference.importance import effective_size, resample
-from models.calibration.inference.optimise import Optimum, climb, climb_scaled, laplace_covariance, starts_around
+from models.calibration.inference.optimise import Optimum, climb, climb_scaled, draw_starts, find_laplace_covariance
 from models.calibration.inference.parallel_chains import Progress, Samples, sample
 from models.calibration.inference.result import K_HAT_LIMIT, CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means import conditional_density as conditional
-from models.calibration.means import emulator
-from models.calibration.means.conditional_density import Setting
+from models.calibration.means import emulator, psi_density
 from models.calibration.means.joint_density import JointDensity
-from models.calibration.means.joint_nuts import first_guesses
-from models.calibration.means.laplace import approximate_phi
-from models.calibration.means.level import Level, level_of
-from models.calibration.means.parameters import Layout
+from models.calibration.means.joint_nuts import guess_starts
+from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.problem import CalibrationProblem, Standardised
-from models.calibration.means.reweight import Weighted, weigh
-from models.calibration.means.ridge import Straightened
-from models.calibration.means.theta_surrogate import Box, ThetaSurrogate, build_accurate
+from models.calibration.means.psi_density import Setting
+from models.calibration.means.reweight import Weighted, approximate_phi, find_effective_size, resample, weigh
+from models.calibration.means.ridge import ReparameterisedDensity, RidgeTempering, temper_ridge
+from models.calibration.means.theta_surrogate import Box, ThetaSurrogate, build_accurate_surrogate
 from models.errors import FastError
 
 N_WEIGHTED = 2800  # draws that are weighted exactly, at most
@@ -46,7 +42,7 @@ _RIDGE_TAIL = 1e-4  # the same for friction, where the first box takes all that 
 
 
 @dataclass
-class Steps:
+class _Steps:
     """CPU seconds by step, of this process and of those it started."""
 
     tell: Progress
@@ -66,7 +62,7 @@ class Steps:
 
 
 @dataclass(frozen=True, eq=False)
-class Peak:
+class _Peak:
     """Mode of the joint posterior: vector (n_phi + n_psi), covariance of psi there given phi (n_psi x n_psi)."""
 
     vector: np.ndarray
@@ -85,50 +81,52 @@ def calibrate_factorised(
     `K_HAT_LIMIT`, or the result must not be used.
     """
     data = Standardised.of(problem)
-    setting = Setting.of(data, Layout.of(data, settings))
-    steps = Steps(progress or (lambda line: None))
+    setting = Setting.of(data, ParameterVector.of(data, settings))
+    steps = _Steps(progress or (lambda line: None))
     rng = np.random.default_rng([settings.seed, 2])
     with one_blas_thread():
-        peak = find_peak(setting, settings, steps)
+        peak = _find_peak(setting, settings, steps)
         with steps("curvature"):
-            density = JointDensity(data, setting.layout)
+            density = JointDensity(data, setting.parameters)
             normal_phi, cpu_s = approximate_phi(density, peak.vector, settings.workers, progress)
             steps.add("curvature", cpu_s)
-        sampled, samples = sample_psi(setting, settings, peak, steps, rng, length)
+        sampled, samples = _sample_psi(setting, settings, peak, steps, rng, length)
         with steps("weights"):
             weighted = weigh(samples.draws, sampled, normal_phi, length * N_WEIGHTED, settings.workers, rng, progress)
             steps.add("weights", weighted.cpu_s)
     return _result(problem, setting, settings, samples, weighted, steps, rng)
 
 
-def find_peak(setting: Setting, settings: CalibrationSettings, steps: Steps) -> Peak:
+def _find_peak(setting: Setting, settings: CalibrationSettings, steps: _Steps) -> _Peak:
     """Mode of the joint posterior, found from those of phi alone and of psi given phi."""
-    data, layout = setting.data, setting.layout
+    data, parameters = setting.data, setting.parameters
     with steps("emulator"):
-        phi = emulator.find_mode(data, layout, settings.seed, steps.tell)
+        phi = emulator.find_mode(data, parameters, settings.seed, steps.tell)
     with steps("optimum"):
-        factor = factor_at(phi.values, setting)
-        guesses = [guess[layout.n_phi :] for guess in first_guesses(layout)]
-        optima = climb(lambda v: conditional.log_posterior(v, factor, setting), guesses, tolerance=1e-7)
+        factor = factorise_at(phi.values, setting)
+        guesses = [guess[parameters.n_phi :] for guess in guess_starts(parameters)]
+        optima = climb(lambda v: psi_density.log_posterior(v, factor, setting), guesses, tolerance=1e-7)
         psi = optima[0].vector
-        covariance = laplace_covariance(lambda v: conditional.log_posterior(v, factor, setting), psi)
-        root = np.zeros((layout.n_phi + layout.n_psi,) * 2)
-        root[: layout.n_phi, : layout.n_phi] = phi.root
-        root[layout.n_phi :, layout.n_phi :] = np.linalg.cholesky(covariance)
+        covariance = find_laplace_covariance(lambda v: psi_density.log_posterior(v, factor, setting), psi)
+        root = np.zeros((parameters.n_phi + parameters.n_psi,) * 2)
+        root[: parameters.n_phi, : parameters.n_phi] = phi.root
+        root[parameters.n_phi :, parameters.n_phi :] = np.linalg.cholesky(covariance)
         start = np.concatenate([phi.values, psi])
-        vector = climb_scaled(JointDensity(data, layout), start, root, 40, emulator.TOLERANCE).vector
-        factor = factor_at(vector[: layout.n_phi], setting)
-        covariance = laplace_covariance(lambda v: conditional.log_posterior(v, factor, setting), vector[layout.n_phi :])
-    return Peak(vector, factor, covariance, optima)
+        vector = climb_scaled(JointDensity(data, parameters), start, root, 40, emulator.TOLERANCE).vector
+        factor = factorise_at(vector[: parameters.n_phi], setting)
+        covariance = find_laplace_covariance(
+            lambda v: psi_density.log_posterior(v, factor, setting), vector[parameters.n_phi :]
+        )
+    return _Peak(vector, factor, covariance, optima)
 
 
-def factor_at(phi: np.ndarray, setting: Setting) -> emulator.Factor:
+def factorise_at(phi: np.ndarray, setting: Setting) -> emulator.Factor:
     """Factor of the emulator at a phi in vector form.
 
     Raises:
         FastError: the covariance is singular there.
     """
-    factor = emulator.factorise(setting.layout.phi(phi), setting.data)
+    factor = emulator.factorise(setting.parameters.phi(phi), setting.data)
     if factor is None:
         raise FastError(
             "the covariance of the simulations is singular at the emulator's best fit; look for repeated designs."
@@ -136,25 +134,25 @@ def factor_at(phi: np.ndarray, setting: Setting) -> emulator.Factor:
     return factor
 
 
-def sample_psi(
+def _sample_psi(
     setting: Setting,
     settings: CalibrationSettings,
-    peak: Peak,
-    steps: Steps,
+    peak: _Peak,
+    steps: _Steps,
     rng: np.random.Generator,
     length: int = 1,
-) -> tuple[Straightened, Samples]:
+) -> tuple[ReparameterisedDensity, Samples]:
     """NUTS on psi at the mode's phi, in a box of theta that grows until short trial chains stay inside."""
-    psi = peak.vector[setting.layout.n_phi :]
-    box = first_box(setting, psi, peak.psi_covariance)
+    psi = peak.vector[setting.parameters.n_phi :]
+    box = find_first_box(setting, psi, peak.psi_covariance)
     for attempt in range(MAX_GROWTH + 1):
         with steps("theta surrogate"):
-            surrogate = build_accurate(peak.factor, setting, box, psi, peak.psi_covariance, rng)
+            surrogate = build_accurate_surrogate(peak.factor, setting, box, psi, peak.psi_covariance, rng)
             orders = " x ".join(str(n) for n in surrogate.orders)
             steps.tell(f"theta surrogate: {orders} nodes, {len(surrogate.basis)} matrices, error {surrogate.error:.3f}")
         with steps("passes of the ridge"):
-            density = Straightened(surrogate, _level(surrogate, psi))
-        starts = starts_around(surrogate, [Optimum(psi, surrogate(psi)[0])], peak.psi_covariance, settings.chains, rng)
+            density = ReparameterisedDensity(surrogate, _temper(surrogate, psi))
+        starts = draw_starts(surrogate, [Optimum(psi, surrogate(psi)[0])], peak.psi_covariance, settings.chains, rng)
         covariance = density.covariance(peak.psi_covariance, psi)
         fewer = _at_most(settings, TRIAL_DRAWS, TRIAL_TUNE)
         trial = _run(density, density.from_psi(starts), covariance, fewer, "trial chains", steps)
@@ -173,21 +171,21 @@ def sample_psi(
     return density, replace(samples, draws=draws, n_gradients=samples.n_gradients + trial.n_gradients)
 
 
-def _level(surrogate: ThetaSurrogate, psi: np.ndarray) -> Level | None:
+def _temper(surrogate: ThetaSurrogate, psi: np.ndarray) -> RidgeTempering | None:
     """What is taken off along friction, where E is a factor and the ridge has summits with deep passes."""
     if not surrogate.setting.data.scales_with_modulus:
         return None
     low, high = _prior_range(surrogate.setting, _RIDGE_TAIL)
-    return level_of(surrogate, psi, (float(low[1]), float(high[1])))
+    return temper_ridge(surrogate, psi, (float(low[1]), float(high[1])))
 
 
 def _run(
-    density: Straightened,
+    density: ReparameterisedDensity,
     starts: np.ndarray,
     covariance: np.ndarray,
     settings: CalibrationSettings,
     step: str,
-    steps: Steps,
+    steps: _Steps,
 ) -> Samples:
     with steps(step):
         samples = sample(density, starts, settings, scale=covariance, progress=steps.tell)
@@ -202,11 +200,11 @@ def _at_most(settings: CalibrationSettings, draws: int, tune: int) -> Calibratio
 def _outside(draws: np.ndarray, surrogate: ThetaSurrogate) -> np.ndarray:
     """Share of draws (n x n_psi) outside the box by side and input, 2 x k."""
     setting = surrogate.setting
-    t = np.array([setting.inputs(theta) for theta in setting.layout.theta(draws[:, -3:])])
+    t = np.array([setting.inputs(theta) for theta in setting.parameters.theta(draws[:, -3:])])
     return np.asarray(surrogate.box.is_outside(t).mean(axis=0))
 
 
-def first_box(setting: Setting, psi: np.ndarray, covariance: np.ndarray) -> Box:
+def find_first_box(setting: Setting, psi: np.ndarray, covariance: np.ndarray) -> Box:
     """Box of the inputs t around the mode, within what the prior of theta allows.
 
     The Poisson ratio keeps its whole range: it is short, and posteriors lean against its ends. Where E is a factor,
@@ -219,13 +217,13 @@ def first_box(setting: Setting, psi: np.ndarray, covariance: np.ndarray) -> Box:
     if setting.data.scales_with_modulus:
         for end, likely in zip(ends, _prior_range(setting, _RIDGE_TAIL), strict=True):
             end[1] = likely[1]
-    low, high = (setting.inputs(theta) for theta in setting.layout.theta(np.array(ends)))
+    low, high = (setting.inputs(theta) for theta in setting.parameters.theta(np.array(ends)))
     return Box(low, high)
 
 
 def _prior_range(setting: Setting, tail: float) -> tuple[np.ndarray, np.ndarray]:
     """Unconstrained theta (3) between which the prior has all but `tail` of its mass on either side."""
-    priors = setting.layout.priors
+    priors = setting.parameters.priors
     reach = norm.isf(tail) * priors.young_modulus_log_sd
     modulus = np.log(priors.young_modulus_median_mpa)
     friction = np.log(gamma.ppf([tail, 1.0 - tail], priors.friction_shape) / priors.friction_rate)
@@ -239,22 +237,22 @@ def _result(
     settings: CalibrationSettings,
     samples: Samples,
     weighted: Weighted,
-    steps: Steps,
+    steps: _Steps,
     rng: np.random.Generator,
 ) -> CalibrationResult:
-    layout, weights = setting.layout, weighted.smoothed.weights
+    parameters, weights = setting.parameters, weighted.weights
     with steps("diagnosis"):
         rows = resample(weights, len(weights) // settings.chains * settings.chains, rng)
-        draws = layout.constrain(weighted.draws[rows], setting.data.force_scale_n)
+        draws = parameters.constrain(weighted.draws[rows], setting.data.force_scale_n)
         draws = draws.reshape(settings.chains, -1, draws.shape[1])
-        found = diagnose(problem, layout.names, draws, settings, samples.n_divergences, samples.n_deepest)
-    k_hat = weighted.smoothed.k_hat
+        found = diagnose(problem, parameters.names, draws, settings, samples.n_divergences, samples.n_deepest)
+    k_hat = weighted.k_hat
     steps.tell(
-        f"k-hat {k_hat:.2f} (limit {K_HAT_LIMIT:g}), {effective_size(weights):.0f} effective of {len(weights)} "
+        f"k-hat {k_hat:.2f} (limit {K_HAT_LIMIT:g}), {find_effective_size(weights):.0f} effective of {len(weights)} "
         f"weighted draws, {samples.n_gradients:,} gradients, {samples.n_divergences} divergences"
     )
     return CalibrationResult(
-        names=layout.names,
+        names=parameters.names,
         draws=draws,
         settings=settings,
         method="factorised",

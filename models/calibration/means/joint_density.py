@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.calibration.means.parameters import N_DESIGN, Layout, Phi, Psi
+from models.calibration.means.parameters import N_DESIGN, ParameterVector, Phi, Psi
 from models.calibration.means.problem import Standardised, unit_theta, unit_theta_slopes
 from models.gaussian_process.density import Factored, half_weights, lengthscale_gradient, log_normal
 from models.gaussian_process.matern import MaternWithSlope, matern52_with_slope
@@ -28,30 +28,30 @@ class JointDensity:
     """Log posterior density of the unconstrained vector (phi, psi), for samplers and optimisers."""
 
     data: Standardised
-    layout: Layout
+    parameters: ParameterVector
 
     def __call__(self, values: np.ndarray) -> tuple[float, np.ndarray]:
         """Value, without the priors' constants, and gradient (n_phi + n_psi).
 
         Minus infinity (gradient zero) where the covariance is numerically singular.
         """
-        n_phi = self.layout.n_phi
+        n_phi = self.parameters.n_phi
         with np.errstate(over="ignore", invalid="ignore"):
-            phi, psi = self.layout.phi(values[:n_phi]), self.layout.psi(values[n_phi:])
+            phi, psi = self.parameters.phi(values[:n_phi]), self.parameters.psi(values[n_phi:])
             terms = _Terms.of(self.data, phi, psi)
             factored = terms.density()
         if factored is None or not np.isfinite(factored.value):
             return -np.inf, np.zeros_like(values)
-        prior_phi, slope_phi = self.layout.log_prior_phi(values[:n_phi])
-        prior_psi, slope_psi = self.layout.log_prior_psi(values[n_phi:])
-        by_phi, by_psi = terms.gradient(factored, self.layout)
+        prior_phi, slope_phi = self.parameters.log_prior_phi(values[:n_phi])
+        prior_psi, slope_psi = self.parameters.log_prior_psi(values[n_phi:])
+        by_phi, by_psi = terms.gradient(factored, self.parameters)
         value = factored.value + prior_phi + prior_psi
         return value, np.concatenate([by_phi + slope_phi, by_psi + slope_psi])
 
     def draw_outputs(self, values: np.ndarray, rng: np.random.Generator) -> Standardised:
         """The same designs with outputs drawn from the model at a vector."""
-        n_phi, n_sim = self.layout.n_phi, len(self.data.y_sim)
-        terms = _Terms.of(self.data, self.layout.phi(values[:n_phi]), self.layout.psi(values[n_phi:]))
+        n_phi, n_sim = self.parameters.n_phi, len(self.data.y_sim)
+        terms = _Terms.of(self.data, self.parameters.phi(values[:n_phi]), self.parameters.psi(values[n_phi:]))
         y = np.linalg.cholesky(terms.covariance()) @ rng.standard_normal(len(terms.z))
         return replace(self.data, y_sim=y[:n_sim], y_real=y[n_sim:] + terms.c[n_sim:] * self.data.mean)
 
@@ -97,7 +97,7 @@ class _Terms:
         residual = np.concatenate([self.data.y_sim, self.data.y_real - in_simulator])
         return log_normal(self.covariance(), residual)
 
-    def gradient(self, factored: Factored, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
+    def gradient(self, factored: Factored, parameters: ParameterVector) -> tuple[np.ndarray, np.ndarray]:
         """By phi (n_phi) and psi (n_psi) in their unconstrained form."""
         n_sim, c = len(self.data.y_sim), self.c
         W = half_weights(factored)
@@ -118,17 +118,17 @@ class _Terms:
             [
                 lengthscale_gradient(W_real * self.e.slope, self.data.x_real, self.psi.lengthscales),
                 [2.0 * np.vdot(W_real, self.e.covariance), 2.0 * self.psi.noise_sd**2 * noise[n_sim:].sum()],
-                [by_amplitude * per_rho] if layout.has_rho else [],
-                self._by_theta(W[n_sim:, :n_sim].sum(axis=0), by_amplitude, layout),
+                [by_amplitude * per_rho] if parameters.has_rho else [],
+                self._by_theta(W[n_sim:, :n_sim].sum(axis=0), by_amplitude, parameters),
             ]
         )
         return by_phi, by_psi
 
-    def _by_theta(self, M: np.ndarray, by_amplitude: float, layout: Layout) -> np.ndarray:
+    def _by_theta(self, M: np.ndarray, by_amplitude: float, parameters: ParameterVector) -> np.ndarray:
         """By the unconstrained theta (3); `M` is summed over the measurements, n."""
         z_theta = self.data.z_sim[:, N_DESIGN:]
         t, lengthscales = self.z[-1, N_DESIGN:], self.phi.lengthscales[N_DESIGN:]
         by_unit = -2.0 / lengthscales**2 * (t * M.sum() - M @ z_theta)
         by_theta = by_amplitude * self.amplitude * self.data.amplitude_slopes(self.psi.theta)
         by_theta[-len(t) :] += by_unit * unit_theta_slopes(self.psi.theta, self.data.scales_with_modulus)
-        return np.asarray(by_theta * layout.theta_slopes(self.psi.theta))
+        return np.asarray(by_theta * parameters.theta_slopes(self.psi.theta))

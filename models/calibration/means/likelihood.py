@@ -31,7 +31,7 @@ class Slopes:
     covariance: np.ndarray
 
 
-class Measured:
+class MeasuredLikelihood:
     """The measurements in packed form; `data` as in `Standardised`."""
 
     def __init__(self, data: Standardised) -> None:

@@ -45,7 +45,7 @@ class Psi:
 
 
 @dataclass(frozen=True)
-class Layout:
+class ParameterVector:
     """Order of the vector: phi (`n_inputs` + 2), then psi (9 + 2, rho where free, 3)."""
 
     n_inputs: int
@@ -53,9 +53,9 @@ class Layout:
     priors: ThetaPriors
 
     @staticmethod
-    def of(data: Standardised, settings: CalibrationSettings) -> "Layout":
-        """Layout of a problem."""
-        return Layout(data.n_inputs, settings.rho == "free", settings.priors)
+    def of(data: Standardised, settings: CalibrationSettings) -> "ParameterVector":
+        """ParameterVector of a problem."""
+        return ParameterVector(data.n_inputs, settings.rho == "free", settings.priors)
 
     @property
     def n_phi(self) -> int:

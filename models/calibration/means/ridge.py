@@ -1,33 +1,110 @@
-"""Coordinates in which the ridge between Young's modulus and friction is straight.
+"""The ridge between Young's modulus and friction made fit for NUTS: straight, and without deep passes.
 
 Where E is a factor, forces are E times what friction and Poisson ratio make of a design: measurements fix the product,
-and the posterior is a curved ridge along which NUTS takes small steps. With ln E + g(t) in the place of ln E, where g
-is the logarithm of the mean emulated force, the ridge runs along an axis. The map is a shear, of Jacobian 1 for any g.
+and the posterior is a curved ridge along which NUTS takes small steps. *Reparameterised*: with ln E + g(t) in the place
+of ln E, where g is the logarithm of the mean emulated force, the ridge runs along an axis. The map is a shear, of
+Jacobian 1 for any g.
+
+*Tempered*: friction is hardly known, and the emulator's errors make hills along the ridge, often several nats apart,
+which NUTS does not cross. Chains run on the density with a share of its profile over friction taken off; the importance
+weights put it back (umbrella sampling; Torrie and Valleau 1977).
 """
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
-from models.calibration.means.level import Level
+from models.calibration.inference.optimise import LogDensity, climb
 from models.calibration.means.theta_surrogate import ThetaSurrogate
 
+_N_GRID = 40
+_COUNTS = 7.0  # nats below the highest summit at which another one still matters
+_PASS = 2.0  # nats that chains may have to climb down to a pass
+_FRICTION = -2  # place of ln friction in the vector of psi
 _FLOOR = 0.05  # of the mean force: keeps g smooth and finite where the emulated mean is near zero
 
 
 @dataclass(frozen=True, eq=False)
-class Straightened:
-    """The stand-in's density over straightened vectors (n_psi); where E is an input, over psi itself."""
+class RidgeTempering:
+    """What is taken off a log density: `profile`, of ln friction, between the ends of its grid."""
+
+    profile: PchipInterpolator
+
+    def __call__(self, psi: np.ndarray) -> float:
+        """Nats taken off at a vector of psi (n_psi)."""
+        return float(self.profile(self._inside(psi)))
+
+    def slope(self, psi: np.ndarray) -> float:
+        """Its slope by ln friction."""
+        inside = self._inside(psi)
+        return float(self.profile(inside, 1)) if inside == psi[_FRICTION] else 0.0
+
+    def _inside(self, psi: np.ndarray) -> float:
+        return float(np.clip(psi[_FRICTION], self.profile.x[0], self.profile.x[-1]))
+
+
+def temper_ridge(log_density: LogDensity, mode: np.ndarray, ends: tuple[float, float]) -> RidgeTempering | None:
+    """What to take off a density of psi (n_psi), from its profile over ln friction between `ends`.
+
+    None where there is one summit, or the passes between them are low enough.
+    """
+    grid = np.linspace(*ends, _N_GRID)
+    share, floor = find_share_taken_off(values := find_profile(log_density, mode, grid))
+    if share == 0.0:
+        return None
+    return RidgeTempering(PchipInterpolator(grid, share * (np.maximum(values, floor) - values.max())))
+
+
+def find_profile(log_density: LogDensity, mode: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """Largest log density at each ln friction of a grid (n), found outwards from the mode (n_psi), n."""
+    values = np.empty(len(grid))
+    first = int(np.argmin(np.abs(grid - mode[_FRICTION])))
+    for places in (range(first, len(grid)), range(first, -1, -1)):
+        rest = np.delete(mode, len(mode) + _FRICTION)
+        for place in places:
+            best = climb(_held(log_density, float(grid[place])), [rest])[0]
+            values[place], rest = best.value, best.vector
+    return values
+
+
+def find_share_taken_off(values: np.ndarray) -> tuple[float, float]:
+    """Share of a profile (n) that leaves passes of `_PASS`, and the height of the lowest pass, below which it stays."""
+    inner = np.concatenate([[-np.inf], values, [-np.inf]])
+    summits = np.flatnonzero((values > inner[:-2]) & (values >= inner[2:]) & (values > values.max() - _COUNTS))
+    deepest, floor = 0.0, float(values.max())
+    for one, other in combinations(summits, 2):
+        lowest = float(values[one : other + 1].min())
+        deepest = max(deepest, float(min(values[one], values[other])) - lowest)
+        floor = min(floor, lowest)
+    return (1.0 - _PASS / deepest if deepest > _PASS else 0.0), floor
+
+
+def _held(log_density: LogDensity, log_friction: float) -> LogDensity:
+    """The density with ln friction held, over the rest of psi (n_psi - 1)."""
+
+    def density(rest: np.ndarray) -> tuple[float, np.ndarray]:
+        place = len(rest) + 1 + _FRICTION
+        value, gradient = log_density(np.insert(rest, place, log_friction))
+        return value, np.delete(gradient, place)
+
+    return density
+
+
+@dataclass(frozen=True, eq=False)
+class ReparameterisedDensity:
+    """The stand-in's density over reparameterised vectors (n_psi); where E is an input, over psi itself."""
 
     surrogate: ThetaSurrogate
-    level: Level | None = None  # taken off, so that chains cross from one summit of the ridge to another
+    tempering: RidgeTempering | None = None  # taken off, so that chains cross from one summit of the ridge to another
 
     def __call__(self, values: np.ndarray) -> tuple[float, np.ndarray]:
-        """Value and gradient, as those of the stand-in less `level`."""
+        """Value and gradient, as those of the stand-in less `tempering`."""
         value, gradient = self._of_stand_in(values)
-        if self.level is not None:
-            value -= self.level(values)
-            gradient[-2] -= self.level.slope(values)
+        if self.tempering is not None:
+            value -= self.tempering(values)
+            gradient[-2] -= self.tempering.slope(values)
         return value, gradient
 
     def _of_stand_in(self, values: np.ndarray) -> tuple[float, np.ndarray]:
@@ -41,7 +118,7 @@ class Straightened:
         return value, gradient
 
     def from_psi(self, vectors: np.ndarray) -> np.ndarray:
-        """Straightened vectors of psi, ... x n_psi."""
+        """Reparameterised vectors of psi, ... x n_psi."""
         return self._moved(vectors, 1.0)
 
     def to_psi(self, vectors: np.ndarray) -> np.ndarray:
@@ -49,7 +126,7 @@ class Straightened:
         return self._moved(vectors, -1.0)
 
     def covariance(self, covariance: np.ndarray, at: np.ndarray) -> np.ndarray:
-        """Covariance of straightened vectors (n_psi x n_psi) from that of psi, to first order at a psi."""
+        """Covariance of reparameterised vectors (n_psi x n_psi) from that of psi, to first order at a psi."""
         jacobian = np.eye(len(at))
         if self._is_sheared:
             jacobian[-3, -2:] = self._log_mean(at)[1]
@@ -69,10 +146,10 @@ class Straightened:
     def _log_mean(self, values: np.ndarray) -> tuple[float, np.ndarray]:
         """G at the friction and Poisson ratio of a vector, and its slopes by their unconstrained forms (2)."""
         setting = self.surrogate.setting
-        theta = setting.layout.theta(values[-3:])
+        theta = setting.parameters.theta(values[-3:])
         mean, by_inputs = self.surrogate.mean_force(setting.inputs(theta))
         floor = _FLOOR * max(abs(setting.data.mean), 1.0)
         squared = mean**2 + floor**2
         slopes = mean / squared * by_inputs * setting.input_slopes(theta)
-        slopes += (setting.data.amplitude_slopes(theta) * setting.layout.theta_slopes(theta))[1:]
+        slopes += (setting.data.amplitude_slopes(theta) * setting.parameters.theta_slopes(theta))[1:]
         return 0.5 * float(np.log(squared)) + float(np.log(setting.data.amplitude(theta, 1.0) / theta[0])), slopes

@@ -1,4 +1,4 @@
-"""FastCal-1: made-up calibration problems of any size with a known answer (notes/inference.md section 7).
+"""FastCal-1: made-up calibration problems of any size with a known answer.
 
 Closed-form grasp forces with the shape of the real ones; measurements come from the same formula at a hidden theta,
 times a scale, plus a discrepancy that depends on wall thickness and rib count.
@@ -29,7 +29,7 @@ class Truth:
     noise_sd_n: float = 0.06
 
 
-def made_up_problem(
+def make_up_problem(
     n_sim: int, n_real: int, seed: int, truth: Truth | None = None, *, scales_with_modulus: bool = False
 ) -> CalibrationProblem:
     """A problem with n_sim simulations in a Latin hypercube and n_real measured designs.

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.linalg import eigh, solve_triangular
 
-from models.calibration.means import conditional_density as conditional
-from models.calibration.means.conditional_density import Setting
+from models.calibration.means import psi_density
 from models.calibration.means.emulator import Factor
+from models.calibration.means.psi_density import Setting
 
 MARGIN = 0.15  # of the box's width, on either side: the room t is bent into
 TOLERANCE = 0.001  # root mean square over the grid of the whitened norm of what is dropped of V
@@ -71,27 +71,27 @@ class ThetaSurrogate:
 
     def __call__(self, values: np.ndarray) -> tuple[float, np.ndarray]:
         """Value and gradient; minus infinity and zero where the covariance is numerically singular."""
-        psi = self.setting.layout.psi(values)
+        psi = self.setting.parameters.psi(values)
         terms, term_slopes = self._terms(self.setting.inputs(psi.theta))
         weights = self.coefficients @ terms
-        n = self.setting.measured.n
+        n = self.setting.likelihood.n
         amplitude = self.setting.data.amplitude(psi.theta, psi.rho)
-        slopes = self.setting.measured.slopes(psi, amplitude, weights[:n], self.center + weights[n:] @ self.basis)
+        slopes = self.setting.likelihood.slopes(psi, amplitude, weights[:n], self.center + weights[n:] @ self.basis)
         if slopes is None:
             return -np.inf, np.zeros_like(values)
         by_weights = np.concatenate([slopes.mean, self.basis @ slopes.covariance])
         by_inputs = term_slopes @ (by_weights @ self.coefficients)
-        prior, gradient = self.setting.layout.log_prior_psi(values)
+        prior, gradient = self.setting.parameters.log_prior_psi(values)
         return slopes.value + prior, gradient + self.setting.psi_gradient(slopes, by_inputs, psi.theta, psi.rho)
 
     def log_likelihood(self, values: np.ndarray) -> float:
         """Value without the prior."""
-        return self(values)[0] - self.setting.layout.log_prior_psi(values)[0]
+        return self(values)[0] - self.setting.parameters.log_prior_psi(values)[0]
 
     def mean_force(self, t: np.ndarray) -> tuple[float, np.ndarray]:
         """Mean over the measured designs of tau mean + m(t), standardised, and its derivatives by t (k)."""
         terms, slopes = self._terms(t)
-        average = self.coefficients[: self.setting.measured.n].mean(axis=0)
+        average = self.coefficients[: self.setting.likelihood.n].mean(axis=0)
         data = self.setting.data
         return float(data.mean * data.trend_real.mean() + average @ terms), slopes @ average
 
@@ -105,7 +105,7 @@ class ThetaSurrogate:
         return _product([row[0] for row in rows]), slopes * (bend_slope / half)[:, None]
 
 
-def build_accurate(
+def build_accurate_surrogate(
     factor: Factor,
     setting: Setting,
     box: Box,
@@ -118,12 +118,12 @@ def build_accurate(
     Its error is measured at draws of psi (n_psi) from a normal around `mode`, as far as they are inside the box.
     """
     drawn = rng.multivariate_normal(mode, covariance, N_TEST, method="cholesky")
-    draws = [psi for psi in drawn if not box.is_outside(setting.inputs(setting.layout.theta(psi[-3:]))[None]).any()]
-    exact = np.array([conditional.log_likelihood(psi, factor, setting) for psi in draws])
+    draws = [psi for psi in drawn if not box.is_outside(setting.inputs(setting.parameters.theta(psi[-3:]))[None]).any()]
+    exact = np.array([psi_density.log_likelihood(psi, factor, setting) for psi in draws])
     width = 2.0 * _half_width(box) / factor.phi.lengthscales[-len(box.lower) :]
     orders = np.clip(np.ceil(FIRST_NODES + NODES_PER_LENGTHSCALE * width).astype(int), FIRST_NODES, MAX_NODES)
     while True:
-        found = build(factor, setting, box, tuple(orders.tolist()), mode)
+        found = build_surrogate(factor, setting, box, tuple(orders.tolist()), mode)
         error = _spread([found.log_likelihood(psi) for psi in draws] - exact)
         if error <= MAX_ERROR or orders.min() >= MAX_NODES:
             return replace(found, error=error)
@@ -137,12 +137,14 @@ def _spread(errors: np.ndarray) -> float:
     return float(np.std(errors)) if np.isfinite(errors).all() else np.inf
 
 
-def build(factor: Factor, setting: Setting, box: Box, orders: tuple[int, ...], typical: np.ndarray) -> ThetaSurrogate:
+def build_surrogate(
+    factor: Factor, setting: Setting, box: Box, orders: tuple[int, ...], typical: np.ndarray
+) -> ThetaSurrogate:
     """Interpolate m and V in `box` with `orders` nodes by input; `typical` (n_psi) sets what may be dropped of V."""
     nodes = [chebyshev.chebpts1(n) for n in orders]
     center, half = 0.5 * (box.lower + box.upper), _half_width(box)
     grid = center + half * np.array(list(product(*nodes)))
-    pairs = [conditional.predict(t, factor, setting) for t in grid]
+    pairs = [psi_density.predict(t, factor, setting) for t in grid]
     means, covariances = np.array([mean for mean, _ in pairs]), np.array([V for _, V in pairs])
     middle = covariances.mean(axis=0)
     covariances -= middle
@@ -156,10 +158,10 @@ def build(factor: Factor, setting: Setting, box: Box, orders: tuple[int, ...], t
 
 def _directions(covariances: np.ndarray, middle: np.ndarray, setting: Setting, typical: np.ndarray) -> np.ndarray:
     """Orthonormal combinations of the grid's covariances (nodes x p) that matter, nodes x rank."""
-    psi = setting.layout.psi(typical)
+    psi = setting.parameters.psi(typical)
     amplitude = setting.data.amplitude(psi.theta, psi.rho)
-    root = setting.measured.root(psi, amplitude, middle)
-    whitened = np.array([_whiten(amplitude**2 * setting.measured.unpack(row), root) for row in covariances])
+    root = setting.likelihood.root(psi, amplitude, middle)
+    whitened = np.array([_whiten(amplitude**2 * setting.likelihood.unpack(row), root) for row in covariances])
     whitened = whitened.reshape(len(covariances), -1)
     energy, vectors = eigh(whitened @ whitened.T)
     dropped = np.cumsum(np.maximum(energy, 0.0)) / len(energy)  # mean square norm when the first are dropped

@@ -1,1 +1,1 @@
-"""Calibration on force traces per (tool, object) instead of one mean force per design."""
+"""What inference from force traces begins with: the grid of simulations, response surfaces, errors of features."""

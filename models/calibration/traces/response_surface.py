@@ -8,8 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.calibration.traces.problem import TraceProblem, degrees
-
 
 @dataclass(frozen=True, eq=False)
 class ResponseSurfaces:
@@ -28,13 +26,6 @@ class ResponseSurfaces:
     error: np.ndarray
 
     @staticmethod
-    def of(problem: TraceProblem) -> "ResponseSurfaces":
-        """Fit the surfaces of a problem to its grid."""
-        return ResponseSurfaces.fitted(
-            problem.grid, problem.simulated, problem.is_measured, problem.modulus_mpa, problem.is_force
-        )
-
-    @staticmethod
     def fitted(
         grid: np.ndarray, simulated: np.ndarray, is_wanted: np.ndarray, modulus_mpa: float, is_force: np.ndarray
     ) -> "ResponseSurfaces":
@@ -44,31 +35,31 @@ class ResponseSurfaces:
         """
         lower, upper = grid.min(axis=0), grid.max(axis=0)
         terms = tuple(degrees(grid))
-        basis = _basis(_scaled(grid, lower, upper), terms)[0]
+        basis = _basis(_scaled(grid, lower, upper), terms)
         t, o, _, f = simulated.shape
         coefficients, error = np.zeros((t, o, len(terms), f)), np.zeros((t, o, f, f))
         for cell in zip(*np.nonzero(is_wanted), strict=True):
             coefficients[cell], error[cell] = _fit(basis, simulated[cell])
         return ResponseSurfaces(lower, upper, modulus_mpa, is_force, terms, coefficients, error)
 
-    def basis(self, friction: float, poisson_ratio: float) -> np.ndarray:
-        """Values of the terms, and their slopes by friction and by Poisson ratio, 3 x k."""
-        span = 0.5 * (self.upper - self.lower)
-        rows = np.stack(_basis(self._scaled(friction, poisson_ratio), self.terms))[:, 0]
-        return np.asarray(rows / np.array([1.0, *span])[:, None])
-
     def rows(self, friction: np.ndarray, poisson_ratio: np.ndarray | float) -> np.ndarray:
         """Values of the terms at n frictions and Poisson ratios, n x k."""
-        return _basis(self._scaled(friction, poisson_ratio), self.terms)[0]
-
-    def features(self, theta: np.ndarray) -> np.ndarray:
-        """Features at theta (Young's modulus in MPa, friction, Poisson ratio), t x o x f."""
-        factor = np.where(self.is_force, theta[0] / self.modulus_mpa, 1.0)
-        return np.asarray((self.basis(theta[1], theta[2])[:1] @ self.coefficients)[..., 0, :] * factor)
+        return _basis(self._scaled(friction, poisson_ratio), self.terms)
 
     def _scaled(self, friction: np.ndarray | float, poisson_ratio: np.ndarray | float) -> np.ndarray:
         points = np.stack(np.broadcast_arrays(np.atleast_1d(friction), poisson_ratio), axis=-1)
         return _scaled(points, self.lower, self.upper)
+
+
+def n_terms(grid: np.ndarray) -> int:
+    """Terms of the response surface that a grid carries."""
+    return len(degrees(grid))
+
+
+def degrees(grid: np.ndarray) -> list[tuple[int, int]]:
+    """Degrees in friction and Poisson ratio of the terms: those of the grid, up to the greater one in total."""
+    first, second = (len(np.unique(grid[:, column])) - 1 for column in (0, 1))
+    return [(i, j) for i in range(first + 1) for j in range(second + 1) if i + j <= max(first, second)]
 
 
 def _fit(basis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -86,15 +77,11 @@ def _scaled(points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndar
     return np.asarray(2.0 * (points - lower) / (upper - lower) - 1.0)
 
 
-def _basis(points: np.ndarray, terms: tuple[tuple[int, int], ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Products of Chebyshev polynomials at points (n x 2) in the square -1 to 1, n x k, and their two slopes.
-
-    T_(j+1) = 2 x T_j - T_(j-1), and the same for the slopes, differentiated.
-    """
+def _basis(points: np.ndarray, terms: tuple[tuple[int, int], ...]) -> np.ndarray:
+    """Products of Chebyshev polynomials at points (n x 2) in the square -1 to 1, n x k: T_(j+1) = 2 x T_j - T_(j-1)."""
     first, second = np.array(terms).T
-    values, slopes = [np.ones_like(points), points], [np.zeros_like(points), np.ones_like(points)]
+    values = [np.ones_like(points), points]
     for j in range(1, int(max(first.max(), second.max()))):
         values.append(2.0 * points * values[j] - values[j - 1])
-        slopes.append(2.0 * (values[j] + points * slopes[j]) - slopes[j - 1])
-    (u, v), (du, dv) = np.stack(values).T, np.stack(slopes).T
-    return u[:, first] * v[:, second], du[:, first] * v[:, second], u[:, first] * dv[:, second]
+    u, v = np.stack(values).T
+    return np.asarray(u[:, first] * v[:, second])

@@ -13,15 +13,11 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from models.records import GraspSetup, Trace
+from models.simulation.effects.actuation import LiftStartError
 from models.simulation.effects.base import Effect
-from models.simulation.effects.lift_misalignment import LiftMisalignment
-from models.simulation.effects.lift_start_error import LiftStartError
-from models.simulation.effects.load_cell_drift import LoadCellDrift
-from models.simulation.effects.load_cell_lag import LoadCellLag
-from models.simulation.effects.load_cell_offset import LoadCellOffset
-from models.simulation.effects.object_post_compliance import ObjectPostCompliance
-from models.simulation.effects.stress_relaxation import StressRelaxation
-from models.simulation.effects.tool_weight import ToolWeight
+from models.simulation.effects.contact import ObjectPostCompliance
+from models.simulation.effects.material import StressRelaxation
+from models.simulation.effects.sensor import LiftMisalignment, LoadCellDrift, LoadCellLag, LoadCellOffset, ToolWeight
 from models.traces.step_features import N_STEPS, STEP_MM, step_means
 
 N_LEAD = 12
@@ -36,11 +32,11 @@ _IS_LIFT = _AT_MM > 0
 Law = Callable[[Sequence[Effect], np.ndarray, GraspSetup], np.ndarray]
 
 
-def sensed(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+def apply_sensor_effect(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
     """Step means with their lead (n x 132) with one effect, as it acts in each of n grasps (`Effect.in_grasp`)."""
     law = _LAWS.get(type(effects[0]))
     if law is None:
-        return _replayed(effects, steps_n, setup)
+        return _replay(effects, steps_n, setup)
     fine_n = _fine(steps_n)
     change_n = law(effects, fine_n, setup) - fine_n
     end = N_LEAD + _N_FINE * _PARTS
@@ -53,14 +49,14 @@ def acts_on_traces(effect: Effect) -> bool:
     return type(effect).modify_trace is not Effect.modify_trace
 
 
-def lead_means(trace: Trace, setup: GraspSetup) -> np.ndarray:
+def read_lead(trace: Trace, setup: GraspSetup) -> np.ndarray:
     """Forces (12) in N before the lift, the last where it starts; before the trace, its first force."""
     start_s = float(trace.time_s[trace.is_lift][0])
     at_s = start_s + _AT_MM[:N_LEAD] / setup.lift_speed_mm_per_s
     return np.interp(at_s, trace.time_s, trace.force_n)
 
 
-def trace_of_steps(steps_n: np.ndarray, setup: GraspSetup) -> Trace:
+def make_trace(steps_n: np.ndarray, setup: GraspSetup) -> Trace:
     """A trace with these step means and their lead (132), to first order: closed, then lifted at the setup's speed."""
     at_mm, force_n = np.append(_AT_MM, _AT_MM[-1] + 0.5 * STEP_MM), np.append(_fine(steps_n[None])[0], steps_n[-1])
     time_s = _closing_s(setup) + at_mm / setup.lift_speed_mm_per_s
@@ -78,8 +74,8 @@ def _fine(steps_n: np.ndarray) -> np.ndarray:
     return np.concatenate([first, parts.reshape(len(steps_n), -1), later], axis=1)
 
 
-def _replayed(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    traces = [trace_of_steps(row, setup) for row in steps_n]
+def _replay(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
+    traces = [make_trace(row, setup) for row in steps_n]
     changes = [
         step_means(effect.modify_trace(trace)) - step_means(trace)
         for effect, trace in zip(effects, traces, strict=True)
@@ -107,7 +103,7 @@ def _relaxation(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetu
 
 
 def _lag(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    """The recursion of `models.simulation.effects.load_cell_lag`, step by step for all grasps."""
+    """The recursion of `models.simulation.effects.sensor`, step by step for all grasps."""
     tau_s = _column(effects, "time_constant_s")[:, 0]
     steps_s = np.diff(_AT_MM) / setup.lift_speed_mm_per_s
     decays = np.exp(-steps_s / np.where(tau_s > 0, tau_s, 1.0)[:, None]) * (tau_s > 0)[:, None]

@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 
 from models.gap.evaluation.held_out import HeldOut, Prediction
-from models.gap.where.features import tool_table
-from models.gap.where.object_shape import object_shape
-from models.gap.where.phases import amplitudes
-from models.gap.where.residuals import Residuals
+from models.gap.where.residuals import Residuals, amplitudes
+from models.gap.where.strata import object_shape
 from models.traces.step_features import STEP_MM
 
 GAUSSIAN_PROCESS, BLACK_BOX = "GP discrepancy", "black-box residual"
@@ -22,7 +20,7 @@ _MOST_CELLS = 250  # of the GP's O(n^3)
 _EVERY = 3  # steps of the trace that the trees see
 
 
-def baselines(
+def predict_baselines(
     residuals: Residuals, held_out: HeldOut, predicted_n: np.ndarray, seed: int = 0
 ) -> tuple[Prediction, ...]:
     """Both, fitted on `residuals` and added to predicted_n (m x steps) of the held-out grasps."""
@@ -99,7 +97,7 @@ def _boosted_trees(residuals: Residuals, held_out: HeldOut, predicted_n: np.ndar
 
 def _inputs(residuals: Residuals) -> np.ndarray:
     """Design parameters and shape of the object for every tool and object, t x o x 17."""
-    tools = tool_table(residuals)
+    tools = residuals.tool_table
     shapes = np.array([object_shape(number).numbers for number in residuals.objects])
     shape = (len(tools), len(shapes))
     return np.concatenate(

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.stats import norm, spearmanr
 
 from models.errors import UsageError
-from models.gap.problem import GapProblem
-from models.gap.where.phases import peaks
+from models.gap.data import GapData
+from models.gap.where.residuals import peaks
 from models.records import Design, Record, Theta
 from models.traces.step_features import STEP_MM
 
@@ -22,7 +22,7 @@ class HeldOut:
     """m grasps that touch a design or an object kept for the end.
 
     tool, obj: m. measured_n: m x steps. is_new_tool, is_new_object: m. numerical_n: m, root mean square of what other
-    meshes change in each. rows: m, their place among all grasps of the problem.
+    meshes change in each.
     """
 
     tools: tuple[str, ...]
@@ -34,34 +34,30 @@ class HeldOut:
     is_new_tool: np.ndarray
     is_new_object: np.ndarray
     numerical_n: np.ndarray
-    rows: np.ndarray
 
     @staticmethod
-    def of(problem: GapProblem, theta: Theta, is_usable: np.ndarray | None = None) -> "HeldOut":
-        """The held-out grasps of a problem; is_usable: which grasps could be predicted (n).
+    def of(data: GapData, theta: Theta, rows: np.ndarray | None = None) -> "HeldOut":
+        """The held-out grasps of a search; rows: those of them that could be simulated, as of `data.held_out`.
 
         Raises:
             UsageError: nothing is held out.
         """
-        grasps, bank = problem.grasps, problem.bank
-        chosen = problem.is_held_out if is_usable is None else problem.is_held_out & is_usable
-        rows = np.flatnonzero(chosen)
-        if not len(rows):
+        held_out = data.held_out if rows is None else data.held_out.select(rows)
+        grasps, bank = held_out.grasps, data.bank
+        if not len(grasps.tool):
             raise UsageError("no grasp is held out, so nothing can be shown; hold out two designs and two objects.")
-        tool, obj = grasps.tool[rows], grasps.obj[rows]
         scale = theta.young_modulus_mpa / bank.centre.young_modulus_mpa
-        change = scale * (bank.numerical_steps_n - bank.centre_steps_n[:, :, None])[tool, obj]
+        change = scale * (bank.numerical_steps_n - bank.centre_steps_n[:, :, None])[grasps.tool, grasps.obj]
         return HeldOut(
             tools=grasps.tools,
             designs=grasps.designs,
             objects=grasps.objects,
-            tool=tool,
-            obj=obj,
-            measured_n=grasps.steps_n[rows],
-            is_new_tool=np.asarray(problem.held_out_tools[tool]),
-            is_new_object=np.asarray(problem.held_out_objects[obj]),
+            tool=grasps.tool,
+            obj=grasps.obj,
+            measured_n=grasps.steps_n,
+            is_new_tool=np.asarray(data.held_out_tools[grasps.tool]),
+            is_new_object=np.asarray(data.held_out_objects[grasps.obj]),
             numerical_n=np.sqrt(np.nan_to_num(change**2).mean(axis=(1, 2))),
-            rows=rows,
         )
 
     @property
@@ -118,7 +114,7 @@ class Metrics(Record):
     width_90_n: float | None
 
 
-def metrics(held_out: HeldOut, prediction: Prediction, block: str = BLOCKS[0]) -> Metrics:
+def compute_metrics(held_out: HeldOut, prediction: Prediction, block: str = BLOCKS[0]) -> Metrics:
     """Metrics of a prediction over a block of the held-out grasps."""
     rows = held_out.blocks[block]
     measured, predicted = held_out.measured_n[rows], prediction.steps_n[rows]
@@ -142,14 +138,14 @@ def metrics(held_out: HeldOut, prediction: Prediction, block: str = BLOCKS[0]) -
     )
 
 
-def class_errors(held_out: HeldOut, prediction: Prediction, names: Mapping[int, str]) -> dict[str, float]:
+def compute_class_errors(held_out: HeldOut, prediction: Prediction, names: Mapping[int, str]) -> dict[str, float]:
     """Root mean square error (N) by the class of the object; names: class of every object id."""
     of_grasp = np.array([names[held_out.objects[o]] for o in held_out.obj])
     squares = ((held_out.measured_n - prediction.steps_n) ** 2).mean(axis=1)
     return {str(name): float(np.sqrt(squares[of_grasp == name].mean())) for name in np.unique(of_grasp)}
 
 
-def scattered(
+def add_scatter(
     label: str, draws_n: np.ndarray, held_out: HeldOut, scatter: Mapping[str, float], noise_sd_n: float
 ) -> Prediction:
     """Prediction with intervals from posterior draws (d x m x steps) and what no simulator knows of a single grasp.

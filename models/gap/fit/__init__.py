@@ -1,1 +1,5 @@
-"""Fit of theta and effects to measured traces."""
+"""Calibration of theta, with effects or without, on the grasps of a surrogate; nothing here names an effect.
+
+`recalibrate.recalibrate` fits, `posterior.sample_posterior` draws from the posterior around a fit. `fit`: what a fit
+is. `whitened_features`: the space in which errors are alike, and the robust loss.
+"""

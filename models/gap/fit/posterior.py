@@ -1,4 +1,4 @@
-"""The joint posterior of theta and the parameters of effects, by NUTS on a quadratic surface around a fit.
+"""The posterior of theta and the parameters of effects, by NUTS on a quadratic surface around a fit.
 
     y = F(v) + C d + e,    d ~ N(0, P^-1),  e ~ N(0, phi),  all whitened,
 
@@ -16,15 +16,14 @@ from itertools import combinations
 import numpy as np
 from scipy.special import expit
 
-from models.calibration.inference.diagnostics import convergence
+from models.calibration.inference.diagnostics import measure_convergence
+from models.calibration.inference.optimise import approximate_at_mode
 from models.calibration.inference.parallel_chains import sample
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings, ThetaPriors
 from models.calibration.means.problem import THETA
-from models.calibration.traces.calibrate import laplace
 from models.gap.fit.fit import HELD, Axis, Fit, axes_of
-from models.gap.fit.robust import root_weights
-from models.gap.fit.whiten import IS_LIFT
+from models.gap.fit.whitened_features import IS_LIFT, compute_root_weights
 from models.records import EffectValue
 from models.simulation.effects.catalogue import CATALOGUE
 
@@ -38,7 +37,7 @@ _BESIDE = 0.03  # of a range: a fit nearer to its end is beside a bound
 
 
 @dataclass(frozen=True, eq=False)
-class JointDensity:
+class PosteriorDensity:
     """Log posterior over unbounded coordinates u (k): logits of the shares of v between `lower` and `upper` (k).
 
     v = middle + spread w. gram: q x q, of the polynomial's terms 1, w, w w'. axes: of the effects' parameters.
@@ -119,16 +118,16 @@ def _log_prior_of(axis: Axis, inner: float) -> tuple[float, float]:
     return float(-0.5 * far**2 + log_jacobian), float(-far / spec.prior_sd * by_inner + jacobian_slope)
 
 
-def joint_posterior(
+def sample_posterior(
     fit: Fit, settings: CalibrationSettings, progress: Callable[[str], None] | None = None
 ) -> CalibrationResult:
     """Draws of theta and of `<effect>.<parameter>` of every effect of a fit, by NUTS from the priors of the catalogue.
 
-    `fit`: of `models.gap.fit.frame.recalibrated`, with the effects. The error of other meshes is integrated out, so
-    theta is both the bench's and the simulator's. Uses priors, chains, draws, tune, target_accept, seed, workers of
-    settings.
+    `fit`: of `models.gap.fit.recalibrate.recalibrate`, with the effects, or without any for theta alone. Theta is the
+    simulator's: what the other meshes of the bank change is integrated out, but that is not all that a bench differs by
+    (`models.gap.fit.theta`). Uses priors, chains, draws, tune, target_accept, seed, workers of settings.
     """
-    surface = Surface.around(fit, settings.priors)
+    surface = LikelihoodSurface.around(fit, settings.priors)
     density = surface.density
     rng = np.random.default_rng([settings.seed, 3])
     start_v = surface.point + 0.5 * rng.standard_normal((settings.chains, len(surface.point))) @ density.spread.T
@@ -140,7 +139,7 @@ def joint_posterior(
     v = density.inside(samples.draws)
     names = (*THETA, *(f"{axis.effect}.{axis.name}" for axis in density.axes))
     draws = density.values(v)
-    r_hat, ess_bulk, ess_tail = convergence(names, draws)
+    r_hat, ess_bulk, ess_tail = measure_convergence(names, draws)
     chosen = v.reshape(-1, v.shape[-1])[rng.choice(samples.draws[..., 0].size, _CHECKED_DRAWS, replace=False)]
     return CalibrationResult(
         names=names,
@@ -153,7 +152,7 @@ def joint_posterior(
         n_divergences=samples.n_divergences,
         n_gradients=samples.n_gradients,
         cpu_s=samples.cpu_s,
-        warnings=tuple(_sentences(r_hat, samples.n_divergences, surface.error_nats(chosen))),
+        warnings=tuple(_write_warnings(r_hat, samples.n_divergences, surface.error_nats(chosen))),
     )
 
 
@@ -168,7 +167,7 @@ def effects_at(names: Sequence[str], medians: Sequence[float]) -> tuple[EffectVa
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class LikelihoodSurface:
     """The residual around a fit as polynomials of v.
 
     point: k, their middle. phi: how much wider errors are than stated. weight: m x 1, roots of the weights. nuisance:
@@ -176,7 +175,7 @@ class Surface:
     """
 
     fit: Fit
-    density: JointDensity
+    density: PosteriorDensity
     point: np.ndarray
     phi: float
     weight: np.ndarray
@@ -184,20 +183,20 @@ class Surface:
     inverse: np.ndarray
 
     @staticmethod
-    def around(fit: Fit, priors: ThetaPriors) -> "Surface":
+    def around(fit: Fit, priors: ThetaPriors) -> "LikelihoodSurface":
         """The surface of a fit; residuals that weigh little in the fit do as they do there."""
         axes = tuple(axis for value in fit.effects for axis in axes_of(value.effect))
         point, (lower, upper) = _vector(fit, axes), _limits(fit, axes, priors)
         point = np.clip(point, lower + 1e-6 * (upper - lower), upper - 1e-6 * (upper - lower))
         n_effects = fit.n_effect_columns
         n_nuisance = len(fit.columns) - _N_THETA - n_effects
-        weight = root_weights(_residual(fit, axes, point))
+        weight = compute_root_weights(_residual(fit, axes, point))
         nuisance = (fit.columns[_N_THETA : _N_THETA + n_nuisance] * (weight / fit.weight)).reshape(n_nuisance, -1)
         inverse = np.linalg.inv(nuisance @ nuisance.T + np.diag(fit.precision[_N_THETA : _N_THETA + n_nuisance]))
         kept = [*range(_N_THETA), *range(len(fit.columns) - n_effects, len(fit.columns))]
-        bare = Surface(
+        bare = LikelihoodSurface(
             fit,
-            JointDensity(axes, priors, lower, upper, point, np.eye(len(point)), np.zeros((1, 1))),
+            PosteriorDensity(axes, priors, lower, upper, point, np.eye(len(point)), np.zeros((1, 1))),
             point,
             1.0,
             weight,
@@ -205,13 +204,13 @@ class Surface:
             inverse,
         )
         at_fit = bare.rows(point)
-        phi = max(1.0, float(at_fit @ bare.projected(at_fit)) / max(at_fit.size - len(point), 1))
-        surface = replace(bare, phi=phi).moved(point, phi * fit.covariance[np.ix_(kept, kept)])
+        phi = max(1.0, float(at_fit @ bare.project(at_fit)) / max(at_fit.size - len(point), 1))
+        surface = replace(bare, phi=phi).move(point, phi * fit.covariance[np.ix_(kept, kept)])
         for _ in range(_MOVES):
-            u, covariance = laplace(surface.density)
+            u, covariance = approximate_at_mode(surface.density, surface.density.start)
             share = expit(u)
             slope = (upper - lower) * np.maximum(share * (1.0 - share), _BESIDE * (1.0 - _BESIDE))
-            surface = surface.moved(surface.density.inside(u), covariance * np.outer(slope, slope))
+            surface = surface.move(surface.density.inside(u), covariance * np.outer(slope, slope))
         return surface
 
     def rows(self, v: np.ndarray) -> np.ndarray:
@@ -221,7 +220,7 @@ class Surface:
         taken = np.where(is_free, nuisance, 0.0) @ self.nuisance
         return np.asarray((_residual(self.fit, self.density.axes, v) * self.weight).ravel() + taken)
 
-    def projected(self, rows: np.ndarray) -> np.ndarray:
+    def project(self, rows: np.ndarray) -> np.ndarray:
         """Rows ((m f) x ...) times the precision of what tools and meshes leave of them."""
         return np.asarray(rows - self.nuisance.T @ (self.inverse @ (self.nuisance @ rows)))
 
@@ -230,10 +229,10 @@ class Surface:
         exact = []
         for v in points:
             rows = self.rows(v)
-            exact.append(-0.5 * float(rows @ self.projected(rows)) / self.phi - self.density.log_likelihood(v))
+            exact.append(-0.5 * float(rows @ self.project(rows)) / self.phi - self.density.log_likelihood(v))
         return float(np.std(exact))
 
-    def moved(self, v: np.ndarray, covariance: np.ndarray) -> "Surface":
+    def move(self, v: np.ndarray, covariance: np.ndarray) -> "LikelihoodSurface":
         """The surface with its polynomial, over an ellipsoid about v that fits within the bounds."""
         lower, upper = self.density.lower, self.density.upper
         reach = _REACH_SD * np.sqrt(np.diag(covariance))
@@ -243,7 +242,7 @@ class Surface:
         points = np.clip(point + _points(len(v)) @ spread.T, lower + 1e-9, upper - 1e-9)
         at = np.array([_terms(w) for w in np.linalg.solve(spread, (points - point).T).T])
         coefficients = np.linalg.lstsq(at, np.array([self.rows(one) for one in points]), rcond=None)[0]
-        gram = coefficients @ self.projected(coefficients.T) / self.phi
+        gram = coefficients @ self.project(coefficients.T) / self.phi
         return replace(self, point=point, density=replace(self.density, middle=point, spread=spread, gram=gram))
 
 
@@ -254,7 +253,7 @@ def _vector(fit: Fit, axes: Sequence[Axis]) -> np.ndarray:
 
 
 def _limits(fit: Fit, axes: Sequence[Axis], priors: ThetaPriors) -> tuple[np.ndarray, np.ndarray]:
-    surfaces = fit.working.predictor.surfaces
+    surfaces = fit.features.surrogate.surfaces
     low, high = zip(*(axis.limits for axis in axes), strict=True) if axes else ((), ())
     lower_ratio = max(float(surfaces.lower[1]), priors.poisson_ratio_lower)
     upper_ratio = min(float(surfaces.upper[1]), priors.poisson_ratio_upper)
@@ -268,11 +267,13 @@ def _residual(fit: Fit, axes: Sequence[Axis], v: np.ndarray) -> np.ndarray:
     for place, axis in enumerate(axes, start=_N_THETA):
         values[axis.effect][axis.name] = axis.value(float(v[place]))
     effects = [EffectValue(effect=name, parameters=row) for name, row in values.items()]
-    theta, working = np.array([np.exp(v[0]), v[1], v[2]]), fit.working
-    stiffer = theta[0] / working.predictor.centre.young_modulus_mpa
-    numerical = working.numerical * np.where(IS_LIFT, 1.0, stiffer)
-    predicted = working.predictor.features(theta, effects, fit.tool_factor) + np.tensordot(fit.numerical, numerical, 1)
-    return working.whitened(working.measured - predicted)
+    theta, features = np.array([np.exp(v[0]), v[1], v[2]]), fit.features
+    stiffer = theta[0] / features.surrogate.centre.young_modulus_mpa
+    numerical = features.numerical * np.where(IS_LIFT, 1.0, stiffer)
+    predicted = features.surrogate.predict_features(theta, effects, fit.tool_factor) + np.tensordot(
+        fit.numerical, numerical, 1
+    )
+    return features.whiten(features.measured - predicted)
 
 
 def _terms(w: np.ndarray) -> np.ndarray:
@@ -298,7 +299,7 @@ def _points(k: int) -> np.ndarray:
     return np.array([np.zeros(k), *axes, *-axes, *planes])
 
 
-def _sentences(r_hat: dict[str, float], n_divergences: int, error_nats: float) -> list[str]:
+def _write_warnings(r_hat: dict[str, float], n_divergences: int, error_nats: float) -> list[str]:
     worst = max(r_hat, key=r_hat.__getitem__)
     found = []
     if not r_hat[worst] <= R_HAT_LIMIT:

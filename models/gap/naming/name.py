@@ -1,62 +1,52 @@
-"""Which effect is missing: the whole of NAME (notes/gap.md section 3, ii), on training grasps only."""
+"""Which effect is missing: candidates ranked, fitted and scored on training grasps, and a decision."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.gap.findings import Alias, Candidate, Named
-from models.gap.fit.fit import Fit, Fitter
-from models.gap.fit.frame import recalibrated
-from models.gap.fit.whiten import training
-from models.gap.naming.decide import Evidence, Tried, decided, is_alarm, misfits
-from models.gap.naming.flexible import flexible
-from models.gap.naming.flexible_models import ceiling
-from models.gap.naming.isolability import Isolability, isolability
-from models.gap.naming.refit import leading, paired, refitted
-from models.gap.naming.score import (
+from models.gap.data import GapData
+from models.gap.findings import Candidate, Decision
+from models.gap.fit.fit import Fit
+from models.gap.fit.recalibrate import Fitter, recalibrate
+from models.gap.naming.candidates import (
     PRIOR_NONE,
     PRIOR_UNKNOWN,
     Score,
-    gain_nats,
-    probabilities,
-    r2,
-    scored,
-    scored_ceiling,
+    compute_gain_nats,
+    compute_probabilities,
+    compute_r2,
+    fit_candidates,
+    fit_pairs,
+    score_fit,
+    score_upper_bound,
+    top_candidates,
 )
-from models.gap.naming.screen import Screen, screened
+from models.gap.naming.decide import CandidateSet, compute_misfits, decide, is_alarm
+from models.gap.naming.rank_effects import EffectRanking, Separability, compute_separability, rank_effects
 from models.gap.naming.thresholds import Statistics, Thresholds
-from models.gap.problem import GapProblem
+from models.gap.naming.upper_bound import add_ridge_discrepancy, bound_with_trees
 from models.records import EffectValue
-from models.simulation.effects.catalogue import CATALOGUE
-
-_EXPERIMENTS = {
-    "load_cell_gain": "hang a known weight on the load cell",
-    "velocity_strengthening_friction": "lift at 1, 5 and 20 mm/s",
-    "batch_ageing": "test an old tool again and a tensile bar of its batch",
-}
 
 
 @dataclass(frozen=True, eq=False)
-class NameResult:
-    """The answer of a round and what it rests on.
+class NamingResult:
+    """The decision of a round and what it rests on.
 
     candidates: `none`, `unknown` and every effect that was fitted, by what it predicts. theta (3) and fit: with what
     was in the model, calibrated again; best: with the named effect or the first of a set, or `fit`. evidence_nats:
     gains of the candidates by design and object, in their order, for tempering; priors: theirs. dropped: effects of the
-    model that explain nothing any more. aliases: what these data cannot tell from theta at all; isolability: what they
-    can tell at all.
+    model that explain nothing any more. separability: what these data can tell apart at all.
     """
 
-    named: Named
+    named: Decision
     candidates: tuple[Candidate, ...]
     theta: np.ndarray
     fit: Fit
     best: Fit
-    screen: Screen
-    isolability: Isolability
+    ranking: EffectRanking
+    separability: Separability
     statistics: Statistics
-    aliases: tuple[Alias, ...]
     dropped: tuple[str, ...]
     evidence_nats: tuple[np.ndarray, ...]
     priors: tuple[float, ...]
@@ -73,137 +63,115 @@ class NameResult:
 
 
 def name_effect(
-    problem: GapProblem,
+    data: GapData,
     in_model: Sequence[EffectValue] = (),
     thresholds: Thresholds = Thresholds(),  # noqa: B008 - frozen
     catalogue: Sequence[str] | None = None,
-) -> NameResult:
-    """Names what is missing in the simulator with the effects `in_model`, whose parameters are fitted again.
+) -> NamingResult:
+    """Name what is missing in the simulator with the effects `in_model`, whose parameters are fitted again.
 
     catalogue: effects that may be named; all that the bank carries by default. Aliases of theta never are.
 
     Raises:
         UsageError: an effect in the model cannot be predicted by the bank.
     """
-    learnt_from = training(problem)
-    fit = recalibrated(learnt_from, in_model)
-    known = fit.working.predictor.names
-    taken = {value.effect for value in in_model}
+    fit = recalibrate(data.training, in_model)
+    known, taken = data.training.names, {value.effect for value in in_model}
     names = [name for name in (known if catalogue is None else catalogue) if name in known and name not in taken]
-    screen = screened(fit, names)
-    tables = isolability(screen)
-    evidence, nats, priors, names_tried = _evidence(fit, screen, thresholds)
-    again = _again(learnt_from, evidence) if is_alarm(evidence, thresholds) else None
-    named = decided(evidence, thresholds, again)
-    best = again if named.effects and again is not None else fit
-    base = scored(fit)
-    return NameResult(
+    ranking = rank_effects(fit, names)
+    base_score = score_fit(fit)
+    candidates, nats, priors = _try_candidates(fit, base_score, ranking, thresholds)
+    again = _recalibrate_with_best(candidates) if is_alarm(candidates, thresholds) else None
+    named = decide(candidates, thresholds, again)
+    return NamingResult(
         named=named,
-        candidates=_candidates(evidence, base, screen, nats, names_tried),
+        candidates=_report_candidates(candidates, base_score, ranking, nats),
         theta=fit.theta,
         fit=fit,
-        best=best,
-        screen=screen,
-        isolability=tables,
-        statistics=evidence.statistics,
-        aliases=_aliases(),
-        dropped=_dropped(fit, base, thresholds),
+        best=again if named.effects and again is not None else fit,
+        ranking=ranking,
+        separability=compute_separability(ranking),
+        statistics=candidates.statistics,
+        dropped=_drop_effects(fit, base_score, thresholds),
         evidence_nats=tuple(nats),
         priors=tuple(priors),
     )
 
 
-def _again(problem: GapProblem, evidence: Evidence) -> Fit | None:
+def _recalibrate_with_best(candidates: CandidateSet) -> Fit | None:
     """The best single effect calibrated anew with all else: errors are judged at forces nearer to the truth."""
-    if not evidence.singles:
-        return None
-    best = max(evidence.singles, key=lambda tried: tried.r2)
-    return recalibrated(problem, best.refit.fit.effects)
+    best = candidates.best
+    return None if best is None else recalibrate(best.fit.features.surrogate, best.fit.effects)
 
 
-def _evidence(
-    fit: Fit, screen: Screen, thresholds: Thresholds
-) -> tuple[Evidence, list[np.ndarray], list[float], list[str]]:
+def _try_candidates(
+    fit: Fit, base_score: Score, ranking: EffectRanking, thresholds: Thresholds
+) -> tuple[CandidateSet, list[np.ndarray], list[float]]:
     """Everything that is tried, with gains in nats and priors of none, unknown and the single effects."""
-    base = scored(fit)
-    refits = refitted(fit, screen, leading(screen)) if screen.effects else []
-    scores = [scored(refit.fit) for refit in refits]
-    order = np.argsort([-r2(base, score) for score in scores]).astype(int)
-    refits, scores = [refits[i] for i in order], [scores[i] for i in order]
-    pairs = [Tried(refit, score, r2(base, score)) for refit in paired(fit, refits) for score in [scored(refit.fit)]]
-    anything = [*(scored(other) for other in flexible(fit)), scored_ceiling(fit, ceiling(fit))]
-    unknown = max(anything, key=lambda score: r2(base, score))
-    nats = [gain_nats(fit, base, score) for score in (base, unknown, *scores)]
-    priors = [PRIOR_NONE, PRIOR_UNKNOWN, *[(1.0 - PRIOR_NONE - PRIOR_UNKNOWN) / max(len(scores), 1)] * len(scores)]
-    shares = probabilities(nats, priors, thresholds.temperature)
-    singles = [
-        Tried(refit, score, r2(base, score), float(share))
-        for refit, score, share in zip(refits, scores, shares[2:], strict=True)
-    ]
-    misfit, contrast_misfit = misfits(fit)
-    statistics = Statistics(
-        effect_r2=max((tried.r2 for tried in singles), default=0.0),
-        ceiling_r2=r2(base, unknown),
-        misfit=misfit,
-        contrast_misfit=contrast_misfit,
-    )
-    evidence = Evidence(
+    singles = fit_candidates(fit, base_score, ranking, top_candidates(ranking))
+    anything = [score_fit(other) for other in add_ridge_discrepancy(fit)]
+    anything.append(score_upper_bound(fit, *bound_with_trees(fit)))
+    unknown = max(anything, key=lambda score: compute_r2(base_score, score))
+    scores = (base_score, unknown, *(single.score for single in singles))
+    nats = [compute_gain_nats(fit, base_score, score) for score in scores]
+    prior_of_each = (1.0 - PRIOR_NONE - PRIOR_UNKNOWN) / max(len(singles), 1)
+    priors = [PRIOR_NONE, PRIOR_UNKNOWN, *[prior_of_each] * len(singles)]
+    none, of_unknown, *shares = compute_probabilities(nats, priors, thresholds.temperature)
+    misfit, contrast_misfit = compute_misfits(fit)
+    upper_bound = compute_r2(base_score, unknown)
+    candidates = CandidateSet(
         base=fit,
-        singles=singles,
-        pairs=pairs,
-        ceiling=statistics.ceiling_r2,
-        statistics=statistics,
-        none=float(shares[0]),
-        unknown=float(shares[1]),
+        singles=[replace(single, probability=float(share)) for single, share in zip(singles, shares, strict=True)],
+        pairs=fit_pairs(fit, base_score, singles),
+        upper_bound=upper_bound,
+        statistics=Statistics(
+            effect_r2=max((single.r2 for single in singles), default=0.0),
+            upper_bound_r2=upper_bound,
+            misfit=misfit,
+            contrast_misfit=contrast_misfit,
+        ),
+        none=float(none),
+        unknown=float(of_unknown),
     )
-    return evidence, nats, priors, ["none", "unknown", *(tried.refit.effects[0] for tried in singles)]
+    return candidates, nats, priors
 
 
-def _candidates(
-    evidence: Evidence, base: Score, screen: Screen, nats: Sequence[np.ndarray], names: Sequence[str]
+def _report_candidates(
+    candidates: CandidateSet, base_score: Score, ranking: EffectRanking, nats: Sequence[np.ndarray]
 ) -> tuple[Candidate, ...]:
-    """Everything that was tried, as it is reported, in the order of `names`."""
+    """Everything that was tried, as it is reported: none, unknown, and the single effects."""
     found = [
-        Candidate(effect=names[0], probability=evidence.none, held_out_gain_nats=0.0, held_out_rmse_change=0.0),
+        Candidate(effect="none", probability=candidates.none, held_out_gain_nats=0.0, held_out_rmse_change=0.0),
         Candidate(
-            effect=names[1],
-            probability=evidence.unknown,
+            effect="unknown",
+            probability=candidates.unknown,
             held_out_gain_nats=float(nats[1].sum()),
             held_out_rmse_change=0.0,
-            grouped_r2=evidence.ceiling,
+            grouped_r2=candidates.upper_bound,
         ),
     ]
-    for tried, gain in zip(evidence.singles, nats[2:], strict=True):
-        name = tried.refit.effects[0]
+    for single, gain in zip(candidates.singles, nats[2:], strict=True):
+        (name,) = single.effects
         found.append(
             Candidate(
                 effect=name,
-                probability=tried.probability,
+                probability=single.probability,
                 held_out_gain_nats=float(gain.sum()),
-                held_out_rmse_change=tried.score.rmse_n / base.rmse_n - 1.0,
-                grouped_r2=tried.r2,
-                visible_fraction=float(screen.visible[screen.best(name)]),
-                parameters=tried.refit.values[0].parameters,
+                held_out_rmse_change=single.score.rmse_n / base_score.rmse_n - 1.0,
+                grouped_r2=single.r2,
+                visible_fraction=float(ranking.visible[ranking.best(name)]),
+                parameters=single.values[0].parameters,
             )
         )
     return tuple(found)
 
 
-def _dropped(fit: Fit, base: Score, thresholds: Thresholds) -> tuple[str, ...]:
+def _drop_effects(fit: Fit, base_score: Score, thresholds: Thresholds) -> tuple[str, ...]:
     """Effects of the model without which, all else fitted again, left-out grasps are predicted no worse."""
     dropped = []
     for value in fit.effects:
         others = [other for other in fit.effects if other is not value]
-        without = scored(Fitter(fit.working, fit.theta, others).fit())
-        if r2(without, base) < thresholds.effect_r2:
+        without = score_fit(Fitter(fit.features, fit.theta, others).fit())
+        if compute_r2(without, base_score) < thresholds.effect_r2:
             dropped.append(value.effect)
     return tuple(dropped)
-
-
-def _aliases() -> tuple[Alias, ...]:
-    """What no pull-off data tell from theta, and what would."""
-    return tuple(
-        Alias(effect=name, of=spec.alias_of, experiment=_EXPERIMENTS.get(name, "measure it with another instrument"))
-        for name, spec in CATALOGUE.items()
-        if spec.alias_of is not None
-    )

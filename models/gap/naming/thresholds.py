@@ -1,14 +1,14 @@
 """The lines above which gap discovery speaks, and where they come from: worlds in which nothing is hidden.
 
 Truth of such worlds is another simulator (finer mesh, other contact law) with scatter and noise, so that numerical
-error alone does not call an alarm (notes/gap.md section 0).
+error alone does not call an alarm.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from models.gap.naming.score import probabilities
+from models.gap.naming.candidates import compute_probabilities
 from models.records import Record
 
 FALSE_ALARMS = 0.05
@@ -18,12 +18,12 @@ _TEMPERATURES = np.geomspace(1.0, 300.0, 25)
 class Statistics(Record):
     """What a world's alarms are decided on; larger is more of a gap.
 
-    effect_r2: held-out share of squares that the best effect predicts. ceiling_r2: the same for the best of the
-    flexible models. misfit, contrast_misfit: mean squared residual of cells' means and of the contrasts of repeats.
+    effect_r2: held-out share of squares that the best effect predicts. upper_bound_r2: the same for the explainable
+    upper bound. misfit, contrast_misfit: mean squared residual of cells' means and of the contrasts of repeats.
     """
 
     effect_r2: float
-    ceiling_r2: float
+    upper_bound_r2: float
     misfit: float
     contrast_misfit: float
 
@@ -31,18 +31,18 @@ class Statistics(Record):
 class Thresholds(Record):
     """When gap discovery speaks.
 
-    effect_r2, ceiling_r2, misfit, contrast_misfit: lines of `Statistics`; usual_misfit, usual_contrast_misfit: their
-    means in null worlds. share: of the misfit beyond that, at least so much must be the named effect's. temperature: of
-    evidence in nats. probability: from here on one effect is named. least_nats: between predictions of two effects that
-    are told apart.
+    effect_r2, upper_bound_r2, misfit, contrast_misfit: lines of `Statistics`; usual_misfit, usual_contrast_misfit:
+    their means in null worlds. share: of the misfit beyond that, at least so much must be the named effect's.
+    temperature: of evidence in nats. probability: from here on one effect is named. least_nats: between predictions of
+    two effects that are told apart.
 
     Default lines are those of 40 null worlds of the study `gap` (14 designs, 8 objects, 3 repeats; a finer mesh
     with another contact law), at least three standard deviations above their mean; the temperature is that of 20 worlds
-    with an effect. With these lines none of 60 sealed null worlds raised an alarm (docs/gap-worlds.md).
+    with an effect. With these lines none of 60 sealed null worlds raised an alarm (docs/reference/measured-figures.md).
     """
 
     effect_r2: float = 0.01
-    ceiling_r2: float = 0.005
+    upper_bound_r2: float = 0.005
     misfit: float = 2.604
     contrast_misfit: float = 1.869
     usual_misfit: float = 2.263
@@ -78,7 +78,7 @@ def fit_temperature(
     """
     surprise = [
         -sum(
-            np.log(max(float(probabilities(gains, prior, temperature)[truth]), 1e-6))
+            np.log(max(float(compute_probabilities(gains, prior, temperature)[truth]), 1e-6))
             for gains, prior, truth in zip(evidence, priors, truths, strict=True)
         )
         for temperature in _TEMPERATURES

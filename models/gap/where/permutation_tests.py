@@ -8,20 +8,13 @@ standard deviations of its draws, is compared with the largest of that branch in
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from models.gap.where.features import (
-    FAMILY,
-    OBJECT_FEATURES,
-    TOOL_FEATURES,
-    family_numbers,
-    object_table,
-    tool_table,
-)
-from models.gap.where.phases import PHASES
-from models.gap.where.residuals import Residuals
-from models.gap.where.variance_shares import LEAST_OWN
+from models.gap.where.residuals import PHASES, Residuals
+from models.gap.where.strata import FAMILY, OBJECT_FEATURES, TOOL_FEATURES
+from models.gap.where.variance_components import LEAST_OWN
 
 N_DRAWS = 1999
 Q = 0.05
@@ -46,9 +39,11 @@ class TestTree:
     phases: dict[str, float]
     factors: tuple[Hypothesis, ...]
 
-    def rejected(self, phase: str) -> tuple[Hypothesis, ...]:
-        """Factors that a phase goes with, the surest first."""
-        return tuple(sorted((h for h in self.factors if h.phase == phase and h.q_value <= Q), key=lambda h: h.p_value))
+    @cached_property
+    def rejected(self) -> dict[str, tuple[Hypothesis, ...]]:
+        """Factors that each phase goes with, the surest first."""
+        surest = sorted((h for h in self.factors if h.q_value <= Q), key=lambda h: h.p_value)
+        return {phase: tuple(h for h in surest if h.phase == phase) for phase in PHASES}
 
 
 def run_tests(residuals: Residuals, seed: int = 0) -> TestTree:
@@ -60,22 +55,26 @@ def run_tests(residuals: Residuals, seed: int = 0) -> TestTree:
         for factor, values in _statistics(residuals, residuals.relative[:, place], draws).items():
             names.append((phase, factor))
             statistics.append(values)
-    z = _standardised(np.array(statistics))  # m x (1 + draws), the first column is what was observed
+    z = _standardise(np.array(statistics))  # m x (1 + draws), the first column is what was observed
     p = np.mean(z >= z[:, :1], axis=1)
     phases = np.array([phase for phase, _ in names])
     p_global = _largest(z)
     p_phase = {phase: _largest(z[phases == phase]) for phase in PHASES if (phases == phase).any()}
-    q_phase = dict(zip(p_phase, bh(np.array(list(p_phase.values()))), strict=True))
+    q_phase = dict(zip(p_phase, adjust_bh(np.array(list(p_phase.values()))), strict=True))
     factors: list[Hypothesis] = []
     for phase, of_phase in q_phase.items():
         rows = np.flatnonzero(phases == phase)
         is_open = p_global <= Q and of_phase <= Q
-        q = np.maximum(np.minimum(step_down(z[rows]), bh(p[rows])), of_phase) if is_open else np.ones(len(rows))
+        q = (
+            np.maximum(np.minimum(adjust_step_down(z[rows]), adjust_bh(p[rows])), of_phase)
+            if is_open
+            else np.ones(len(rows))
+        )
         factors += [Hypothesis(*names[r], float(p[r]), float(x)) for r, x in zip(rows, q, strict=True)]
     return TestTree(p_global, {k: float(v) if p_global <= Q else 1.0 for k, v in q_phase.items()}, tuple(factors))
 
 
-def bh(p: np.ndarray) -> np.ndarray:
+def adjust_bh(p: np.ndarray) -> np.ndarray:
     """The q of p values of one family (m), after Benjamini and Hochberg 1995."""
     order = np.argsort(p)
     q = p[order] * len(p) / (np.arange(len(p)) + 1)
@@ -84,7 +83,7 @@ def bh(p: np.ndarray) -> np.ndarray:
     return np.minimum(out, 1.0)
 
 
-def step_down(z: np.ndarray) -> np.ndarray:
+def adjust_step_down(z: np.ndarray) -> np.ndarray:
     """Adjusted p (m) of standardised statistics (m x (1 + b)), each against the largest of those not above it."""
     order = np.argsort(-z[:, 0])
     largest = np.maximum.accumulate(z[order][::-1], axis=0)[::-1]
@@ -127,14 +126,14 @@ def _statistics(residuals: Residuals, u: np.ndarray, draws: _Draws) -> dict[str,
     by_tool, by_obj = _main_effects(cells, weight)
     signed_cells = weight * (cells - by_tool[:, None])
     found = {EVERYWHERE: np.abs(draws.signs @ by_tool), BY_OBJECT: np.linalg.norm(draws.signs @ signed_cells, axis=1)}
-    table = tool_table(residuals)[tools]
+    table = residuals.tool_table[tools]
     found |= {
         n: _correlation(by_tool, x, draws.tools) for n, x in zip(TOOL_FEATURES, table.T, strict=True) if x.std() > 0
     }
-    table = object_table(residuals)[objects]
+    table = residuals.object_table[objects]
     found |= {n: _correlation(by_obj, x, draws.objects)
               for n, x in zip(OBJECT_FEATURES[:2], table.T, strict=False) if x.std() > 0}  # fmt: skip
-    found[FAMILY] = _between(by_obj, family_numbers(residuals)[objects], draws.objects)
+    found[FAMILY] = _between(by_obj, residuals.family[objects], draws.objects)
     found |= _histories(residuals, u, is_there, t, o, draws)
     return found
 
@@ -177,18 +176,18 @@ def _histories(
         y, x_left = u, x
         for _ in range(1 if len(groups) == 1 else 20):
             for group in groups:
-                y, x_left = _centred(y, group), _centred(x_left, group)
+                y, x_left = _centre(y, group), _centre(x_left, group)
         if x_left.std() > LEAST_OWN * max(x.std(), 1e-12):  # else the objects tell the order
             slopes = np.bincount(t, x_left * y) / np.maximum(np.bincount(t, x_left**2), 1e-12)
             found[factor] = np.abs(draws.signs @ slopes)
     return found
 
 
-def _centred(values: np.ndarray, group: np.ndarray) -> np.ndarray:
+def _centre(values: np.ndarray, group: np.ndarray) -> np.ndarray:
     return values - (np.bincount(group, weights=values) / np.maximum(np.bincount(group), 1))[group]
 
 
-def _standardised(statistics: np.ndarray) -> np.ndarray:
+def _standardise(statistics: np.ndarray) -> np.ndarray:
     """Statistics (m x (1 + b)) less the mean of their draws, over its standard deviation; ties stay ties."""
     drawn = statistics[:, 1:]
     spread = np.maximum(drawn.std(axis=1, keepdims=True), 1e-300)

@@ -1,4 +1,8 @@
-"""What is left when theta has been calibrated again: measured minus predicted forces of the grasps to learn from."""
+"""Residuals: what is left when theta has been calibrated again, grasp by grasp and by the parts of a lift.
+
+A part is a phase: dip, rise, peak, slip, tail. Closing is not in the steps of a trace. Windows are those of the
+simulated trace, so that a measured trace that is late shows as too much or too little force in a part.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -6,10 +10,30 @@ from functools import cached_property
 import numpy as np
 
 from models.errors import UsageError
-from models.gap.problem import GapProblem
-from models.gap.where.phases import PHASES, amplitudes, peaks, phase_differences
-from models.records import Design, Theta
+from models.gap.bank.surrogate import Surrogate
+from models.gap.where.strata import make_object_table, make_tool_table, number_families
+from models.records import Design
+from models.traces.step_features import DIP_MM, NEAR_PEAK, STEP_MM
 
+PHASES = ("dip", "rise", "peak", "slip", "tail")
+WORDS = {
+    "dip": "the first 3 mm of lift",
+    "rise": "the rise to the peak",
+    "peak": "the peak",
+    "slip": "the slip after the peak",
+    "tail": "the last millimetres",
+}
+AT = {
+    "dip": "in the first 3 mm of lift",
+    "rise": "on the way to the peak",
+    "peak": "at the peak",
+    "slip": "in the slip after the peak",
+    "tail": "in the last millimetres",
+}
+_TAIL_MM = 10.0  # beyond the end of slipping
+_GONE = 0.1  # of the peak: less holds nothing any more
+_SMOOTH = 3  # steps of a running mean, so that noise does not make peaks
+_LEAST_AMPLITUDE = 0.25  # of the median cell's: grasps without grip say nothing in per cent
 MIN_TOOLS = 5  # sign flips of five tools give 32 patterns: nothing is seen with fewer
 MIN_OBJECTS = 4
 
@@ -55,39 +79,52 @@ class Residuals:
 
     @staticmethod
     def of(
-        problem: GapProblem,
+        surrogate: Surrogate,
         predicted_n: np.ndarray,
-        theta: Theta,
+        young_modulus_mpa: float,
         tool_factor: np.ndarray | None = None,
-        is_usable: np.ndarray | None = None,
     ) -> "Residuals":
-        """Residuals of the grasps that are not held out; predicted_n: n x steps of all grasps, at `theta`.
-
-        is_usable: which of them could be predicted, n.
-        """
-        grasps, bank, chosen = problem.grasps, problem.bank, ~problem.is_held_out
-        if is_usable is not None:
-            chosen = chosen & is_usable
-        scale = theta.young_modulus_mpa / bank.centre.young_modulus_mpa
-        contexts = [context for context, is_chosen in zip(grasps.contexts, chosen, strict=True) if is_chosen]
+        """Residuals of a surrogate's grasps; predicted_n: n x steps, at this modulus of the material."""
+        grasps, bank = surrogate.grasps, surrogate.bank
+        scale = young_modulus_mpa / bank.centre.young_modulus_mpa
         return Residuals(
             tools=grasps.tools,
             designs=grasps.designs,
             objects=grasps.objects,
-            tool=grasps.tool[chosen],
-            obj=grasps.obj[chosen],
-            repeat=np.array([context.repeat for context in contexts]),
-            order=np.array([context.tool_grasps for context in contexts], dtype=float),
-            measured_n=grasps.steps_n[chosen],
-            predicted_n=predicted_n[chosen],
+            tool=grasps.tool,
+            obj=grasps.obj,
+            repeat=np.array([context.repeat for context in grasps.contexts]),
+            order=np.array([context.tool_grasps for context in grasps.contexts], dtype=float),
+            measured_n=grasps.steps_n,
+            predicted_n=predicted_n,
             tool_factor=np.ones(len(grasps.tools)) if tool_factor is None else tool_factor,
             numerical_n=scale * (bank.numerical_steps_n - bank.centre_steps_n[:, :, None]),
         )
 
     @cached_property
+    def tool_table(self) -> np.ndarray:
+        """Design parameters of the tools, t x 9."""
+        return make_tool_table(self.designs)
+
+    @cached_property
+    def object_table(self) -> np.ndarray:
+        """Width, height and, as 0 or 1, the family of the objects, o x 7."""
+        return make_object_table(self.objects)
+
+    @cached_property
+    def family(self) -> np.ndarray:
+        """Number of the family of each object, o."""
+        return number_families(self.objects)
+
+    @cached_property
+    def windows(self) -> np.ndarray:
+        """Which steps of the predictions belong to a phase, n x 5 x steps."""
+        return find_phase_windows(self.predicted_n)
+
+    @cached_property
     def phases_n(self) -> np.ndarray:
         """Missing force by phase, n x 5, in N; NaN where the prediction does not have the phase."""
-        return phase_differences(self.measured_n, self.predicted_n)
+        return compute_phase_differences(self.measured_n, self.predicted_n)
 
     @cached_property
     def amplitude_n(self) -> np.ndarray:
@@ -114,8 +151,60 @@ class Residuals:
         changes = np.nan_to_num(self.numerical_n[self.tool, self.obj])
         return np.stack(
             [
-                phase_differences(self.predicted_n + changes[:, i], self.predicted_n) / self.amplitude_n[:, None]
+                compute_phase_differences(self.predicted_n + changes[:, i], self.predicted_n)
+                / self.amplitude_n[:, None]
                 for i in range(v)
             ]
             or [np.zeros((len(self.tool), len(PHASES)))]
         )
+
+
+def compute_phase_differences(measured_n: np.ndarray, predicted_n: np.ndarray) -> np.ndarray:
+    """Measured minus predicted force by phase, n x 5, in N: means over windows, and of the peak the two peaks.
+
+    measured_n, predicted_n: n x steps. NaN where the predicted trace does not have a phase.
+    """
+    windows = find_phase_windows(predicted_n)
+    counts = windows.sum(axis=2)
+    total = np.einsum("ns,nps->np", measured_n - predicted_n, windows.astype(float))
+    means = np.where(counts > 0, total / np.maximum(counts, 1), np.nan)
+    means[:, PHASES.index("peak")] = peaks(measured_n) - peaks(predicted_n)
+    return np.asarray(means)
+
+
+def find_phase_windows(predicted_n: np.ndarray) -> np.ndarray:
+    """Which steps belong to a phase, n x 5 x steps; a step belongs to one at most."""
+    n, n_steps = predicted_n.shape
+    smoothed = smooth(predicted_n)
+    peak = smoothed.max(axis=1, keepdims=True)
+    step = np.arange(n_steps)
+    first, last = _ends(smoothed >= peak - (1.0 - NEAR_PEAK) * np.abs(peak))
+    _, held = _ends(smoothed >= _GONE * peak)
+    start = round(DIP_MM / STEP_MM)
+    end = np.minimum(held + round(_TAIL_MM / STEP_MM), n_steps - 1)
+    bounds = np.stack([np.zeros(n), np.full(n, start), np.maximum(first, start), np.maximum(last + 1, start),
+                       np.maximum(held + 1, start), end + 1], axis=1)  # fmt: skip
+    bounds = np.maximum.accumulate(bounds, axis=1)
+    return np.asarray((step >= bounds[:, :-1, None]) & (step < bounds[:, 1:, None]))
+
+
+def peaks(steps_n: np.ndarray) -> np.ndarray:
+    """Peak force of traces (n x steps), n, in N: of a running mean over 1.5 mm."""
+    return np.asarray(smooth(steps_n).max(axis=1))
+
+
+def amplitudes(predicted_n: np.ndarray) -> np.ndarray:
+    """What forces of a grasp are compared with, n, in N: its predicted peak, not less than a quarter of the usual."""
+    peak = np.abs(smooth(predicted_n)).max(axis=1)
+    return np.asarray(np.maximum(peak, max(_LEAST_AMPLITUDE * float(np.median(peak)), 1e-9)))
+
+
+def smooth(steps_n: np.ndarray) -> np.ndarray:
+    """Running mean over three steps, n x steps; fewer at the ends."""
+    padded = np.pad(steps_n, ((0, 0), (1, 1)), mode="edge")
+    return np.asarray(sum(padded[:, i : i + steps_n.shape[1]] for i in range(_SMOOTH)) / _SMOOTH)
+
+
+def _ends(is_in: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and last step of a mask, n each."""
+    return is_in.argmax(axis=1), is_in.shape[1] - 1 - is_in[:, ::-1].argmax(axis=1)

@@ -9,11 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.where.features import FAMILY, TOOL_FEATURES, family_numbers, tool_table
-from models.gap.where.object_shape import FAMILIES
-from models.gap.where.phases import PHASES, WORDS, phase_windows
-from models.gap.where.residuals import Residuals
-from models.gap.where.variance_shares import jackknife
+from models.gap.where.residuals import PHASES, WORDS, Residuals
+from models.gap.where.strata import FAMILIES, FAMILY, TOOL_FEATURES
+from models.gap.where.variance_components import jackknife
 
 LEVEL = 0.99  # of trends that are called clues: about a dozen are looked at
 LEAST_CHANGE = 0.03
@@ -61,21 +59,21 @@ class ThetaTrend:
     sentence: str
 
 
-def theta_by_stratum(residuals: Residuals, friction_slope_n: np.ndarray | None = None) -> tuple[ThetaStratum, ...]:
+def fit_theta_by_stratum(residuals: Residuals, friction_slope_n: np.ndarray | None = None) -> tuple[ThetaStratum, ...]:
     """Changes of the modulus, and of friction if `friction_slope_n` is given, by tool, object shape, repeat and phase.
 
     friction_slope_n: n x steps, the prediction's slope by the logarithm of friction. Changes are over the common theta;
     those of a tool hold its own modulus (`tool_factor`) too.
     """
     regression = _Regression.of(residuals, friction_slope_n)
-    family = family_numbers(residuals)[residuals.obj]
+    family = residuals.family[residuals.obj]
     groups: list[tuple[str, str, np.ndarray]] = [
         *(("tool", residuals.tools[t], residuals.tool == t) for t in np.unique(residuals.tool)),
         *((FAMILY, FAMILIES[f], family == f) for f in np.unique(family)),
         *(("repeat", str(r + 1), residuals.repeat == r) for r in np.unique(residuals.repeat)),
     ]
     found = [s for kind, name, rows in groups for s in _stratum(regression, kind, name, rows, None)]
-    windows = phase_windows(residuals.predicted_n)
+    windows = residuals.windows
     every = np.ones(len(residuals.tool), dtype=bool)
     for place, phase in enumerate(PHASES):
         if windows[:, place].any():
@@ -83,10 +81,10 @@ def theta_by_stratum(residuals: Residuals, friction_slope_n: np.ndarray | None =
     return tuple(found)
 
 
-def theta_trends(residuals: Residuals, friction_slope_n: np.ndarray | None = None) -> tuple[ThetaTrend, ...]:
+def fit_theta_trends(residuals: Residuals, friction_slope_n: np.ndarray | None = None) -> tuple[ThetaTrend, ...]:
     """Trends of the fitted constants against wall thickness, repeat, order and predicted force."""
     regression = _Regression.of(residuals, friction_slope_n)
-    walls = tool_table(residuals)[:, [TOOL_FEATURES.index(f"{w}_thickness_mm") for w in ("front", "back", "rib")]]
+    walls = residuals.tool_table[:, [TOOL_FEATURES.index(f"{w}_thickness_mm") for w in ("front", "back", "rib")]]
     covariates = {
         "walls": walls.mean(axis=1)[residuals.tool],
         "repeat": residuals.repeat.astype(float),

@@ -11,11 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.where.features import FAMILY, OBJECT_FEATURES, TOOL_FEATURES, object_table, tool_table
-from models.gap.where.object_shape import FAMILIES
-from models.gap.where.phases import PHASES
-from models.gap.where.residuals import Residuals
-from models.gap.where.words import condition, stratum_words
+from models.gap.where.residuals import PHASES, Residuals
+from models.gap.where.strata import (
+    FAMILIES,
+    FAMILY,
+    OBJECT_FEATURES,
+    TOOL_FEATURES,
+    describe_condition,
+    describe_stratum,
+)
 
 DEPTH = 3
 MIN_DESIGNS, MIN_OBJECTS = 3, 4
@@ -46,7 +50,7 @@ class Leaf:
     @property
     def words(self) -> str:
         """Which objects and tools."""
-        return stratum_words(tuple(condition(s.feature, s.limit, s.is_above) for s in self.splits))
+        return describe_stratum(tuple(describe_condition(s.feature, s.limit, s.is_above) for s in self.splits))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +62,7 @@ class _Cells:
     tool: np.ndarray
     obj: np.ndarray
 
-    def take(self, rows: np.ndarray) -> "_Cells":
+    def select(self, rows: np.ndarray) -> "_Cells":
         return _Cells(self.u[rows], self.x[rows], self.tool[rows], self.obj[rows])
 
 
@@ -69,7 +73,7 @@ class _Question:
     gain: float
 
 
-def honest_tree(residuals: Residuals, phase: str, factors: Collection[str], seed: int = 0) -> tuple[Leaf, ...]:
+def grow_honest_tree(residuals: Residuals, phase: str, factors: Collection[str], seed: int = 0) -> tuple[Leaf, ...]:
     """Leaves of the tree of a phase; one leaf without splits where no question is stable.
 
     factors: names of `TOOL_FEATURES`, of the first two of `OBJECT_FEATURES`, and `FAMILY`, that may be asked about.
@@ -79,8 +83,7 @@ def honest_tree(residuals: Residuals, phase: str, factors: Collection[str], seed
     cells = _cells(residuals, place)
     rng = np.random.default_rng(seed)
     halves = _halves(np.flatnonzero(cells.tool.any(axis=0)), rng)
-    tool, obj = tool_table(residuals), object_table(residuals)
-    x = np.hstack([tool[residuals.tool], obj[residuals.obj]])
+    x = np.hstack([residuals.tool_table[residuals.tool], residuals.object_table[residuals.obj]])
     return tuple(_grow(cells, x, (), columns, halves))
 
 
@@ -92,7 +95,7 @@ def _cells(residuals: Residuals, place: int) -> _Cells:
     names, row = np.unique(t * n_objects + o, return_inverse=True)
     u = np.bincount(row, residuals.relative[is_there, place]) / np.bincount(row)
     t, o = names // n_objects, names % n_objects
-    x = np.hstack([tool_table(residuals)[t], object_table(residuals)[o]])
+    x = np.hstack([residuals.tool_table[t], residuals.object_table[o]])
     return _Cells(u, x, np.eye(len(residuals.tools))[t], np.eye(n_objects)[o])
 
 
@@ -109,7 +112,7 @@ def _halves(tools: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:
 def _grow(
     cells: _Cells, x: np.ndarray, splits: tuple[Split, ...], columns: tuple[int, ...], halves: Sequence[np.ndarray]
 ) -> list[Leaf]:
-    here = cells.take(_follows(cells.x, splits))
+    here = cells.select(_follows(cells.x, splits))
     question = _stable_question(here, columns, halves, DEPTH - len(splits))
     if question is None:
         return [Leaf(splits, _follows(x, splits), _honest(cells, splits, halves))]
@@ -140,7 +143,7 @@ def _stable_question(
     ]
     limit = float(np.median(first))
     is_above = cells.x[:, most] > limit
-    sizes = [_clusters(cells.take(side)) for side in (is_above, ~is_above)]
+    sizes = [_clusters(cells.select(side)) for side in (is_above, ~is_above)]
     if min(t for t, _ in sizes) < MIN_DESIGNS or min(o for _, o in sizes) < MIN_OBJECTS:
         return None
     return most, limit, stability
@@ -152,7 +155,7 @@ def _questions(cells: _Cells, least_designs: int, columns: tuple[int, ...], dept
     if question is None:
         return []
     is_above = cells.x[:, question.feature] > question.limit
-    below = [_questions(cells.take(side), least_designs, columns, depth - 1) for side in (is_above, ~is_above)]
+    below = [_questions(cells.select(side), least_designs, columns, depth - 1) for side in (is_above, ~is_above)]
     return [question, *below[0], *below[1]]
 
 
@@ -195,7 +198,7 @@ def _honest(cells: _Cells, splits: tuple[Split, ...], halves: Sequence[np.ndarra
         grown = _in(cells, half)
         own: list[Split] = []
         for split in splits:
-            node = grown.take(_follows(grown.x, tuple(own)))
+            node = grown.select(_follows(grown.x, tuple(own)))
             question = _best_question(node, 1, (FEATURES.index(split.feature),))
             limit = question.limit if question is not None else split.limit
             own.append(Split(split.feature, limit, split.is_above, split.stability))
@@ -207,7 +210,7 @@ def _honest(cells: _Cells, splits: tuple[Split, ...], halves: Sequence[np.ndarra
 
 
 def _in(cells: _Cells, half: np.ndarray) -> _Cells:
-    return cells.take(cells.tool[:, half].sum(axis=1) > 0)
+    return cells.select(cells.tool[:, half].sum(axis=1) > 0)
 
 
 def _follows(x: np.ndarray, splits: tuple[Split, ...]) -> np.ndarray:

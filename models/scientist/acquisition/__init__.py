@@ -1,1 +1,1 @@
-"""Which designs to try next: candidate points of the mixed design space and the value of evaluating them."""
+"""What a candidate design is worth: max-value entropy search (`mes`), and expected improvement of a baseline."""

@@ -1,17 +1,20 @@
-"""Candidate points of the mixed design space: never relaxed and rounded, the rib count is always on a level.
+"""Candidate points of the mixed design space, and which of them may be chosen.
 
-Random points cover the space; local points surround incumbents (climbed posterior means of the real outcome
-and the best measured designs) at several scales, each incumbent with every rib count.
+The space is never relaxed and rounded: the rib count is always on a level. Random points cover the space; local points
+surround incumbents (climbed posterior means of the real outcome and the best measured designs) at several scales, each
+incumbent with every rib count.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from models.design.space import N_RIB_LEVELS, RIB_COUNT_COLUMN, random_unit, snap
 from models.scientist.surrogate.observations import REAL
 from models.scientist.surrogate.posterior import Surrogate
 
+DUPLICATE_DISTANCE = 1e-4  # unit-cube length below which two designs print as the same finger
 _CLIMB_SCALES = (0.2, 0.12, 0.08, 0.05, 0.03, 0.02)  # unit-cube lengths, one step each
 _LOCAL_SCALES = np.array([0.02, 0.05, 0.1, 0.2])
 _MOVE_SHARE = 0.5  # of the continuous coordinates, so that steps follow the axes of the lengthscales
@@ -92,3 +95,30 @@ def _best_measured(surrogate: Surrogate, n: int) -> np.ndarray:
     real = surrogate.data.s == REAL
     x, y = snap(surrogate.data.x[real]), surrogate.data.y[real]
     return x[np.argsort(-y, kind="stable")[:n]]
+
+
+class Spacing:
+    """Keeps proposals off what is already known or under way at their fidelity.
+
+    known: n x 9 points evaluated or proposed before, excluded themselves. pending: m x 9 points under way or rejected;
+    like the points chosen so far they keep `min_distance` (Euclidean in the unit cube) around them free.
+    """
+
+    def __init__(self, known: np.ndarray, pending: np.ndarray, min_distance: float) -> None:
+        self._known = known
+        self._neighbours = pending
+        self._min_distance = max(min_distance, DUPLICATE_DISTANCE)
+
+    def add(self, point: np.ndarray) -> None:
+        """Keep off this point (9) from now on."""
+        self._neighbours = np.concatenate([self._neighbours, point[None, :]])
+
+    def allowed(self, points: np.ndarray) -> np.ndarray:
+        """Mask of the `points` (n x 9) that may still be chosen."""
+        return _clear(points, self._known, DUPLICATE_DISTANCE) & _clear(points, self._neighbours, self._min_distance)
+
+
+def _clear(points: np.ndarray, obstacles: np.ndarray, distance: float) -> np.ndarray:
+    if not len(obstacles):
+        return np.ones(len(points), dtype=bool)
+    return np.asarray(cdist(points, obstacles).min(axis=1) >= distance)

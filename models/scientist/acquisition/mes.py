@@ -8,13 +8,11 @@ entropy from above, which makes the gain closed form, and a lower bound on I (ex
 f* comes from joint posterior paths over the candidates, not from a Gumbel fit, which grows with the set.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.special import log_ndtr
 
+from models.scientist.acquisition.candidates import Spacing
 from models.scientist.acquisition.paths import PromisedPosterior
-from models.scientist.acquisition.spacing import Spacing
 from models.scientist.surrogate.posterior import Surrogate
 
 N_PATHS = 64
@@ -63,23 +61,12 @@ def select_by_mes(
     Returns (row, gain in nats) in the order of choice; fewer than n when spacing leaves no more candidates.
     """
     posterior = PromisedPosterior(surrogate, points, fidelity, pending, N_PATHS, rng)
-    return select_by_gain(posterior, _gains, points, n, spacing)
-
-
-def select_by_gain(
-    posterior: PromisedPosterior,
-    gains: Callable[[PromisedPosterior], np.ndarray],
-    points: np.ndarray,
-    n: int,
-    spacing: Spacing,
-) -> list[tuple[int, float]]:
-    """Greedy choice of up to n rows of `points` (m x 9) by `gains` (m, nats), each promised before the next."""
     allowed = spacing.allowed(points)
     chosen: list[tuple[int, float]] = []
     while len(chosen) < n and allowed.any():
         if chosen:
             posterior.promise(chosen[-1][0])
-        gain = gains(posterior)
+        gain = _gains(posterior)
         row = int(np.argmax(np.where(allowed, gain, -np.inf)))
         chosen.append((row, float(gain[row])))
         spacing.add(points[row])

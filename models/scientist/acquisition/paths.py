@@ -23,7 +23,6 @@ class PromisedPosterior:
 
     Attributes (N, N^2):
         best: n_paths, maximum of the real outcome over the candidates on each path (f*, Eq. 7).
-        best_rows: n_paths, the candidate where each path has its maximum (x*).
         mean: m x n_paths, mean of the real outcome given that path's promised values.
         variance: m, of the real outcome. variance_s, covariance: m, of the outcome of fidelity `s` and between both.
         noise: variance of one observation of fidelity `s`.
@@ -51,8 +50,7 @@ class PromisedPosterior:
         self._paths = self._means + self._draw_deviations()
         self._noise_variances = observation_variance(p, self._s)
         self._appended = np.zeros((0, len(self._x)))
-        self.best_rows = self._paths[:m].argmax(axis=0)
-        self.best = self._paths[self.best_rows, np.arange(n_paths)]
+        self.best = self._paths[:m].max(axis=0)
         self.noise = float(self._noise_variances[self._first_s])
         self._covariance = self._own_covariances()
         for column in range(len(self._x) - len(pending), len(self._x)):
@@ -77,16 +75,6 @@ class PromisedPosterior:
     def covariance(self) -> np.ndarray:
         """Covariance between the real outcome and that of fidelity s at each candidate."""
         return self._covariance
-
-    def covariance_with(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Covariance of the real outcome at k candidates (`rows`) with all m: k x m with the real, with fidelity s."""
-        columns = np.concatenate([np.arange(self._m), np.arange(self._m) + self._first_s])
-        covariance = prior_covariance(
-            self._parameters, self._x[rows], self._s[rows], self._x[columns], self._s[columns]
-        )
-        covariance -= self._rows[:, rows].T @ self._rows[:, columns]
-        covariance -= self._appended[:, rows].T @ self._appended[:, columns]
-        return covariance[:, : self._m], covariance[:, self._m :]
 
     def promise(self, candidate: int) -> None:
         """Condition on an observation of fidelity s at this candidate, its value drawn path by path."""

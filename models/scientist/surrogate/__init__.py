@@ -1,1 +1,1 @@
-"""Bi-fidelity Gaussian process: one model of simulated and measured grasping forces (Eq. 1-6 of the FAST paper)."""
+"""The two-fidelity Gaussian process: its data, hyperparameters, fit, posterior, and whether it can be trusted."""

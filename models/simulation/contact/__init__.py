@@ -1,1 +1,1 @@
-"""Contact with the object: points, law, friction."""
+"""Contact of a finger with a rigid obstacle: points on its faces, the penalty law, friction, and the compiled loops."""

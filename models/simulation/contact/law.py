@@ -4,8 +4,7 @@ Contact points are midpoints of a fine subdivision of the quadratic faces, each 
 penetration d = -distance > 0 the pressure is p = kn d^2 / (2 d0) below d0 and kn (d - d0/2) above (continuous
 slope), the nodal force w (p n + t) and the tangent w (p'(d) n n^T + friction); the curvature of the obstacle is
 left out of the tangent, which stays positive semi-definite. The spacing along z must resolve the objects' edge
-radius of 1 mm: with 1 mm spacing an edge hooks between two rows of points and the peak is 33 % too high
-(notes/fem.md section 1).
+radius of 1 mm: with 1 mm spacing an edge hooks between two rows of points and the peak is 33 % too high.
 """
 
 from dataclasses import dataclass
@@ -13,6 +12,10 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from models.objects.catalogue import RigidObject
+from models.objects.distance import distance, distance_and_normal
+from models.objects.primitives import mirrored, moved
+from models.records import Placement
 from models.simulation.body.assembly import ElasticBody, block_map
 from models.simulation.contact import kernel as contact_kernel
 from models.simulation.contact.kernel import FrictionState, Law, NearPoints, Sightings, Touching
@@ -24,6 +27,7 @@ __all__ = [
     "ContactResponse",
     "ContactState",
     "ContactSurface",
+    "ObjectObstacle",
     "Obstacle",
     "PointSpacing",
     "Solid",
@@ -73,6 +77,26 @@ class Solid(Protocol):
     """An obstacle made of primitives, (n_rows, N_COLUMNS) of `models.objects.primitives`, measured in compiled code."""
 
     primitives: np.ndarray
+
+
+class ObjectObstacle:
+    """The test object in the frame of one finger (which stands on the +x side); a `Solid`.
+
+    For the finger on the other side the object is mirrored in x: its distance at (x, y, z) is the object's at
+    (-x, y, z).
+    """
+
+    def __init__(self, obj: RigidObject, placement: Placement, *, is_mirrored: bool) -> None:
+        rows = moved(obj.primitives, np.array([placement.offset_x_mm, 0.0, placement.offset_z_mm]))
+        self.primitives = mirrored(rows) if is_mirrored else rows
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        """See `Obstacle`."""
+        return distance(self.primitives, points)
+
+    def normal(self, points: np.ndarray) -> np.ndarray:
+        """See `Obstacle`."""
+        return distance_and_normal(self.primitives, points)[1]
 
 
 @dataclass

@@ -1,1 +1,6 @@
-"""Effects: named, versioned pieces of physics that can be added to the grasp simulator."""
+"""The catalogue of known effects on a grasp, one file per layer of the simulator.
+
+`base` holds the hooks that an effect may override and how it describes itself. `geometry`, `material`, `contact`,
+`actuation` and `sensor` hold the effects. `catalogue` finds and builds them by name; `scaling` says when an effect
+breaks the proportion of forces to Young's modulus.
+"""

@@ -1,16 +1,23 @@
-"""The hooks by which an effect reaches into the grasp simulator, one per layer of physics.
+"""What an effect is: the hooks by which it reaches into the grasp simulator, and how it describes itself.
 
-Every method's default is "changes nothing", so an effect overrides only what it touches and a list of
-effects is applied by calling each in order. Amplitude zero must reproduce the simulator without the effect.
+Every hook's default is "changes nothing", so an effect overrides only what it touches and a list of effects is applied
+by calling each in order. Amplitude zero must reproduce the simulator without the effect.
 """
 
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from shapely.geometry import Polygon
 
 from models.objects.catalogue import RigidObject
-from models.records import Design, GraspContext, GraspSetup, Theta, Trace
+from models.records import Design, EffectValue, GraspContext, GraspSetup, Record, Theta, Trace
+
+# In the order in which the layers act: a relaxing force is relaxed before the load cell adds its offset.
+LAYERS = ("geometry", "material", "contact", "actuation", "time", "sensor")
+Layer = Literal["geometry", "material", "contact", "actuation", "time", "sensor"]
+
+# P: post-processing of a trace. C: closings and frictions of the simulator without it. F: finite elements of its own.
+Cost = Literal["P", "C", "F"]
 
 
 class Effect:
@@ -18,7 +25,7 @@ class Effect:
 
     `scales_with_modulus`: with the effect, forces are still in exact proportion to Young's modulus (they are without
     any effect, see `models.simulation.body.elasticity`). False for what brings in a force, pressure or stiffness of its
-        own.
+    own.
     """
 
     scales_with_modulus: ClassVar[bool] = True
@@ -89,3 +96,84 @@ class Effect:
 def with_modulus(theta: Theta, factor: float) -> Theta:
     """Elastic constants with Young's modulus times a factor."""
     return theta.model_copy(update={"young_modulus_mpa": theta.young_modulus_mpa * factor})
+
+
+class ParameterSpec(Record):
+    """One parameter of an effect; its unit is the suffix of its name.
+
+    At `neutral` the effect vanishes or, for a parameter that only shapes it, takes its prior median.
+    """
+
+    name: str
+    lower: float
+    upper: float
+    neutral: float
+    prior_median: float
+    prior_sd: float
+
+
+class EffectSpec(Record):
+    """An effect of the catalogue: what it is, where it acts, and how to build it from parameter values.
+
+    `kind` takes the parameters by name. `code` is its short name, the layer's letter and a number; `formula` its law
+    in one line, in the parameters' names, and `source` where the law is from. `cost` says what simulations it needs.
+    `confusable_with` names effects with a similar trace signature; `alias_of` a quantity that it cannot be told from in
+    pull-off data at all.
+    """
+
+    effect: str
+    title: str
+    code: str
+    layer: Layer
+    version: int = 1
+    kind: type[Effect]
+    formula: str
+    source: str
+    cost: Cost
+    parameters: tuple[ParameterSpec, ...]
+    confusable_with: tuple[str, ...] = ()
+    alias_of: Literal["young_modulus_mpa", "friction", "tool_modulus"] | None = None
+
+    @property
+    def neutral(self) -> EffectValue:
+        """The effect at amplitude zero."""
+        return EffectValue(effect=self.effect, parameters={p.name: p.neutral for p in self.parameters})
+
+    @property
+    def scales_with_modulus(self) -> bool:
+        """Whether forces stay in exact proportion to Young's modulus."""
+        return self.kind.scales_with_modulus
+
+
+def amplitude(name: str, lower: float, upper: float, prior: tuple[float, float], neutral: float = 0.0) -> ParameterSpec:
+    """A parameter at whose neutral value the effect vanishes; `prior` is median and standard deviation."""
+    return ParameterSpec(name=name, lower=lower, upper=upper, neutral=neutral, prior_median=prior[0], prior_sd=prior[1])
+
+
+def shape(name: str, lower: float, upper: float, prior: tuple[float, float]) -> ParameterSpec:
+    """A parameter that only shapes the effect, such as a time constant; `prior` is median and standard deviation."""
+    return amplitude(name, lower, upper, prior, neutral=prior[0])
+
+
+def speed_mm_per_s(trace: Trace) -> float:
+    """Lift speed of a trace; 0 for one without a lift."""
+    lift = trace.is_lift
+    if np.count_nonzero(lift) < 2:
+        return 0.0
+    time_s, lift_mm = trace.time_s[lift], trace.lift_mm[lift]
+    return float((lift_mm[-1] - lift_mm[0]) / (time_s[-1] - time_s[0]))
+
+
+def relifted(trace: Trace, nominal_mm: np.ndarray) -> Trace:
+    """The trace with the samples of its lift (m) at these nominal lifts instead, at the same speed.
+
+    Where the nominal lift does not grow, the system jumps: the states in between are never seen and are left out.
+    """
+    lift = np.flatnonzero(trace.is_lift)
+    before = np.concatenate([[-np.inf], np.maximum.accumulate(nominal_mm)[:-1]])
+    seen = nominal_mm > before
+    start_s, speed = trace.time_s[lift[0]], speed_mm_per_s(trace)
+    kept = np.concatenate([np.arange(lift[0]), lift[seen]])
+    time_s, lift_mm = trace.time_s.copy(), trace.lift_mm.copy()
+    time_s[lift], lift_mm[lift] = start_s + nominal_mm / speed, nominal_mm
+    return Trace(time_s[kept], lift_mm[kept], trace.force_n[kept])

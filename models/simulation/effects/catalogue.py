@@ -1,80 +1,19 @@
-"""The catalogue of effects that a simulator version can switch on; one module per effect, listed here."""
+"""The catalogue of effects that a simulator version can switch on: by name, built from values, and as plain data."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from models.errors import ConfigError
 from models.records import EffectValue
-from models.simulation.effects import (
-    base_compliance,
-    batch_ageing,
-    finger_finger_contact,
-    force_limited_closing,
-    friction_wear,
-    hyperelastic_stiffening,
-    lift_misalignment,
-    lift_start_error,
-    load_cell_drift,
-    load_cell_gain,
-    load_cell_lag,
-    load_cell_offset,
-    mullins_softening,
-    object_edge_radius,
-    object_post_compliance,
-    pressure_dependent_friction,
-    pressure_droop,
-    print_anisotropy,
-    rib_imperfection,
-    shear_adhesion,
-    static_kinetic_friction,
-    stress_relaxation,
-    temperature_softening,
-    tool_weight,
-    velocity_strengthening_friction,
-    wall_thickness_offset,
-)
-from models.simulation.effects.base import Effect
-from models.simulation.effects.spec import LAYERS, EffectSpec, ParameterSpec
+from models.simulation.effects import actuation, contact, geometry, material, sensor
+from models.simulation.effects.base import LAYERS, Effect, EffectSpec, ParameterSpec
+from models.units import unit_of
 from models.validation import closest
 
-__all__ = ["CATALOGUE", "EffectSpec", "ParameterSpec", "build_effects"]
-
-# Layer by layer, as `LAYERS`.
-_MODULES = (
-    # geometry
-    wall_thickness_offset,
-    rib_imperfection,
-    # material
-    stress_relaxation,
-    mullins_softening,
-    hyperelastic_stiffening,
-    temperature_softening,
-    batch_ageing,
-    print_anisotropy,
-    # contact
-    static_kinetic_friction,
-    velocity_strengthening_friction,
-    pressure_dependent_friction,
-    shear_adhesion,
-    friction_wear,
-    object_edge_radius,
-    finger_finger_contact,
-    object_post_compliance,
-    # actuation
-    base_compliance,
-    force_limited_closing,
-    pressure_droop,
-    # time
-    lift_start_error,
-    lift_misalignment,
-    # sensor
-    load_cell_gain,
-    load_cell_offset,
-    load_cell_drift,
-    load_cell_lag,
-    tool_weight,
-)
-
-CATALOGUE: Mapping[str, EffectSpec] = {module.SPEC.effect: module.SPEC for module in _MODULES}
+# Layer by layer, as `LAYERS`; effects on the time axis come last of the actuation and first of the sensor.
+CATALOGUE: Mapping[str, EffectSpec] = {
+    spec.effect: spec for module in (geometry, material, contact, actuation, sensor) for spec in module.SPECS
+}
 
 
 def build_effects(values: Sequence[EffectValue]) -> list[Effect]:
@@ -111,3 +50,56 @@ def _build(value: EffectValue) -> Effect:
                 "change it."
             )
     return spec.kind(**(spec.neutral.parameters | value.parameters))
+
+
+def catalogue_entries() -> list[dict[str, Any]]:
+    """Every effect with all that the catalogue says of it, in its order."""
+    return [_entry(spec) for spec in CATALOGUE.values()]
+
+
+def _entry(spec: EffectSpec) -> dict[str, Any]:
+    return {
+        "effect": spec.effect,
+        "code": spec.code,
+        "name": spec.title,
+        "layer": spec.layer,
+        "version": spec.version,
+        "law": spec.formula,
+        "source": spec.source,
+        "parameters": [_parameter(p) for p in spec.parameters],
+        "scales_with_modulus": spec.scales_with_modulus,
+        "cost": spec.cost,
+        "confusable_with": list(spec.confusable_with),
+        "alias_of": spec.alias_of,
+    }
+
+
+def _parameter(spec: ParameterSpec) -> dict[str, Any]:
+    return {"name": spec.name, "unit": unit_of(spec.name), **spec.model_dump(exclude={"name"})}
+
+
+def catalogue_rows() -> list[dict[str, Any]]:
+    """The catalogue as lines of text: one per parameter, what is said of the effect in the first of them."""
+    return [row for spec in CATALOGUE.values() for row in _rows(spec)]
+
+
+def _rows(spec: EffectSpec) -> list[dict[str, Any]]:
+    head = {"code": spec.code, "effect": spec.effect, "layer": spec.layer}
+    tail = {
+        "cost": spec.cost,
+        "with E": "scales" if spec.scales_with_modulus else "breaks",
+        "alias of": spec.alias_of,
+        "confusable with": ", ".join(CATALOGUE[other].code for other in spec.confusable_with),
+    }
+    rows = []
+    for place, p in enumerate(spec.parameters):
+        numbers = {
+            "parameter": p.name,
+            "unit": unit_of(p.name),
+            "bounds": f"{p.lower:.3g} to {p.upper:.3g}",
+            "neutral": f"{p.neutral:g}",
+            "prior": f"{p.prior_median:g} +- {p.prior_sd:g}",
+        }
+        row = head | numbers | tail
+        rows.append(row if place == 0 else dict.fromkeys(row) | numbers)
+    return rows

@@ -5,7 +5,7 @@ from models.simulation.effects.catalogue import CATALOGUE
 
 
 def scales_with_modulus(version: SimulatorVersion) -> bool:
-    """Whether every force of this version is exactly proportional to its Young's modulus (docs/effects.md).
+    """Whether every force of this version is exactly proportional to its Young's modulus (docs/reference/effects.md).
 
     Effects that break it count only away from their neutral values; an unknown effect is taken to break it.
     """

@@ -1,1 +1,1 @@
-"""Volume meshes of the compliant body: extruded quadratic hexahedra and wedges, and tetrahedra of any body."""
+"""Meshes of a finger: `build.build_mesh` is the one interface to both meshers, extrusion and fTetWild."""

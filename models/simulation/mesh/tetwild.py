@@ -2,7 +2,7 @@
 
 pytetwild can run very long or crash on a bad surface, and it is not deterministic, so it works in a process of its
 own with a time limit, and a mesh that matters should be kept (`SolidMesh.to_arrays`). At equal unknowns it is less
-accurate than hexahedra (notes/fem.md section 4): use it as a reference or for bodies that are not extrusions.
+accurate than hexahedra: use it as a reference or for bodies that are not extrusions.
 """
 
 import contextlib

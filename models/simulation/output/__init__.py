@@ -1,1 +1,1 @@
-"""What a solution leaves: records, surfaces, CalculiX decks."""
+"""What a grasp shows: snapshots of every step, the finger's surface for pictures, and input decks of CalculiX."""

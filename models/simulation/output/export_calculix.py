@@ -6,7 +6,6 @@ integration (face-to-face over CalculiX's own points), a faceted object, no smoo
 no inertia, and no mirror plane for the other finger.
 """
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -151,12 +150,6 @@ def contact_sides(mesh: SolidMesh) -> list[tuple[int, int]]:
     if missing:
         raise ValueError(f"{len(missing)} contact faces belong to no element, the first one is {missing[0]}")
     return [owner[key] for key in wanted]
-
-
-def read_base_forces(dat: str) -> np.ndarray:
-    """Force (k, 3) in N of the clamp on the modelled finger at the end of each step, from CalculiX's `.dat` file."""
-    found = re.findall(r"total force \(fx,fy,fz\) for set BASE.*?\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", dat)
-    return np.array(found, dtype=float).reshape(-1, 3)
 
 
 def _table(first: int, points: np.ndarray) -> Iterator[str]:

@@ -6,11 +6,11 @@ costs nothing without a recorder.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
-from models.simulation.contact.law import Obstacle
+from models.simulation.contact.law import ContactSurface, Obstacle
 from models.simulation.finger import FingerState
 from models.simulation.mesh.solid import SolidMesh
 
@@ -78,19 +78,6 @@ class Snapshot:
 Recorder = Callable[[Snapshot], None]
 
 
-class ContactPlaces(Protocol):
-    """What a camera asks of a `ContactSurface`."""
-
-    @property
-    def areas(self) -> np.ndarray:
-        """Undeformed area of every point (n) in mm2."""
-        ...
-
-    def positions(self, x: np.ndarray) -> np.ndarray:
-        """Contact points (n, 3) at deformed nodes x."""
-        ...
-
-
 @dataclass(frozen=True)
 class Camera:
     """Takes the snapshots of one finger for a recorder; `rest_nodes` (n, 3) are those at base position 0."""
@@ -99,7 +86,7 @@ class Camera:
     side: Side
     mesh: SolidMesh
     rest_nodes: np.ndarray
-    surface: ContactPlaces
+    surface: ContactSurface
     obstacle: Obstacle
     scale: float
 

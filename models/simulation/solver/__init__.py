@@ -1,1 +1,1 @@
-"""Equilibrium: load steps, Newton, and the sparse Cholesky under it."""
+"""Equilibrium of a step and the steps of a grasp: Newton's method, step control, and sparse Cholesky factorisation."""

@@ -8,11 +8,10 @@ import numpy as np
 
 from models.errors import SimulationFailed
 from models.simulation.finger import FingerState, FingerStep
-from models.simulation.section.finger import PlaneFinger
 from models.simulation.solver.newton import NewtonSolver
 
 TOUCH_MM = 0.02
-# The peak sits in the first millimetres of lift: 1 mm steps lose 1.5 % of it (notes/fem.md section 7).
+# The peak sits in the first millimetres of lift: 1 mm steps lose 1.5 % of it.
 FINE_LIFT_MM = 3.0
 CUT, GROW, EASY_ITERATIONS = 0.4, 1.5, 14
 # A point that sinks a millimetre in one step, or five in all, may have passed through something thin.
@@ -22,8 +21,6 @@ MAX_SINKING_MM, MAX_DEPTH_MM = 1.0, 5.0
 MAX_JUMP_MM = 0.5
 # A node this much faster than the base has just snapped; where it was is a better guess than where it was going.
 MAX_SPEED_RATIO = 3.0
-
-Finger = FingerStep | PlaneFinger
 
 
 @dataclass(frozen=True)
@@ -62,7 +59,7 @@ class Step:
 
 
 @dataclass
-class _Course:
+class _ForceSlope:
     """The clamp force along a path so far: the last two travels in mm and forces (3) in N."""
 
     travel_mm: list[float] = field(default_factory=list)
@@ -100,7 +97,7 @@ class FingerRecord:
 class Stepper:
     """Walks a finger along paths with step control; counts steps."""
 
-    finger: Finger
+    finger: FingerStep
     newton: NewtonSolver
     limits: StepLimits
     friction: Callable[[FingerState], np.ndarray]
@@ -116,7 +113,7 @@ class Stepper:
                 or `time_out`.
         """
         travel, proposed = 0.0, path.longest_step_mm(0.0)
-        course = _Course()
+        slope = _ForceSlope()
         while travel < path.length_mm - 1e-9:
             longest = path.longest_step_mm(travel)
             step = min(proposed, longest, path.length_mm - travel)
@@ -127,12 +124,12 @@ class Stepper:
                 proposed = CUT * step
                 continue
             self._count(travel)
-            if self._skips_an_event(step, course.jump_n(travel + step, new[1])):
+            if self._skips_an_event(step, slope.jump_n(travel + step, new[1])):
                 proposed = max(CUT * step, self.limits.fine_lift_mm)
                 continue
             travel += step
             state, clamp = new
-            course.add(travel, clamp)
+            slope.add(travel, clamp)
             self.largest_n = max(self.largest_n, float(np.linalg.norm(clamp)))
             if self.newton.n_iterations - before <= EASY_ITERATIONS:
                 proposed = max(proposed, step) * GROW
@@ -141,7 +138,7 @@ class Stepper:
             yield Step(travel, state, clamp)
 
     def _skips_an_event(self, step: float, jump_n: float) -> bool:
-        """True if the force changed its course within a step that can be shorter by more than the trace may miss."""
+        """True if the force changed its slope within a step that can be shorter by more than the trace may miss."""
         return step > self.limits.fine_lift_mm and step * jump_n > MAX_JUMP_MM * self.largest_n
 
     def _try(

@@ -19,10 +19,10 @@ from flows.benchmarks.registry import BENCHMARKS
 from flows.benchmarks.robustness import measure_robustness, memory, parts
 from flows.benchmarks.study import cases_of, run_study
 from flows.benchmarks.summary import failed_grasps, failures_by_reason
-from flows.benchmarks.tiers import SIMULATORS, TIERS
+from flows.benchmarks.tiers import SIMULATORS
 from flows.cli.benchmarks import BenchChosen
 from models.design.space import numbered_design
-from models.records import GraspSetup, MeshSettings, SimulatorVersion
+from models.records import TIERS, GraspSetup, MeshSettings, SimulatorVersion
 from models.solver_code import solver_id
 from tests.flows.cli.cli_lakes import ROOT, Fast
 

@@ -8,7 +8,7 @@ import pytest
 from lake.query.lineage import find_lineage
 from lake.tables.campaign import CalibrationRow, SimulationRow, SimulatorVersionRow
 from models.records import SimulatorVersion, Theta
-from tasks.calibration.drift import theta_history
+from tasks.calibration.drift import read_theta_history
 from tasks.simulation import plan as work
 from tests.flows.cli.cli_lakes import Fast
 from tests.tasks.calibration.calibration_lake import (
@@ -123,7 +123,7 @@ def test_a_calibration_without_a_version_says_why(tmp_path, fast, answers):
     lake = calibration_lake(tmp_path / "lake")
     answer = fast("calibrate", "--lake", lake.root, *SMALL)
     assert answer.status == 1
-    assert "gave no simulator version: the importance weights cannot be trusted" in answer.out
+    assert "gave no simulator version: the calibration has not converged: its importance weights" in answer.out
 
 
 @pytest.mark.parametrize(
@@ -163,7 +163,7 @@ def test_the_page_shows_theta_over_time_and_the_held_out_designs(tmp_path, fast,
     page = (tmp_path / "page" / "index.html").read_text()
     assert "has drifted" in page
     assert "held out" in page
-    history = theta_history(lake, SimulatorVersion().version_id, None, "design_mean")
+    history = read_theta_history(lake, SimulatorVersion().version_id, None, "design_mean")
     assert [round(past.intervals["young_modulus_mpa"][1]) for past in history] == [9, 14]
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from lake.tables.campaign import CalibrationRow, SimulationRow
 from lake.tables.catalogue_rows import version_rows
-from models.calibration.traces import calibrate as sampler
+from models.gap.fit import posterior
 from models.records import EffectValue, SimulatorVersion
 from tasks.simulation import plan as work
 from tests.flows.cli.cli_lakes import Fast
@@ -35,7 +35,7 @@ def simulator(monkeypatch: pytest.MonkeyPatch) -> Any:
             return future
 
     monkeypatch.setattr(work, "WorkerPool", Simulator)
-    monkeypatch.setattr(sampler, "sample", normal_draws)
+    monkeypatch.setattr(posterior, "sample", normal_draws)
     return Simulator
 
 
@@ -57,7 +57,9 @@ def test_what_is_missing_of_the_grid_is_simulated_once_and_theta_inferred(tmp_pa
     html = (page / "index.html").read_text()
     assert "4 measured designs and 144 simulated grasps on 3 objects" in html
     assert "Compared were force traces" in html
-    assert (page / "figures" / "calibration_tool_sd.svg").is_file()
+    assert f"Simulator version {row.version_id} has the theta with which this simulator" in html
+    assert "Sensor noise is estimated from the readings before the fingers touch" in html
+    assert (page / "figures" / "calibration_pairs.svg").is_file()
     assert (page / "data" / "posterior.nc").is_file()
     simulator.jobs.clear()
     again = fast("calibrate", "--lake", lake.root, *SMALL)

@@ -14,7 +14,7 @@ from lake.store import Lake
 from lake.tables.campaign import EventRow, FlowRunRow, GraspRow, ProposalRow, SimulationRow, ToolRow
 from models.errors import FastError
 from tasks.campaign.config import load_config
-from tasks.campaign.state_keeper import derive_state
+from tasks.campaign.state import derive_state
 
 ROOT = Path(__file__).parents[3]
 CONFIG = """

@@ -33,8 +33,7 @@ def page(clock, monkeypatch):
     monkeypatch.setattr(campaign_page, "create_progress_artifact", lambda *words: "progress")
     monkeypatch.setattr(campaign_page, "create_markdown_artifact", lambda *words: "page")
     monkeypatch.setattr(CampaignPage, "text", lambda self, *, with_picture=True: "text")
-    monkeypatch.setattr(campaign_page, "mark_of", lambda lake, table: clock.now_s)
-    page = CampaignPage(SimpleNamespace(campaign_id="quick", lake=None))
+    page = CampaignPage(SimpleNamespace(campaign_id="quick", lake=SimpleNamespace(mark=lambda table: clock.now_s)))
     page.written, page.cost_s = [], 0.0
 
     def write():
@@ -59,7 +58,7 @@ def test_news_are_shown_within_a_minute(page, clock):
 
 
 def test_without_news_the_page_only_says_that_it_is_alive(page, clock, monkeypatch):
-    monkeypatch.setattr(campaign_page, "mark_of", lambda lake, table: 0)
+    monkeypatch.setattr(page._campaign.lake, "mark", lambda table: 0)
     first, second = watch(page, clock, 2.0 * QUIET_S)
     assert first == INTERVAL_S
     assert QUIET_S <= second - first <= QUIET_S + INTERVAL_S

@@ -5,9 +5,9 @@ from urllib.error import HTTPError
 import pytest
 
 from flows.campaign.forms import close_forms, open_form
-from flows.campaign.launch import Voice
 from flows.campaign.notify import SILENT
-from flows.campaign.operator import PrintDesk
+from flows.campaign.operator_prompts import PrintPrompts
+from flows.progress import ProgressReporter
 from flows.server.server import address_for_others, ask_server
 from lake.store import Lake
 from lake.tables.campaign import EventRow
@@ -87,23 +87,23 @@ def test_a_server_whose_database_is_busy_is_asked_again(monkeypatch):
     assert len(seen) == 8
 
 
-def test_the_desk_asks_reminds_and_thanks(tmp_path, pages, monkeypatch):
+def test_a_person_is_asked_and_reminded_and_forms_are_closed(tmp_path, pages, monkeypatch):
     lake = Lake.open(proposed_lake(tmp_path))
     campaign = Campaign(lake, load_config(tmp_path / "quick.toml"))
     said = []
-    desk = PrintDesk(campaign, Voice(said.append, said.append), SILENT)
+    prompts = PrintPrompts(campaign, ProgressReporter(said.append, said.append), SILENT)
     sheet = ensure_tray(lake, "quick", 1)
-    desk.ask(1, sheet)
+    prompts.ask(1, sheet)
     assert "fast print confirm quick/B01 --operator NAME" in said[0]
     assert "form at http://" in said[0]
     assert [row["kind"] for row in lake.rows(EventRow)][-1] == "print_waiting"
-    desk.wait(1, sheet)
+    prompts.remind(1, sheet)
     assert len(said) == 1
     later_s = 5 * 3600
-    monkeypatch.setattr("flows.campaign.operator.time.monotonic", lambda: desk._asked_s + later_s)
-    desk.wait(1, sheet)
-    desk.wait(1, sheet)
+    monkeypatch.setattr("flows.campaign.operator_prompts.time.monotonic", lambda: prompts._asked_s + later_s)
+    prompts.remind(1, sheet)
+    prompts.remind(1, sheet)
     assert [line.partition(";")[0] for line in said[1:]] == ["FAST still needs you: batch quick/B01, for 5 h 0 min"]
     confirm_print(lake, "quick", 1, PrintConfirmation(operator="ada"))
-    desk.thank(1)
+    prompts.close(1)
     assert [run["open"] for run in pages.runs] == [False]

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.campaign.launch import register
-from flows.campaign.status import campaign_status, status_text
+from flows.campaign.status import format_status, read_status
 from flows.report.campaign.page import write_report
 from flows.viewer.campaign import write_recording
 from lake.handoff.export_folder import export_handoff
@@ -17,6 +16,7 @@ from lake.tables.campaign import GraspRow
 from models.errors import ConfigError
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import load_config
+from tasks.campaign.setup import register
 from tests.flows.synthetic_lake import Campaign as Synthetic
 from tests.flows.synthetic_lake import build
 from tests.lake.handoff.handoff_folder import PROVENANCE, good_folder, grasp, read_csv, samples, write_csv
@@ -41,10 +41,10 @@ def text_of(html: str) -> str:
 
 
 def test_status_counts_what_was_imported(lake):
-    status = campaign_status(lake, IMPORTED)
+    status = read_status(lake, IMPORTED)
     assert (status["state"], status["grasps"], status["simulated"]) == ("imported", "2/2", "2/2")
     assert (status["best_tool"], status["best_n"]) == ("lab/B02T4", pytest.approx(8))
-    assert "imported" in status_text(status)
+    assert "imported" in format_status(status)
 
 
 def test_the_report_of_a_tiny_import_has_every_section(lake, tmp_path):
@@ -84,7 +84,7 @@ def test_simulations_alone_make_a_report(tmp_path):
     write_csv(folder / "simulations.csv", read_csv(folder / "simulations.csv")[:1])
     lake = Lake.open(tmp_path / "lake", create=True)
     import_handoff(lake, folder, PROVENANCE)
-    assert campaign_status(lake, IMPORTED)["simulated"] == "1/1"
+    assert read_status(lake, IMPORTED)["simulated"] == "1/1"
     assert write_report(lake, IMPORTED, tmp_path / "report").is_file()
     assert export_handoff(lake, tmp_path / "out", campaign_id=IMPORTED).n_sim == 1
 

@@ -3,17 +3,17 @@
 import pytest
 from pydantic import ValidationError
 
-from flows.campaign.print_form import batch_form, read_answer
+from flows.campaign.print_form import make_form, read_answer
 from models.errors import UsageError
 from tasks.bench.print import MeasuredTool
 
 
 def answer(slots=(0, 1), **tools):
-    return batch_form("small", 1, slots, "", None)(operator="ada", **tools)
+    return make_form("small", 1, slots, "", None)(operator="ada", **tools)
 
 
 def test_only_the_name_is_needed_and_an_empty_answer_is_not_enough():
-    form = batch_form("small", 1, [0, 1], "", None)
+    form = make_form("small", 1, [0, 1], "", None)
     assert form.model_json_schema()["required"] == ["operator"]
     with pytest.raises(ValidationError):
         form()
@@ -22,7 +22,7 @@ def test_only_the_name_is_needed_and_an_empty_answer_is_not_enough():
 
 
 def test_numbers_are_plain_fields_with_limits():
-    tool = batch_form("small", 1, [0], "", None).model_json_schema()["$defs"]["ToolAnswer"]["properties"]
+    tool = make_form("small", 1, [0], "", None).model_json_schema()["$defs"]["ToolAnswer"]["properties"]
     assert tool["front_mm"] == {
         "title": "Front wall, measured, mm", "type": "number", "minimum": 1, "maximum": 5
     }  # fmt: skip
@@ -56,7 +56,7 @@ def test_a_reason_is_asked_for(became):
 
 def test_after_a_bad_answer_the_form_says_why_and_keeps_what_was_typed_but_the_name():
     bad = answer(material_lot="L7", B01T0={"became": "rejected", "front_mm": 2.6})
-    again = batch_form("small", 1, [0, 1], "B01T0 has no reason.", bad).model_json_schema()["properties"]
+    again = make_form("small", 1, [0, 1], "B01T0 has no reason.", bad).model_json_schema()["properties"]
     assert "could not be used: B01T0 has no reason." in again["operator"]["description"]
     assert "default" not in again["operator"]
     assert again["material_lot"]["default"] == "L7"

@@ -8,11 +8,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from flows.campaign.launch import register
 from flows.cli.main import run
 from lake.store import Lake
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import load_config
+from tasks.campaign.setup import register
 from tasks.scientist.propose import propose_initial
 
 ROOT = Path(__file__).parents[3]

@@ -15,7 +15,7 @@ from models.errors import UsageError
 from models.objects.catalogue import get_object
 from models.records import EffectValue, GraspSetup, MeshSettings, SimulatorVersion
 from models.simulation.mesh.build import build_mesh
-from models.simulation.output.export_calculix import contact_sides, read_base_forces
+from models.simulation.output.export_calculix import contact_sides
 
 SPHERE = get_object(1)
 SHORT = GraspSetup(closed_gap_mm=34)  # 3 mm of overlap
@@ -84,6 +84,12 @@ def test_decks_that_cannot_be_are_refused(tmp_path: Path) -> None:
     effect = EffectValue(effect="static_kinetic_friction", parameters={"kinetic_ratio": 0.7, "slip_scale_mm": 1.0})
     with pytest.raises(UsageError, match="without effects"):
         write_calculix(tmp_path, BEST_PUBLISHED, SPHERE, SimulatorVersion(effects=(effect,)), SHORT)
+
+
+def read_base_forces(dat: str) -> np.ndarray:
+    """Force (k, 3) in N of the clamp on the modelled finger at the end of each step, from CalculiX's `.dat` file."""
+    found = re.findall(r"total force \(fx,fy,fz\) for set BASE.*?\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", dat)
+    return np.array(found, dtype=float).reshape(-1, 3)
 
 
 def test_forces_are_read_from_what_calculix_prints() -> None:

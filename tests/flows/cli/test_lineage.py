@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flows.campaign.launch import register
 from flows.report.campaign.queries import FITS, fetch
 from hardware.cell.cell import MeasuredGrasp
 from lake.provenance import Provenance
@@ -30,10 +29,12 @@ from lake.tables.schema import has_samples
 from models.design.space import BEST_PUBLISHED
 from models.records import GraspSetup, GraspSimulation, Trace
 from tasks.bench.measure import measure_tool
+from tasks.bench.plan import plan_tool
 from tasks.bench.print import PrintConfirmation, confirm_print
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
 from tasks.campaign.requests import append_event
+from tasks.campaign.setup import register
 from tasks.scientist.fit import fit, surrogate_for_simulation
 from tasks.scientist.observe import observe, observed_rows
 from tasks.scientist.propose import propose_initial, propose_simulation, propose_tools
@@ -101,7 +102,8 @@ def measure(campaign, batch):
             "on_grasp": lambda _: None,
         }
         for _ in range(2):
-            measure_tool(campaign, SimpleNamespace(cell=Cell()), tool, **options)
+            work = plan_tool(campaign, campaign.state(), tool)
+            measure_tool(campaign, SimpleNamespace(cell=Cell()), work, **options)
 
 
 def run_campaign(campaign):

@@ -111,8 +111,7 @@ def test_wrong_use_exits_with_2(tmp_path):
 
 def test_a_bug_exits_with_1(tmp_path):
     code = (
-        "import flows.campaign.status as s; s.campaign_status = lambda *a: 1 / 0\n"
-        "from flows.cli.main import main; main()"
+        "import flows.campaign.status as s; s.read_status = lambda *a: 1 / 0\nfrom flows.cli.main import main; main()"
     )
     done = python(code, "campaign", "list", "--lake", proposed_lake(tmp_path))
     assert done.returncode == 1

@@ -11,12 +11,11 @@ from rerun.chunk import RrdReader
 
 from flows.cli.main import run
 from flows.cli.simulate_output import write_outputs
-from flows.report.campaign.grasp import cell_forces, five_instants
-from flows.report.campaign.trace_panels import traces_figure
+from flows.report.grasp_frames import GraspFrames, five_instants
 from flows.viewer.simulation import LONGEST_ARROW_MM, arrow_mm_per_n
 from models.design.space import BEST_PUBLISHED
 from models.objects.catalogue import get_object
-from models.records import GraspSimulation, MeshSettings, SimulatorVersion, Trace
+from models.records import GraspSimulation, MeshSettings, SimulatorVersion
 from models.simulation.grasp import simulate_grasp
 from models.simulation.output.recording import GraspRecording
 
@@ -42,16 +41,19 @@ def test_five_instants_are_in_order_and_where_they_say(grasp: tuple[GraspSimulat
 
 
 def test_cells_sum_to_the_contact_force(grasp: tuple[GraspSimulation, GraspRecording]) -> None:
-    closed = five_instants(grasp[1], grasp[0].trace)[2].right
-    places, forces = cell_forces(closed, 3.0)
+    frame = five_instants(grasp[1], grasp[0].trace)[2].frames["left"]
+    closed = frame.snapshot
+    places, forces = frame.forces
     assert len(places) < len(closed.contact_points)
-    assert forces.sum(axis=0)[[0, 2]] == pytest.approx(2.0 * closed.contact_force.sum(axis=0)[[0, 2]])
+    sums = 2.0 * closed.scale * closed.contact_force.sum(axis=0)
+    assert forces.sum(axis=0)[[0, 2]] == pytest.approx(sums[[0, 2]] * (-1.0, 1.0))  # the left finger is mirrored
+    assert (frame.vertices[:, 0] < 1.0).all()
 
 
 def test_longest_arrow_is_neither_lost_nor_larger_than_the_scene(grasp: tuple[GraspSimulation, GraspRecording]) -> None:
-    scale = arrow_mm_per_n(grasp[1])
-    forces = [s.scale * cell_forces(s, 3.0)[1] for s in grasp[1].of("right") if s.pressure.size]
-    longest = scale * max(float(np.linalg.norm(force, axis=1).max()) for force in forces)
+    frames = GraspFrames.of(grasp[1])
+    forces = [frame.forces[1] for frame in frames.frames["right"] if frame.pressure_kpa.size]
+    longest = arrow_mm_per_n(frames) * max(float(np.linalg.norm(force, axis=1).max()) for force in forces)
     assert 0.4 * LONGEST_ARROW_MM <= longest <= LONGEST_ARROW_MM
 
 
@@ -70,28 +72,8 @@ def test_outputs_hold_every_step(grasp: tuple[GraspSimulation, GraspRecording], 
     assert rows["/force/load_cell"] == len(result.trace.time_s)
 
 
-def test_without_a_recording_the_trace_is_still_written(
-    grasp: tuple[GraspSimulation, GraspRecording], tmp_path: Path
-) -> None:
-    files = write_outputs(tmp_path, BEST_PUBLISHED, SPHERE, {}, grasp[0], GraspRecording())
-    assert [file.name for file in files] == ["result.json", "trace.csv", "trace.png"]
-
-
 def test_simulate_takes_the_best_design_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = "simulate --design best --object 1 --set edge_mm=10 --set closed_gap_mm=36 --set max_lift_mm=2 --json"
     assert run([*words.split(), "--export-calculix", str(tmp_path)]) == 0
     assert json.loads(capsys.readouterr().out)["design_id"] == BEST_PUBLISHED.design_id
     assert {file.name for file in tmp_path.iterdir()} == {"closing.inp", "expected.json", "README.md"}
-
-
-def two_peaked() -> Trace:
-    """Pressed down to -3 N, then peaks of 10 N at 5 mm and 8 N at 15 mm with 4 N between, free at 20 mm."""
-    lift = np.array([0.0, 0.0, 0.0, 5.0, 10.0, 15.0, 20.0, 25.0])
-    force = np.array([0.0, -3.0, -2.0, 10.0, 4.0, 8.0, 0.0, 0.0])
-    return Trace(np.arange(8.0), lift, force)
-
-
-def test_traces_are_drawn_in_panels() -> None:
-    tools = {"softest": two_peaked(), "best": two_peaked()}
-    figure = traces_figure([("1 sphere", tools), ("24 cone", tools)], {"softest": "soft", "best": "best"})
-    assert [axes.get_title(loc="left") for axes in figure.axes[:2]] == ["1 sphere", "24 cone"]

@@ -6,17 +6,18 @@ from functools import partial
 
 import pytest
 
-from flows.campaign.launch import Voice
-from flows.campaign.loops import Session
-from flows.campaign.session import interrupts
+from flows.campaign.loops import CampaignRun
+from flows.campaign.process import hear_interrupts
 from flows.cli.virtual import read_fault
+from flows.progress import ProgressReporter
 from hardware.bench import open_virtual_bench
 from hardware.safety.safe_state import EmergencyStopError, Verb
 from hardware.tools.mounted import MountedTool
 from lake.store import Lake
 from lake.tables.campaign import EventRow, GraspRow
 from models.errors import UsageError
-from tasks.bench.measure import measure_batch, measure_tool, planned_cells
+from tasks.bench.measure import measure_batch, measure_tool
+from tasks.bench.plan import order_cells
 from tasks.bench.print import PrintConfirmation, confirm_print
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
@@ -48,36 +49,36 @@ def tools(campaign):
 
 
 @pytest.fixture
-def session(campaign):
-    """A session on a quick virtual bench; `session.prepared` is called with every bench that is opened."""
+def run(campaign):
+    """A run on a quick virtual bench; `run.prepared` is called with every bench that is opened."""
 
     @contextmanager
     def open_bench(mounted):
         rack = {tool.slot: MountedTool(tool.tool_id, tool.design) for tool in mounted}
         with open_virtual_bench(WORLD, rack, physics, wires="memory") as bench:
-            session.prepared(bench)
+            run.prepared(bench)
             yield bench
 
     nothing = lambda *_: None  # noqa: E731 - four callbacks that this test does not listen to
-    session = Session(campaign, None, open_bench, "w", True, nothing, nothing, nothing)
-    session.prepared = nothing
-    return session
+    run = CampaignRun(campaign, None, open_bench, "w", True, nothing, nothing, nothing)
+    run.prepared = nothing
+    return run
 
 
-def run_batch(session, tools):
+def run_batch(run, tools):
     """The gantry's part of a campaign, without Prefect."""
 
     def measure(bench, tool, on_grasp):
-        measure_tool(session.campaign, bench, tool, world_hash="w", should_stop=session.should_stop, on_grasp=on_grasp)
+        measure_tool(run.campaign, bench, tool, world_hash="w", should_stop=run.should_stop, on_grasp=on_grasp)
 
-    append_event(session.campaign.lake, "small", "started", "")
+    append_event(run.campaign.lake, "small", "started", "")
     measure_batch(
-        session.campaign,
+        run.campaign,
         tools,
-        session.heard_bench,
+        run.heard_bench,
         measure,
-        should_stop=session.should_stop,
-        on_grasp=session.on_grasp,
+        should_stop=run.should_stop,
+        on_grasp=run.on_grasp,
     )
 
 
@@ -86,68 +87,68 @@ def made(campaign):
     return [(row["object_id"], row["repeat"], row["status"]) for row in rows]
 
 
-def first_cell(session, tools):
+def first_cell(run, tools):
     """The first grasp of the plan, in its drawn order."""
-    return planned_cells(session.campaign, tools[0])[0]
+    return order_cells(run.campaign, tools[0])[0]
 
 
 def kinds(campaign):
     return [row["kind"] for row in campaign.lake.rows(EventRow)]
 
 
-def begin_again(session):
-    session.stopping.clear()
-    session.asked = None
-    session.prepared = lambda bench: None
+def begin_again(run):
+    run.stopping.clear()
+    run.asked = None
+    run.prepared = lambda bench: None
 
 
 @pytest.mark.parametrize("verb", [Verb.PAUSE, Verb.STOP, Verb.ABORT])
-def test_a_verb_in_a_lift_and_the_same_command_again(session, tools, verb):
+def test_a_verb_in_a_lift_and_the_same_command_again(run, tools, verb):
     left = []
 
     def prepare(bench):
-        when(bench, is_pulling, lambda: (append_event(session.campaign.lake, "small", verb, ""), session.ask(verb)))
+        when(bench, is_pulling, lambda: (append_event(run.campaign.lake, "small", verb, ""), run.ask(verb)))
         left.append(bench)
 
-    session.prepared = prepare
-    run_batch(session, tools)
+    run.prepared = prepare
+    run_batch(run, tools)
     state = left[0].virtual.state
     if verb is Verb.PAUSE:
-        assert made(session.campaign) == [(*first_cell(session, tools), "ok")], "this grasp is finished"
+        assert made(run.campaign) == [(*first_cell(run, tools), "ok")], "this grasp is finished"
         assert state.tool is None, "and the tool is parked"
     else:
-        assert made(session.campaign) == [(*first_cell(session, tools), "failed")], "what was measured is kept"
+        assert made(run.campaign) == [(*first_cell(run, tools), "failed")], "what was measured is kept"
         assert state.tool is not None
         assert state.outputs == (True, True, False), "safe: lock and grip kept, supply closed"
-        assert "bench_safe" in kinds(session.campaign)
-    assert requested_verb(session.campaign.lake, "small") is verb
-    assert "batch_measured" not in kinds(session.campaign)
-    begin_again(session)
-    run_batch(session, tools)
-    assert {cell[:2] for cell in made(session.campaign) if cell[2] == "ok"} == {(4, 0), (4, 1), (7, 0), (7, 1)}
-    assert "batch_measured" in kinds(session.campaign)
+        assert "bench_safe" in kinds(run.campaign)
+    assert requested_verb(run.campaign.lake, "small") is verb
+    assert "batch_measured" not in kinds(run.campaign)
+    begin_again(run)
+    run_batch(run, tools)
+    assert {cell[:2] for cell in made(run.campaign) if cell[2] == "ok"} == {(4, 0), (4, 1), (7, 0), (7, 1)}
+    assert "batch_measured" in kinds(run.campaign)
 
 
-def test_an_emergency_stop_is_noted_with_the_data_kept(session, tools):
-    session.prepared = lambda bench: when(bench, is_pulling, lambda: bench.virtual.inject("estop"))
+def test_an_emergency_stop_is_noted_with_the_data_kept(run, tools):
+    run.prepared = lambda bench: when(bench, is_pulling, lambda: bench.virtual.inject("estop"))
     with pytest.raises(EmergencyStopError):
-        run_batch(session, tools)
-    assert made(session.campaign) == [(*first_cell(session, tools), "failed")]
-    assert requested_verb(session.campaign.lake, "small") is Verb.ESTOP
+        run_batch(run, tools)
+    assert made(run.campaign) == [(*first_cell(run, tools), "failed")]
+    assert requested_verb(run.campaign.lake, "small") is Verb.ESTOP
 
 
-def test_a_verb_asked_before_the_bench_is_open_is_heard(session, tools):
-    session.asked = Verb.STOP
-    run_batch(session, tools)
-    assert made(session.campaign) == []
+def test_a_verb_asked_before_the_bench_is_open_is_heard(run, tools):
+    run.asked = Verb.STOP
+    run_batch(run, tools)
+    assert made(run.campaign) == []
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_the_first_signal_pauses_the_second_stops_the_third_is_the_default(session, number):
+def test_the_first_signal_pauses_the_second_stops_the_third_is_the_default(run, number):
     said, heard = [], []
-    session.ask = heard.append
+    run.ask = heard.append
     before = signal.getsignal(number)
-    with interrupts(session, Voice(said.append, said.append)):
+    with hear_interrupts(run, ProgressReporter(said.append, said.append)):
         signal.raise_signal(number)
         assert heard == [Verb.PAUSE]
         assert "Finishing the current grasp" in said[0]
@@ -166,7 +167,7 @@ def test_faults_of_a_virtual_bench_are_given_by_name_and_time():
         read_fault("low_air")
 
 
-def test_a_fault_begins_at_its_time(session, tools):
+def test_a_fault_begins_at_its_time(run, tools):
     found = []
 
     def prepare(bench):
@@ -177,6 +178,6 @@ def test_a_fault_begins_at_its_time(session, tools):
         found.append(bench.clock.now_s())
         bench.virtual.clear("low_air")
 
-    session.prepared = prepare
-    run_batch(session, tools)
+    run.prepared = prepare
+    run_batch(run, tools)
     assert found == [pytest.approx(100.0, abs=1.0)]

@@ -45,18 +45,18 @@ def run_flow(root: Path) -> None:
 
 def search(root: Path) -> None:
     """Search a lake as `fast gap` does."""
-    from flows.campaign.launch import Voice
     from flows.gap.search import GapOrder, run_gap
+    from flows.progress import ProgressReporter
 
     make_up()
-    outcome = run_gap(Lake.open(root), GapOrder("demo"), Voice(lambda _: None, lambda _: None))
+    outcome = run_gap(Lake.open(root), GapOrder("demo"), ProgressReporter(lambda _: None, lambda _: None))
     sys.stdout.write(f"{outcome.sentence}\n")
 
 
 def make_up() -> None:
     """Made-up answers in the place of finite elements, and normal draws in the place of NUTS."""
-    import flows.gap
-    from models.gap.fit import posterior as joint
+    from flows.gap import search
+    from models.gap.fit import posterior
     from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
     from tests.tasks.gap.gap_lake import plan_rows
 
@@ -81,7 +81,7 @@ def make_up() -> None:
             os.kill(os.getpid(), signal.SIGKILL)
         return normal_draws(*words, **options)
 
-    flows.gap.simulate_missing, joint.sample = simulate, sample
+    search.simulate_missing, posterior.sample = simulate, sample
 
 
 def announce(root: Path) -> None:

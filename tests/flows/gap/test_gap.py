@@ -7,22 +7,23 @@ from typing import Any
 
 import pytest
 
-import flows.gap
-from flows.campaign.launch import Voice
+from flows.gap import search
 from flows.gap.folder import write_folder
 from flows.gap.scheduled import markdown
 from flows.gap.search import GapOrder, run_gap
+from flows.progress import ProgressReporter
 from lake.query.lineage import Node, find_lineage
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, EventRow, GapFindingRow, SimulatorVersionRow, TraceRow
 from models.calibration.inference.settings import CalibrationSettings
 from models.errors import FastError
+from models.gap.bank.surrogate import Surrogate
 from models.gap.findings import Findings
-from models.gap.fit import posterior as joint
+from models.gap.fit import posterior
 from models.records import EffectValue
-from tasks.calibration.mean_data import TooLittleDataError, measured_tools, simulated_points
-from tasks.gap.bank import bank_plans
-from tasks.gap.held_out import KIND as SPLIT
+from tasks.calibration.mean_data import TooLittleDataError, read_measured_tools, read_simulated_points
+from tasks.gap.bank import plan_bank
+from tasks.gap.split import KIND as SPLIT
 from tasks.simulation.plan import SimulationPlan
 from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
 from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, gap_lake, plan_rows
@@ -32,8 +33,8 @@ pytestmark = pytest.mark.timeout(600)
 ORDER = GapOrder("demo", settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
 
 
-def silent() -> Voice:
-    return Voice(lambda _: None, lambda _: None)
+def silent() -> ProgressReporter:
+    return ProgressReporter(lambda _: None, lambda _: None)
 
 
 @pytest.fixture(autouse=True)
@@ -43,8 +44,8 @@ def no_physics(monkeypatch: pytest.MonkeyPatch) -> None:
     def simulate(lake: Lake, plans: Sequence[SimulationPlan], *_: Any) -> None:
         lake.append(plan_rows(plans), PROVENANCE)
 
-    monkeypatch.setattr(flows.gap, "simulate_missing", simulate)
-    monkeypatch.setattr(joint, "sample", normal_draws)
+    monkeypatch.setattr(search, "simulate_missing", simulate)
+    monkeypatch.setattr(posterior, "sample", normal_draws)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +55,7 @@ def lagging(tmp_path_factory: pytest.TempPathFactory) -> Lake:
 
 def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path) -> None:
     said: list[str] = []
-    outcome = run_gap(lagging, ORDER, Voice(said.append, said.append))
+    outcome = run_gap(lagging, ORDER, ProgressReporter(said.append, said.append))
     findings = outcome.run.findings
     assert findings.alarm
     assert findings.rounds[0].named.effects == ("load_cell_lag",)
@@ -71,7 +72,9 @@ def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path)
     rows = lagging.records(GapFindingRow, gap_id=outcome.run.gap_id, kind="named", round=1)
     assert [(row.effect, row.calibration_id) for row in rows] == [("load_cell_lag", calibration.calibration_id)]
     with pytest.raises(TooLittleDataError, match="no design that is simulated with a theta of its own"):
-        simulated_points(lagging, BASE, measured_tools(lagging, "demo"))  # neither bank nor held-out grasps are drawn
+        read_simulated_points(
+            lagging, BASE, read_measured_tools(lagging, "demo")
+        )  # neither bank nor held-out grasps are drawn
     lineage = find_lineage(lagging, version.version_id, limit=10)
     assert {"gap_findings", "calibrations"} <= {node.table for node in lineage.rows}
     assert {"grasps", "simulations"} <= {group.table for group in lineage.groups}
@@ -86,12 +89,16 @@ def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path)
     assert again.sentence.startswith("nothing new since gap search")
 
 
-def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path) -> None:
+def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    built: list[Surrogate] = []
+    of = Surrogate.of
+    monkeypatch.setattr(Surrogate, "of", staticmethod(lambda *words: built.append(of(*words)) or built[-1]))
     outcome = run_gap(gap_lake(tmp_path / "lake"), ORDER, silent())
-    assert [turn.named.kind for turn in outcome.run.findings.rounds] == ["none"]
+    assert [found.named.kind for found in outcome.run.findings.rounds] == ["none"]
     assert not outcome.run.findings.alarm
     assert outcome.run.before_version_id == outcome.run.after_version_id
     assert "no gap beyond noise and numerical error" in outcome.sentence
+    assert len(built) == 1  # once for naming, calibration, residuals and evaluation
 
 
 def test_the_split_is_frozen_before_traces_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,7 +107,7 @@ def test_the_split_is_frozen_before_traces_are_read(tmp_path: Path, monkeypatch:
     def never(*_: Any) -> None:
         raise AssertionError
 
-    monkeypatch.setattr(flows.gap, "read_grasps", never)
+    monkeypatch.setattr(search, "read_grasps", never)
     with pytest.raises(AssertionError):
         run_gap(lake, ORDER, silent())
     assert len(lake.rows(EventRow, kind=SPLIT)) == 1
@@ -110,9 +117,9 @@ def test_a_bank_that_is_not_complete_when_the_budget_ends_is_gone_on_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lake = gap_lake(tmp_path / "lake")
-    more = tuple(plan for plan in bank_plans(BASE, DESIGNS, (*OBJECTS, 33), SETUP))
-    monkeypatch.setattr(flows.gap, "bank_plans", lambda *_: more)
-    monkeypatch.setattr(flows.gap, "simulate_missing", lambda *_: None)
+    more = tuple(plan for plan in plan_bank(BASE, DESIGNS, (*OBJECTS, 33), SETUP))
+    monkeypatch.setattr(search, "plan_bank", lambda *_: more)
+    monkeypatch.setattr(search, "simulate_missing", lambda *_: None)
     with pytest.raises(FastError, match="the bank lacks .* run the same command again to go on from here"):
         run_gap(lake, ORDER, silent())
     assert lake.rows(TraceRow)

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from lake.store import Lake
-from lake.tables.campaign import CalibrationRow, SimulationRow
+from lake.tables.campaign import CalibrationRow, EventRow, SimulationRow
 from models.records import EffectValue
-from tasks.gap.bank import bank_ids
-from tasks.gap.findings import GapRun, newest_run
+from tasks.gap.bank import list_bank_ids
+from tasks.gap.findings import KIND, GapRun
 from tests.flows.cli.cli_lakes import ROOT
 from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, gap_lake
 
@@ -31,15 +31,14 @@ def search(root: Path, dies_at: str = "") -> int:
 
 def answer(lake: Lake) -> GapRun:
     """The answer without the minutes that it took."""
-    run = newest_run(lake)
-    assert run is not None
+    run = GapRun.model_validate_json(lake.records(EventRow, kind=KIND)[-1].payload_json)
     return run.model_copy(update={"findings": run.findings.model_copy(update={"budget": {}})})
 
 
 def test_a_killed_search_goes_on_and_says_the_same(tmp_path: Path) -> None:
     killed = gap_lake(tmp_path / "killed", hidden=[LAG], has_bank=False)
     shutil.copytree(tmp_path / "killed", tmp_path / "whole")
-    wanted = set(bank_ids(BASE, DESIGNS, OBJECTS, SETUP))
+    wanted = set(list_bank_ids(BASE, DESIGNS, OBJECTS, SETUP))
     assert search(killed.root, "bank") == -signal.SIGKILL
     made = killed.ids(SimulationRow)
     assert 0 < len(made) < len(wanted)

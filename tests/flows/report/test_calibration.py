@@ -1,3 +1,4 @@
+import dataclasses
 import re
 import sys
 import warnings
@@ -9,20 +10,18 @@ import numpy as np
 import pyarrow.csv as csv
 import pytest
 
-from flows.report.calibration.agreement import Cloud, Panel, before_after_figure
-from flows.report.calibration.chains import chains_figure
 from flows.report.calibration.data import Evidence, StoredCalibration
 from flows.report.calibration.page import write_calibration_report
-from flows.report.calibration.pairs import pairs_figure
-from flows.report.calibration.sensitivities import sensitivity_figure
+from flows.report.calibration.posterior_figures import chains_figure, pairs_figure
+from flows.report.calibration.prediction_figures import Cloud, Panel, before_after_figure, sensitivity_figure
 from flows.report.campaign.page import write_report
 from lake.provenance import Provenance
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow
-from models.calibration.inference.summary import theta_summary
-from models.calibration.means.mixture import Mixture
+from models.calibration.inference.summary import summarise_theta
+from models.calibration.means.predict import Mixture
 from models.calibration.means.problem import THETA
-from models.calibration.means.synthetic import made_up_problem
+from models.calibration.means.synthetic import make_up_problem
 from models.errors import UsageError
 from tasks.calibration.calibrate import infer
 from tasks.calibration.means import gather
@@ -39,7 +38,7 @@ PROVENANCE = Provenance(code_version="0.1.0+abc1234", code_dirty=False)
 
 def calibration_rows(calibration_id: str, result, n_designs: int, shift: float = 1.0) -> list:
     """Rows of a calibration, draws first; `shift` scales the medians of the row alone."""
-    summary = theta_summary(result)
+    summary = summarise_theta(result)
     unit = {"young_modulus_mpa": "_mpa"}
     table_2 = {
         f"{name.removesuffix('_mpa')}_{column}{unit.get(name, '')}": shift * getattr(summary[name], column)
@@ -61,7 +60,7 @@ def calibration_rows(calibration_id: str, result, n_designs: int, shift: float =
 
 @pytest.fixture(scope="module")
 def evidence() -> Evidence:
-    problem = made_up_problem(40, 15, seed=3)
+    problem = make_up_problem(40, 15, seed=3)
     held_out = np.arange(15) % 5 == 0
     return Evidence(
         problem.take_real(~held_out),
@@ -193,6 +192,22 @@ def test_campaign_report_shows_the_newest_calibration(result, tmp_path):
     index = write_report(lake, "demo", tmp_path / "out")
     assert "Calibration C000000000002 of" in text_of(index)
     assert (tmp_path / "out" / "figures" / "calibration_pairs.svg").is_file()
+
+
+def test_a_calibration_on_traces_of_an_older_version_is_shown(result, tmp_path):
+    """It has scatters among its draws, and settings that name a method there is no more."""
+    places = [result.names.index(name) for name in THETA]
+    scatter = np.random.default_rng(0).lognormal(np.log(0.04), 0.2, (*result.draws.shape[:2], 1))
+    draws = np.concatenate([result.draws[:, :, places], scatter], axis=2)
+    old = dataclasses.replace(result, names=(*THETA, "tool_sd"), draws=draws)
+    lake = Lake.open(tmp_path / "lake", create=True)
+    *rows, row = calibration_rows("C1", old, 12)
+    changes = {"data": "trace", "sampler": "trace", "settings_json": '{"method": "blocked", "rho": "fixed"}'}
+    lake.append([*rows, row.model_copy(update=changes)], PROVENANCE)
+    seen = text_of(write_calibration_report(lake, "C1", tmp_path / "out", n_predicted=10))
+    assert "modulus from print to print (relative sd)" in seen
+    assert "Compared were force traces" in seen
+    assert StoredCalibration.load(lake, "C1").result.names == (*THETA, "tool_sd")
 
 
 def test_campaign_report_survives_a_calibration_without_draws(result, tmp_path):

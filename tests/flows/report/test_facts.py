@@ -6,13 +6,12 @@ import pytest
 from flows.report.campaign.facts import (
     Pair,
     Tool,
-    agreement,
-    best_tool,
-    compared_versions,
-    design_pairs,
-    first_batch,
-    middle_tool,
-    n_objects_won,
+    count_objects_won,
+    find_best_tool,
+    find_first_batch,
+    measure_agreement,
+    pair_designs,
+    versions_to_compare,
 )
 
 TOOL = Tool(
@@ -28,19 +27,14 @@ def tool(label: str, quality_n: float, **changes) -> Tool:
 
 def test_best_tool_must_be_measured_on_every_object():
     tools = [tool("B01T0", 10), tool("B01T1", 50, is_complete=False, n_objects=3), tool("B02T0", 12, kind="guided")]
-    assert best_tool(tools).label == "B02T0"
-    assert best_tool([tools[1]]) is None
+    assert find_best_tool(tools).label == "B02T0"
+    assert find_best_tool([tools[1]]) is None
 
 
 def test_first_batch_is_the_first_random_one():
     tools = [tool("B03T0", 9), tool("B02T0", 8), tool("B01T0", 7, kind="guided"), tool("B02T1", 6, is_complete=False)]
-    assert [t.label for t in first_batch(tools)] == ["B02T0"]
-    assert first_batch([]) == []
-
-
-def test_middle_tool_is_the_lower_median():
-    assert middle_tool([tool("B01T0", 4), tool("B01T1", 1), tool("B01T2", 3), tool("B01T3", 2)]).quality_n == 2
-    assert middle_tool([]) is None
+    assert [t.label for t in find_first_batch(tools)] == ["B02T0"]
+    assert find_first_batch([]) == []
 
 
 def test_objects_won_counts_only_shared_objects():
@@ -50,27 +44,27 @@ def test_objects_won_counts_only_shared_objects():
         for (b, s), by in peaks.items()
         for o, n in by.items()
     ]
-    assert n_objects_won(rows, tool("B02T0", 5), [tool("B01T0", 3), tool("B01T1", 3)]) == (1, 2)
+    assert count_objects_won(rows, tool("B02T0", 5), [tool("B01T0", 3), tool("B01T1", 3)]) == (1, 2)
 
 
 def test_agreement_of_known_numbers():
     pairs = [Pair("a", 1, s, m, 1) for s, m in ((1.0, 2.0), (2.0, 4.0), (3.0, 9.0))]
-    found = agreement(pairs)
+    found = measure_agreement(pairs)
     assert found.bias_n == pytest.approx(-3.0)
     assert found.rmse_n == pytest.approx(np.sqrt((1 + 4 + 36) / 3))
     assert found.pearson == pytest.approx(np.corrcoef([1, 2, 3], [2, 4, 9])[0, 1])
     assert found.spearman == pytest.approx(1.0)
-    assert np.isnan(agreement(pairs[:2]).pearson)
+    assert np.isnan(measure_agreement(pairs[:2]).pearson)
 
 
 def test_design_pairs_average_over_objects():
-    found = design_pairs([Pair("B01T0", 1, 1, 3, 1), Pair("B01T0", 1, 3, 5, 1), Pair("B02T0", 2, 7, 8, 1)])
+    found = pair_designs([Pair("B01T0", 1, 1, 3, 1), Pair("B01T0", 1, 3, 5, 1), Pair("B02T0", 2, 7, 8, 1)])
     assert found == [Pair("B01T0", 1, 2, 4, 2), Pair("B02T0", 2, 7, 8, 1)]
 
 
 def test_only_production_versions_are_compared_where_there_are_any():
     rows = [{"version_id": v, "tier": t} for v, t in (("s", "screening"), ("a", "production"), ("b", "production"))]
-    assert compared_versions(rows, ["s", "a", "b"]) == ["a", "b"]
-    assert compared_versions(rows[:1], ["s", "a", "b"]) == ["s"]
-    assert compared_versions([*rows, {"version_id": "c", "tier": "production"}], ["s", "a", "b", "c"]) == ["a", "c"]
-    assert compared_versions([], ["a"]) == []
+    assert versions_to_compare(rows, ["s", "a", "b"]) == ["a", "b"]
+    assert versions_to_compare(rows[:1], ["s", "a", "b"]) == ["s"]
+    assert versions_to_compare([*rows, {"version_id": "c", "tier": "production"}], ["s", "a", "b", "c"]) == ["a", "c"]
+    assert versions_to_compare([], ["a"]) == []

@@ -5,30 +5,38 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows.gap.search import answer
-from flows.report.gap import words as gap_words
-from flows.report.gap.evidence import INDEPENDENT, GapEvidence, ThetaRow
+from flows.gap.search import write_answer
+from flows.report.gap import answer
+from flows.report.gap.answer import INDEPENDENT, GapPage, ThetaRow
 from flows.report.gap.page import write_findings, write_gap_report
 from flows.viewer.gap import write_gap_recording
-from models.gap.bank.predict import Predictor
-from models.gap.evaluation.held_out import HeldOut, scattered
-from models.gap.evaluation.show import AFTER, BEFORE, Shown, show
-from models.gap.findings import Alias, Candidate, Findings, Gap, Named, NamedParameter, NextExperiment, Round
-from models.gap.naming.isolability import Isolability
+from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate
+from models.gap.evaluation.held_out import HeldOut, add_scatter
+from models.gap.findings import (
+    Candidate,
+    Confound,
+    Decision,
+    Findings,
+    Gap,
+    NextExperiment,
+    ParameterEstimate,
+    RoundFindings,
+)
+from models.gap.naming.rank_effects import Separability
 from models.gap.where.locate import locate
 from models.gap.where.residuals import Residuals
 from models.records import EffectValue
 from tests.synthetic.gap import GapTruth, made_up_gap
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.3})
-NAMED = Named(
+NAMED = Decision(
     kind="effect",
     effects=("load_cell_lag",),
     probability=0.97,
-    parameters={"time_constant_s": NamedParameter(median=0.29, ci90=(0.27, 0.31))},
+    parameters={"time_constant_s": ParameterEstimate(median=0.29, ci90=(0.27, 0.31))},
     sentence="Held-out grasps are <better> with it.",
 )
-NOTHING = Named(kind="none", probability=0.99)
+NOTHING = Decision(kind="none", probability=0.99)
 
 
 def _candidate(effect: str, probability: float) -> Candidate:
@@ -36,29 +44,29 @@ def _candidate(effect: str, probability: float) -> Candidate:
 
 
 @pytest.fixture(scope="module")
-def evidence() -> GapEvidence:
+def content() -> GapPage:
     truth = GapTruth(effects=(LAG,))
-    problem = made_up_gap(12, 9, 0, truth, held_out=(2, 3))
-    predictor = Predictor.of(problem)
+    data = made_up_gap(12, 9, 0, truth, held_out=(2, 3))
     theta = np.array(list(truth.theta.model_dump().values()))
-    before, after = predictor.steps(theta), predictor.steps(theta, [LAG])
-    residuals, held_out = Residuals.of(problem, before, truth.theta), HeldOut.of(problem, truth.theta)
+    before, after = data.held_out.predict_steps(theta), data.held_out.predict_steps(theta, [LAG])
+    residuals = Residuals.of(data.training, data.training.predict_steps(theta), truth.theta.young_modulus_mpa)
+    held_out = HeldOut.of(data, truth.theta)
     scatter = {"tool_sd": 0.04, "cell_sd": 0.015, "repeat_sd": 0.01}
     first, last = (
-        scattered(label, np.repeat(steps[held_out.rows][None], 2, axis=0), held_out, scatter, 0.08)
+        add_scatter(label, np.repeat(steps[None], 2, axis=0), held_out, scatter, 0.08)
         for label, steps in ((BEFORE, before), (AFTER, after))
     )
-    shown, where = show(held_out, first, last), locate(residuals)
+    evaluation, where = evaluate(held_out, first, last), locate(residuals)
     names = ("load_cell_lag", "object_post_compliance", "stress_relaxation")
-    return GapEvidence(
-        findings=_findings(shown, (Round(where=where.findings, candidates=_CANDIDATES, named=NAMED, version="V1"),)),
+    return GapPage(
+        findings=_findings(
+            evaluation, (RoundFindings(where=where.findings, candidates=_CANDIDATES, named=NAMED, version="V1"),)
+        ),
         where=(where,),
         residuals=residuals,
-        shown=shown,
+        evaluation=evaluation,
         theta=(ThetaRow("young_modulus_mpa", (9.0, 8.5, 9.5), (10.0, 9.6, 10.4), INDEPENDENT["young_modulus_mpa"]),),
-        isolated=Isolability(
-            names, np.ones(3), np.full(3, 50.0), np.eye(3), np.array([[0, 2, 60], [1, 0, 40], [70, 9, 0]])
-        ),
+        separability=Separability(names, np.array([[0, 2, 60], [1, 0, 40], [70, 9, 0]])),
         assumed=("Two designs and three objects were held out.",),
     )
 
@@ -66,12 +74,12 @@ def evidence() -> GapEvidence:
 _CANDIDATES = (_candidate("load_cell_lag", 0.97), _candidate("none", 0.01), _candidate("unknown", 0.02))
 
 
-def _findings(shown: Shown, rounds: tuple[Round, ...]) -> Findings:
+def _findings(evaluation: Evaluation, rounds: tuple[RoundFindings, ...]) -> Findings:
     return Findings(
         alarm=any(r.named.kind != "none" for r in rounds),
         rounds=rounds,
-        gap=shown.gap,
-        aliases=(Alias(effect="load_cell_gain", of="Young's modulus", experiment="a dead weight"),),
+        gap=evaluation.gap,
+        aliases=(Confound(effect="load_cell_gain", of="Young's modulus", experiment="a dead weight"),),
         next_experiment=NextExperiment(
             setting="fast lift",
             separates=("load_cell_lag", "object_post_compliance"),
@@ -84,10 +92,10 @@ def _findings(shown: Shown, rounds: tuple[Round, ...]) -> Findings:
     )
 
 
-def test_page_says_where_what_and_how_much(evidence: GapEvidence, tmp_path: Path) -> None:
-    page = write_gap_report(evidence, tmp_path, "X1").read_text(encoding="utf-8")
-    gap = evidence.findings.gap
-    assert evidence.findings.rounds[0].where[0].sentence.replace("'", "&#x27;") in page
+def test_page_says_where_what_and_how_much(content: GapPage, tmp_path: Path) -> None:
+    page = write_gap_report(content, tmp_path, "X1").read_text(encoding="utf-8")
+    gap = content.findings.gap
+    assert content.findings.rounds[0].where[0].sentence.replace("'", "&#x27;") in page
     assert "First-order lag of the load-cell transmitter" in page
     assert f"{gap.rmse_before_n:.2f}" in page
     assert f"noise floor {gap.rmse_floor_n:.2f} N" in page
@@ -101,50 +109,52 @@ def test_page_says_where_what_and_how_much(evidence: GapEvidence, tmp_path: Path
     assert "http" not in page
 
 
-def test_findings_are_the_contract_for_machines(evidence: GapEvidence, tmp_path: Path) -> None:
-    found = json.loads(write_findings(evidence.findings, tmp_path / "new").read_text(encoding="utf-8"))
+def test_findings_are_the_contract_for_machines(content: GapPage, tmp_path: Path) -> None:
+    found = json.loads(write_findings(content.findings, tmp_path / "new").read_text(encoding="utf-8"))
     assert set(found) >= {"alarm", "rounds", "gap", "aliases", "next_experiment", "seed", "budget"}
     assert set(found["rounds"][0]) >= {"where", "candidates", "named", "version"}
     assert set(found["rounds"][0]["where"][0]) >= {"sentence", "phase", "stratum", "effect_size_n", "ci90"}
     assert set(found["gap"]) == {"rmse_before_n", "rmse_after_n", "rmse_floor_n", "closed_fraction", "ci95"}
-    assert Findings.model_validate_json((tmp_path / "new" / "findings.json").read_text()) == evidence.findings
+    assert Findings.model_validate_json((tmp_path / "new" / "findings.json").read_text()) == content.findings
 
 
 def test_answer_alone_makes_a_page_and_silence_is_said(tmp_path: Path) -> None:
     silent = Findings(
         alarm=False,
-        rounds=(Round(where=(), candidates=(_candidate("none", 0.99),), named=NOTHING),),
+        rounds=(RoundFindings(where=(), candidates=(_candidate("none", 0.99),), named=NOTHING),),
         gap=Gap(rmse_before_n=0.3, rmse_after_n=0.3, rmse_floor_n=0.29, closed_fraction=0.0, ci95=(0.0, 0.0)),
         aliases=(),
         next_experiment=None,
         seed=0,
         budget={},
     )
-    page = write_gap_report(GapEvidence(silent), tmp_path, "X2").read_text(encoding="utf-8")
+    page = write_gap_report(GapPage(silent), tmp_path, "X2").read_text(encoding="utf-8")
     assert "these data show nothing missing" in page
     assert "No single tool, object or phase stands out" in page
 
 
 def test_a_set_and_a_name_behind_it_are_both_said() -> None:
-    kin = Named(kind="set", effects=("load_cell_lag", "lift_misalignment"), probability=0.9)
-    wear = Named(kind="effect", effects=("friction_wear",), probability=0.95)
-    rounds = tuple(Round(where=(), candidates=(_candidate("none", 0.1),), named=one) for one in (kin, wear, NOTHING))
+    either = Decision(kind="set", effects=("load_cell_lag", "lift_misalignment"), probability=0.9)
+    wear = Decision(kind="effect", effects=("friction_wear",), probability=0.95)
+    rounds = tuple(
+        RoundFindings(where=(), candidates=(_candidate("none", 0.1),), named=one) for one in (either, wear, NOTHING)
+    )
     gap = Gap(rmse_before_n=0.5, rmse_after_n=0.3, rmse_floor_n=0.1, closed_fraction=0.5, ci95=(0.4, 0.6))
     findings = Findings(alarm=True, rounds=rounds, gap=gap, aliases=(), next_experiment=None, seed=0, budget={})
-    said = answer(findings)
+    said = write_answer(findings)
     assert said.startswith("found friction_wear; one of load_cell_lag, lift_misalignment, not told apart; held-out")
-    assert gap_words.short(findings) == "one of a set, friction wear"
-    assert "cannot tell apart, then Friction drifts" in gap_words.answer(findings)
-    assert gap_words.reserve(rounds[0]) == "The next round takes load cell lag for granted; no simulator gets it."
-    half = Round(where=(), candidates=(_candidate("friction_wear", 0.99),), named=wear)
+    assert answer.shorten_answer(findings) == "one of a set, friction wear"
+    assert "cannot tell apart, then Friction drifts" in answer.describe_answer(findings)
+    assert answer.describe_reserve(rounds[0]) == "The next round takes load cell lag for granted; no simulator gets it."
+    half = RoundFindings(where=(), candidates=(_candidate("friction_wear", 0.99),), named=wear)
     half = half.model_copy(update={"named": wear.model_copy(update={"probability": 0.495})})
-    assert "takes away 50 % of what is unusual" in gap_words.reserve(half)
-    assert gap_words.reserve(rounds[2]) == ""
+    assert "takes away 50 % of what is unusual" in answer.describe_reserve(half)
+    assert answer.describe_reserve(rounds[2]) == ""
 
 
-def test_recording_holds_measured_before_and_after(evidence: GapEvidence, tmp_path: Path) -> None:
-    assert evidence.shown is not None
-    path = write_gap_recording(evidence.shown, tmp_path / "gap.rrd")
-    content = path.read_bytes()
+def test_recording_holds_measured_before_and_after(content: GapPage, tmp_path: Path) -> None:
+    assert content.evaluation is not None
+    path = write_gap_recording(content.evaluation, tmp_path / "gap.rrd")
+    written = path.read_bytes()
     for entity in (b"grasp_0/measured_0", b"grasp_0/before", b"grasp_0/after", b"grasp_5/after"):
-        assert entity in content
+        assert entity in written

@@ -1,28 +1,35 @@
 """The parts of a report that show Figs. 2a, 2c and 5 of the paper, throughput, and where each figure stands."""
 
 import csv
+import dataclasses
 import re
+from datetime import timedelta
 
 import numpy as np
 import pytest
 
-from flows.report.campaign import early_loss as loss_module
+from flows.report.campaign import shapes as shapes_module
+from flows.report.campaign.account import describe_throughput, paper_section
 from flows.report.campaign.content import Content
-from flows.report.campaign.early_loss import early_loss
-from flows.report.campaign.moments import moments_section
+from flows.report.campaign.figures import quality_figure
 from flows.report.campaign.page import add_features
-from flows.report.campaign.paper import paper_section
-from flows.report.campaign.rivals import rivals_section
-from flows.report.campaign.shapes import GROUPS, chosen_objects, shapes_section, three_tools
-from flows.report.campaign.throughput import throughput
-from flows.report.campaign.tool_traces import batches_figure, curves_of, specialists, tool_traces_section
-from flows.report.campaign.traces import Curve
-from flows.report.campaign.windows import Window
-from flows.report.campaign.work import work_changes
+from flows.report.campaign.quality import baselines_section, headline, progress_section
+from flows.report.campaign.shapes import GROUPS, choose_objects, choose_tools, early_loss, shapes_section
+from flows.report.campaign.simulation import moments_section
+from flows.report.campaign.traces import (
+    BatchPanels,
+    Curve,
+    Window,
+    curves_by,
+    describe_specialists,
+    traces_section,
+)
+from flows.report.campaign.work import compare_work
 from flows.report.folder import Folder
 from flows.report.style import figure_style
+from lake.provenance import Provenance
 from lake.store import Lake
-from lake.tables.campaign import GraspRow
+from lake.tables.campaign import GraspRow, SimulationRow
 from tests.flows.synthetic_lake import Campaign, build
 
 
@@ -50,17 +57,33 @@ def numbers(folder: Folder, name: str) -> list[dict[str, str]]:
 
 
 def test_batches_show_every_tool_of_the_first_and_the_last(content, folder):
-    html = tool_traces_section(content, folder)
+    html = traces_section(content, folder)
     assert html.count('<div class="panel">') == 4
-    drawn = curves_of(content.result("x", (folder.root / "data" / "batch_traces.sql").read_text()).rows)
-    assert {batch: len(slots) for batch, slots in drawn[0].items()} == {1: 3, 2: 3}
-    figure = batches_figure(drawn[0], (1, 2), {}, Window((0.0, 50.0), (-5.0, 30.0)))
-    assert [len(axes.lines) for axes in figure.axes] == [4, 4]  # three tools and the zero
+    drawn = curves_by(
+        content.result("x", (folder.root / "data" / "traces.sql").read_text()).rows, "object_id", "batch", "slot"
+    )
+    lines = {key[1:]: curve for key, curve in drawn.items() if key[0] == 0}
+    assert lines.keys() == {(batch, slot) for batch in (1, 2) for slot in range(3)}
+    panels = BatchPanels((1, 2), content.best, content.tools, Window((0.0, 50.0), (-5.0, 30.0)))
+    counts = [[len(axes.lines) for axes in panels.draw(lines, curve).axes] for curve in (None, lines[1, 0])]
+    assert counts == [[4, 5], [4, 6]]  # three tools and the zero; the best over them; its simulation
+
+
+def test_the_best_tool_is_drawn_even_if_it_is_of_neither_batch(tmp_path, folder):
+    content = Content.load(
+        build(Lake.open(tmp_path / "lake", create=True), Campaign(n_batches=3, n_measured_batches=3)), "demo"
+    )
+    middle = next(tool for tool in content.tools if tool.batch == 2)
+    content.__dict__["best"] = middle
+    traces_section(content, folder)
+    assert {(row["batch"], row["slot"]) for row in numbers(folder, "traces") if row["batch"] == "2"} == {
+        ("2", str(middle.slot))
+    }
 
 
 def test_binned_traces_are_means_over_the_repeats(lake, content, folder):
-    tool_traces_section(content, folder)
-    row = next(r for r in numbers(folder, "batch_traces") if (r["batch"], r["slot"], r["object_id"]) == ("2", "1", "2"))
+    traces_section(content, folder)
+    row = next(r for r in numbers(folder, "traces") if (r["batch"], r["slot"], r["object_id"]) == ("2", "1", "2"))
     grasps = [g for g in lake.records(GraspRow, batch=2, slot=1, object_id=2) if g.status == "ok"]
     low = float(row["lift_mm"]) - 0.5
     traces = [lake.trace(g.grasp_id) for g in grasps]
@@ -78,7 +101,7 @@ def test_closure_and_pull_up_are_drawn_at_five_instants(content, folder):
 
 
 def test_a_grasp_that_the_simulator_does_not_get_through_is_said(content, folder, monkeypatch):
-    monkeypatch.setattr("flows.report.campaign.moments.simulate_again", lambda *_: None)
+    monkeypatch.setattr("flows.report.campaign.simulation.simulate_again", lambda *_: None)
     assert "The simulator has no such grasp to draw" in moments_section(content, folder)
 
 
@@ -88,7 +111,7 @@ def test_specialists_are_the_strongest_on_something():
         for slot, forces in enumerate(((3.0, 1.0), (2.0, 4.0), (1.0, 2.0)))
         for o, force in enumerate(forces)
     ]
-    assert specialists(rows, (1, 1)) == "In B01, 2 of 3 tools are the strongest on at least one object."
+    assert describe_specialists(rows, (1, 1)) == "In B01, 2 of 3 tools are the strongest on at least one object."
 
 
 def test_window_cuts_pushes_but_keeps_the_whole_pull():
@@ -97,14 +120,20 @@ def test_window_cuts_pushes_but_keeps_the_whole_pull():
     assert 45.0 < window.lift_mm[1] < 55.0
 
 
+def test_simulated_forces_do_not_press_the_measured_ones_flat():
+    measured, simulated = (Curve(np.linspace(0, 10, 11), np.full(11, force)) for force in (20.0, 100.0))
+    assert Window.of([measured], [simulated]).force_n[1] == pytest.approx(1.05 * 1.5 * 20.0)
+    assert Window.of([measured], [measured]).force_n[1] == pytest.approx(1.05 * 20.0)
+
+
 def test_objects_of_a_group_are_of_many_classes():
     flat = GROUPS[0]
     classes = {30: "cube", 31: "cube", 32: "cube", 33: "prism", 34: "prism", 21: "triangle", 24: "cone"}
-    assert chosen_objects(flat, classes) == [21, 30, 31, 33]
+    assert choose_objects(flat, classes) == [21, 30, 31, 33]
 
 
 def test_softest_and_stiffest_are_told_by_the_simulation_where_it_knows_all_tools(content):
-    tools, source = three_tools(content, content.best)
+    tools, source = choose_tools(content, content.best)
     assert source is not None
     assert {row["slot"] for row in source.rows} == {0, 1, 2}
     assert tools["best"] is content.best
@@ -113,7 +142,7 @@ def test_softest_and_stiffest_are_told_by_the_simulation_where_it_knows_all_tool
 def test_without_simulations_softest_and_stiffest_are_told_by_quality(tmp_path):
     lake = build(Lake.open(tmp_path / "lake", create=True), Campaign(n_batches=1, with_simulations=False))
     content = Content.load(lake, "demo")
-    tools, source = three_tools(content, content.best)
+    tools, source = choose_tools(content, content.best)
     by_quality = sorted(content.first, key=lambda tool: tool.quality_n)
     assert source is None
     assert tuple(tools.values()) == tuple(by_quality)  # the strongest is the best, so it is not the stiffest
@@ -126,8 +155,9 @@ def test_shapes_without_known_classes_still_list_their_features(content, folder)
 
 
 def test_a_tool_that_lets_go_early_is_drawn_between_the_others(content, folder, monkeypatch):
-    monkeypatch.setattr(loss_module, "SHORT", 1.0)
-    html, sources = early_loss(content, folder, {"made up"})
+    monkeypatch.setattr(shapes_module, "SHORT", 1.0)
+    monkeypatch.setattr(shapes_module, "STABLE_CLASSES", {"made up"})
+    html, sources = early_loss(content, folder)
     folder.sources(*sources)
     strong = [r for r in numbers(folder, "early_losses") if float(r["peak_force_n"]) > 1.0]
     least = min(strong, key=lambda r: float(r["part"]))
@@ -136,15 +166,16 @@ def test_a_tool_that_lets_go_early_is_drawn_between_the_others(content, folder, 
 
 
 def test_no_tool_lets_go_early_is_one_line(content, folder, monkeypatch):
-    monkeypatch.setattr(loss_module, "SHORT", 0.0)
-    html, _ = early_loss(content, folder, {"made up"})
+    monkeypatch.setattr(shapes_module, "SHORT", 0.0)
+    monkeypatch.setattr(shapes_module, "STABLE_CLASSES", {"made up"})
+    html, _ = early_loss(content, folder)
     assert re.fullmatch(
         r"<p>No tool holds a stably grasped object for less than 0 %.*\(the shortest: \d+ %\)\.</p>", html
     )
 
 
 def test_change_of_work_is_the_difference_of_the_means(content):
-    changes = work_changes(content, 1, 2)
+    changes = compare_work(content, 1, 2)
     assert len(changes) == 4
     for row in changes:
         rows = [r for r in content.work.rows if r["object_id"] == row.object_id]
@@ -155,7 +186,7 @@ def test_change_of_work_is_the_difference_of_the_means(content):
 
 def test_other_lakes_are_drawn_as_other_approaches(lake, folder, tmp_path):
     other = build(Lake.open(tmp_path / "measured-only-7", create=True), Campaign(seed=5, with_simulations=False))
-    html = rivals_section(Content.load(lake, "demo", [other]), folder)
+    html = baselines_section(Content.load(lake, "demo", [other]), folder)
     rows = numbers(folder, "approaches")
     assert {(row["approach"], row["seed"]) for row in rows} == {("data", "0"), ("measured only", "7")}
     assert len(rows) == 12
@@ -164,13 +195,13 @@ def test_other_lakes_are_drawn_as_other_approaches(lake, folder, tmp_path):
 
 
 def test_no_other_approach_is_one_line(content, folder):
-    html = rivals_section(content, folder)
+    html = baselines_section(content, folder)
     assert "this lake has none" in html
     assert "<img" not in html
 
 
 def test_throughput_counts_every_attempt(lake, content):
-    html, source = throughput(content)
+    html, source = describe_throughput(content)
     (row,) = source.rows
     assert row["n_grasps"] == len(lake.ids(GraspRow, campaign_id="demo"))
     assert 0 <= row["n_simulated_meanwhile"] <= row["n_simulated"]
@@ -181,3 +212,49 @@ def test_what_is_missing_is_said_in_the_table_of_figures():
     html = paper_section('<img src="figures/quality_by_batch.svg">')
     assert html.count("here</a>") == 1
     assert "needs a calibration: fast calibrate" in html
+
+
+def test_only_simulations_beside_a_measured_grasp_count_as_meanwhile(tmp_path):
+    size = Campaign(n_batches=2, n_tools=1, n_objects=1, n_repeats=1, failed_grasps=0, with_simulations=False)
+    lake = build(Lake.open(tmp_path / "lake", create=True), size)  # two grasps, a day apart
+    first = min(lake.records(GraspRow), key=lambda g: g.started_at)
+    lasts_s = float(lake.trace(first.grasp_id).time_s[-1])
+    for ends_s in (-4.0, 0.5 * lasts_s, lasts_s + 3.0 + 4.0):  # just before, during and just after the grasp
+        _add_simulation(lake, first, 3.0, ends_s)
+    for ends_s in (-3600.0, 43200.0):  # an hour before, and between the two days
+        _add_simulation(lake, first, 3.0, ends_s)
+    _, source = describe_throughput(Content.load(lake, "demo"))
+    assert source.rows[0]["n_simulated"] == 5
+    assert source.rows[0]["n_simulated_meanwhile"] == 3
+
+
+def _add_simulation(lake: Lake, grasp: GraspRow, lasting_s: float, ends_s: float) -> None:
+    """A simulation of a grasp's design that took `lasting_s` and ended `ends_s` after the grasp began."""
+    row = SimulationRow(
+        simulation_id=f"S{ends_s}", design_id=grasp.design_id, object_id=grasp.object_id, version_id="V",
+        status="ok", peak_force_n=1.0, cpu_s=lasting_s, setup_id=grasp.setup_id, setup_json=grasp.setup_json,
+    )  # fmt: skip
+    ended_at = grasp.started_at + timedelta(seconds=ends_s)
+    lake.append([row], Provenance(code_version="0", code_dirty=False, created_at=ended_at))
+
+
+def test_imported_tools_are_squares_that_no_scientist_chose(content, folder):
+    content.__dict__["tools"] = [dataclasses.replace(tool, kind="imported") for tool in content.tools]
+    html = progress_section(content, folder)
+    assert "Squares were imported." in html
+    assert "scientist" not in html
+    figure = quality_figure(content.tools, content.best)
+    assert {line.lines[0].get_marker() for line in figure.axes[0].containers if line.lines} == {"s"}
+
+
+def test_one_tool_on_one_object_is_told_in_the_singular_and_gains_nothing(tmp_path):
+    size = Campaign(n_batches=1, n_measured_batches=1, n_tools=1, n_objects=1, failed_grasps=0, with_simulations=False)
+    html = headline(Content.load(build(Lake.open(tmp_path / "lake", create=True), size), "demo"))
+    assert "mean over 1 object<" in html
+    assert "first batch, 1 tool<" in html
+    assert "best tool against that mean" not in html
+    assert "simulated grasps" not in html  # the lake has none, whatever the page draws
+
+
+def test_the_headline_counts_simulations_and_their_versions(content):
+    assert re.search(r"<b>\d+</b><span>simulated grasps with 2 simulator versions<", headline(content))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flows.report.campaign.content import Content
-from flows.report.campaign.facts import agreement, object_pairs
+from flows.report.campaign.facts import measure_agreement, pair_objects
 from flows.report.campaign.figures import agreement_figure, quality_figure
 from flows.report.campaign.page import write_report
 from lake.provenance import Provenance
@@ -20,9 +20,8 @@ SECTIONS = (
     "best",
     "moments",
     "progress",
-    "rivals",
+    "baselines",
     "traces",
-    "batches",
     "shapes",
     "work",
     "agreement",
@@ -134,8 +133,8 @@ def test_quality_figure_draws_the_table(lake):
 
 def test_agreement_figure_draws_the_pairs(lake):
     content = Content.load(lake, "demo")
-    pairs = object_pairs(content.pairs.rows, content.compared[0])
-    axes = agreement_figure(pairs, agreement(pairs), "per object").axes[0]
+    pairs = pair_objects(content.pairs.rows, content.compared[0])
+    axes = agreement_figure(pairs, measure_agreement(pairs), "per object").axes[0]
     drawn = [(x, y) for line in axes.lines[:2] for x, y in zip(*line.get_data(), strict=True)]
     expected = sorted((p.simulated_n, p.measured_n) for p in pairs)
     np.testing.assert_allclose(sorted(drawn), expected)

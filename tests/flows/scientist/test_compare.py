@@ -1,22 +1,21 @@
-"""`fast compare`: landscapes, races of every strategy, what the table says, and continuing a killed comparison."""
+"""`fast compare`: landscapes, runs of every strategy, what the table says, and continuing a killed comparison."""
 
 import numpy as np
 import pytest
 
-from flows.scientist import study
-from flows.scientist.figure import races_figure
+from flows.scientist import landscape_study
 from flows.scientist.landscape import emulated_landscape, synthetic_landscape
-from flows.scientist.landscape_run import Course, RaceSchedule, run_race
-from flows.scientist.strategies import REFERENCE, STRATEGIES, STRATEGY_BY_NAME
-from flows.scientist.study import Entry, read_courses, run_study
-from flows.scientist.verdict import paired_rows, summary_rows
+from flows.scientist.landscape_run import LandscapeRun, RunSchedule, run_strategy
+from flows.scientist.landscape_study import PlannedRun, read_runs, run_planned
+from flows.scientist.landscape_table import paired_rows, runs_figure, summary_rows
+from flows.scientist.strategies import REFERENCE, STRATEGIES
 from models.design.space import random_unit
 from models.errors import UsageError
 from models.scientist.surrogate.observations import ObservationSet
 from tests.flows.cli.cli_lakes import Fast
 from tests.flows.synthetic_lake import Campaign, build
 
-SHORT = RaceSchedule(
+SHORT = RunSchedule(
     initial_tools=6,
     initial_simulations=8,
     rounds=2,
@@ -31,8 +30,10 @@ def fast(capsys):
     return Fast(capsys)
 
 
-def course(strategy: str, seed: int, best_n: tuple[float, ...], batch_n: tuple[float, ...] | None = None) -> Course:
-    return Course(
+def made_up(
+    strategy: str, seed: int, best_n: tuple[float, ...], batch_n: tuple[float, ...] | None = None
+) -> LandscapeRun:
+    return LandscapeRun(
         landscape=f"made up {seed}",
         strategy=strategy,
         seed=seed,
@@ -67,9 +68,9 @@ def test_an_emulated_landscape_simulates_what_it_was_given():
     assert 0.3 < np.corrcoef(landscape.real(unseen), landscape.simulated(unseen))[0, 1] < 0.999
 
 
-@pytest.mark.parametrize("strategy", STRATEGIES, ids=lambda strategy: strategy.name)
+@pytest.mark.parametrize("strategy", STRATEGIES.values(), ids=lambda strategy: strategy.name)
 def test_every_strategy_keeps_to_the_budget(strategy):
-    result = run_race(synthetic_landscape(1), strategy, SHORT, seed=1)
+    result = run_strategy(synthetic_landscape(1), strategy, SHORT, seed=1)
     assert result.n_measured == (6 + 2 * 3 if strategy.tools else 3)
     assert result.n_simulated == (8 + 2 * 4 if strategy.simulations else 0)
     assert len(result.best_n) == (3 if strategy.tools else 1)
@@ -77,18 +78,16 @@ def test_every_strategy_keeps_to_the_budget(strategy):
     assert max(result.batch_mean_n) <= result.optimum_n
 
 
-def test_strategies_begin_alike_and_races_repeat():
-    first, second = (
-        run_race(synthetic_landscape(1), STRATEGY_BY_NAME[name], SHORT, 1) for name in ("random", REFERENCE)
-    )
+def test_strategies_begin_alike_and_runs_repeat():
+    first, second = (run_strategy(synthetic_landscape(1), STRATEGIES[name], SHORT, 1) for name in ("random", REFERENCE))
     assert first.best_n[0] == second.best_n[0]
-    assert run_race(synthetic_landscape(1), STRATEGY_BY_NAME[REFERENCE], SHORT, 1) == second
-    assert run_race(synthetic_landscape(2), STRATEGY_BY_NAME[REFERENCE], SHORT, 2).best_n != second.best_n
+    assert run_strategy(synthetic_landscape(1), STRATEGIES[REFERENCE], SHORT, 1) == second
+    assert run_strategy(synthetic_landscape(2), STRATEGIES[REFERENCE], SHORT, 2).best_n != second.best_n
 
 
 def test_the_table_counts_regret_rounds_and_wins():
-    reference = [course(REFERENCE, seed, (10.0, 15.0, 19.5)) for seed in range(3)]
-    other = [course("random", seed, (10.0, 12.0 + seed, 14.0 + seed), (9.0, 9.0, 20.0)) for seed in range(3)]
+    reference = [made_up(REFERENCE, seed, (10.0, 15.0, 19.5)) for seed in range(3)]
+    other = [made_up("random", seed, (10.0, 12.0 + seed, 14.0 + seed), (9.0, 9.0, 20.0)) for seed in range(3)]
     summary = {row["strategy"]: row for row in summary_rows([*reference, *other])}
     assert summary[REFERENCE]["final_regret_n"] == pytest.approx(0.5)
     assert summary[REFERENCE]["mean_regret_n"] == pytest.approx(2.75)
@@ -102,41 +101,45 @@ def test_the_table_counts_regret_rounds_and_wins():
 
 
 def test_a_strategy_that_measures_once_is_paired_by_what_it_reached():
-    pairs = [course(REFERENCE, 0, (10.0, 18.0)), course("simulation only", 0, (16.0,))]
+    pairs = [made_up(REFERENCE, 0, (10.0, 18.0)), made_up("simulation only", 0, (16.0,))]
     (row,) = paired_rows(pairs, REFERENCE)
     assert (row["best_gain_n"], row["mean_regret_gain_n"]) == (-2.0, None)
 
 
 def test_a_killed_comparison_is_continued(tmp_path, monkeypatch):
-    path, entries = tmp_path / "races.jsonl", [Entry(name, 1, SHORT) for name in ("random", REFERENCE)]
+    path, plan = tmp_path / "races.jsonl", [PlannedRun(name, 1, SHORT) for name in ("random", REFERENCE)]
     said: list[str] = []
-    whole = run_study(entries, path, 1, said.append)
+    whole = run_planned(plan, path, 1, said.append)
     lines = path.read_text().splitlines(keepends=True)
     path.write_text(lines[0] + lines[1][:40])
-    kept = next(iter(read_courses(path, {entry.key for entry in entries}).values()))
-    again = run_study(entries, path, 1, said.append)
+    kept = next(iter(read_runs(path, {planned.key for planned in plan}).values()))
+    again = run_planned(plan, path, 1, said.append)
     assert [c.model_copy(update={"cpu_s": 0.0}) for c in again] == [c.model_copy(update={"cpu_s": 0.0}) for c in whole]
     assert kept in again
-    assert "1 races known, 1 to run" in said
+    assert "1 runs known, 1 to run" in said
     path.write_text("{}\n")
-    with pytest.raises(UsageError, match="line 1 is no course of a comparison"):
-        run_study(entries, path, 1, said.append)
+    with pytest.raises(UsageError, match="line 1 is no run of a comparison"):
+        run_planned(plan, path, 1, said.append)
 
 
 def test_the_figure_shows_every_strategy():
-    courses = [
-        course(REFERENCE, 0, (10.0, 18.0)),
-        course("simulation only", 0, (16.0,)),
-        course("random", 0, (9.0, 11.0)),
+    runs = [
+        made_up(REFERENCE, 0, (10.0, 18.0)),
+        made_up("simulation only", 0, (16.0,)),
+        made_up("random", 0, (9.0, 11.0)),
     ]
-    left, right = races_figure(courses, REFERENCE).axes
+    left, right = runs_figure(runs, REFERENCE).axes
     assert [line.get_label() for line in left.get_lines()] == [REFERENCE, "simulation only", "random"]
     assert [label.get_text() for label in right.get_yticklabels()] == ["random", "simulation only", REFERENCE]
 
 
 def test_the_command_writes_table_and_picture(fast, tmp_path, monkeypatch):
-    monkeypatch.setattr(study, "_run", lambda entries, n, tell: (course(e.strategy, e.seed, (10.0, 12.0)).model_copy(
-        update={"landscape": e.key[0]}) for e in entries))  # fmt: skip
+    def run_all(plan, n_workers, tell):
+        for planned in plan:
+            run = made_up(planned.strategy, planned.seed, (10.0, 12.0))
+            yield run.model_copy(update={"landscape": planned.key[0]})
+
+    monkeypatch.setattr(landscape_study, "_run_all", run_all)
     answer = fast(
         "compare", "--races", "2", "--strategies", f"random;{REFERENCE}", "--figure", str(tmp_path / "c.png"), "--json"
     )

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from flows.benchmarks.fingerprints import fingerprint
-from flows.campaign.status import campaign_status
+from flows.campaign.status import read_status
 from flows.scientist import campaign_runs as campaigns
-from flows.scientist.campaign_runs import BenchCourse, BenchRace, run_races, toml_of
+from flows.scientist.campaign_runs import PlannedCampaign, StrategyRun, run_campaigns, toml_of
 from flows.scientist.campaign_table import campaign_rows, campaigns_figure, paired_campaign_rows
-from flows.scientist.strategies import OF_THE_PAPER, REFERENCE, STRATEGY_BY_NAME
+from flows.scientist.strategies import REFERENCE, STRATEGIES
 from hardware.virtual.world.file import Scatter, World
 from lake.store import Lake
 from lake.tables.campaign import DesignRow, FitRow, GraspRow, ProposalRow, SimulationRow
@@ -64,36 +64,36 @@ def made_up_batch(campaign: Campaign, tools, open_bench, measure, *, should_stop
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> dict[str, tuple[BenchRace, BenchCourse]]:
+def whole(tmp_path_factory) -> dict[str, tuple[PlannedCampaign, StrategyRun]]:
     """The paper's strategies, run to their end without worker process, finite elements or bench."""
-    races = [race(tmp_path_factory.mktemp("whole"), name) for name in OF_THE_PAPER]
+    plan = [planned_campaign(tmp_path_factory.mktemp("whole"), name) for name in STRATEGIES]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(campaigns, "simulate_design", made_up_simulation)
         patch.setattr(campaigns, "measure_batch", made_up_batch)
-        courses = run_races(races, lambda line: None)
-    return {entry.strategy.name: (entry, course) for entry, course in zip(races, courses, strict=True)}
+        runs = run_campaigns(plan, lambda line: None)
+    return {planned.strategy.name: (planned, run) for planned, run in zip(plan, runs, strict=True)}
 
 
-def race(folder, name: str, seed: int = 1) -> BenchRace:
-    return BenchRace(STRATEGY_BY_NAME[name], seed, CONFIG, World(), folder)
+def planned_campaign(folder, name: str, seed: int = 1) -> PlannedCampaign:
+    return PlannedCampaign(STRATEGIES[name], seed, CONFIG, World(), folder)
 
 
-def lake_of(entry: BenchRace) -> Lake:
-    return Lake.open(entry.lake_folder)
+def lake_of(planned: PlannedCampaign) -> Lake:
+    return Lake.open(planned.lake_folder)
 
 
-def proposals(entry: BenchRace) -> list[tuple]:
-    rows = lake_of(entry).rows(ProposalRow)
+def proposals(planned: PlannedCampaign) -> list[tuple]:
+    rows = lake_of(planned).rows(ProposalRow)
     return sorted((r["batch"], r["fidelity"], r["index"], r["design_id"], r["acquisition"]) for r in rows)
 
 
-def grasps(entry: BenchRace) -> dict[str, float]:
-    return {r["grasp_id"]: r["peak_force_n"] for r in lake_of(entry).rows(GraspRow)}
+def grasps(planned: PlannedCampaign) -> dict[str, float]:
+    return {r["grasp_id"]: r["peak_force_n"] for r in lake_of(planned).rows(GraspRow)}
 
 
 def test_every_strategy_keeps_its_budget_and_all_begin_alike(whole):
-    courses = {name: course for name, (_, course) in whole.items()}
-    assert {name: (c.n_measured, c.n_simulated) for name, c in courses.items()} == {
+    runs = {name: run for name, (_, run) in whole.items()}
+    assert {name: (c.n_measured, c.n_simulated) for name, c in runs.items()} == {
         "random": (6, 0),
         "simulation only": (3, 6),
         "measured only": (6, 0),
@@ -102,13 +102,13 @@ def test_every_strategy_keeps_its_budget_and_all_begin_alike(whole):
     first = {name: [p for p in proposals(r) if p[0] == 1] for name, (r, _) in whole.items()}
     assert [p for p in first[REFERENCE] if p[1] == "real"] == first["random"] == first["measured only"]
     assert [p for p in first[REFERENCE] if p[1] == "sim"] == first["simulation only"]
-    assert courses["random"].batches_n[0] == courses[REFERENCE].batches_n[0]  # the same draws of scatter and noise
-    assert courses["random"].best_n[0] <= courses["random"].best_n[-1]
+    assert runs["random"].batches_n[0] == runs[REFERENCE].batches_n[0]  # the same draws of scatter and noise
+    assert runs["random"].best_n[0] <= runs["random"].best_n[-1]
 
 
 def test_simulation_alone_climbs_and_prints_what_simulated_best(whole):
-    entry, _ = whole["simulation only"]
-    lake = lake_of(entry)
+    planned, _ = whole["simulation only"]
+    lake = lake_of(planned)
     designs = {row.design_id: row.design for row in lake.records(DesignRow)}
     rows = lake.rows(ProposalRow)
     ranked = sorted({r["design_id"] for r in rows if r["fidelity"] == "sim"}, key=lambda i: -simulated_n(designs[i]))
@@ -119,7 +119,7 @@ def test_simulation_alone_climbs_and_prints_what_simulated_best(whole):
                for rule in ("random", "ei")}  # fmt: skip
     assert np.mean(by_rule["ei"]) > max(by_rule["random"])
     # The surrogate that improvement is sought with is that of the simulations, at the fidelity that is sought.
-    campaign = Campaign(lake, entry.own_config)
+    campaign = Campaign(lake, planned.own_config)
     data = observe(campaign, campaign.state(), ())
     surrogate = fitted_before(lake.rows(FitRow)[-1], data)
     points = to_unit(list(designs.values()))
@@ -129,7 +129,7 @@ def test_simulation_alone_climbs_and_prints_what_simulated_best(whole):
 @pytest.mark.parametrize("name", [REFERENCE, "simulation only"])
 def test_a_killed_comparison_goes_on_to_the_same_end(tmp_path, monkeypatch, whole, name):
     uninterrupted, expected = whole[name]
-    killed = race(tmp_path, name)
+    killed = planned_campaign(tmp_path, name)
 
     def dying(step, calls, at, *arguments, **options):
         if next(calls) in at:
@@ -141,14 +141,14 @@ def test_a_killed_comparison_goes_on_to_the_same_end(tmp_path, monkeypatch, whol
     n_kills = 0
     while True:
         try:
-            assert run_races([killed], lambda line: None) == [expected]
+            assert run_campaigns([killed], lambda line: None) == [expected]
             break
         except KeyboardInterrupt:
             n_kills += 1
     assert n_kills == (4 if name == REFERENCE else 2)
     assert proposals(killed) == proposals(uninterrupted)
     assert grasps(killed) == grasps(uninterrupted)
-    n_rows = [len(lake_of(entry).rows(SimulationRow)) for entry in (uninterrupted, killed)]
+    n_rows = [len(lake_of(planned).rows(SimulationRow)) for planned in (uninterrupted, killed)]
     assert n_rows[0] == n_rows[1]
 
 
@@ -159,16 +159,16 @@ def test_on_the_bench_seeds_differ_in_noise_and_strategies_do_not(tmp_path, monk
     schedule = CONFIG.schedule.model_copy(update={"guided_batches": 0})
     config = CONFIG.model_copy(update={"schedule": schedule})
     world = World(scatter=Scatter(repeat_sd=0.02))
-    races = [BenchRace(STRATEGY_BY_NAME[name], seed, config, world, tmp_path)
+    plan = [PlannedCampaign(STRATEGIES[name], seed, config, world, tmp_path)
              for name, seed in (("random", 1), ("measured only", 1), ("random", 2))]  # fmt: skip
-    run_races(races, lambda line: None)
-    one, same, other = (grasps(entry) for entry in races)
+    run_campaigns(plan, lambda line: None)
+    one, same, other = (grasps(planned) for planned in plan)
     assert len(one) == 3 * 2
     assert one == same
     assert one.keys() == other.keys()
     assert all(one[grasp_id] != other[grasp_id] for grasp_id in one)
     assert len(solved) == 2 * 6  # the second strategy finds what the first has solved
-    assert {entry.own_world.theta for entry in races} == {world.theta}
+    assert {planned.own_world.theta for planned in plan} == {world.theta}
 
 
 def test_a_config_survives_as_toml():
@@ -183,51 +183,51 @@ def test_a_config_survives_as_toml():
         assert again.simulator.version.version_id == config.simulator.version.version_id
 
 
-def test_the_lake_of_a_race_is_a_campaign_like_any_other(whole):
-    entry, course_of_it = whole[REFERENCE]
-    status = campaign_status(lake_of(entry), "small")
+def test_the_lake_of_a_strategy_is_a_campaign_like_any_other(whole):
+    planned, run = whole[REFERENCE]
+    status = read_status(lake_of(planned), "small")
     assert (status["grasps"], status["simulated"]) == ("12/12", "24/24")
-    assert status["best_n"] == pytest.approx(course_of_it.best_n[-1])
+    assert status["best_n"] == pytest.approx(run.best_n[-1])
 
 
-def course(strategy: str, seed: int, *batches_n: tuple[float, ...]) -> BenchCourse:
-    return BenchCourse(strategy, seed, batches_n, 7, 1.0)
+def made_up(strategy: str, seed: int, *batches_n: tuple[float, ...]) -> StrategyRun:
+    return StrategyRun(strategy, seed, batches_n, 7, 1.0)
 
 
 def test_table_and_picture_are_of_last_batches_and_best_tools():
-    courses = [
-        course(REFERENCE, 1, (10.0, 12.0), (18.0, 20.0)),
-        course(REFERENCE, 2, (10.0, 13.0), (15.0, 11.0)),
-        course("random", 1, (10.0, 12.0), (12.0, 11.0)),
-        course("random", 2, (10.0, 13.0), (16.0, 15.0)),
-        course("simulation only", 1, (18.0, 9.0)),
+    runs = [
+        made_up(REFERENCE, 1, (10.0, 12.0), (18.0, 20.0)),
+        made_up(REFERENCE, 2, (10.0, 13.0), (15.0, 11.0)),
+        made_up("random", 1, (10.0, 12.0), (12.0, 11.0)),
+        made_up("random", 2, (10.0, 13.0), (16.0, 15.0)),
+        made_up("simulation only", 1, (18.0, 9.0)),
     ]
-    summary = {row["strategy"]: row for row in campaign_rows(courses)}
+    summary = {row["strategy"]: row for row in campaign_rows(runs)}
     assert (summary[REFERENCE]["last_batch_n"], summary[REFERENCE]["best_n"]) == (16.0, 17.5)
     assert summary[REFERENCE]["last_batch_sd_n"] == pytest.approx(np.sqrt((2.0 + 8.0) / 2))
     assert (summary[REFERENCE]["best_of_all_n"], summary[REFERENCE]["n_measured"]) == (20.0, 4)
-    paired = {row["strategy"]: row for row in paired_campaign_rows(courses, REFERENCE)}
+    paired = {row["strategy"]: row for row in paired_campaign_rows(runs, REFERENCE)}
     assert (paired["random"]["n_pairs"], paired["random"]["best_wins"]) == (2, 1)
     assert paired["random"]["last_batch_gain_n"] == pytest.approx((-7.5 + 2.5) / 2)
     assert (paired["simulation only"]["n_pairs"], paired["simulation only"]["best_gain_n"]) == (1, -2.0)
-    left, right = campaigns_figure(courses, REFERENCE).axes
+    left, right = campaigns_figure(runs, REFERENCE).axes
     assert {REFERENCE, "random", "simulation only"} <= {line.get_label() for line in left.get_lines()}
     assert left.get_xticks().tolist() == [2, 4]
     assert [label.get_text() for label in right.get_yticklabels()] == ["simulation only", "random", REFERENCE]
 
 
-def test_the_command_races_campaigns_and_refuses_what_is_of_landscapes(capsys, tmp_path, monkeypatch):
+def test_the_command_compares_campaigns_and_refuses_what_is_of_landscapes(capsys, tmp_path, monkeypatch):
     fast, config = Fast(capsys), write_config(tmp_path)
-    raced: list[tuple[str, int]] = []
+    compared: list[tuple[str, int]] = []
 
-    def run(races, tell):
-        raced.extend((r.strategy.name, r.seed) for r in races)
-        return [course(r.strategy.name, r.seed, (10.0, 12.0), (13.0, 14.0 + r.seed)) for r in races]
+    def run(plan, tell):
+        compared.extend((r.strategy.name, r.seed) for r in plan)
+        return [made_up(r.strategy.name, r.seed, (10.0, 12.0), (13.0, 14.0 + r.seed)) for r in plan]
 
-    monkeypatch.setattr(campaigns, "run_races", run)
+    monkeypatch.setattr(campaigns, "run_campaigns", run)
     picture = tmp_path / "c.png"
     answer = fast("compare", config, "--races", "2", "--figure", picture, "--json")
-    assert raced == [(name, seed) for seed in (1, 2) for name in OF_THE_PAPER]
+    assert compared == [(name, seed) for seed in (1, 2) for name in STRATEGIES]
     assert [row["best_n"] for row in answer.json["strategies"]] == [15.5] * 4
     assert picture.stat().st_size > 10_000
     assert "--rounds says nothing about CONFIG" in fast.refused("compare", config, "--rounds", "3")

@@ -12,8 +12,9 @@ import pytest
 
 from flows.cli.real import is_rehearsal
 from flows.server.lab import LabPlan, open_lab
-from flows.server.server import ANY_PORT
-from flows.server.server_process import with_outputs
+from flows.server.server import ANY_PORT, ask_server
+from flows.server.server_process import add_outputs
+from flows.server.worker_process import POOL
 from hardware.bench import BenchSettings, open_real_bench
 from hardware.cell.layout import BenchLayout
 from hardware.clock import ScaledClock
@@ -55,8 +56,9 @@ def test_a_virtual_bench_listens_on_the_loopback_address_only():
 def test_a_lab_answers_on_the_loopback_address_to_its_password_only_and_starts_again_what_dies(tmp_path, monkeypatch):
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     monkeypatch.setenv("FAST_PASSWORD", "open")
-    with open_lab(Lake.open(tmp_path / "lake", create=True), LabPlan(ANY_PORT)) as lab:
-        lab.wait_for_pool()
+    with open_lab(Lake.open(tmp_path / "lake", create=True), LabPlan(ANY_PORT, n_runs=3)) as lab:
+        lab.prepare_pool()
+        assert ask_server(lab.api_url, f"/work_pools/{POOL}")["concurrency_limit"] == 3
         assert listening(set(lab.pids)) == {"127.0.0.1"}
         for login, status in ((None, 401), (("fast", "shut"), 401), (("fast", "open"), 200)):
             assert httpx.post(f"{lab.api_url}/flows/filter", json={}, auth=login, timeout=60.0).status_code == status
@@ -124,7 +126,7 @@ def outputs(tmp_path):
 
 
 def test_pages_show_the_output_folder_and_nothing_beside_it(outputs):
-    client = Client(with_outputs(_pages, outputs, None))
+    client = Client(add_outputs(_pages, outputs, None))
     assert client.get("/outputs/quick/index.html").text == "report"
     assert client.get("/outputs/quick/").text == "report"
     assert client.get("/dashboard").text == "prefect"
@@ -134,7 +136,7 @@ def test_pages_show_the_output_folder_and_nothing_beside_it(outputs):
 
 
 def test_outputs_need_the_password_of_the_server(outputs):
-    client = Client(with_outputs(_pages, outputs, "fast:open"))
+    client = Client(add_outputs(_pages, outputs, "fast:open"))
 
     def status(login):
         code = base64.b64encode(login.encode()).decode()

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 from flows.server import server as prefect_server
-from flows.server.server import running_server
-from tests.flows.server.test_sweeper import GONE, OWN
+from flows.server.server import find_server
+from tests.flows.server.test_crashed_runs import GONE, OWN
 
 
 @pytest.mark.parametrize(("owner", "is_taken"), [(OWN, True), (GONE, False)])
@@ -17,10 +17,10 @@ def test_only_a_server_with_a_living_owner_is_taken(tmp_path, monkeypatch, owner
     (tmp_path / ".state").mkdir()
     note = {"api_url": "http://127.0.0.1:4200/api", "pid": 1, "owner_pid": owner.pid}
     (tmp_path / ".state" / "server.json").write_text(json.dumps(note))
-    assert (running_server(tmp_path) is not None) == is_taken
+    assert (find_server(tmp_path) is not None) == is_taken
 
 
-def test_a_dead_server_is_started_again_and_noted(tmp_path, monkeypatch):
+def test_a_dead_server_is_started_again_and_its_address_written(tmp_path, monkeypatch):
     (tmp_path / ".state").mkdir()
     is_over, url = threading.Event(), {"PREFECT_API_URL": "http://127.0.0.1:4200/api"}
 

@@ -9,10 +9,9 @@ from rerun.chunk import RrdReader
 
 from flows.report.campaign.content import Content
 from flows.viewer.bench import bench_eye
-from flows.viewer.campaign import chosen_tools, full_force_n, objects_of, write_recording
+from flows.viewer.campaign import choose_tools, find_objects, follow, full_force_n, write_recording
 from flows.viewer.design import mesh_edges, write_design_recording
 from flows.viewer.grasp import Clock, write_grasp_recording
-from flows.viewer.live import follow
 from flows.viewer.scene import finger_meshes, finger_translations
 from hardware.cell.layout import BenchLayout
 from lake.store import Lake
@@ -109,7 +108,7 @@ def test_grasp_shows_measured_and_simulated_force_and_moving_fingers(lake, tmp_p
 
 def test_grasp_shows_the_fingers_that_the_simulator_deforms(lake, tmp_path, monkeypatch):
     coarse = SimulatorVersion(mesh=MeshSettings(edge_mm=10))
-    monkeypatch.setattr("flows.report.campaign.again.newest_version", lambda *_: coarse)
+    monkeypatch.setattr("flows.report.grasp_frames.find_newest_version", lambda *_: coarse)
     grasp = next(g for g in lake.records(GraspRow) if g.status == "ok" and g.object_id == 1)
     rows = rows_by_entity(write_grasp_recording(lake, grasp.grasp_id, tmp_path / "grasp.rrd"))
     assert rows["/cell/fingers/left/surface"] == rows["/cell/fingers/right/contact_force"] + 1 > 10  # one is at rest
@@ -185,11 +184,11 @@ def test_fingers_close_then_rise():
 
 def test_campaign_knows_its_objects_its_forces_and_its_leading_tools(lake):
     content = Content.load(lake, "demo")
-    assert objects_of(content) == [0, 1, 2, 3]
+    assert find_objects(content) == [0, 1, 2, 3]
     peak_n = max(g.peak_force_n for g in lake.records(GraspRow) if g.status == "ok")
     assert peak_n <= full_force_n(content) <= max(5.0, 2.0 * peak_n)
-    assert [t.batch for t in chosen_tools(content)] == [2, 1]
-    assert chosen_tools(content)[0] is content.best
+    assert [t.batch for t in choose_tools(content)] == [2, 1]
+    assert choose_tools(content)[0] is content.best
 
 
 @pytest.mark.parametrize("objects", [[0], [2, 6, 14, 18, 24, 28, 30, 32], list(range(36))])

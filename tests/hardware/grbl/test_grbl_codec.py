@@ -18,7 +18,7 @@ from hardware.grbl.messages import (
 )
 from models.errors import UsageError
 
-# Lines as real controllers send them (hardware notes, section 1), and grblHAL's dialect.
+# Lines as real controllers send them, and grblHAL's dialect.
 KNOWN_LINES = [
     (b"ok", Ok()),
     (b"error:22", ErrorReply(22)),

@@ -1,4 +1,4 @@
-"""The sixteen traps of GRBL 1.1 (hardware notes, 1.6): one test each, driver against the virtual controller."""
+"""The sixteen traps of GRBL 1.1: one test each, driver against the virtual controller."""
 
 import time
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.parameters import Layout
+from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.problem import CalibrationProblem, Standardised
 
 _THETA = (9.0, 0.55, 0.34)
@@ -17,15 +17,15 @@ def made_up_result(
     rng = np.random.default_rng(5)
     settings = CalibrationSettings(rho=rho)
     data = Standardised.of(problem)
-    layout = Layout.of(data, settings)
+    parameters = ParameterVector.of(data, settings)
     middle = {"sd_h": 1.0, "nugget": 0.01, "sd_e_n": 0.25 * data.force_scale_n, "noise_sd_n": 0.02 * data.force_scale_n}
     middle |= {"rho": 1.0, "young_modulus_mpa": _THETA[0], "friction": _THETA[1], "poisson_ratio": _THETA[2]}
-    center = np.array([middle.get(name, 1.5) for name in layout.names])
+    center = np.array([middle.get(name, 1.5) for name in parameters.names])
     shift = spread * rng.standard_normal((n_chains, n_draws, len(center)))
-    modulus, friction = layout.names.index("young_modulus_mpa"), layout.names.index("friction")
+    modulus, friction = parameters.names.index("young_modulus_mpa"), parameters.names.index("friction")
     shift[:, :, friction] = 0.4 * shift[:, :, friction] - 0.6 * shift[:, :, modulus]
     draws = center * np.exp(shift)
     draws[:, :, -1] = np.clip(draws[:, :, -1], 0.2, 0.5)
-    good = dict.fromkeys(layout.names, 1.0)
-    ess = dict.fromkeys(layout.names, float(n_chains * n_draws))
-    return CalibrationResult(layout.names, draws, settings, "made up", good, ess, ess, n_divergences=0, k_hat=0.3)
+    good = dict.fromkeys(parameters.names, 1.0)
+    ess = dict.fromkeys(parameters.names, float(n_chains * n_draws))
+    return CalibrationResult(parameters.names, draws, settings, "made up", good, ess, ess, n_divergences=0, k_hat=0.3)

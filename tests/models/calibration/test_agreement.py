@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.calibration.inference.diagnostics import convergence
+from models.calibration.inference.diagnostics import measure_convergence
 from models.calibration.inference.result import K_HAT_LIMIT
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.means.factorised import calibrate_factorised
 from models.calibration.means.joint_nuts import calibrate_joint
 from models.calibration.means.problem import THETA
-from models.calibration.means.synthetic import made_up_problem
+from models.calibration.means.synthetic import make_up_problem
 
 SETTINGS = CalibrationSettings(chains=4, draws=500, tune=250, target_accept=0.8, workers=1)
 NAMES = (*THETA, "sd_e_n", "noise_sd_n", "sd_h")
@@ -21,13 +21,13 @@ EXACT = json.loads((Path(__file__).parents[2] / "data" / "calibration-exact.json
 
 
 def test_the_factorised_posterior_is_that_of_stored_exact_chains() -> None:
-    problem = made_up_problem(EXACT["n_sim"], EXACT["n_real"], seed=0, scales_with_modulus=True)
+    problem = make_up_problem(EXACT["n_sim"], EXACT["n_real"], seed=0, scales_with_modulus=True)
     found = calibrate_factorised(problem, SETTINGS.model_copy(update={"chains": 2, "tune": 150, "draws": 300}))
     assert found.k_hat is not None
     assert found.k_hat < K_HAT_LIMIT
     names = tuple(row["log_of"] for row in EXACT["log_of"])
     draws = found.draws[:, :, [found.names.index(name) for name in names]]
-    _, ess_bulk, _ = convergence(names, draws)
+    _, ess_bulk, _ = measure_convergence(names, draws)
     for exact, values in zip(EXACT["log_of"], np.moveaxis(np.log(draws), 2, 0), strict=True):
         name = exact["log_of"]
         error = np.hypot(values.std() / np.sqrt(ess_bulk[name]), exact["sd"] / np.sqrt(exact["ess_bulk"]))
@@ -38,7 +38,7 @@ def test_the_factorised_posterior_is_that_of_stored_exact_chains() -> None:
 @pytest.mark.study
 @pytest.mark.timeout(1800)
 def test_both_methods_give_the_same_posterior_within_monte_carlo_error():
-    problem = made_up_problem(250, 30, seed=0, scales_with_modulus=True)
+    problem = make_up_problem(250, 30, seed=0, scales_with_modulus=True)
     factorised = calibrate_factorised(problem, SETTINGS)
     joint = calibrate_joint(problem, SETTINGS.model_copy(update={"chains": 2, "draws": 200, "tune": 120}))
     assert factorised.k_hat is not None

@@ -6,19 +6,19 @@ import re
 import numpy as np
 import pytest
 
-from models.calibration.inference.diagnostics import diagnose, overlap
+from models.calibration.inference.diagnostics import diagnose, measure_overlap
 from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.settings import CalibrationSettings
+from models.calibration.inference.settings import CalibrationSettings, read_settings
+from models.calibration.inference.summary import check_convergence, check_quality
 from models.calibration.means import calibrate as choice
 from models.calibration.means.calibrate import calibrate
-from models.calibration.means.parameters import Layout
-from models.calibration.means.problem import THETA, Standardised
-from models.calibration.means.repeats import without_repeats
-from models.calibration.means.synthetic import made_up_problem
+from models.calibration.means.parameters import ParameterVector
+from models.calibration.means.problem import THETA, Standardised, drop_repeats
+from models.calibration.means.synthetic import make_up_problem
 from models.errors import UsageError
 
 SETTINGS = CalibrationSettings(chains=2, draws=1000, tune=50)
-PROBLEM = made_up_problem(40, 10, seed=0)
+PROBLEM = make_up_problem(40, 10, seed=0)
 NAMES = ("rho", *THETA)
 
 
@@ -62,7 +62,7 @@ def test_a_factorised_result_with_good_weights_is_kept(monkeypatch):
 
 @pytest.mark.parametrize(
     ("k_hat", "ess", "why"),
-    [(1.08, 1500.0, "k-hat of its importance weights is 1.08"), (0.3, 14.0, "effective sample size .* is 14")],
+    [(1.08, 1500.0, "importance weights cannot be trusted .k-hat 1.08"), (0.3, 14.0, "bulk ESS 14, at least 200")],
 )
 def test_bad_weights_fall_back_to_the_joint_sampler_and_say_so(monkeypatch, k_hat, ess, why):
     result, used = calibrate_with(monkeypatch, made_up_result("factorised", k_hat, ess))
@@ -73,22 +73,28 @@ def test_bad_weights_fall_back_to_the_joint_sampler_and_say_so(monkeypatch, k_ha
     assert result.warnings[1:] == ("own",)
 
 
-def test_a_large_problem_falls_back_to_the_blocked_sampler(monkeypatch):
-    large = made_up_problem(600, 10, seed=0)
-    _, used = calibrate_with(monkeypatch, made_up_result("factorised", 0.9), large)
-    assert used == ["factorised", "blocked"]
+def test_a_large_problem_with_bad_weights_has_not_converged_and_is_not_replaced(monkeypatch):
+    large = make_up_problem(600, 10, seed=0)
+    result, used = calibrate_with(monkeypatch, made_up_result("factorised", 0.9), large)
+    assert used == ["factorised"]
+    assert re.search(
+        r"not converged: .*k-hat 0.90, .* simulate more designs, or give --method joint", check_quality(result)
+    )
 
 
-def test_short_chains_of_a_large_problem_are_sampled_again_before_another_method_is(monkeypatch):
-    large, short = made_up_problem(600, 10, seed=0), made_up_result("factorised", 0.3, ess=14.0)
+def test_short_chains_of_a_large_problem_are_sampled_again_and_what_is_still_short_is_refused(monkeypatch):
+    large, short = make_up_problem(600, 10, seed=0), made_up_result("factorised", 0.3, ess=14.0)
     enough, used = calibrate_with(monkeypatch, short, large, longer=made_up_result("factorised", 0.3))
     assert used == ["factorised", "3 times factorised"]
     assert (enough.warnings, enough.cpu_s, enough.k_hat) == (("own",), 4.0, 0.3)
     assert enough.steps == {"short chains step": 2.0, "step": 2.0}
-    still_short, used = calibrate_with(monkeypatch, short, large, longer=short)
-    assert used == ["factorised", "3 times factorised", "blocked"]
-    assert "effective sample size" in still_short.warnings[0]
-    assert still_short.cpu_s == 6.0
+    assert check_convergence(enough) == ""
+    still_short, used = calibrate_with(monkeypatch, short, large, longer=made_up_result("factorised", 0.3, ess=150.0))
+    assert used == ["factorised", "3 times factorised"]
+    assert re.search(
+        "not converged .*bulk ESS 150, at least 200.*give more --tune and --draws", check_quality(still_short)
+    )
+    assert still_short.cpu_s == 4.0
 
 
 def test_a_chosen_method_is_used(monkeypatch):
@@ -104,7 +110,7 @@ def test_rows_entered_twice_are_left_out_and_told(monkeypatch):
         y_sim=np.append(PROBLEM.y_sim, [PROBLEM.y_sim[0], 99.0]),
         variance_sim=np.append(PROBLEM.variance_sim, PROBLEM.variance_sim[:2]),
     )
-    fewer, sentences = without_repeats(twice)
+    fewer, sentences = drop_repeats(twice)
     assert fewer.n_sim == 41
     np.testing.assert_array_equal(fewer.y_sim, np.append(PROBLEM.y_sim, 99.0))
     assert sentences == (
@@ -113,7 +119,7 @@ def test_rows_entered_twice_are_left_out_and_told(monkeypatch):
     )
     result, _ = calibrate_with(monkeypatch, made_up_result("factorised", k_hat=0.3), twice)
     assert result.warnings == (*sentences, "own")
-    assert without_repeats(PROBLEM) == (PROBLEM, ())
+    assert drop_repeats(PROBLEM) == (PROBLEM, ())
 
 
 @pytest.mark.parametrize(
@@ -135,7 +141,7 @@ def test_bad_input_is_refused_in_a_sentence(changes, match):
 @pytest.mark.parametrize(("n_sim", "n_real", "match"), [(19, 10, "19 simulations, it .* 20"), (40, 4, "4 measured")])
 def test_too_few_designs_are_refused(n_sim, n_real, match):
     with pytest.raises(UsageError, match=match):
-        made_up_problem(n_sim, n_real, seed=0)
+        make_up_problem(n_sim, n_real, seed=0)
 
 
 def some_draws(seed=0, **columns):
@@ -183,7 +189,7 @@ def test_every_problem_of_the_draws_is_said(columns, n_divergences, sentence):
 
 
 def test_the_range_of_a_factor_is_no_range():
-    problem = made_up_problem(40, 10, seed=0, scales_with_modulus=True)
+    problem = make_up_problem(40, 10, seed=0, scales_with_modulus=True)
     draws = some_draws(young_modulus_mpa=lambda rng, found: 1.5 + 0.05 * rng.standard_normal(3000))
     assert diagnose(problem, NAMES, draws, SETTINGS, 0).warnings == ()
 
@@ -191,20 +197,25 @@ def test_the_range_of_a_factor_is_no_range():
 def test_overlap_is_one_for_equal_and_zero_for_distant_draws():
     rng = np.random.default_rng(0)
     first = rng.standard_normal(20_000)
-    assert overlap(first, rng.standard_normal(20_000)) > 0.97
-    assert overlap(first, 10 + first) < 0.01
-    assert overlap(first, 1 + rng.standard_normal(20_000)) == pytest.approx(0.617, abs=0.03)
+    assert measure_overlap(first, rng.standard_normal(20_000)) > 0.97
+    assert measure_overlap(first, 10 + first) < 0.01
+    assert measure_overlap(first, 1 + rng.standard_normal(20_000)) == pytest.approx(0.617, abs=0.03)
 
 
 @pytest.mark.parametrize("rho", ["fixed", "free"])
 def test_vectors_become_parameters_in_their_units(rho):
     data = Standardised.of(PROBLEM)
-    layout = Layout.of(data, CalibrationSettings(rho=rho))
-    vector = layout.draw_prior(np.random.default_rng(0))
-    row = dict(zip(layout.names, layout.constrain(vector, data.force_scale_n), strict=True))
-    phi, psi = layout.phi(vector[: layout.n_phi]), layout.psi(vector[layout.n_phi :])
+    parameters = ParameterVector.of(data, CalibrationSettings(rho=rho))
+    vector = parameters.draw_prior(np.random.default_rng(0))
+    row = dict(zip(parameters.names, parameters.constrain(vector, data.force_scale_n), strict=True))
+    phi, psi = parameters.phi(vector[: parameters.n_phi]), parameters.psi(vector[parameters.n_phi :])
     assert row["sd_h"] == phi.sd
     assert row["noise_sd_n"] == pytest.approx(psi.noise_sd * data.force_scale_n)
     assert row.get("rho", 1.0) == psi.rho
     assert [row[name] for name in THETA] == pytest.approx(list(psi.theta))
-    np.testing.assert_allclose(layout.unconstrained_theta(psi.theta), vector[-3:])
+    np.testing.assert_allclose(parameters.unconstrained_theta(psi.theta), vector[-3:])
+
+
+def test_settings_that_an_older_version_stored_are_read():
+    stored = read_settings('{"method": "blocked", "print_scatter": 0.05, "gone": 1}')
+    assert (stored.method, stored.print_scatter) == ("auto", 0.05)

@@ -8,19 +8,18 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means import conditional_density as conditional
-from models.calibration.means import emulator
-from models.calibration.means.conditional_density import Setting
-from models.calibration.means.parameters import Layout
+from models.calibration.means import emulator, psi_density
+from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.problem import Standardised
-from models.calibration.means.synthetic import made_up_problem
+from models.calibration.means.psi_density import Setting
+from models.calibration.means.synthetic import make_up_problem
 from models.gaussian_process.matern import matern52
 
 
 @dataclass(frozen=True)
 class _Case:
     data: Standardised
-    layout: Layout
+    parameters: ParameterVector
     phi: np.ndarray
     psi: np.ndarray
 
@@ -28,38 +27,38 @@ class _Case:
 @pytest.fixture(params=[("fixed", False), ("free", False), ("fixed", True), ("free", True)], ids=str)
 def case(request: pytest.FixtureRequest) -> _Case:
     rho, scales = request.param
-    data = Standardised.of(made_up_problem(50, 15, 0, scales_with_modulus=scales))
-    layout, rng = Layout.of(data, CalibrationSettings(rho=rho)), np.random.default_rng(1)
-    phi, psi = rng.normal(0.0, 0.3, layout.n_phi), rng.normal(0.0, 0.3, layout.n_psi)
+    data = Standardised.of(make_up_problem(50, 15, 0, scales_with_modulus=scales))
+    parameters, rng = ParameterVector.of(data, CalibrationSettings(rho=rho)), np.random.default_rng(1)
+    phi, psi = rng.normal(0.0, 0.3, parameters.n_phi), rng.normal(0.0, 0.3, parameters.n_psi)
     phi[-1], psi[10], psi[-3] = np.log(0.1), np.log(0.1), np.log(8.0)
-    if layout.has_rho:
+    if parameters.has_rho:
         psi[11] = 0.9
-    return _Case(data, layout, phi, psi)
+    return _Case(data, parameters, phi, psi)
 
 
 def test_gradient_of_the_emulators_density_is_its_slope(case: _Case) -> None:
-    gradient = emulator.log_posterior(case.phi, case.data, case.layout)[1]
-    slopes = _differences(lambda v: emulator.log_posterior(v, case.data, case.layout)[0], case.phi)
+    gradient = emulator.log_posterior(case.phi, case.data, case.parameters)[1]
+    slopes = _differences(lambda v: emulator.log_posterior(v, case.data, case.parameters)[0], case.phi)
     np.testing.assert_allclose(gradient, slopes, rtol=1e-5, atol=1e-6)
 
 
 def test_gradient_of_the_measurements_density_is_its_slope(case: _Case) -> None:
     factor, setting = _prepared(case)
-    gradient = conditional.log_posterior(case.psi, factor, setting)[1]
-    slopes = _differences(lambda v: conditional.log_posterior(v, factor, setting)[0], case.psi)
+    gradient = psi_density.log_posterior(case.psi, factor, setting)[1]
+    slopes = _differences(lambda v: psi_density.log_posterior(v, factor, setting)[0], case.psi)
     np.testing.assert_allclose(gradient, slopes, rtol=1e-5, atol=1e-6)
 
 
 def test_value_without_gradient_is_the_same(case: _Case) -> None:
     factor, setting = _prepared(case)
-    with_prior = conditional.log_posterior(case.psi, factor, setting)[0]
-    alone = conditional.log_likelihood(case.psi, factor, setting)
-    assert with_prior == pytest.approx(alone + case.layout.log_prior_psi(case.psi)[0], abs=1e-10)
+    with_prior = psi_density.log_posterior(case.psi, factor, setting)[0]
+    alone = psi_density.log_likelihood(case.psi, factor, setting)
+    assert with_prior == pytest.approx(alone + case.parameters.log_prior_psi(case.psi)[0], abs=1e-10)
 
 
 def test_both_parts_multiply_to_the_joint_density_of_all_forces(case: _Case) -> None:
     """Eq. 12 of the FAST paper: one normal density with the covariance written out."""
-    data, phi, psi = case.data, case.layout.phi(case.phi), case.layout.psi(case.psi)
+    data, phi, psi = case.data, case.parameters.phi(case.phi), case.parameters.psi(case.psi)
     factor, setting = _prepared(case)
     t = np.broadcast_to(setting.inputs(psi.theta), (15, data.n_inputs - 9))
     z = np.vstack([data.z_sim, np.column_stack([data.x_real, t])])
@@ -70,22 +69,22 @@ def test_both_parts_multiply_to_the_joint_density_of_all_forces(case: _Case) -> 
     K += np.diag(np.concatenate([data.variance_sim + phi.nugget**2, data.variance_real + psi.noise_sd**2]))
     y = np.concatenate([data.y_sim, data.y_real - a * data.mean])
     joint = multivariate_normal.logpdf(y, np.zeros(65), K)
-    assert factor.log_density + conditional.log_likelihood(case.psi, factor, setting) == pytest.approx(joint, abs=1e-8)
+    assert factor.log_density + psi_density.log_likelihood(case.psi, factor, setting) == pytest.approx(joint, abs=1e-8)
 
 
 def test_mode_of_the_emulator_is_flat_and_beats_the_prior_mode() -> None:
-    data = Standardised.of(made_up_problem(120, 10, 0))
-    layout = Layout.of(data, CalibrationSettings())
-    mode = emulator.find_mode(data, layout, seed=0).values
-    value, gradient = emulator.log_posterior(mode, data, layout)
+    data = Standardised.of(make_up_problem(120, 10, 0))
+    parameters = ParameterVector.of(data, CalibrationSettings())
+    mode = emulator.find_mode(data, parameters, seed=0).values
+    value, gradient = emulator.log_posterior(mode, data, parameters)
     assert np.abs(gradient).max() < 0.1
-    assert value > emulator.log_posterior(np.zeros(layout.n_phi), data, layout)[0] + 10.0
+    assert value > emulator.log_posterior(np.zeros(parameters.n_phi), data, parameters)[0] + 10.0
 
 
 def _prepared(case: _Case) -> tuple[emulator.Factor, Setting]:
-    factor = emulator.factorise(case.layout.phi(case.phi), case.data)
+    factor = emulator.factorise(case.parameters.phi(case.phi), case.data)
     assert factor is not None
-    return factor, Setting.of(case.data, case.layout)
+    return factor, Setting.of(case.data, case.parameters)
 
 
 def _differences(function: Callable[[np.ndarray], float], at: np.ndarray) -> np.ndarray:

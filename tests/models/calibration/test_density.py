@@ -6,24 +6,24 @@ from scipy.stats import multivariate_normal
 
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.means.joint_density import JointDensity
-from models.calibration.means.parameters import Layout
+from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.problem import Standardised, unit_theta
-from models.calibration.means.synthetic import made_up_problem
+from models.calibration.means.synthetic import make_up_problem
 
 CASES = [(scales, rho) for scales in (False, True) for rho in ("fixed", "free")]
 
 
-def density_of(scales, rho, n_sim=25, n_real=8):
-    problem = made_up_problem(n_sim, n_real, seed=2, scales_with_modulus=scales)
+def estimate_density(scales, rho, n_sim=25, n_real=8):
+    problem = make_up_problem(n_sim, n_real, seed=2, scales_with_modulus=scales)
     data = Standardised.of(problem)
-    return JointDensity(data, Layout.of(data, CalibrationSettings(rho=rho)))
+    return JointDensity(data, ParameterVector.of(data, CalibrationSettings(rho=rho)))
 
 
 def some_vector(density, seed=0):
-    layout = density.layout
-    vector = 0.3 * np.random.default_rng(seed).standard_normal(layout.n_phi + layout.n_psi)
-    vector[layout.n_phi - 1] -= 2.0
-    if layout.has_rho:
+    parameters = density.parameters
+    vector = 0.3 * np.random.default_rng(seed).standard_normal(parameters.n_phi + parameters.n_psi)
+    vector[parameters.n_phi - 1] -= 2.0
+    if parameters.has_rho:
         vector[-4] += 1.0
     vector[-3:] += [np.log(10.0), np.log(0.6), 0.0]
     return vector
@@ -36,8 +36,8 @@ def matern(a, b, lengthscales, sd):
 
 def covariance_by_loops(density, vector):
     """Covariance and residual of Eq. 10, written entry by entry."""
-    data, layout = density.data, density.layout
-    phi, psi = layout.phi(vector[: layout.n_phi]), layout.psi(vector[layout.n_phi :])
+    data, parameters = density.data, density.parameters
+    phi, psi = parameters.phi(vector[: parameters.n_phi]), parameters.psi(vector[parameters.n_phi :])
     t = unit_theta(psi.theta[None, :], data.scales_with_modulus)[0]
     amplitudes = data.amplitude(psi.theta, psi.rho) * data.trend_real
     rows = [(z, 1.0, None) for z in data.z_sim]
@@ -55,18 +55,18 @@ def covariance_by_loops(density, vector):
 
 @pytest.mark.parametrize(("scales", "rho"), CASES)
 def test_the_density_is_the_normal_density_of_equation_10_times_the_priors(scales, rho):
-    density = density_of(scales, rho)
+    density = estimate_density(scales, rho)
     vector = some_vector(density)
     K, residual = covariance_by_loops(density, vector)
-    n_phi = density.layout.n_phi
-    priors = density.layout.log_prior_phi(vector[:n_phi])[0] + density.layout.log_prior_psi(vector[n_phi:])[0]
+    n_phi = density.parameters.n_phi
+    priors = density.parameters.log_prior_phi(vector[:n_phi])[0] + density.parameters.log_prior_psi(vector[n_phi:])[0]
     expected = multivariate_normal(np.zeros(len(K)), K).logpdf(residual) + priors
     assert density(vector)[0] == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize(("scales", "rho"), CASES)
 def test_the_gradient_is_that_of_finite_differences(scales, rho):
-    density = density_of(scales, rho)
+    density = estimate_density(scales, rho)
     vector, step = some_vector(density), 1e-5
     gradient = density(vector)[1]
     for k in range(len(vector)):
@@ -78,10 +78,10 @@ def test_the_gradient_is_that_of_finite_differences(scales, rho):
 
 
 def test_a_singular_covariance_has_no_density():
-    density = density_of(False, "fixed")
+    density = estimate_density(False, "fixed")
     vector = some_vector(density)
-    vector[: density.layout.n_inputs] = 20.0
-    vector[density.layout.n_phi - 1] = -40.0
+    vector[: density.parameters.n_inputs] = 20.0
+    vector[density.parameters.n_phi - 1] = -40.0
     value, gradient = density(vector)
     assert value == -np.inf
     assert not gradient.any()

@@ -1,104 +1,58 @@
-"""The factorised and the blocked posterior: their densities against the joint one, their samplers, the whole recipe."""
+"""The factorised posterior: its densities and its draws against the joint one, the whole recipe."""
 
 import numpy as np
 import pytest
 
-from models.calibration.inference.nuts import ChangingDensity
-from models.calibration.inference.parallel_chains import sample
 from models.calibration.inference.result import K_HAT_LIMIT, CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.blocked import GivenPhi, calibrate_blocked
-from models.calibration.means.conditional_density import Setting
-from models.calibration.means.emulator import factorise
-from models.calibration.means.factorised import calibrate_factorised, factor_at, first_box
+from models.calibration.means.factorised import calibrate_factorised, find_first_box
 from models.calibration.means.joint_density import JointDensity
-from models.calibration.means.joint_nuts import calibrate_joint, first_guesses
-from models.calibration.means.laplace import NormalPhi, approximate_phi
-from models.calibration.means.parameters import Layout
+from models.calibration.means.joint_nuts import calibrate_joint, guess_starts
+from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.problem import THETA, Standardised
-from models.calibration.means.reweight import PSI_PER_PHI, exact_log_density, thin
-from models.calibration.means.synthetic import made_up_problem
+from models.calibration.means.psi_density import Setting
+from models.calibration.means.reweight import PSI_PER_PHI, NormalPhi, approximate_phi, compute_exact_log_density, thin
+from models.calibration.means.synthetic import make_up_problem
 
-PROBLEM = made_up_problem(40, 8, seed=3, scales_with_modulus=True)
+PROBLEM = make_up_problem(40, 8, seed=3, scales_with_modulus=True)
 SHORT = CalibrationSettings(chains=2, draws=50, tune=50, target_accept=0.8, workers=1)
 
 
 @pytest.fixture(scope="module")
 def setting() -> Setting:
     data = Standardised.of(PROBLEM)
-    return Setting.of(data, Layout.of(data, SHORT))
+    return Setting.of(data, ParameterVector.of(data, SHORT))
 
 
 @pytest.fixture(scope="module")
 def psi(setting: Setting) -> np.ndarray:
-    return first_guesses(setting.layout)[1][setting.layout.n_phi :]
+    return guess_starts(setting.parameters)[1][setting.parameters.n_phi :]
 
 
 @pytest.fixture(scope="module")
 def normal_phi(setting: Setting) -> NormalPhi:
-    mean = np.concatenate([np.full(setting.layout.n_inputs, 0.7), [0.3, np.log(0.03)]])
+    mean = np.concatenate([np.full(setting.parameters.n_inputs, 0.7), [0.3, np.log(0.03)]])
     return NormalPhi(mean, 0.1 * np.eye(len(mean)))
 
 
 def test_weights_are_of_the_joint_density(setting: Setting, normal_phi: NormalPhi, psi: np.ndarray) -> None:
     group = np.array([psi, psi + 0.1])
-    exact = exact_log_density(setting, (normal_phi.mean, group))
-    joint = JointDensity(setting.data, setting.layout)
+    exact = compute_exact_log_density(setting, (normal_phi.mean, group))
+    joint = JointDensity(setting.data, setting.parameters)
     for value, row in zip(exact, group, strict=True):
-        prior = setting.layout.log_prior_psi(row)[0]
+        prior = setting.parameters.log_prior_psi(row)[0]
         assert value + prior == pytest.approx(joint(np.concatenate([normal_phi.mean, row]))[0], abs=1e-7)
 
 
-def test_moves_of_phi_compare_joint_densities(setting: Setting, normal_phi: NormalPhi, psi: np.ndarray) -> None:
-    density = GivenPhi(setting, normal_phi, factor_at(normal_phi.mean, setting))
-    joint = JointDensity(setting.data, setting.layout)
-    ratios, differences = [], []
-    for white in (np.zeros(len(normal_phi.mean)), np.ones(len(normal_phi.mean))):
-        phi = normal_phi.mean + normal_phi.root @ white
-        factor = factorise(setting.layout.phi(phi), setting.data)
-        assert factor is not None
-        ratios.append(density.log_ratio(white, factor, psi))
-        differences.append(joint(np.concatenate([phi, psi]))[0] + 0.5 * white @ white)
-    assert ratios[1] - ratios[0] == pytest.approx(differences[1] - differences[0], abs=1e-7)
-
-
 def test_normal_approximation_of_phi_has_the_joint_curvature(setting: Setting, psi: np.ndarray) -> None:
-    density = JointDensity(setting.data, setting.layout)
-    mode = np.concatenate([np.full(setting.layout.n_inputs, 0.5), [0.3, np.log(0.03)], psi])
+    density = JointDensity(setting.data, setting.parameters)
+    mode = np.concatenate([np.full(setting.parameters.n_inputs, 0.5), [0.3, np.log(0.03)], psi])
     normal, _ = approximate_phi(density, mode, 1)
     draws, log_density = normal.draw(4000, np.random.default_rng(0))
     covariance = normal.root @ normal.root.T
     np.testing.assert_allclose(np.cov(draws.T), covariance, atol=0.12 * np.diag(covariance).max())
     offset = draws[0] - normal.mean
     assert log_density[0] == pytest.approx(-0.5 * offset @ np.linalg.solve(covariance, offset), rel=1e-6)
-
-
-class _Pair(ChangingDensity):
-    """Two standard normals with correlation 0.8: x is drawn given z by `move`, z given x by NUTS."""
-
-    def __init__(self) -> None:
-        self._x = np.zeros(1)
-
-    def __call__(self, values: np.ndarray) -> tuple[float, np.ndarray]:
-        offset = values - 0.8 * self._x
-        return float(-0.5 * offset @ offset / 0.36), -offset / 0.36
-
-    @property
-    def state(self) -> np.ndarray:
-        return self._x
-
-    def begin(self, rng: np.random.Generator) -> None:
-        self._x = rng.standard_normal(1)
-
-    def move(self, values: np.ndarray, rng: np.random.Generator) -> None:
-        self._x = 0.8 * values + 0.6 * rng.standard_normal(1)
-
-
-def test_blocks_in_turn_sample_their_joint_density() -> None:
-    settings = SHORT.model_copy(update={"draws": 800, "tune": 100})
-    found = sample(_Pair(), np.zeros((2, 1)), settings)
-    assert found.draws.shape == (2, 800, 2)
-    np.testing.assert_allclose(np.cov(found.flat.T), [[1.0, 0.8], [0.8, 1.0]], atol=0.2)
 
 
 def test_the_recipe_runs_and_says_how_good_it_is() -> None:
@@ -117,7 +71,7 @@ def test_the_recipe_runs_and_says_how_good_it_is() -> None:
 
 
 def test_the_box_holds_the_whole_poisson_ratio_and_stays_within_the_prior(setting: Setting, psi: np.ndarray) -> None:
-    box = first_box(setting, psi, 100.0 * np.eye(len(psi)))
+    box = find_first_box(setting, psi, 100.0 * np.eye(len(psi)))
     friction, poisson = zip(box.lower, box.upper, strict=True)
     assert -0.02 < friction[0] < friction[1] < 2.0
     assert poisson == pytest.approx((0.0, 1.0), abs=1e-5)
@@ -133,15 +87,13 @@ def test_pairs_are_neighbours_of_a_chain() -> None:
 
 @pytest.mark.study
 @pytest.mark.timeout(3600)
-def test_both_methods_agree_with_joint_sampling() -> None:
+def test_the_factorised_method_agrees_with_joint_sampling() -> None:
     """A problem small enough for joint NUTS, with an emulator good enough for the factorised method."""
-    problem = made_up_problem(250, 15, seed=3)
+    problem = make_up_problem(250, 15, seed=3)
     settings = CalibrationSettings(chains=4, draws=800, tune=400)
     joint = calibrate_joint(problem, settings)
-    blocked = calibrate_blocked(problem, settings)
     factorised = calibrate_factorised(problem, settings)
-    assert joint.n_divergences == blocked.n_divergences == factorised.n_divergences == 0
-    _assert_same(blocked, joint)
+    assert joint.n_divergences == factorised.n_divergences == 0
     if factorised.k_hat is not None and factorised.k_hat < K_HAT_LIMIT:
         _assert_same(factorised, joint)
 

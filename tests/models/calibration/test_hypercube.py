@@ -2,17 +2,17 @@ import numpy as np
 import pytest
 
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.held_out import emulate, is_held_out, score
-from models.calibration.means.hypercube import HypercubePlan, hypercube
+from models.calibration.means.checks import emulate, is_held_out, score
+from models.calibration.means.hypercube import HypercubePlan, draw_hypercube
 from models.calibration.means.problem import THETA_LOWER, THETA_UPPER
-from models.calibration.means.synthetic import Truth, made_up_problem
+from models.calibration.means.synthetic import Truth, make_up_problem
 from models.calibration.means.trend import FRICTION_OFFSET
 from models.design.space import PARAMETERS, RIB_COUNT_COLUMN, to_unit
 from tests.tasks.calibration.calibration_lake import made_up_result
 
 
 def columns(plan):
-    points = hypercube(plan)
+    points = draw_hypercube(plan)
     theta = np.array([list(p.theta.model_dump().values()) for p in points])
     return to_unit([p.design for p in points]), theta
 
@@ -37,13 +37,13 @@ def test_every_column_has_one_point_in_each_nth_of_its_range(spread):
 
 def test_a_plan_is_the_same_whenever_asked_and_another_is_another():
     plan = HypercubePlan(n=30, seed=1)
-    assert hypercube(plan) == hypercube(HypercubePlan(n=30, seed=1))
-    assert len({p.design.design_id for p in hypercube(plan) + hypercube(HypercubePlan(n=31, seed=1))}) == 61
+    assert draw_hypercube(plan) == draw_hypercube(HypercubePlan(n=30, seed=1))
+    assert len({p.design.design_id for p in draw_hypercube(plan) + draw_hypercube(HypercubePlan(n=31, seed=1))}) == 61
     assert plan.plan_id != HypercubePlan(n=30, seed=1, spread="uniform").plan_id
 
 
 def test_no_point_is_incompressible():
-    assert max(p.theta.poisson_ratio for p in hypercube(HypercubePlan(n=5000))) < 0.4999
+    assert max(p.theta.poisson_ratio for p in draw_hypercube(HypercubePlan(n=5000))) < 0.4999
 
 
 def test_one_design_of_each_five_is_held_out_and_stays_so():
@@ -68,7 +68,7 @@ def test_scores_of_few_or_constant_forces_have_no_correlation():
 
 @pytest.mark.parametrize("scales", [True, False])
 def test_the_emulator_predicts_the_simulator_at_any_theta(scales):
-    problem = made_up_problem(400, 20, 1, Truth(discrepancy=0.0, noise_sd_n=0.0), scales_with_modulus=scales)
+    problem = make_up_problem(400, 20, 1, Truth(discrepancy=0.0, noise_sd_n=0.0), scales_with_modulus=scales)
     result = made_up_result(problem, CalibrationSettings(chains=2, draws=50))
     x, y = problem.x_real, problem.y_real
     at_truth = score(emulate(problem, result, x, np.array(Truth().theta)), y)
@@ -78,5 +78,5 @@ def test_the_emulator_predicts_the_simulator_at_any_theta(scales):
 
 
 def test_every_design_of_a_plan_is_legal():
-    for point in hypercube(HypercubePlan(n=300, seed=5)):
+    for point in draw_hypercube(HypercubePlan(n=300, seed=5)):
         assert set(point.design.model_dump()) == set(PARAMETERS)

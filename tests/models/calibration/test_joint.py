@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from models.calibration.inference.optimise import climb, laplace_covariance
+from models.calibration.inference.optimise import climb, find_laplace_covariance
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.means.joint_nuts import calibrate_joint
-from models.calibration.means.synthetic import made_up_problem
+from models.calibration.means.synthetic import make_up_problem
 from models.errors import FastError
 
 SETTINGS = CalibrationSettings(chains=2, tune=80, draws=80, target_accept=0.8, workers=1)
 
 
 def test_measurements_without_information_return_the_prior():
-    problem = made_up_problem(20, 5, seed=1)
+    problem = make_up_problem(20, 5, seed=1)
     problem = dataclasses.replace(problem, variance_real=np.full(5, 1e8))
     settings = SETTINGS.model_copy(update={"tune": 100, "draws": 200, "rho": "free"})
     result = calibrate_joint(problem, settings)
@@ -37,7 +37,7 @@ def test_measurements_without_information_return_the_prior():
 
 
 def test_repeated_designs_with_other_forces_are_the_nuggets_and_the_noises():
-    problem = made_up_problem(30, 8, seed=5)
+    problem = make_up_problem(30, 8, seed=5)
     problem = dataclasses.replace(
         problem,
         x_sim=problem.x_sim[np.arange(30) // 2],
@@ -57,6 +57,6 @@ def test_the_normal_approximation_of_a_normal_is_exact_and_no_density_is_refused
 
     best = climb(density, [np.zeros(2), np.full(2, 5.0)])[0]
     np.testing.assert_allclose(best.vector, 1.0, atol=1e-4)
-    np.testing.assert_allclose(laplace_covariance(density, best.vector), np.linalg.inv(precision), rtol=1e-6)
+    np.testing.assert_allclose(find_laplace_covariance(density, best.vector), np.linalg.inv(precision), rtol=1e-6)
     with pytest.raises(FastError, match="repeated designs with contradicting forces"):
         climb(lambda z: (-np.inf, np.zeros(2)), [np.zeros(2)])

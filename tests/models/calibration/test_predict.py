@@ -3,17 +3,18 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from models.calibration.means.mixture import Mixture, scores_of
 from models.calibration.means.parameters import Phi
 from models.calibration.means.predict import (
-    drawn_models,
-    n_emulator_parameters,
+    Mixture,
+    condition_models,
+    count_emulator_parameters,
     predict_measured,
     predict_simulated,
+    score_mixture,
     thinned,
 )
 from models.calibration.means.problem import Standardised, unit_theta
-from models.calibration.means.synthetic import made_up_problem
+from models.calibration.means.synthetic import make_up_problem
 from models.gaussian_process.matern import matern52
 from tests.models.calibration.calibration_draws import made_up_result
 
@@ -54,15 +55,15 @@ class Joint:
 
 @pytest.fixture(scope="module", params=[False, True], ids=["input", "factor"])
 def problem(request):
-    return made_up_problem(40, 12, seed=1, scales_with_modulus=request.param)
+    return make_up_problem(40, 12, seed=1, scales_with_modulus=request.param)
 
 
 @pytest.fixture(scope="module")
 def model(problem):
-    return next(drawn_models(problem, made_up_result(problem, rho="free"), 3))
+    return next(condition_models(problem, made_up_result(problem, rho="free"), 3))
 
 
-X_NEW = made_up_problem(20, 6, seed=9).x_real
+X_NEW = make_up_problem(20, 6, seed=9).x_real
 
 
 def test_measured_is_the_conditional_of_the_joint_distribution(problem, model):
@@ -102,8 +103,8 @@ def test_prediction_at_a_measured_design_is_its_measurement_without_noise(proble
 
 
 def test_scaling_the_modulus_scales_the_simulated_force():
-    problem = made_up_problem(40, 12, seed=1, scales_with_modulus=True)
-    model = next(drawn_models(problem, made_up_result(problem), 1))
+    problem = make_up_problem(40, 12, seed=1, scales_with_modulus=True)
+    model = next(condition_models(problem, made_up_result(problem), 1))
     low, low_variance = model.simulated(X_NEW, np.array([5.0, 0.5, 0.3]))
     high, high_variance = model.simulated(X_NEW, np.array([20.0, 0.5, 0.3]))
     np.testing.assert_allclose(high, 4 * low)
@@ -112,7 +113,7 @@ def test_scaling_the_modulus_scales_the_simulated_force():
 
 def test_prediction_is_the_mixture_over_draws(problem):
     result = made_up_result(problem)
-    models = list(drawn_models(problem, result, 4))
+    models = list(condition_models(problem, result, 4))
     means = np.array([m.measured(X_NEW)[0] for m in models])
     variances = np.array([m.measured(X_NEW)[1] for m in models])
     predicted = predict_measured(problem, result, X_NEW, n_draws=4)
@@ -127,9 +128,9 @@ def test_draws_are_thinned_evenly_and_share_factors(problem):
     rows = thinned(result, 5)
     flat = result.draws.reshape(20, -1)
     np.testing.assert_array_equal(rows, flat[[0, 5, 10, 14, 19]])
-    n_phi = n_emulator_parameters(result)
+    n_phi = count_emulator_parameters(result)
     result.draws[:, :, :n_phi] = result.draws[0, 0, :n_phi]
-    assert len({id(model.emulator) for model in drawn_models(problem, result, 5)}) == 1
+    assert len({id(model.emulator) for model in condition_models(problem, result, 5)}) == 1
 
 
 def test_mixture_statistics_agree_with_integration():
@@ -150,9 +151,9 @@ def test_scores_of_right_predictions():
     rng = np.random.default_rng(0)
     truth = rng.normal(size=400)
     predicted = Mixture.equal(np.tile(truth, (3, 1)), np.full((3, 400), 0.25))
-    scores = scores_of(predicted, truth + 0.5 * rng.normal(size=400))
+    scores = score_mixture(predicted, truth + 0.5 * rng.normal(size=400))
     assert scores.coverage_90 == pytest.approx(0.9, abs=0.04)
     assert scores.rmse_n == pytest.approx(0.5, abs=0.05)
     assert scores.correlation > 0.85
     assert scores.crps_n == pytest.approx(0.5 / np.sqrt(np.pi), abs=0.03)
-    assert scores_of(Mixture.equal(np.ones((1, 2)), np.ones((1, 2))), np.ones(2)).correlation is None
+    assert score_mixture(Mixture.equal(np.ones((1, 2)), np.ones((1, 2))), np.ones(2)).correlation is None

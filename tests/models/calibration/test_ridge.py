@@ -1,31 +1,34 @@
-"""The shear that straightens the ridge between Young's modulus and friction."""
+"""The ridge between Young's modulus and friction: the shear that straightens it, and tempering across its passes."""
 
 from functools import cache
 
 import numpy as np
 import pytest
 
+from models.calibration.inference.parallel_chains import sample
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.conditional_density import Setting
-from models.calibration.means.factorised import factor_at
-from models.calibration.means.parameters import Layout
+from models.calibration.means.factorised import factorise_at
+from models.calibration.means.parameters import ParameterVector
 from models.calibration.means.problem import Standardised
-from models.calibration.means.ridge import Straightened
-from models.calibration.means.synthetic import made_up_problem
-from models.calibration.means.theta_surrogate import Box, build
+from models.calibration.means.psi_density import Setting
+from models.calibration.means.ridge import ReparameterisedDensity, find_profile, find_share_taken_off, temper_ridge
+from models.calibration.means.synthetic import make_up_problem
+from models.calibration.means.theta_surrogate import Box, build_surrogate
 
 
 @cache
-def straightened(scales_with_modulus: bool) -> tuple[Straightened, np.ndarray]:
+def straightened(scales_with_modulus: bool) -> tuple[ReparameterisedDensity, np.ndarray]:
     """A density, and a psi inside its box."""
-    data = Standardised.of(made_up_problem(40, 8, seed=3, scales_with_modulus=scales_with_modulus))
-    setting = Setting.of(data, Layout.of(data, CalibrationSettings()))
-    draw = setting.layout.draw_prior(np.random.default_rng(4))
-    psi = draw[setting.layout.n_phi :]
-    psi[-3:] = setting.layout.unconstrained_theta(np.array([9.0, 0.55, 0.34]))
+    data = Standardised.of(make_up_problem(40, 8, seed=3, scales_with_modulus=scales_with_modulus))
+    setting = Setting.of(data, ParameterVector.of(data, CalibrationSettings()))
+    draw = setting.parameters.draw_prior(np.random.default_rng(4))
+    psi = draw[setting.parameters.n_phi :]
+    psi[-3:] = setting.parameters.unconstrained_theta(np.array([9.0, 0.55, 0.34]))
     k = 2 if scales_with_modulus else 3
     box = Box(np.full(k, 0.05), np.full(k, 0.95))
-    return Straightened(build(factor_at(draw[: setting.layout.n_phi], setting), setting, box, (5,) * k, psi)), psi
+    return ReparameterisedDensity(
+        build_surrogate(factorise_at(draw[: setting.parameters.n_phi], setting), setting, box, (5,) * k, psi)
+    ), psi
 
 
 @pytest.mark.parametrize("scales_with_modulus", [True, False])
@@ -56,7 +59,7 @@ def test_along_the_ridge_the_mean_force_stays() -> None:
     other[-2] += 0.4
     forces = []
     for vector in (psi, density.to_psi(other)):
-        theta = setting.layout.theta(vector[-3:])
+        theta = setting.parameters.theta(vector[-3:])
         amplitude = setting.data.amplitude(theta, 1.0)
         forces.append(amplitude * density.surrogate.mean_force(setting.inputs(theta))[0])
     assert density.to_psi(other)[-3] < psi[-3]
@@ -70,3 +73,68 @@ def test_covariance_is_that_of_moved_draws() -> None:
     found = np.cov(density.from_psi(draws).T)[-3:, -3:]
     expected = density.covariance(covariance, psi)[-3:, -3:]
     np.testing.assert_allclose(found, expected, atol=0.08 * float(np.diag(expected).max()))
+
+
+SUMMITS, HEIGHTS, WIDTH = np.array([-0.6, 0.25]), np.array([0.0, -1.0]), 0.1
+ENDS = (-2.0, 1.0)
+
+
+def hills(values: np.ndarray) -> tuple[float, np.ndarray]:
+    """Two normal hills over ln friction, five widths apart, and two normal directions that lean on it."""
+    first, friction, last = values
+    parts = HEIGHTS - 0.5 * ((friction - SUMMITS) / WIDTH) ** 2
+    value = float(np.logaddexp(*parts))
+    by_friction = float(np.exp(parts - value) @ (-(friction - SUMMITS) / WIDTH**2))
+    lean = first + 2.0 * friction
+    value += -0.5 * lean**2 - 0.5 * last**2
+    return value, np.array([-lean, by_friction - 2.0 * lean, -last])
+
+
+MODE = np.array([1.2, -0.6, 0.0])
+
+
+def test_the_profile_is_the_largest_density_at_each_friction():
+    grid = np.linspace(-1.0, 0.5, 7)
+    expected = [hills(np.array([-2.0 * f, f, 0.0]))[0] for f in grid]
+    np.testing.assert_allclose(find_profile(hills, MODE, grid), expected, atol=1e-6)
+
+
+def test_one_summit_or_a_low_pass_is_left_alone():
+    x = np.linspace(-1.0, 1.0, 41)
+    assert find_share_taken_off(-50.0 * x**2)[0] == 0.0
+    assert find_share_taken_off(-1.3 * np.cos(2 * np.pi * x))[0] > 0.0  # 2.6 nats deep
+    assert find_share_taken_off(-0.8 * np.cos(2 * np.pi * x))[0] == 0.0
+    assert temper_ridge(lambda v: (-0.5 * float(v @ v), -v), np.zeros(3), ENDS) is None
+
+
+def test_a_summit_far_below_the_highest_does_not_matter():
+    x = np.linspace(-1.0, 1.0, 81)
+    far = np.logaddexp(-200.0 * (x + 0.5) ** 2, -9.0 - 200.0 * (x - 0.5) ** 2)
+    assert find_share_taken_off(far)[0] == 0.0
+
+
+def test_a_tempered_pass_is_two_nats_deep_and_its_slope_is_that_of_differences():
+    tempering = temper_ridge(hills, MODE, ENDS)
+    assert tempering is not None
+    along = np.array([[-2.0 * f, f, 0.0] for f in np.linspace(-0.6, 0.25, 60)])
+    left = np.array([hills(row)[0] - tempering(row) for row in along])
+    assert min(left[0], left[-1]) - left.min() == pytest.approx(2.0, abs=0.3)
+    step = np.array([0.0, 1e-6, 0.0])
+    for row in (along[10], np.array([0.0, -2.5, 0.0])):
+        assert tempering.slope(row) == pytest.approx((tempering(row + step) - tempering(row - step)) / 2e-6, abs=1e-5)
+
+
+def test_chains_cross_the_pass_and_weights_put_the_hills_back():
+    tempering = temper_ridge(hills, MODE, ENDS)
+    assert tempering is not None
+
+    def tempered(values):
+        value, gradient = hills(values)
+        gradient[-2] -= tempering.slope(values)
+        return value - tempering(values), gradient
+
+    settings = CalibrationSettings(chains=4, draws=600, tune=300, workers=1, target_accept=0.8)
+    draws = sample(tempered, np.tile(MODE, (4, 1)), settings, scale=np.diag([1.0, 0.2, 1.0])).flat
+    weights = np.exp([tempering(row) for row in draws])
+    share = weights[draws[:, 1] > -0.2].sum() / weights.sum()
+    assert share == pytest.approx(np.exp(-1.0) / (1.0 + np.exp(-1.0)), abs=0.08)

@@ -2,15 +2,19 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from models.calibration.inference.density_plot import density_of
 from models.calibration.inference.settings import ThetaPriors
-from models.calibration.inference.summary import prior_of, rank_correlations, summarise, summary_of, theta_summary
-from models.calibration.means.leave_one_out import check_calibration
-from models.calibration.means.mixture import scores_of
-from models.calibration.means.predict import drawn_models, predict_measured
+from models.calibration.inference.summary import (
+    correlate_ranks,
+    estimate_density,
+    find_prior,
+    summarise,
+    summarise_all,
+    summarise_theta,
+)
+from models.calibration.means.checks import check_calibration, measure_emulator_relevance, measure_relevance
+from models.calibration.means.predict import condition_models, predict_measured, score_mixture
 from models.calibration.means.problem import THETA, Standardised
-from models.calibration.means.relevance import emulator_relevance, permutation_relevance
-from models.calibration.means.synthetic import made_up_problem
+from models.calibration.means.synthetic import make_up_problem
 from tests.models.calibration.calibration_draws import made_up_result
 
 THETA_BEFORE = np.array([11.5, 0.56, 0.45])
@@ -18,7 +22,7 @@ THETA_BEFORE = np.array([11.5, 0.56, 0.45])
 
 @pytest.fixture(scope="module")
 def problem():
-    return made_up_problem(60, 14, seed=2)
+    return make_up_problem(60, 14, seed=2)
 
 
 @pytest.fixture(scope="module")
@@ -28,16 +32,16 @@ def result(problem):
 
 def test_density_reaches_the_bounds():
     rng = np.random.default_rng(0)
-    flat = density_of(rng.uniform(0.2, 0.5, 20_000))
+    flat = estimate_density(rng.uniform(0.2, 0.5, 20_000))
     assert flat.density[[0, -1]] == pytest.approx(1 / 0.3, rel=0.12)
-    falling = density_of(rng.exponential(size=20_000))
+    falling = estimate_density(rng.exponential(size=20_000))
     assert falling.mode < 0.15
-    assert density_of(np.full(10, 3.0)).mode == 3.0
+    assert estimate_density(np.full(10, 3.0)).mode == 3.0
 
 
 def test_table_2_of_a_gamma_distribution():
     draws = np.random.default_rng(1).gamma(6.6, 0.1, size=(8, 8000))
-    summary = summarise(draws, prior_of("friction", ThetaPriors()))
+    summary = summarise(draws, find_prior("friction", ThetaPriors()))
     exact = stats.gamma(6.6, scale=0.1)
     assert summary.mean == pytest.approx(0.66, abs=0.005)
     assert summary.sd == pytest.approx(exact.std(), rel=0.02)
@@ -49,25 +53,25 @@ def test_table_2_of_a_gamma_distribution():
 
 def test_priors_are_those_of_table_3():
     priors = ThetaPriors()
-    modulus = prior_of("young_modulus_mpa", priors)
+    modulus = find_prior("young_modulus_mpa", priors)
     assert modulus.median() == pytest.approx(np.exp(16.138) / 1e6)
     assert np.log(modulus.ppf(stats.norm.cdf(1.0)) / modulus.median()) == pytest.approx(1.0)
-    assert prior_of("poisson_ratio", priors).support() == (0.2, 0.5)
-    assert prior_of("sd_e_n", priors) is None
-    assert prior_of("sd_e_n", priors, 4.0).median() == pytest.approx(1.2)
+    assert find_prior("poisson_ratio", priors).support() == (0.2, 0.5)
+    assert find_prior("sd_e_n", priors) is None
+    assert find_prior("sd_e_n", priors, 4.0).median() == pytest.approx(1.2)
 
 
 def test_summary_has_every_parameter(problem, result):
-    summary = summary_of(result, Standardised.of(problem).force_scale_n)
+    summary = summarise_all(result, Standardised.of(problem).force_scale_n)
     assert tuple(summary) == result.names
-    assert theta_summary(result) == {name: summary[name] for name in THETA}
+    assert summarise_theta(result) == {name: summary[name] for name in THETA}
     assert all(row.q05 <= row.median <= row.q95 for row in summary.values())
     assert summary["young_modulus_mpa"].shrinkage > 0.9
     assert all(row.overlap is not None for row in summary.values())
 
 
 def test_correlations_are_of_ranks(result):
-    names, correlations = rank_correlations(result)
+    names, correlations = correlate_ranks(result)
     assert names == ("young_modulus_mpa", "friction", "poisson_ratio", "sd_e_n", "noise_sd_n")
     expected = stats.spearmanr(result.flat("young_modulus_mpa", "friction")).statistic
     assert correlations[0, 1] == pytest.approx(expected)
@@ -75,15 +79,15 @@ def test_correlations_are_of_ranks(result):
 
 def test_permutation_relevance_is_the_total_sobol_index():
     points = np.random.default_rng(3).random((20_000, 3))
-    relevance = permutation_relevance(lambda z: 2 * z[:, 0] + z[:, 1] ** 2, points, np.random.default_rng(0))
+    relevance = measure_relevance(lambda z: 2 * z[:, 0] + z[:, 1] ** 2, points, np.random.default_rng(0))
     variances = np.array([4 / 12, 1 / 5 - 1 / 9, 0.0])
     assert relevance == pytest.approx(variances / variances.sum(), abs=0.02)
-    assert permutation_relevance(lambda z: np.ones(len(z)), points, np.random.default_rng(0)).max() == 0
+    assert measure_relevance(lambda z: np.ones(len(z)), points, np.random.default_rng(0)).max() == 0
 
 
 def test_friction_matters_most_to_the_emulator(problem, result):
-    model = next(drawn_models(problem, result, 1))
-    relevance = emulator_relevance(model, np.random.default_rng(0))
+    model = next(condition_models(problem, result, 1))
+    relevance = measure_emulator_relevance(model, np.random.default_rng(0))
     assert relevance.shape == (12,)
     assert relevance[10] > 3 * np.median(relevance)
 
@@ -99,4 +103,4 @@ def test_checks_predict_each_design_from_the_others(problem, result):
     direct = predict_measured(problem.take_real(without), result, problem.x_real[[5]], n_draws=40)
     assert checks.predicted.mean[5] == pytest.approx(direct.mean[0], abs=direct.sd[0])
     assert checks.predicted.sd[5] == pytest.approx(direct.sd[0], rel=0.3)
-    assert scores_of(checks.predicted, problem.y_real).n == 14
+    assert score_mixture(checks.predicted, problem.y_real).n == 14

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from models.calibration.means.problem import Standardised, unit_theta, unit_theta_slopes
-from models.calibration.means.synthetic import made_up_problem
+from models.calibration.means.synthetic import make_up_problem
 from models.calibration.means.trend import FRICTION_OFFSET, ForceTrend
 
 RNG = np.random.default_rng(0)
@@ -56,14 +56,14 @@ def test_slopes_of_the_inputs_are_those_of_differences(scales):
 
 
 def test_only_where_the_modulus_is_a_factor_forces_are_in_units_of_a_trend():
-    factor = Standardised.of(made_up_problem(40, 8, 0, scales_with_modulus=True))
+    factor = Standardised.of(make_up_problem(40, 8, 0, scales_with_modulus=True))
     assert np.ptp(factor.trend_real) > 0.1
     assert factor.trend.by_theta[0] > 0.2
-    assert Standardised.of(made_up_problem(40, 8, 0)).trend == ForceTrend()
+    assert Standardised.of(make_up_problem(40, 8, 0)).trend == ForceTrend()
 
 
 def test_emulated_forces_vary_less_in_units_of_the_trend():
-    problem = made_up_problem(200, 8, 0, scales_with_modulus=True)
+    problem = make_up_problem(200, 8, 0, scales_with_modulus=True)
     per_mpa = problem.y_sim / problem.theta_sim[:, 0]
     data = Standardised.of(problem)
     assert 1.0 / data.mean < 0.6 * per_mpa.std() / per_mpa.mean()

@@ -8,14 +8,14 @@ import pytest
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.means.joint_nuts import calibrate_joint
 from models.calibration.means.problem import THETA
-from models.calibration.means.synthetic import Truth, made_up_problem
+from models.calibration.means.synthetic import Truth, make_up_problem
 
 SETTINGS = CalibrationSettings(chains=2, tune=80, draws=80, target_accept=0.8, workers=1)
 
 
 @pytest.mark.parametrize(("seed", "theta"), [(0, (9.0, 0.55, 0.34)), (1, (25.0, 0.9, 0.25))])
 def test_the_truth_lies_within_the_posterior(seed, theta):
-    result = calibrate_joint(made_up_problem(35, 12, seed, Truth(theta=theta)), SETTINGS)
+    result = calibrate_joint(make_up_problem(35, 12, seed, Truth(theta=theta)), SETTINGS)
     lower, upper = np.quantile(result.flat(*THETA), [0.005, 0.995], axis=0)
     assert (lower < theta).all()
     assert (theta < upper).all()
@@ -26,7 +26,7 @@ def test_the_truth_lies_within_the_posterior(seed, theta):
 
 
 def test_a_factor_e_gives_the_theta_that_an_input_e_gives_and_more_sharply():
-    as_factor = made_up_problem(35, 12, seed=4, scales_with_modulus=True)
+    as_factor = make_up_problem(35, 12, seed=4, scales_with_modulus=True)
     as_input = dataclasses.replace(as_factor, scales_with_modulus=False)
     factor, found = (calibrate_joint(problem, SETTINGS) for problem in (as_factor, as_input))
     assert len(factor.names) == len(found.names) - 1

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.gap.naming.name import NameResult, name_effect
+from models.gap.data import GapData
+from models.gap.evaluation.next_experiment import find_confounds
+from models.gap.naming.name import NamingResult, name_effect
 from models.gap.naming.thresholds import Statistics, Thresholds, fit_thresholds
-from models.gap.problem import GapProblem
 from models.records import EffectValue
 from models.simulation.effects.catalogue import CATALOGUE
 from tests.synthetic.gap import GapTruth, made_up_gap
@@ -15,7 +16,7 @@ from tests.synthetic.gap import GapTruth, made_up_gap
 # Made-up grasps have less to hide than a simulator's: their lines are of made-up null worlds.
 LINES = Thresholds(
     effect_r2=0.006,
-    ceiling_r2=0.02,
+    upper_bound_r2=0.02,
     misfit=1.95,
     contrast_misfit=1.62,
     usual_misfit=1.68,
@@ -38,17 +39,17 @@ HIDDEN = {
 }
 
 
-def world(effect: str | None = None, seed: int = 0) -> GapProblem:
+def world(effect: str | None = None, seed: int = 0) -> GapData:
     effects = () if effect is None else (EffectValue(effect=effect, parameters=HIDDEN[effect]),)
     return made_up_gap(7, 7, seed, GapTruth(effects=effects), n_repeats=2)
 
 
-def name(problem: GapProblem, catalogue: tuple[str, ...] = NAMES, in_model: tuple[EffectValue, ...] = ()) -> NameResult:
+def name(problem: GapData, catalogue: tuple[str, ...] = NAMES, in_model: tuple[EffectValue, ...] = ()) -> NamingResult:
     return name_effect(problem, in_model, LINES, catalogue)
 
 
 @pytest.fixture(scope="module")
-def lag() -> NameResult:
+def lag() -> NamingResult:
     return name(world("load_cell_lag"))
 
 
@@ -66,7 +67,7 @@ def test_what_is_hidden_is_named(effect: str) -> None:
     assert result.named.probability > 0.8
 
 
-def test_a_lag_is_named_with_its_time_constant(lag: NameResult) -> None:
+def test_a_lag_is_named_with_its_time_constant(lag: NamingResult) -> None:
     assert (lag.named.kind, lag.named.effects) == ("effect", ("load_cell_lag",))
     found = lag.named.parameters["time_constant_s"]
     assert found.ci90[0] < found.median < found.ci90[1]
@@ -75,7 +76,7 @@ def test_a_lag_is_named_with_its_time_constant(lag: NameResult) -> None:
     assert [value.effect for value in lag.values] == ["load_cell_lag"]
 
 
-def test_once_in_the_model_it_stays_and_nothing_is_left(lag: NameResult) -> None:
+def test_once_in_the_model_it_stays_and_nothing_is_left(lag: NamingResult) -> None:
     result = name(world("load_cell_lag"), in_model=lag.values)
     assert result.named.kind == "none"
     assert result.dropped == ()
@@ -91,16 +92,16 @@ def test_what_is_not_in_the_catalogue_is_unknown() -> None:
     assert result.named.kind == "unknown"
 
 
-def test_aliases_of_theta_are_declared_and_never_tried(lag: NameResult) -> None:
+def test_aliases_of_theta_are_declared_and_never_tried(lag: NamingResult) -> None:
     aliases = {effect for effect, spec in CATALOGUE.items() if spec.alias_of is not None}
-    assert {alias.effect for alias in lag.aliases} == aliases
-    assert not aliases & set(lag.fit.working.predictor.names)
+    assert {confound.effect for confound in find_confounds()} == aliases
+    assert not aliases & set(lag.fit.features.surrogate.names)
     gain = EffectValue(effect="load_cell_gain", parameters={"gain": 1.08})
     problem = made_up_gap(7, 7, 1, GapTruth(effects=(gain,)), n_repeats=2)
     assert name(problem).named.kind == "none"
 
 
-def test_the_same_data_twice_are_no_more_sure(lag: NameResult) -> None:
+def test_the_same_data_twice_are_no_more_sure(lag: NamingResult) -> None:
     problem = world("load_cell_lag")
     grasps = problem.grasps
     twice = replace(

@@ -5,12 +5,12 @@ import numpy as np
 from models.design.space import RIB_COUNT_COLUMN, random_unit, snap
 from models.scientist.acquisition.candidates import (
     CandidateSettings,
+    Spacing,
     candidate_points,
     climb_mean,
     mutate,
     with_all_rib_counts,
 )
-from models.scientist.acquisition.spacing import Spacing
 from models.scientist.surrogate.fit import ObservationSet, fit_surrogate
 from models.scientist.surrogate.posterior import Surrogate
 

@@ -78,7 +78,7 @@ def test_a_simulated_design_may_be_measured_but_not_simulated_again():
     assert again.design != best.design
 
 
-@pytest.mark.parametrize("acquisition", ["mes", "nei", "jes", "thompson", "random"])
+@pytest.mark.parametrize("acquisition", ["mes", "ei", "random"])
 def test_what_was_proposed_before_never_comes_again_and_rejects_keep_their_surroundings_free(
     acquisition: str, monkeypatch: pytest.MonkeyPatch
 ):

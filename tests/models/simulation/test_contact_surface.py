@@ -7,11 +7,18 @@ from models.design.space import BEST_PUBLISHED
 from models.objects.catalogue import get_object
 from models.records import MeshSettings, Placement
 from models.simulation.body.assembly import ElasticBody, Material
-from models.simulation.contact.law import NO_STOP, ContactLaw, ContactResponse, ContactSurface, Obstacle, PointSpacing
+from models.simulation.contact.law import (
+    NO_STOP,
+    ContactLaw,
+    ContactResponse,
+    ContactSurface,
+    ObjectObstacle,
+    Obstacle,
+    PointSpacing,
+)
 from models.simulation.contact.points import contact_points
 from models.simulation.mesh.build import build_mesh
 from models.simulation.model import to_object_frame
-from models.simulation.obstacle import ObjectObstacle
 
 LAW = ContactLaw()
 SPHERE, SPIRAL, TURNED_DIAMOND, JACK, DIABOLO, CUBE = 1, 13, 18, 23, 26, 30

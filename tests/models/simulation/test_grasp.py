@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from models.design.space import BEST_PUBLISHED, random_designs
-from models.errors import SimulationFailed
+from models.errors import SimulationFailed, UsageError
 from models.objects.catalogue import RigidObject, get_object
 from models.records import Design, GraspSetup, GraspSimulation, MeshSettings, Placement, SimulatorVersion, Theta
 from models.simulation.contact.law import ContactLaw
-from models.simulation.effects.static_kinetic_friction import StaticKineticFriction
-from models.simulation.effects.wall_thickness_offset import WallThicknessOffset
+from models.simulation.effects.contact import StaticKineticFriction
+from models.simulation.effects.geometry import WallThicknessOffset
 from models.simulation.grasp import Numerics, simulate_grasp
 from models.simulation.mesh.build import build_mesh
 from models.simulation.solver.stepping import StepLimits
 
 SPHERE, CUBE, CONE, SPIRAL, TRIANGLE = (get_object(i) for i in (1, 30, 24, 13, 21))
-NOTES_SETUP = GraspSetup(closed_gap_mm=26)  # overlap of 12 mm with objects of 50 mm, as in notes/fem.md
+PROTOTYPE_SETUP = GraspSetup(closed_gap_mm=26)  # overlap of 12 mm with objects of 50 mm
 
 
 def solid_of(object_class: str, parameters: dict[str, float], orientation: str = "axis z") -> RigidObject:
@@ -41,7 +41,7 @@ def cube() -> GraspSimulation:
     return simulate_grasp(BEST_PUBLISHED, CUBE)
 
 
-# Peak of one finger in N by the prototype's finest mesh, 12.9 k unknowns and sharp corners (notes/fem.md section 8).
+# Peak of one finger in N by the prototype's finest mesh, 12.9 k unknowns and sharp corners.
 @pytest.mark.parametrize(
     ("obj", "peak_n"),
     [
@@ -51,7 +51,7 @@ def cube() -> GraspSimulation:
     ],
 )
 def test_peaks_agree_with_the_prototype(obj: RigidObject, peak_n: float) -> None:
-    result = simulate_grasp(BEST_PUBLISHED, obj, setup=NOTES_SETUP)
+    result = simulate_grasp(BEST_PUBLISHED, obj, setup=PROTOTYPE_SETUP)
     assert result.peak_force_n / 2 == pytest.approx(peak_n, rel=0.03)
     assert result.cpu_s < 10
 
@@ -165,6 +165,11 @@ def test_slip_weakening_converges_with_the_step() -> None:
     steps = Numerics(limits=StepLimits(closing_mm=1.0, fine_lift_mm=0.25, lift_mm=1.0))
     fine = simulate_grasp(BEST_PUBLISHED, SPHERE, effects=[effect], numerics=steps)
     assert coarse.peak_force_n == pytest.approx(fine.peak_force_n, rel=0.05)
+
+
+def test_a_removed_tier_is_refused_in_one_sentence() -> None:
+    with pytest.raises(UsageError, match="The simulator tier `screening` was removed; simulate with `production`"):
+        simulate_grasp(BEST_PUBLISHED, SPHERE, SimulatorVersion(tier="screening"))
 
 
 def test_time_and_step_limits_fail_with_a_reason() -> None:

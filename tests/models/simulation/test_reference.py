@@ -1,4 +1,4 @@
-"""The solver against CalculiX 2.20: dead loads to 1e-5, frictionless contact to 1 % (notes/fem.md section 5)."""
+"""The solver against CalculiX 2.20: dead loads to 1e-5, frictionless contact to 1 %."""
 
 from pathlib import Path
 
@@ -10,9 +10,10 @@ from models.simulation.contact.law import NO_STOP, ContactLaw, ContactSurface, P
 from models.simulation.finger import FingerStep
 from models.simulation.mesh.solid import ElementBlock, SolidMesh
 from models.simulation.solver.cholesky import BlockCholesky
-from models.simulation.solver.newton import NewtonSettings, NewtonSolver, solve_dead_load
+from models.simulation.solver.newton import NewtonSettings, NewtonSolver
 from models.simulation.solver.stepping import Path as BasePath
 from models.simulation.solver.stepping import StepLimits, Stepper
+from tests.models.simulation.dead_load import solve_dead_load
 
 CALCULIX = np.load(Path(__file__).parents[2] / "data" / "fem" / "calculix.npz")
 PUSH = np.array([-1.0, 0.0, 0.0])

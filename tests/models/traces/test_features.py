@@ -36,7 +36,7 @@ def trace_of(places_mm: list[float], forces_n: list[float], rate: float = 16.0, 
 
 
 def plain(trace: Trace) -> dict[str, float]:
-    """The definitions of docs/features.md, one trace at a time, in numpy and SciPy."""
+    """The definitions of docs/explanation/trace-features.md, one trace at a time, in numpy and SciPy."""
     lift, force = trace.lift_mm[trace.is_lift], trace.force_n[trace.is_lift]
     ordered = np.maximum.accumulate(lift)
     n = int(ordered[-1] / STEP_MM)

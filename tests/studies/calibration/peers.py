@@ -14,9 +14,9 @@ import numpy as np
 from flows.benchmarks.base import Options, Rows, Tables, timed
 from flows.benchmarks.outcomes import RecordFile, read_records
 from models.calibration.inference.settings import CalibrationSettings, ThetaPriors
-from models.calibration.means.mixture import Mixture
+from models.calibration.means.predict import Mixture
 from models.calibration.means.problem import THETA, CalibrationProblem
-from models.calibration.means.synthetic import Truth, discrepancy_n, force_n, made_up_problem
+from models.calibration.means.synthetic import Truth, discrepancy_n, force_n, make_up_problem
 from models.errors import MissingDependencyError
 from models.records import Record
 
@@ -79,7 +79,7 @@ def measure_calibration_peers(options: Options) -> Tables:
 def estimate(tool: str, seed: int) -> Estimate:
     """Calibrate problem `seed` with a tool."""
     truth = truth_of(seed)
-    problem = made_up_problem(N_SIM, N_REAL, seed, truth)
+    problem = make_up_problem(N_SIM, N_REAL, seed, truth)
     if tool == OURS:
         (draws, ess), cpu_s = timed(partial(_ours, problem, seed))
         n_simulations = problem.n_sim
@@ -203,10 +203,10 @@ def _physical(theta: np.ndarray) -> np.ndarray:
 
 
 def _least_ess(draws: np.ndarray) -> float:
-    from models.calibration.inference.diagnostics import convergence
+    from models.calibration.inference.diagnostics import measure_convergence
 
     parts = draws[: len(draws) // 4 * 4].reshape(4, -1, len(THETA))  # as if they were chains
-    _, ess_bulk, _ = convergence(THETA, parts)
+    _, ess_bulk, _ = measure_convergence(THETA, parts)
     return min(ess_bulk.values())
 
 

@@ -105,32 +105,34 @@ def calibrate_world(kind: Kind, world: int) -> WorldOutcome:
 
 
 def _calibrate_world(kind: Kind, world: int) -> WorldOutcome:
-    from models.calibration.inference.diagnostics import convergence
+    from models.calibration.inference.diagnostics import measure_convergence
     from models.calibration.means.joint_density import JointDensity
     from models.calibration.means.joint_nuts import sample_joint
-    from models.calibration.means.parameters import Layout
+    from models.calibration.means.parameters import ParameterVector
     from models.calibration.means.problem import Standardised
-    from models.calibration.means.synthetic import Truth, made_up_problem
+    from models.calibration.means.synthetic import Truth, make_up_problem
 
     settings = SETTINGS.model_copy(update={"seed": world})
     theta, rng = _true_theta(kind, settings.priors, world)
     truth = Truth(theta=tuple(theta.tolist()))
-    data = Standardised.of(made_up_problem(N_SIM, N_REAL, world, truth, scales_with_modulus=kind == "factor"))
-    layout = Layout.of(data, settings)
+    data = Standardised.of(make_up_problem(N_SIM, N_REAL, world, truth, scales_with_modulus=kind == "factor"))
+    parameters = ParameterVector.of(data, settings)
     if kind == "model":
-        true_values = layout.draw_prior(rng)
-        data = JointDensity(data, layout).draw_outputs(true_values, rng)
-        names = layout.names
+        true_values = parameters.draw_prior(rng)
+        data = JointDensity(data, parameters).draw_outputs(true_values, rng)
+        names = parameters.names
     else:
-        true_values = np.concatenate([np.zeros(layout.n_phi + layout.n_psi - 3), layout.unconstrained_theta(theta)])
+        true_values = np.concatenate(
+            [np.zeros(parameters.n_phi + parameters.n_psi - 3), parameters.unconstrained_theta(theta)]
+        )
         names = THETA
-    samples, steps = sample_joint(data, layout, settings)
-    numbers = [layout.names.index(name) for name in names]
-    r_hat, ess, _ = convergence(names, samples.draws[:, :, numbers])
+    samples, steps = sample_joint(data, parameters, settings)
+    numbers = [parameters.names.index(name) for name in names]
+    r_hat, ess, _ = measure_convergence(names, samples.draws[:, :, numbers])
     rows = np.linspace(0, len(samples.flat) - 1, N_RANKED).round().astype(int)
     ranks = {name: _rank(samples.flat[rows, k], true_values[k]) for name, k in zip(names, numbers, strict=True)}
     if kind == "model":
-        density = JointDensity(data, layout)
+        density = JointDensity(data, parameters)
         values = np.array([density(row)[0] for row in samples.flat[rows]])
         ranks[LOG_DENSITY] = _rank(values, density(true_values)[0])
     lower, upper = np.quantile(samples.flat[:, numbers], INTERVAL, axis=0)

@@ -18,7 +18,7 @@ from lake.store import Lake
 from lake.tables.campaign import EventRow, GraspRow, Row, TraceRow
 from models.records import BENCH_FAULT
 from models.traces import peak_force_n
-from tasks.bench.measure import planned_cells
+from tasks.bench.plan import order_cells
 from tasks.campaign.campaign import Campaign
 from tests.studies.crash.labels import SparseTraceError, label_problem, read_fingerprint
 
@@ -112,7 +112,7 @@ def _order_problems(campaign: Campaign, grasps: list[Grasp]) -> list[str]:
     if [grasp["order"] for grasp in grasps] != list(range(len(grasps))):
         problems.append(f"the places of the grasps are {[grasp['order'] for grasp in grasps]}")
     tools = campaign.state().tools_of(1)
-    planned = [(tool.tool_id, *cell) for tool in tools for cell in planned_cells(campaign, tool)]
+    planned = [(tool.tool_id, *cell) for tool in tools for cell in order_cells(campaign, tool)]
     if [_label(grasp) for grasp in grasps if grasp["status"] == "ok"] != planned:
         problems.append("the grasps were not made in the planned order")
     for before, after in pairwise(grasps):

@@ -14,12 +14,15 @@ from flows.server.crashed_runs import CONTINUED
 @flow(name=CONTINUED, flow_run_name="run {config}")
 def campaign(config: str, lake: str, auto_print: bool = True) -> State[Any]:
     """As `flows.deployments.campaign`, with made-up physics."""
-    from flows.campaign.launch import Voice, run_campaign
+    from flows.campaign.launch import run_campaign
+    from flows.progress import ProgressReporter
 
     use_made_up_physics()
 
     def work() -> str:
-        outcome = run_campaign(Path(config), lake, auto_print=auto_print, voice=Voice(_say_nothing, _say_nothing))
+        outcome = run_campaign(
+            Path(config), lake, auto_print=auto_print, reporter=ProgressReporter(_say_nothing, _say_nothing)
+        )
         return f"campaign {outcome.campaign_id} is {'complete' if outcome.is_complete else 'not complete'}"
 
     return ended(work)

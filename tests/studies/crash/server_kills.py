@@ -199,7 +199,7 @@ def _after(name: str) -> str:
 
 def _deploy(lab: Lab) -> str:
     """The deployment of the made-up campaign, as `prefect deploy` would make it; returns its id."""
-    lab.wait_for_pool()
+    lab.prepare_pool()
     flow_id = ask_again(lab, "/flows/", {"name": CONTINUED})["id"]
     step = {"prefect.deployments.steps.set_working_directory": {"directory": str(CHECKOUT)}}
     deployment = {

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 import models
-from models.gap.problem import GapProblem
+from models.gap.data import GapData
 from models.ids import content_id
 from models.records import EffectValue, Record
 from models.solver_code import source_id
 from models.traces.step_features import N_STEPS
 
 if TYPE_CHECKING:
-    from models.gap.naming.name import NameResult
+    from models.gap.naming.name import NamingResult
     from models.gap.naming.thresholds import Statistics, Thresholds
 
 MAX_ROUNDS = 3
@@ -83,7 +83,7 @@ def naming_code() -> str:
 
 
 def answer(
-    problem: GapProblem,
+    problem: GapData,
     thresholds: "Thresholds",
     *,
     without: Sequence[str] = (),
@@ -96,12 +96,11 @@ def answer(
     without: effects taken out of the catalogue. truth: names of the true effects, for the oracle's share of the gap
     only. keep_evidence: for `models.gap.naming.thresholds.fit_temperature`.
     """
-    from models.gap.bank.predict import Predictor
     from models.gap.naming.name import name_effect
 
     started = time.process_time()
-    catalogue = [name for name in Predictor.of(problem).names if name not in without]
-    results: list[NameResult] = []
+    catalogue = [name for name in problem.surrogate.names if name not in without]
+    results: list[NamingResult] = []
     in_model: tuple[EffectValue, ...] = ()
     for _ in range(max_rounds):
         result = name_effect(problem, in_model, thresholds, catalogue)
@@ -139,7 +138,7 @@ def _rounded(gains: Sequence[np.ndarray]) -> tuple[tuple[tuple[float, ...], ...]
     return tuple(tuple(tuple(row) for row in np.round(gain, 3).tolist()) for gain in gains)
 
 
-def _said(result: "NameResult") -> Said:
+def _said(result: "NamingResult") -> Said:
     named = result.named
     return Said(
         kind=named.kind,
@@ -150,25 +149,23 @@ def _said(result: "NameResult") -> Said:
     )
 
 
-def _closing(problem: GapProblem, results: Sequence["NameResult"], truth: Sequence[str]) -> Closing | None:
+def _closing(problem: GapData, results: Sequence["NamingResult"], truth: Sequence[str]) -> Closing | None:
     """How much of the gap on held-out grasps the named effects close; None if nothing is held out."""
-    from models.gap.bank.predict import Predictor
     from models.gap.fit.fit import Fit
-    from models.gap.naming.refit import refitted
+    from models.gap.naming.candidates import fit_effect
 
-    predictor = Predictor.of(problem)
-    is_out = problem.is_held_out & predictor.is_usable
+    is_out = problem.is_held_out & problem.surrogate.is_usable
     if not is_out.any():
         return None
 
     def rmse_n(fit: Fit) -> float:
-        predicted = predictor.steps(fit.theta, fit.effects)
+        predicted = problem.surrogate.predict_steps(fit.theta, fit.effects)
         return _rms((problem.grasps.steps_n - predicted)[is_out])
 
     first = results[0]
     oracle_n = None
-    if len(truth) == 1 and truth[0] in first.screen.names:
-        oracle_n = rmse_n(refitted(first.fit, first.screen, truth)[0].fit)
+    if len(truth) == 1 and truth[0] in first.ranking.names:
+        oracle_n = rmse_n(fit_effect(first.fit, first.ranking, truth[0]))
     named = [result for result in results if result.values]
     return Closing(
         before_n=rmse_n(first.fit),
@@ -178,7 +175,7 @@ def _closing(problem: GapProblem, results: Sequence["NameResult"], truth: Sequen
     )
 
 
-def _repeat_rms(problem: GapProblem, is_chosen: np.ndarray) -> float:
+def _repeat_rms(problem: GapData, is_chosen: np.ndarray) -> float:
     """Root mean square difference of repeats from their mean, in N: what no model can close."""
     grasps = problem.grasps
     cells: dict[tuple[int, int], list[int]] = {}
@@ -192,7 +189,7 @@ def _repeat_rms(problem: GapProblem, is_chosen: np.ndarray) -> float:
     return float(np.sqrt(parts / max(free, 1)))
 
 
-def _numerical_rms(problem: GapProblem, is_chosen: np.ndarray, young_modulus_mpa: float) -> float:
+def _numerical_rms(problem: GapData, is_chosen: np.ndarray, young_modulus_mpa: float) -> float:
     """Root mean square change of the chosen grasps by other meshes of the bank, in N."""
     bank, grasps = problem.bank, problem.grasps
     change_n = (bank.numerical_steps_n - bank.centre_steps_n[:, :, None])[grasps.tool, grasps.obj][is_chosen]

@@ -16,7 +16,7 @@ from flows.benchmarks.base import Options, Tables
 from flows.benchmarks.outcomes import RecordFile, read_records
 from models.design.space import numbered_design
 from models.errors import UsageError
-from models.gap.problem import Bank
+from models.gap.bank.bank import Bank
 from models.records import GraspSetup, Record, SimulatorVersion
 from tests.studies.gap.answers import Answer, answer, naming_code, statistics_of, thresholds_id
 from tests.studies.gap.panels import Panels
@@ -31,7 +31,7 @@ OBJECTS = (1, 6, 14, 22, 25, 28, 30, 32)
 N_CALIBRATION_NULLS, N_CALIBRATION_SINGLES = 40, 20
 N_WORLDS: dict[Group, int] = {"null": 60, "nasty null": 20, "single": 60, "alias": 12, "unlisted": 12, "pair": 20}
 PUBLIC_SEED = 8
-MARGIN_SD, LEAST_EFFECT_R2, LEAST_CEILING_R2 = 3.0, 0.01, 0.005
+MARGIN_SD, LEAST_EFFECT_R2, LEAST_UPPER_BOUND_R2 = 3.0, 0.01, 0.005
 LEAST_TEMPERATURE = 3.0  # twenty worlds do not tell small ones apart, and laws differ from the catalogue's
 Stage = Literal["calibration", "development", "sealed"]
 
@@ -95,22 +95,22 @@ def results_folder(options: Options) -> Path:
 def open_panels(folder: Path, options: Options) -> tuple[Panels, Bank]:
     """True grasps, and the bank of the simulator's grasps of the same designs and objects."""
     from lake.store import Lake
-    from tasks.gap.bank import bank_of
+    from tasks.gap.bank import read_bank
 
     designs, objects = DESIGNS[: options.designs], options.objects or OBJECTS
     panels = Panels.read(folder / "truth.jsonl", designs, objects)
     own = [numbered_design(number) for number in designs]
-    bank = bank_of(Lake(str(folder / "lake")), SimulatorVersion(), own, objects, GraspSetup())
+    bank = read_bank(Lake(str(folder / "lake")), SimulatorVersion(), own, objects, GraspSetup())
     return panels, with_known_fields(bank)
 
 
 def with_known_fields(bank: Bank) -> Bank:
     """The bank without the effects that were not simulated in nine cells of ten: they cannot be named."""
     known = {
-        name: field for name, field in bank.fields.items() if np.isfinite(field.steps_n).all(axis=(2, 3)).mean() > 0.9
+        name: field for name, field in bank.effects.items() if np.isfinite(field.steps_n).all(axis=(2, 3)).mean() > 0.9
     }
     changes = {name: getattr(bank, name) for name in Bank.__dataclass_fields__}
-    return Bank(**{**changes, "fields": known})
+    return Bank(**{**changes, "effects": known})
 
 
 def read_outcomes(path: Path | None) -> dict[tuple[str, str, int, bool], GapOutcome]:
@@ -164,12 +164,12 @@ def with_margin(lines: "Thresholds", nulls: "Sequence[Statistics]") -> "Threshol
     """Lines no lower than `MARGIN_SD` standard deviations above the mean of null worlds.
 
     The largest of 40 worlds is crossed by one new world in 41, and there are four lines. An effect that predicts less
-    than `LEAST_EFFECT_R2`, a ceiling less than `LEAST_CEILING_R2`, is no gap, whatever null worlds give.
+    than `LEAST_EFFECT_R2`, an upper bound less than `LEAST_UPPER_BOUND_R2`, is no gap, whatever null worlds give.
     """
     found = {name: np.array([getattr(one, name) for one in nulls]) for name in type(nulls[0]).model_fields}
     high = {name: float(values.mean() + MARGIN_SD * values.std()) for name, values in found.items()}
     high["effect_r2"] = max(high["effect_r2"], LEAST_EFFECT_R2)
-    high["ceiling_r2"] = max(high["ceiling_r2"], LEAST_CEILING_R2)
+    high["upper_bound_r2"] = max(high["upper_bound_r2"], LEAST_UPPER_BOUND_R2)
     return lines.model_copy(update={name: max(getattr(lines, name), value) for name, value in high.items()})
 
 

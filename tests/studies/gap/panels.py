@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from models.errors import UsageError
-from models.gap.problem import Bank
+from models.gap.bank.bank import Bank
 from models.records import Trace
 from models.traces.step_features import N_STEPS, is_usable, step_means
 from tests.studies.gap.truth import MODULUS_MPA, SETS, TrueSet, read_truth

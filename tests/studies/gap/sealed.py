@@ -20,7 +20,9 @@ from flows.benchmarks.base import Options, Tables
 from flows.benchmarks.outcomes import RecordFile, read_records
 from models.design.space import numbered_design
 from models.errors import UsageError
-from models.gap.problem import Bank, GapProblem, Grasps
+from models.gap.bank.bank import Bank
+from models.gap.data import GapData
+from models.gap.grasps import Grasps
 from models.records import GraspContext, GraspSetup, Record
 from models.traces.step_noise import SensorNoise
 from tests.studies.gap.answers import Answer, answer, naming_code, thresholds_id
@@ -177,7 +179,7 @@ def judged(folder: Path) -> list[Judged]:
     return found
 
 
-def write_problem(path: Path, problem: GapProblem, designs: Sequence[int]) -> None:
+def write_problem(path: Path, problem: GapData, designs: Sequence[int]) -> None:
     """Grasps of a problem and what is held out; the bank is known."""
     grasps = problem.grasps
     contexts = np.array([[getattr(c, name) for name in GraspContext.model_fields] for c in grasps.contexts])
@@ -195,7 +197,7 @@ def write_problem(path: Path, problem: GapProblem, designs: Sequence[int]) -> No
     )
 
 
-def read_problem(path: Path, bank: Bank) -> GapProblem:
+def read_problem(path: Path, bank: Bank) -> GapData:
     """The problem of a file of `write_problem`."""
     with np.load(path) as file:
         data = {name: file[name] for name in file.files}
@@ -218,7 +220,7 @@ def read_problem(path: Path, bank: Bank) -> GapProblem:
         noise=SensorNoise(**dict(zip([f.name for f in fields(SensorNoise)], data["noise"].tolist(), strict=True))),
         setup=GraspSetup(),
     )
-    return GapProblem(grasps, bank, data["held_out_tools"], data["held_out_objects"])
+    return GapData(grasps, bank, data["held_out_tools"], data["held_out_objects"])
 
 
 def _context(row: Sequence[float]) -> GraspContext:

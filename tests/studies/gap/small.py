@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from models.gap.bank.plan import AMPLITUDES, CENTRE, WIDER_MM
-from models.gap.problem import Bank, Field
+from models.gap.bank.bank import AMPLITUDES, CENTRE, WIDER_MM, Bank, EffectRuns
 from models.records import Trace
 from tests.studies.gap.panels import Panels
 from tests.studies.gap.truth import CHANNELS, SETS
@@ -21,7 +20,7 @@ def write_small(path: Path, panels: Panels, bank: Bank, names: Sequence[str]) ->
     arrays["objects"] = np.array(panels.objects)
     for name in _ARRAYS:
         arrays[name] = _packed(getattr(bank, name))
-    for name, field in bank.fields.items():
+    for name, field in bank.effects.items():
         arrays[f"field {name}"] = _packed(field.steps_n)
     for name in names:
         cells = panels.cells[name]
@@ -35,8 +34,8 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
     """Panels and bank of a file of `write_small`."""
     with np.load(path) as file:
         arrays = {name: file[name] for name in file.files}
-    fields = {
-        name: Field(name, AMPLITUDES[name], _unpacked(arrays[f"field {name}"]))
+    effects = {
+        name: EffectRuns(name, AMPLITUDES[name], _unpacked(arrays[f"field {name}"]))
         for name in AMPLITUDES
         if f"field {name}" in arrays
     }
@@ -49,7 +48,7 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
         numerical_steps_n=_unpacked(arrays["numerical_steps_n"]),
         wider_steps_n=_unpacked(arrays["wider_steps_n"]),
         wider_mm=np.array(WIDER_MM),
-        fields=fields,
+        effects=effects,
     )
     by_name = {one.name: one for one in SETS}
     names = [name.removeprefix("cells ") for name in arrays if name.startswith("cells ")]

@@ -8,7 +8,7 @@ import pytest
 
 from flows.benchmarks.base import Options
 from models.errors import UsageError
-from models.gap.problem import Bank
+from models.gap.bank.bank import Bank
 from models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.gap.answers import Answer, Closing, Said, answer
 from tests.studies.gap.development import measure_gap, with_known_fields, with_margin
@@ -190,10 +190,10 @@ def test_a_benchmark_without_its_files_says_what_it_needs(tmp_path: Path) -> Non
 def test_effects_without_simulations_cannot_be_named(small: tuple[Panels, Bank]) -> None:
     """A bank that is half filled answers with what it has."""
     _, bank = small
-    field = bank.fields["shear_adhesion"]
+    field = bank.effects["shear_adhesion"]
     kept = field.steps_n.copy()
     field.steps_n[:4] = np.nan
-    known = with_known_fields(bank).fields
+    known = with_known_fields(bank).effects
     field.steps_n[:] = kept
     assert "shear_adhesion" not in known
     assert "static_kinetic_friction" in known
@@ -222,7 +222,7 @@ def test_a_tiny_world_with_a_slow_transmitter_is_seen(worlds: Worlds) -> None:
     """S4 with a moving average: an alarm, the lag among the candidates, and no other effect named in its place.
 
     The predictor works on half-millimetre steps and does not know the rise within the first of them, so a lag is not
-    always named yet (docs/gap-worlds.md).
+    always named yet (docs/reference/measured-figures.md).
     """
     from models.gap.naming.thresholds import Thresholds
 
@@ -233,11 +233,11 @@ def test_a_tiny_world_with_a_slow_transmitter_is_seen(worlds: Worlds) -> None:
 
 
 def test_lines_keep_a_margin_over_null_worlds() -> None:
-    """Three standard deviations, and a ceiling that predicts less than nothing calls no alarm."""
+    """Three standard deviations, and an upper bound that predicts less than nothing calls no alarm."""
     from models.gap.naming.thresholds import Statistics, Thresholds
 
-    nulls = [Statistics(effect_r2=0.01 * n, ceiling_r2=-0.1, misfit=0.5, contrast_misfit=0.9) for n in range(3)]
-    lines = with_margin(Thresholds(effect_r2=0.0, ceiling_r2=-0.1, misfit=0.6, contrast_misfit=0.9), nulls)
+    nulls = [Statistics(effect_r2=0.01 * n, upper_bound_r2=-0.1, misfit=0.5, contrast_misfit=0.9) for n in range(3)]
+    lines = with_margin(Thresholds(effect_r2=0.0, upper_bound_r2=-0.1, misfit=0.6, contrast_misfit=0.9), nulls)
     assert lines.effect_r2 == pytest.approx(0.01 + 3.0 * 0.01 * np.sqrt(2.0 / 3.0))
-    assert lines.ceiling_r2 == 0.005
+    assert lines.upper_bound_r2 == 0.005
     assert (lines.misfit, lines.contrast_misfit) == (0.6, 0.9)

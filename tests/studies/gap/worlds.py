@@ -7,7 +7,9 @@ from typing import Literal
 import numpy as np
 
 from models.design.space import numbered_design
-from models.gap.problem import Bank, GapProblem, Grasps
+from models.gap.bank.bank import Bank
+from models.gap.data import GapData
+from models.gap.grasps import Grasps
 from models.ids import content_id, seed_from
 from models.records import GraspSetup, Record, Trace
 from models.traces.step_features import is_usable, step_means
@@ -192,7 +194,7 @@ class Worlds:
         truth = self.panels.truth(name, modulus_factor(key.young_modulus_mpa))
         return self.lab(key).measure(truth, laws, is_scaled=self.panels.is_scaled(name))
 
-    def problem(self, key: WorldKey) -> GapProblem:
+    def problem(self, key: WorldKey) -> GapData:
         """The gap problem that a world makes, with designs and objects held out."""
         measured = [(site, trace) for site, trace in self.measure(key) if is_usable(trace)]
         how = key.nuisance
@@ -210,7 +212,7 @@ class Worlds:
         )
         rng = np.random.default_rng(seed_from("held out", key.seed))
         n_tools, n_objects = len(self.panels.designs), len(self.panels.objects)
-        return GapProblem(
+        return GapData(
             grasps,
             self.bank,
             held_out_tools=_some(rng, n_tools, min(_HELD_OUT_TOOLS, n_tools // 3)),

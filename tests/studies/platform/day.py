@@ -21,7 +21,7 @@ from typing import Any
 
 from flows.benchmarks.base import Options, Tables
 from flows.server.lab import CHECKOUT
-from flows.server.server import ask_server, running_server
+from flows.server.server import ask_server, find_server
 from models.errors import FastError
 from tests.studies.platform.browser import Browser, open_browser
 from tests.studies.platform.inbox import open_inbox
@@ -183,8 +183,8 @@ class Day:
         """SIGKILL of the server while a form waits: `fast serve` starts it again, and the form is still there."""
         address = json.loads((self._lake / ".state" / "server.json").read_text(encoding="utf-8"))
         os.kill(address["pid"], signal.SIGKILL)
-        self._wait_for("the server to be gone", lambda: running_server(self._lake) is None)
-        self._wait_for("the server to be back", lambda: running_server(self._lake) is not None)
+        self._wait_for("the server to be gone", lambda: find_server(self._lake) is None)
+        self._wait_for("the server to be back", lambda: find_server(self._lake) is not None)
         self._step("server killed and started again", "the form still waits")
 
     def _answer_well(self, browser: Browser, form: str) -> None:

@@ -11,7 +11,8 @@ from hardware.virtual.world.file import World
 from lake.tables.campaign import DiagnosticRow, GraspRow
 from models.errors import UsageError
 from models.records import BENCH_FAULT, GraspSetup, Trace
-from tasks.bench.diagnose import append_diagnostic, missing_runs, plan_items, protocol_runs
+from tasks.bench.measure import append_diagnostic
+from tasks.bench.plan import draw_protocol, find_missing_runs, order_items
 from tasks.bench.print import PrintConfirmation, confirm_print
 from tasks.campaign.campaign import Campaign
 from tasks.scientist.observe import unfinished_tools
@@ -93,22 +94,22 @@ def with_plan(campaign, **knobs):
 
 
 def test_a_batch_makes_what_its_config_asks_for(campaign, tool):
-    assert plan_items(DiagnosticPlan(), CELLS, 0, protocol_runs(campaign, tool)) == CELLS
+    assert order_items(DiagnosticPlan(), CELLS, 0, draw_protocol(campaign, tool)) == CELLS
     campaign = with_plan(campaign, reference_every=4, protocol_slot=tool.slot, dead_weights_kg=(1.0,))
-    plan, runs = campaign.config.diagnostics, protocol_runs(campaign, tool)
-    items = plan_items(plan, CELLS, 0, runs)
+    plan, runs = campaign.config.diagnostics, draw_protocol(campaign, tool)
+    items = order_items(plan, CELLS, 0, runs)
     kinds = [item.kind if isinstance(item, DiagnosticRun) else "" for item in items]
     assert kinds[:9] == ["reference", "", "", "", "", "reference", "", "", "closed_empty"], "after the grasps"
     assert "dead_weight" not in kinds, "nobody stands by"
     assert [item for item in items if not isinstance(item, DiagnosticRun)] == CELLS
-    assert protocol_runs(campaign, campaign.state().tools_of(1)[1]) == [], "only one tool of a batch makes the protocol"
-    assert plan_items(plan, [], 6, runs) == runs
+    assert draw_protocol(campaign, campaign.state().tools_of(1)[1]) == [], "only one tool of a batch makes the protocol"
+    assert order_items(plan, [], 6, runs) == runs
 
 
 def test_the_protocol_goes_on_at_the_run_that_is_missing(campaign, tool):
     campaign = with_plan(campaign, protocol_slot=tool.slot)
-    runs = protocol_runs(campaign, tool)
-    owed = lambda: missing_runs(campaign, campaign.state(), tool)  # noqa: E731
+    runs = draw_protocol(campaign, tool)
+    owed = lambda: find_missing_runs(campaign, campaign.state(), tool)  # noqa: E731
     assert owed() == runs
     for minute, run in enumerate(runs[:4]):
         write(campaign, tool, made(run, minute))
@@ -125,9 +126,9 @@ def test_the_protocol_goes_on_at_the_run_that_is_missing(campaign, tool):
 def test_no_protocol_is_owed_by_a_tool_that_no_longer_hangs_there(campaign, tool):
     campaign = with_plan(campaign, protocol_slot=tool.slot)
     state = campaign.state()
-    assert missing_runs(campaign, state, tool)
-    assert missing_runs(campaign, replace(state, batch_on_rack=2), tool) == []
-    assert missing_runs(campaign, replace(state, confirmed={tool.tool_id: "rejected"}), tool) == []
+    assert find_missing_runs(campaign, state, tool)
+    assert find_missing_runs(campaign, replace(state, batch_on_rack=2), tool) == []
+    assert find_missing_runs(campaign, replace(state, confirmed={tool.tool_id: "rejected"}), tool) == []
 
 
 class Killed(BaseException):
@@ -153,7 +154,7 @@ def test_killed_in_the_protocol_the_same_command_makes_the_rest_once(tmp_path):
             measure_missing(campaign, World(), die_at(n_runs))
     measure_missing(campaign, World(), die_at(None))
     tool = campaign.state().tools_of(1)[0]
-    assert [run for run in made if run is not None] == protocol_runs(campaign, tool)
+    assert [run for run in made if run is not None] == draw_protocol(campaign, tool)
     assert len(campaign.lake.ids(DiagnosticRow)) == 4
     assert made.count(None) == 2
     assert not unfinished_tools(campaign, campaign.state(), 1)

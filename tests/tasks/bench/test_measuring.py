@@ -14,6 +14,7 @@ from lake.tables.campaign import GraspRow, TraceRow
 from models.errors import DeviceError
 from models.records import BENCH_FAULT, Trace
 from tasks.bench.measure import measure_tool
+from tasks.bench.plan import plan_tool
 from tasks.bench.print import PrintConfirmation, confirm_print
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.state import ProposedTool
@@ -76,7 +77,14 @@ def measure(campaign: Campaign, cell: Cell, tool: ProposedTool) -> Callable[...,
         options = {"world_hash": "w"}
         bench = SimpleNamespace(cell=cell)
         stop = lambda: len(made) >= max_grasps  # noqa: E731 - read beside what it counts
-        measure_tool(campaign, bench, tool, **options, should_stop=stop, on_grasp=made.append)
+        measure_tool(
+            campaign,
+            bench,
+            plan_tool(campaign, campaign.state(), tool),
+            **options,
+            should_stop=stop,
+            on_grasp=made.append,
+        )
 
     return run
 

@@ -11,7 +11,7 @@ from hardware.bench import open_virtual_bench
 from hardware.safety.lost_steps import LostStepsError
 from hardware.virtual.world.file import World
 from lake.tables.campaign import EventRow, GraspRow
-from tasks.bench.position_check import CHECKED, LOST_STEPS
+from tasks.bench.measure import CHECKED, LOST_STEPS
 
 BATCH = Batch(2, (3, 8), 1)
 LABELS = [(tool, object_id) for tool, object_id, _ in BATCH.labels]

@@ -9,7 +9,7 @@ from lake.maintenance import check
 from lake.tables.campaign import DiagnosticRow
 from models.design.space import BEST_PUBLISHED
 from models.errors import ConfigError
-from tasks.bench.reference_grasps import References
+from tasks.bench.reference_grasps import ReferenceGrasps
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
 from tasks.campaign.state import ProposedTool
@@ -62,16 +62,16 @@ def test_after_a_kill_no_reference_grasp_is_made_twice(campaign):
 
 def test_without_a_reference_tool_nothing_changes(tmp_path):
     campaign = BATCH.make(tmp_path / "lake")
-    references = References(campaign, 1)
+    references = ReferenceGrasps(campaign, 1)
     tools = campaign.state().tools_of(1)
-    assert references.added_to(tools) == tools
-    assert references.due() == references.due(is_last=True) == []
+    assert references.add_to(tools) == tools
+    assert references.plan_due() == references.plan_due(is_last=True) == []
 
 
 def test_a_slot_for_two_tools_is_refused(campaign):
     here = ProposedTool("study/B01T2", 1, 2, BEST_PUBLISHED, hangs_in=9)
     with pytest.raises(ConfigError, match="Tool B01T2 hangs in slot 9, which is the reference tool's"):
-        References(campaign, 1).added_to([here])
+        ReferenceGrasps(campaign, 1).add_to([here])
     config = campaign.config.model_dump()
     config["diagnostics"]["reference_tool"]["slot"] = 2
     with pytest.raises(ValueError, match="slot 2 is one of the 3 that a batch uses"):

@@ -11,7 +11,7 @@ from lake.tables.catalogue_rows import version_rows
 from lake.tables.row import Row
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.hypercube import HypercubePlan, hypercube
+from models.calibration.means.hypercube import HypercubePlan, draw_hypercube
 from models.calibration.means.synthetic import force_n
 from models.design.space import numbered_design, to_unit
 from models.records import Design, GraspSetup, SimulatorVersion, Theta
@@ -85,7 +85,7 @@ def grasp_row(
 def simulated_rows(n: int, base: SimulatorVersion | None = None, seed: int = 0) -> list[Row]:
     """A hypercube of n points on all objects."""
     rows: list[Row] = []
-    for point in hypercube(HypercubePlan(n=n, seed=seed)):
+    for point in draw_hypercube(HypercubePlan(n=n, seed=seed)):
         version = (base or SimulatorVersion()).model_copy(update={"theta": point.theta})
         rows += [DesignRow.of(point.design), *version_rows(version)]
         rows += [simulation_row(point.design, object_id, version) for object_id in OBJECTS]
@@ -116,10 +116,10 @@ def calibration_lake(root: Path, n_tools: int = 15, n_points: int = 40) -> Lake:
 
 def made_up_result(problem, settings: CalibrationSettings, theta: Theta = TRUTH, **changes) -> CalibrationResult:
     """Draws around a theta, as a calibration might find them."""
-    from models.calibration.means.parameters import Layout
+    from models.calibration.means.parameters import ParameterVector
     from models.calibration.means.problem import Standardised
 
-    names = Layout.of(Standardised.of(problem), settings).names
+    names = ParameterVector.of(Standardised.of(problem), settings).names
     rng = np.random.default_rng(settings.seed)
     draws = rng.lognormal(0.0, 0.1, (settings.chains, settings.draws, len(names)))
     centers = dict(theta.model_dump(), nugget=0.02, noise_sd_n=0.1, sd_e_n=0.3, sd_h=1.5)

@@ -19,9 +19,9 @@ from lake.tables.catalogue_rows import missing_version_rows
 from models.errors import UsageError
 from models.records import EffectValue, SimulatorVersion
 from tasks.calibration.calibrate import find_calibration, infer
-from tasks.calibration.mean_data import base_version, measured_tools, problem_of, simulated_points
+from tasks.calibration.mean_data import find_base_version, make_problem, read_measured_tools, read_simulated_points
 from tasks.calibration.means import gather, regather
-from tasks.calibration.trace_data import grid_points
+from tasks.gap.bank import plan_theta_grid
 from tests.tasks.calibration.calibration_lake import (
     OBJECTS,
     PROVENANCE,
@@ -60,7 +60,7 @@ def test_repeats_are_averaged_then_objects_and_tools_count_as_printed(tmp_path):
     lake.append([tool.model_copy(update={"measured_rib_thickness_mm": 2.75})], PROVENANCE)
     (lost,) = lake.records(GraspRow, tool_id="small/B01T3", object_id=14, repeat=1)
     lake.append([lost.model_copy(update={"status": "failed", "peak_force_n": None})], PROVENANCE)
-    found = measured_tools(lake, "small")
+    found = read_measured_tools(lake, "small")
     assert found.tool_ids == tuple(f"small/B01T{slot}" for slot in range(6))
     assert (found.object_ids, found.setup) == (OBJECTS, SETUP)
     peaks = [row["peak_force_n"] for row in lake.rows(GraspRow, tool_id="small/B01T0", object_id=24)]
@@ -75,17 +75,17 @@ def test_a_tool_with_few_objects_is_left_out_and_said(tmp_path):
     lake = calibration_lake(tmp_path / "lake", n_tools=7, n_points=0)
     rows = [row for row in lake.records(GraspRow, tool_id="small/B01T4") if row.object_id != 2]
     lake.append([row.model_copy(update={"status": "failed", "peak_force_n": None}) for row in rows], PROVENANCE)
-    found = measured_tools(lake, None)
+    found = read_measured_tools(lake, None)
     assert "small/B01T4" not in found.tool_ids
     assert found.warnings == ("tool small/B01T4 is measured on fewer than half of the objects and left out.",)
 
 
 def test_simulated_means_are_those_of_each_theta(kept):
-    measured, base = measured_tools(kept, "small"), SimulatorVersion()
-    found = simulated_points(kept, base, measured)
+    measured, base = read_measured_tools(kept, "small"), SimulatorVersion()
+    found = read_simulated_points(kept, base, measured)
     assert found.points.shape == (40, 9)
     assert found.forces_n.shape == (40, 3)
-    problem = problem_of(measured, found, base)
+    problem = make_problem(measured, found, base)
     assert problem.scales_with_modulus
     assert problem.y_sim == pytest.approx(found.forces_n.mean(axis=1))
     per_mpa = problem.y_sim / problem.theta_sim[:, 0]
@@ -97,8 +97,8 @@ def test_missing_simulations_are_imputed_per_mpa(tmp_path):
     softest = min(lake.records(SimulatorVersionRow), key=lambda row: row.young_modulus_mpa)
     (lost,) = lake.records(SimulationRow, version_id=softest.version_id, object_id=14)
     lake.append([lost.model_copy(update={"status": "failed", "peak_force_n": None})], PROVENANCE)
-    measured = measured_tools(lake, None)
-    problem = problem_of(measured, simulated_points(lake, SimulatorVersion(), measured), SimulatorVersion())
+    measured = read_measured_tools(lake, None)
+    problem = make_problem(measured, read_simulated_points(lake, SimulatorVersion(), measured), SimulatorVersion())
     row = int(np.argmin(problem.theta_sim[:, 0]))
     assert problem.variance_sim[row] > 0
     assert np.count_nonzero(problem.variance_sim) == 1
@@ -109,25 +109,27 @@ def test_missing_simulations_are_imputed_per_mpa(tmp_path):
 def test_versions_that_somebody_believes_in_are_not_part_of_the_hypercube(tmp_path):
     lake = calibration_lake(tmp_path / "lake", n_tools=6, n_points=25)
     base = SimulatorVersion()
-    design = measured_tools(lake, None).designs[0]
+    design = read_measured_tools(lake, None).designs[0]
     lake.append([simulation_row(design, object_id, base) for object_id in OBJECTS], PROVENANCE)
-    assert len(simulated_points(lake, base, measured_tools(lake, None)).points) == 25
+    assert len(read_simulated_points(lake, base, read_measured_tools(lake, None)).points) == 25
     half = [row for row in simulated_rows(1, seed=9) if getattr(row, "object_id", 2) == 2]
     lake.append(half, PROVENANCE)
-    assert len(simulated_points(lake, base, measured_tools(lake, None)).points) == 25  # not on every object yet
+    assert (
+        len(read_simulated_points(lake, base, read_measured_tools(lake, None)).points) == 25
+    )  # not on every object yet
 
 
 def test_the_grid_of_a_calibration_on_traces_is_not_part_of_the_hypercube(tmp_path):
     lake = calibration_lake(tmp_path / "lake", n_tools=6, n_points=0)
-    measured = measured_tools(lake, None)
-    for design, version in grid_points(measured.designs[:2], SimulatorVersion()):
+    measured = read_measured_tools(lake, None)
+    for design, version in plan_theta_grid(SimulatorVersion(), measured.designs[:2], OBJECTS, measured.setup).points:
         rows = [simulation_row(design, object_id, version) for object_id in OBJECTS]
         lake.append([*missing_version_rows(lake, version), *rows], PROVENANCE)
     sentence = refused(lake)
     assert "has no design that is simulated with a theta of its own" in sentence
     assert "simulator versions" not in sentence
     lake.append(simulated_rows(25), PROVENANCE)
-    assert len(simulated_points(lake, SimulatorVersion(), measured).points) == 25
+    assert len(read_simulated_points(lake, SimulatorVersion(), measured).points) == 25
 
 
 def test_a_calibration_is_written_with_draws_version_and_lineage(tmp_path, calibrate):
@@ -191,7 +193,7 @@ def test_scatter_between_prints_makes_the_strongest_tools_the_least_certain(tmp_
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"r_hat": dict.fromkeys(("young_modulus_mpa", "friction", "poisson_ratio"), 1.2)}, "have not converged"),
+        ({"r_hat": dict.fromkeys(("young_modulus_mpa", "friction", "poisson_ratio"), 1.2)}, "has not converged"),
         ({"k_hat": 0.9}, "importance weights cannot be trusted"),
     ],
 )
@@ -271,7 +273,7 @@ def test_measurements_that_cannot_be_compared_are_one_sentence(tmp_path):
 def test_an_imported_campaign_is_compared_with_the_programs_simulator(tmp_path):
     lake = calibration_lake(tmp_path / "lake")
     lake.append([CampaignRow(campaign_id="small", name="small", config_toml='kind = "imported"\n')], PROVENANCE)
-    assert base_version(lake, ["small"], None) == SimulatorVersion()
+    assert find_base_version(lake, ["small"], None) == SimulatorVersion()
 
 
 def test_jaws_that_stall_make_young_modulus_an_input(tmp_path):
@@ -279,5 +281,5 @@ def test_jaws_that_stall_make_young_modulus_an_input(tmp_path):
     limit = EffectValue(effect="force_limited_closing", parameters={"max_force_n": 60.0})
     stalling = SimulatorVersion(effects=(limit,))
     lake.append(simulated_rows(25, stalling), PROVENANCE)
-    measured = measured_tools(lake, None)
-    assert not problem_of(measured, simulated_points(lake, stalling, measured), stalling).scales_with_modulus
+    measured = read_measured_tools(lake, None)
+    assert not make_problem(measured, read_simulated_points(lake, stalling, measured), stalling).scales_with_modulus

@@ -17,18 +17,18 @@ from lake.tables.campaign import (
     setup_columns,
 )
 from lake.tables.row import Row
+from models.calibration.inference.optimise import approximate_at_mode
 from models.calibration.inference.parallel_chains import Samples
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.traces.calibrate import laplace
-from models.calibration.traces.density import TraceDensity
 from models.design.space import numbered_design
-from models.records import Design, GraspSetup, SimulatorVersion, Trace
-from tasks.calibration.trace_data import grid_points
-from tests.synthetic.traces import made_up_trace
+from models.gap.fit.posterior import PosteriorDensity
+from models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace
+from tasks.gap.bank import plan_theta_grid
+from tests.synthetic.gap import made_up_trace
 
 BASE, SETUP, OBJECTS, N_REPEATS = SimulatorVersion(), GraspSetup(), (4, 7, 30), 2
 DESIGNS = [numbered_design(number) for number in range(4)]
-TRUTH = np.array([9.0, 0.55, 0.4])
+TRUTH = Theta(young_modulus_mpa=9.0, friction=0.55, poisson_ratio=0.4)
 PROVENANCE = Provenance(code_version="0", code_dirty=False, config_hash="c", seed=0, parents=())
 
 
@@ -37,11 +37,11 @@ def shape(design: Design, object_id: int) -> np.ndarray:
 
 
 def measured_trace(design: Design, object_id: int, rng: np.random.Generator) -> Trace:
-    """Closing for a second, then the lift, with white noise of 0.05 N at 80 readings a second."""
+    """Closing and holding for a second, then the lift, with white noise of 0.05 N at 80 readings a second."""
     lift = made_up_trace(shape(design, object_id), TRUTH)
     time_s = np.arange(0.0, 13.0, 1 / 80.0)
     lift_mm = 5.0 * np.clip(time_s - 1.0, 0.0, None)
-    force_n = np.where(lift_mm > 0, np.interp(lift_mm, lift.lift_mm, lift.force_n), 0.0)
+    force_n = np.where(time_s > 0.35, np.interp(lift_mm, lift.lift_mm, lift.force_n), 0.0)
     return Trace(time_s, lift_mm, force_n + 0.05 * rng.standard_normal(len(time_s)))
 
 
@@ -70,9 +70,7 @@ def grasp_rows(design: Design, tool_id: str, object_id: int, repeat: int, attemp
 
 def simulated_trace(design: Design, version: SimulatorVersion, object_id: int) -> Trace:
     """What the simulator answers, which is right in all but theta."""
-    theta = version.theta
-    values = np.array([theta.young_modulus_mpa, theta.friction, theta.poisson_ratio])
-    return made_up_trace(shape(design, object_id), values)
+    return made_up_trace(shape(design, object_id), version.theta)
 
 
 def simulated_rows(design: Design, version: SimulatorVersion, object_id: int) -> list[Row]:
@@ -88,9 +86,9 @@ def simulated_rows(design: Design, version: SimulatorVersion, object_id: int) ->
     return [SimTraceRow.of(simulation_id, simulated_trace(design, version, object_id)), row]
 
 
-def normal_draws(density: TraceDensity, start: np.ndarray, settings: CalibrationSettings, **_: Any) -> Samples:
+def normal_draws(density: PosteriorDensity, start: np.ndarray, settings: CalibrationSettings, **_: Any) -> Samples:
     """The normal distribution at the mode, in the place of NUTS, which takes half a minute."""
-    mode, covariance = laplace(density)
+    mode, covariance = approximate_at_mode(density, density.start)
     rng = np.random.default_rng(settings.seed)
     draws = rng.multivariate_normal(mode, covariance, size=(len(start), settings.draws))
     return Samples(draws, np.zeros(draws.shape[:2], dtype=int), 0, 0, 0, 0.0)
@@ -100,7 +98,7 @@ def trace_lake(root: Path, n_simulated: int = len(DESIGNS)) -> Lake:
     """A lake with four tools measured on three objects, and the whole grid around the first designs."""
     lake = Lake.open(root, create=True)
     rows: list[Row] = [DesignRow.of(design) for design in DESIGNS]
-    points = grid_points(DESIGNS[:n_simulated], BASE)
+    points = plan_theta_grid(BASE, DESIGNS[:n_simulated], OBJECTS, SETUP).points
     rows += {version.version_id: SimulatorVersionRow.of(version) for _, version in points}.values()
     for design, version in points:
         rows += [row for object_id in OBJECTS for row in simulated_rows(design, version, object_id)]

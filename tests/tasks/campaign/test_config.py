@@ -1,10 +1,11 @@
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from models.errors import ConfigError
 from tasks.campaign.config import CampaignConfig, differences, load_config
-from tasks.campaign.settings import ObjectPlan, Schedule
+from tasks.campaign.settings import REMOVED_RULES, ObjectPlan, Schedule
 
 ROOT = Path(__file__).parents[3]
 QUICK = ROOT / "campaigns" / "quick.toml"
@@ -49,11 +50,32 @@ def test_last_initial_tray_may_be_partly_filled():
         ('name = "quick"', 'name = "Quick!"', "`name` is 'Quick!'"),
         ("seed = 1", "seed = one", "is not TOML"),
         ('world = "', 'world = "missing/', "does not exist"),
+        (
+            "[bench]",
+            '[simulator]\ntier = "fine"\n[bench]',
+            r"`simulator\.tier` is 'fine': it must be \"production\" or",
+        ),
+        ("[bench]", '[simulator]\ntier = "screening"\n[bench]', "the simulator tier `screening` was removed; simulate"),
+        (
+            "[bench]",
+            '[scientist]\nacquisition = "ucb"\n[bench]',
+            r"is 'ucb': it must be \"mes\" or \"random\"; change it",
+        ),
+        ("[bench]", '[scientist]\nacquisition = "jes"\n[bench]', 'rule "jes" was removed, "mes" is no worse'),
+        ("[bench]", '[scientist]\nsimulation_acquisition = "thompson"\n[bench]', 'rule "thompson" was removed'),
     ],
 )
 def test_bad_values_get_one_sentence(tmp_path, old, new, message):
     with pytest.raises(ConfigError, match=message):
         load_config(edited(tmp_path, old, new))
+
+
+@pytest.mark.parametrize("rule", REMOVED_RULES)
+def test_a_stored_config_that_names_what_was_removed_is_still_read(rule):
+    data = tomllib.loads(QUICK.read_text())
+    data["simulator"]["tier"], data["scientist"] = "screening", {"acquisition": rule}
+    config = CampaignConfig.model_validate(data)
+    assert (config.simulator.version.tier, config.scientist.acquisition) == ("screening", rule)
 
 
 def test_missing_file_says_so(tmp_path):

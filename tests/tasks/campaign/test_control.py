@@ -12,10 +12,10 @@ from tasks.campaign.requests import (
     append_event,
     exclusive,
     is_held,
+    note_verbs,
     requested_verb,
     require_acknowledgement,
     require_room,
-    verbs_noted,
 )
 from tasks.simulation.pool import WorkerPool
 
@@ -113,7 +113,7 @@ def _is_alive(pid: int) -> bool:
 def test_an_emergency_stop_is_noted_and_waits_for_a_person(campaign):
     lake = campaign.lake
     append_event(lake, "small", "started", "")
-    with pytest.raises(EmergencyStopError), verbs_noted(lake, "small"):
+    with pytest.raises(EmergencyStopError), note_verbs(lake, "small"):
         raise EmergencyStopError("The emergency stop was pressed.")
     assert requested_verb(lake, "small") is Verb.ESTOP
     with pytest.raises(FastError, match="does not go on by itself.*--acknowledge; nothing was moved"):
@@ -126,7 +126,7 @@ def test_an_emergency_stop_is_noted_and_waits_for_a_person(campaign):
 @pytest.mark.parametrize("verb", [Verb.STOP, Verb.ABORT])
 def test_a_persons_stop_is_a_normal_end(campaign, verb):
     append_event(campaign.lake, "small", verb, "")
-    with verbs_noted(campaign.lake, "small"):
+    with note_verbs(campaign.lake, "small"):
         raise StopAskedError(verb)
     assert requested_verb(campaign.lake, "small") is verb
     require_acknowledgement(campaign.lake, "small", is_acknowledged=False)

@@ -2,11 +2,11 @@ import pytest
 
 from lake.tables.campaign import FlowRunRow
 from models.errors import LakeError
-from tasks.campaign.flow_runs import recorded
+from tasks.campaign.flow_runs import record_run
 
 
 def run(campaign, flow_run_id, work):
-    return recorded(campaign.lake, "campaign", "small", flow_run_id, work, campaign.provenance())
+    return record_run(campaign.lake, "campaign", "small", flow_run_id, work, campaign.provenance())
 
 
 def rows(campaign):

@@ -17,7 +17,7 @@ from tasks.campaign.settings import Schedule, SimulatorSettings
 from tasks.campaign.simulator_versions import (
     at_present,
     at_stage,
-    designs_to_rerun,
+    list_reruns,
     newest_calibrated,
     note_older_simulations,
 )
@@ -145,7 +145,7 @@ def test_another_modulus_scales_what_is_there_and_repeats_nothing(campaign):
     calibrate(campaign, BASE, STIFFER)
     now = at_stage(campaign, 1)
     assert now.version == STIFFER
-    assert designs_to_rerun(now, 1) == []
+    assert list_reruns(now, 1) == []
     assert simulated(now) == {point: (2.0 * y, variance) for point, (y, variance) in before.items()}
     assert all(not now.state().missing_objects(d.design_id, now.object_ids) for d in all_designs(now))
     assert len(observed_rows(now, now.state(), [1])) == len(observed_rows(campaign, campaign.state(), [1]))
@@ -156,7 +156,7 @@ def test_rerun_lets_only_the_new_version_speak(campaign):
     calibrate(campaign, BASE, OTHER)
     now = at_stage(campaign, 1)
     state = now.state()
-    designs = designs_to_rerun(now, 1)
+    designs = list_reruns(now, 1)
     # In turn the best measured tool and the best simulated design; tools are simulated best here, too.
     tools, best_simulated = state.tools[::-1], [t.design for t in state.tools[::-1]]
     assert {d.design_id for d in designs[:4]} == {t.design.design_id for t in tools} | {best_simulated[0].design_id}
@@ -171,7 +171,7 @@ def test_rerun_lets_only_the_new_version_speak(campaign):
             observed_rows(now, now.state(), [1])} == {OTHER.version_id}  # fmt: skip
     calibrate(campaign, OTHER, THIRD)
     restarted = Campaign(Lake.open(campaign.lake.root), campaign.config)
-    assert designs_to_rerun(at_stage(restarted, 1), 1) == designs
+    assert list_reruns(at_stage(restarted, 1), 1) == designs
 
 
 def test_older_simulations_are_mapped_by_designs_of_both_with_their_error(campaign):
@@ -180,7 +180,7 @@ def test_older_simulations_are_mapped_by_designs_of_both_with_their_error(campai
     calibrate(campaign, BASE, OTHER)
     now = at_stage(campaign, 1)
     rng = np.random.default_rng(3)
-    designs = designs_to_rerun(now, 1)
+    designs = list_reruns(now, 1)
     for place, design in enumerate(designs):
         if place == LEAST_SHARED - 1:
             assert len(simulated(now)) == place  # one design of both too few: the rest is left out
@@ -210,12 +210,12 @@ def test_a_design_of_two_older_versions_counts_once_by_the_newer(campaign):
     campaign = following(campaign, reruns=16)
     calibrate(campaign, BASE, OTHER)
     second = at_stage(campaign, 1)
-    for design in designs_to_rerun(second, 1):
+    for design in list_reruns(second, 1):
         for object_id in second.object_ids:
             append_simulation(second, design, object_id, 8.0 + all_designs(second).index(design))
     calibrate(campaign, OTHER, THIRD)
     third = at_stage(campaign, 2)
-    for design in designs_to_rerun(third, 2)[:10]:
+    for design in list_reruns(third, 2)[:10]:
         for object_id in third.object_ids:
             append_simulation(third, design, object_id, 20.0 + all_designs(third).index(design))
     assert len(simulated(third)) == 16

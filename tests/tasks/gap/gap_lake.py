@@ -17,10 +17,10 @@ from lake.tables.campaign import (
 )
 from lake.tables.row import Row
 from models.design.space import numbered_design, to_unit
-from models.gap.bank.plan import NUMERICAL_MESHES
+from models.gap.bank.bank import NUMERICAL_MESHES
 from models.records import Design, EffectValue, GraspContext, GraspSetup, SimulatorVersion, Theta, Trace
 from models.simulation.effects.catalogue import CATALOGUE, build_effects
-from tasks.gap.bank import bank_plans
+from tasks.gap.bank import plan_bank
 from tasks.simulation.plan import SimulationPlan
 from tests.synthetic.gap import made_up_trace
 from tests.tasks.calibration.trace_lake import PROVENANCE, grasp_rows
@@ -78,7 +78,7 @@ def measured_rows(
 
 def bank_rows(designs: Sequence[Design], objects: Sequence[int], fail: Collection[tuple[int, str]] = ()) -> list[Row]:
     """The bank of designs on objects; `fail`: object and version of grasps that failed."""
-    return plan_rows(bank_plans(BASE, designs, objects, SETUP), fail)
+    return plan_rows(plan_bank(BASE, designs, objects, SETUP), fail)
 
 
 def plan_rows(plans: Sequence[SimulationPlan], fail: Collection[tuple[int, str]] = ()) -> list[Row]:

@@ -10,12 +10,12 @@ from lake.store import Lake
 from lake.tables.campaign import DesignRow, EventRow, GraspRow, TraceRow
 from lake.tables.row import Row
 from models.errors import UsageError
-from models.gap.bank.plan import CENTRE, bank_versions
+from models.gap.bank.bank import CENTRE, list_versions
+from models.gap.data import GapData
 from models.records import Trace
-from tasks.gap.bank import bank_ids, bank_of, bank_plans
-from tasks.gap.context import contexts_of
-from tasks.gap.data import gap_problem, read_grasps, split_of, unit_sentences
-from tasks.gap.held_out import KIND, Split, frozen_split
+from tasks.gap.bank import list_bank_ids, plan_bank, read_bank
+from tasks.gap.data import check_units, make_data, read_grasps, rebuild_contexts, split_measurements
+from tasks.gap.split import KIND, Split, freeze_split
 from tests.tasks.calibration.trace_lake import PROVENANCE
 from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, bank_rows, gap_lake, measured_rows
 
@@ -27,57 +27,65 @@ def lake(tmp_path_factory: pytest.TempPathFactory) -> Lake:
     return gap_lake(tmp_path_factory.mktemp("gap") / "lake")
 
 
-def test_the_problem_holds_every_grasp_with_its_bank(lake: Lake) -> None:
-    problem = gap_problem(lake, BASE, CAMPAIGN)
-    grasps, bank = problem.grasps, problem.bank
+def read_data(lake: Lake) -> GapData:
+    """The data of a search as it reads them: split first."""
+    split, measured = split_measurements(lake, CAMPAIGN, 0), read_grasps(lake, CAMPAIGN)
+    return make_data(measured, read_bank(lake, BASE, measured.grasps.designs, measured.grasps.objects, SETUP), split)
+
+
+def test_the_data_hold_every_grasp_with_its_bank(lake: Lake) -> None:
+    data = read_data(lake)
+    grasps, bank = data.grasps, data.bank
     assert grasps.tools == tuple(f"demo/B01T{number}" for number in range(len(DESIGNS)))
     assert grasps.objects == OBJECTS
     assert grasps.steps_n.shape == (len(DESIGNS) * len(OBJECTS) * 2, 120)
     assert bank.grid_steps_n.shape == (len(DESIGNS), len(OBJECTS), 12, 120)
     assert bank.numerical_steps_n.shape[2] == 3
     assert bank.wider_steps_n.shape[2] == 2
-    assert bank.fields["static_kinetic_friction"].steps_n.shape[2] == 4
+    assert bank.effects["static_kinetic_friction"].steps_n.shape[2] == 4
     assert bank.failed_share == 0.0
-    assert unit_sentences(problem) == []
+    assert check_units(data) == []
     assert 0.03 < grasps.noise.sd_n < 0.07  # 0.05 in the traces
-    assert problem.held_out_tools.sum() == 2
-    assert problem.held_out_objects.sum() == 1
-    held = problem.held_out_tools[grasps.tool] | problem.held_out_objects[grasps.obj]
-    np.testing.assert_array_equal(problem.is_held_out, held)
+    assert data.held_out_tools.sum() == 2
+    assert data.held_out_objects.sum() == 1
+    held = data.held_out_tools[grasps.tool] | data.held_out_objects[grasps.obj]
+    np.testing.assert_array_equal(data.is_held_out, held)
 
 
 def test_forces_of_the_bank_are_those_of_its_versions(lake: Lake) -> None:
-    one = bank_of(lake, BASE, DESIGNS[1:2], OBJECTS, SETUP)
-    every = bank_of(lake, BASE, DESIGNS, OBJECTS, SETUP)
+    one = read_bank(lake, BASE, DESIGNS[1:2], OBJECTS, SETUP)
+    every = read_bank(lake, BASE, DESIGNS, OBJECTS, SETUP)
     np.testing.assert_array_equal(one.centre_steps_n[0], every.centre_steps_n[1])
     assert one.centre == CENTRE
-    assert not np.allclose(one.fields["shear_adhesion"].steps_n[0, 0, 0], one.fields["shear_adhesion"].steps_n[0, 0, 1])
+    assert not np.allclose(
+        one.effects["shear_adhesion"].steps_n[0, 0, 0], one.effects["shear_adhesion"].steps_n[0, 0, 1]
+    )
     with pytest.raises(UsageError, match="no simulation of the bank"):
-        bank_of(lake, BASE, DESIGNS[:1], OBJECTS, SETUP.model_copy(update={"tip_below_mm": 9.0}))
+        read_bank(lake, BASE, DESIGNS[:1], OBJECTS, SETUP.model_copy(update={"tip_below_mm": 9.0}))
 
 
 def test_a_failed_simulation_is_missing_and_said(tmp_path: Path) -> None:
     lake = Lake.open(tmp_path / "lake", create=True)
-    versions = bank_versions(BASE)
+    versions = list_versions(BASE)
     lake.append(bank_rows(DESIGNS[:1], OBJECTS, fail={(OBJECTS[1], versions[3].version_id)}), PROVENANCE)
-    bank = bank_of(lake, BASE, DESIGNS[:1], OBJECTS, SETUP)
+    bank = read_bank(lake, BASE, DESIGNS[:1], OBJECTS, SETUP)
     assert np.isnan(bank.grid_steps_n[0, 1, 3]).all()
     assert np.isfinite(bank.grid_steps_n[0, 0]).all()
     n_all = len(OBJECTS) * (len(versions) + 2)
     assert bank.failed_share == pytest.approx(1 / n_all)
-    assert len(bank_ids(BASE, DESIGNS[:1], OBJECTS, SETUP)) == n_all
-    assert sum(plan.n_grasps for plan in bank_plans(BASE, DESIGNS[:1], OBJECTS, SETUP)) == n_all
+    assert len(list_bank_ids(BASE, DESIGNS[:1], OBJECTS, SETUP)) == n_all
+    assert sum(plan.n_grasps for plan in plan_bank(BASE, DESIGNS[:1], OBJECTS, SETUP)) == n_all
 
 
 def test_the_split_is_written_once_and_grows_without_changing_sides(tmp_path: Path) -> None:
     lake = Lake.open(tmp_path / "lake", create=True)
     designs = [f"D{number:02d}" for number in range(20)]
-    first = frozen_split(lake, None, designs[:14], range(30), seed=3)
+    first = freeze_split(lake, None, designs[:14], range(30), seed=3)
     assert sum(first.designs.values()) == 4
     assert sum(first.objects.values()) == 7
-    assert frozen_split(lake, None, designs[:14], range(30), seed=3) == first
-    assert frozen_split(lake, None, designs[:14], range(30), seed=4) != first
-    more = frozen_split(lake, None, designs, range(36), seed=3)
+    assert freeze_split(lake, None, designs[:14], range(30), seed=3) == first
+    assert freeze_split(lake, None, designs[:14], range(30), seed=4) != first
+    more = freeze_split(lake, None, designs, range(36), seed=3)
     assert {key: more.designs[key] for key in first.designs} == first.designs
     assert {key: more.objects[key] for key in first.objects} == first.objects
     assert (sum(more.designs.values()), sum(more.objects.values())) == (6, 8)
@@ -89,7 +97,7 @@ def test_held_out_objects_are_of_many_classes(tmp_path: Path) -> None:
     from models.objects.catalogue import get_object
 
     lake = Lake.open(tmp_path / "lake", create=True)
-    split = frozen_split(lake, None, [f"D{number}" for number in range(7)], range(36), seed=0)
+    split = freeze_split(lake, None, [f"D{number}" for number in range(7)], range(36), seed=0)
     classes = [get_object(object_id).object_class for object_id, held in split.objects.items() if held]
     assert len(set(classes)) >= 6
 
@@ -104,14 +112,14 @@ def test_contexts_follow_the_clock_and_count_failures(tmp_path: Path) -> None:
         update = {"started_at": began + timedelta(seconds=20 * number), "status": "failed" if number == 0 else "ok"}
         rows.append(row.model_copy(update=update))
     lake.append(rows, PROVENANCE)
-    contexts = contexts_of(lake, None)
+    contexts = rebuild_contexts(lake, None)
     last = contexts.of[GraspRow.make_id("T1", 4, 1, 0)]
     assert (last.repeat, last.tool_grasps, last.batch_grasps, last.clock_s) == (2, 3, 4, 80.0)
     assert contexts.warnings == ()
 
 
 def test_without_times_and_order_a_place_is_guessed_and_said(lake: Lake) -> None:
-    contexts = contexts_of(lake, CAMPAIGN)
+    contexts = rebuild_contexts(lake, CAMPAIGN)
     assert [sentence.partition(" have ")[0] for sentence in contexts.warnings] == [f"{8 * 6 * 2} grasps"] * 2
     assert contexts.of[GraspRow.make_id("demo/B01T1", OBJECTS[0], 1)].repeat == 1
 
@@ -174,17 +182,17 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path, change: dict[str, ob
 
 def test_too_little_is_refused_before_anything_is_simulated(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="has no measured grasps"):
-        split_of(Lake.open(tmp_path / "none", create=True), None, 0)
+        split_measurements(Lake.open(tmp_path / "none", create=True), None, 0)
     few = [row for object_id in OBJECTS for row in measured_rows(DESIGNS[0], "T0", object_id, 0)]
     with pytest.raises(UsageError, match="1 designs were measured, gap discovery needs at least 7"):
-        split_of(_lake_of(tmp_path, few), None, 0)
+        split_measurements(_lake_of(tmp_path, few), None, 0)
 
 
 @pytest.mark.parametrize(("factor", "said"), [(1 / 9.81, "9.81 is suspected"), (1000.0, "1000"), (0.001, "1000")])
 def test_the_unit_of_forces_is_suspected(tmp_path: Path, factor: float, said: str) -> None:
-    problem = gap_problem(gap_lake(tmp_path / "lake", force_factor=factor), BASE, CAMPAIGN)
+    data = read_data(gap_lake(tmp_path / "lake", force_factor=factor))
     if said == "1000":
         with pytest.raises(UsageError, match="factor of about 1000"):
-            unit_sentences(problem)
+            check_units(data)
     else:
-        assert said in unit_sentences(problem)[0]
+        assert said in check_units(data)[0]

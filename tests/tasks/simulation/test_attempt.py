@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from models.design.space import BEST_PUBLISHED, random_designs
+from models.errors import UsageError
 from models.records import Design, GraspSetup, MeshSettings, SimulatorVersion
 from tasks.simulation.attempt import Attempt, GraspJob, attempt_grasp
 from tasks.simulation.pool import Worker, WorkerPool
@@ -40,16 +41,19 @@ def numbers(attempt: Attempt) -> dict[str, object]:
     return {name: value for name, value in values.items() if name not in cost} | channels
 
 
-@pytest.mark.parametrize("tier", ["screening", "production"])
-def test_results_are_bit_identical_in_any_order_and_any_worker(workers, tier):
-    version = COARSE.model_copy(update={"tier": tier})
+def test_results_are_bit_identical_in_any_order_and_any_worker(workers):
     cells = [(design, object_id) for design in (BEST_PUBLISHED, OTHER) for object_id in (HALF, FULL_WIDTH, 24)]
-    jobs = [job(design, object_id, version=version) for design, object_id in cells]
+    jobs = [job(design, object_id) for design, object_id in cells]
     forwards = [numbers(workers[0].call(attempt_grasp, j)) for j in jobs]
     backwards = [numbers(workers[1].call(attempt_grasp, j)) for j in reversed(jobs)]
     again = numbers(workers[0].call(attempt_grasp, jobs[0]))
     assert forwards == backwards[::-1]
     assert again == forwards[0]
+
+
+def test_a_removed_tier_is_refused_and_no_failure_is_kept_of_it(workers):
+    with pytest.raises(UsageError, match="tier `screening` was removed"):
+        workers[0].call(attempt_grasp, job(BEST_PUBLISHED, HALF, version=SimulatorVersion(tier="screening")))
 
 
 def test_a_design_is_meshed_once_for_its_objects(workers):

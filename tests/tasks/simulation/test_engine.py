@@ -30,7 +30,7 @@ def campaign_at(root: Path, deadline_s: float = 60.0) -> Campaign:
     data = {
         "name": "scale",
         "objects": {"ids": [0, 14]},
-        "simulator": {"tier": "screening", "grasp_deadline_s": deadline_s},
+        "simulator": {"mesh": {"edge_mm": 12}, "grasp_deadline_s": deadline_s},
         "bench": {"world": ""},
     }
     return Campaign(Lake.open(root, create=True), CampaignConfig.model_validate(data))

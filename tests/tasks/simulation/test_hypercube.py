@@ -6,7 +6,7 @@ import pytest
 
 from lake.store import Lake
 from lake.tables.campaign import DesignRow, SimTraceRow, SimulationRow, SimulatorVersionRow
-from models.calibration.means.hypercube import HypercubePlan, hypercube
+from models.calibration.means.hypercube import HypercubePlan, draw_hypercube
 from models.records import GraspSetup, SimulatorVersion
 from tasks.simulation import plan as work
 from tasks.simulation.plan import SimulationPlan, missing_objects, simulate_plan
@@ -56,7 +56,7 @@ def lake(tmp_path):
 
 
 def plan_of(n):
-    points = hypercube(HypercubePlan(n=n, seed=1))
+    points = draw_hypercube(HypercubePlan(n=n, seed=1))
     versions = ((p.design, SimulatorVersion(theta=p.theta)) for p in points)
     return SimulationPlan(tuple(versions), OBJECTS, GraspSetup(), "Hplan", 1)
 

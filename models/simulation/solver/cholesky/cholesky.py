@@ -43,19 +43,9 @@ class BlockCholesky:
         self._layout = panel_layout(pattern)
         self._data = _aligned_zeros(self._layout.size)
 
-    @property
-    def n_factor_blocks(self) -> int:
-        """Number of 3 x 3 blocks in the factor."""
-        width, below = self._layout.width // 3, self._layout.below // 3
-        return int((width * (width + 1) // 2 + width * below).sum())
-
     def factorise(self, blocks: np.ndarray) -> bool:
         """Factorise; False if the matrix is not positive definite (the factor is then unusable)."""
-        return bool(_factorise(self._layout, 0, blocks.reshape(-1), self._data))
-
-    def refactorise_last(self, blocks: np.ndarray) -> bool:
-        """As `factorise`, when since then only blocks between the nodes `last` of the pattern have changed."""
-        return bool(_factorise(self._layout, len(self._layout.width) - 1, blocks.reshape(-1), self._data))
+        return bool(_factorise(self._layout, blocks.reshape(-1), self._data))
 
     def solve(self, right_side: np.ndarray) -> np.ndarray:
         """Solve with the last factor; right-hand side and solution (n, 3) in pattern order."""
@@ -72,9 +62,9 @@ def _aligned_zeros(size: int) -> np.ndarray:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _factorise(layout: Layout, first: int, blocks: np.ndarray, data: np.ndarray) -> bool:
-    """Factorise the panels from `first` on."""
-    for s in range(first, len(layout.width)):
+def _factorise(layout: Layout, blocks: np.ndarray, data: np.ndarray) -> bool:
+    """Factorise all panels, from the leaves of the elimination tree to its root."""
+    for s in range(len(layout.width)):
         _assemble(layout, s, blocks, data)
         for c in layout.children[layout.child_ptr[s] : layout.child_ptr[s + 1]]:
             _add_update(layout, s, c, True, data)

@@ -30,18 +30,10 @@ class BlockPattern:
         return len(self.indptr) - 1
 
 
-def block_pattern(n: int, pairs: np.ndarray, last: np.ndarray | None = None) -> BlockPattern:
-    """Pattern of a node graph with edges `pairs` (m, 2), ordered to keep the factor sparse.
-
-    The nodes `last` come last, in one panel, for `BlockCholesky.refactorise_last`.
-    """
+def block_pattern(n: int, pairs: np.ndarray) -> BlockPattern:
+    """Pattern of a node graph with edges `pairs` (m, 2), ordered to keep the factor sparse."""
     graph = _graph(n, pairs)
-    # Eliminating all others couples the last nodes to each other, so they are ordered and grouped as a clique.
-    filled = graph if last is None else graph + _clique(n, last)
-    order = _minimum_degree(filled)
-    if last is not None:
-        order = np.concatenate([order[~np.isin(order, last)], order[np.isin(order, last)]])
-    order, panels, over = _ordered_panels(filled, order)
+    order, panels, over = _ordered_panels(graph, _minimum_degree(graph))
     lower = sp.tril(_permuted(graph, order), format="csc")
     return BlockPattern(lower.indptr, lower.indices, _inverse(order), panels, over)
 
@@ -52,11 +44,6 @@ def _graph(n: int, pairs: np.ndarray) -> sp.csc_matrix:
     first, second = np.concatenate([pairs[:, 0], nodes]), np.concatenate([pairs[:, 1], nodes])
     half = sp.csc_matrix((np.ones(len(first), dtype=bool), (first, second)), shape=(n, n))
     return sp.csc_matrix(half + half.T)
-
-
-def _clique(n: int, nodes: np.ndarray) -> sp.csc_matrix:
-    rows = np.tile(nodes, len(nodes))
-    return sp.csc_matrix((np.ones(len(rows), dtype=bool), (rows, np.repeat(nodes, len(nodes)))), shape=(n, n))
 
 
 def _minimum_degree(graph: sp.csc_matrix) -> np.ndarray:

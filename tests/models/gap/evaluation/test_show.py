@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from models.errors import UsageError
-from models.gap.bank.predict import Predictor
-from models.gap.evaluation.held_out import HeldOut, Prediction, metrics, scattered
-from models.gap.evaluation.show import AFTER, BEFORE, Shown, show
+from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate
+from models.gap.evaluation.held_out import HeldOut, Prediction, add_scatter, compute_metrics
 from models.gap.where.residuals import Residuals
 from models.records import EffectValue
 from tests.synthetic.gap import GapTruth, made_up_gap
@@ -17,30 +16,29 @@ LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.3})
 @pytest.fixture(scope="module")
 def world() -> tuple[HeldOut, Prediction, Prediction, Residuals]:
     truth = GapTruth(effects=(LAG,))
-    problem = made_up_gap(10, 9, 0, truth, held_out=(3, 3))
-    predictor = Predictor.of(problem)
+    data = made_up_gap(10, 9, 0, truth, held_out=(3, 3))
     theta = np.array(list(truth.theta.model_dump().values()))
-    before, after = predictor.steps(theta), predictor.steps(theta, [LAG])
-    held_out = HeldOut.of(problem, truth.theta)
-    residuals = Residuals.of(problem, before, truth.theta)
-    return held_out, Prediction(BEFORE, before[held_out.rows]), Prediction(AFTER, after[held_out.rows]), residuals
+    before, after = data.held_out.predict_steps(theta), data.held_out.predict_steps(theta, [LAG])
+    held_out = HeldOut.of(data, truth.theta)
+    residuals = Residuals.of(data.training, data.training.predict_steps(theta), truth.theta.young_modulus_mpa)
+    return held_out, Prediction(BEFORE, before), Prediction(AFTER, after), residuals
 
 
 @pytest.fixture(scope="module")
-def shown(world: tuple[HeldOut, Prediction, Prediction, Residuals]) -> Shown:
+def evaluation(world: tuple[HeldOut, Prediction, Prediction, Residuals]) -> Evaluation:
     held_out, before, after, residuals = world
-    return show(held_out, before, after, residuals)
+    return evaluate(held_out, before, after, residuals)
 
 
 def test_what_is_held_out_is_not_learned_from(world: tuple[HeldOut, Prediction, Prediction, Residuals]) -> None:
     held_out, _, _, residuals = world
     assert not set(held_out.tool[held_out.is_new_tool]) & set(residuals.tool)
     assert not set(held_out.obj[held_out.is_new_object]) & set(residuals.obj)
-    assert len(held_out.rows) + len(residuals.tool) == 10 * 9 * 3
+    assert len(held_out.tool) + len(residuals.tool) == 10 * 9 * 3
 
 
-def test_the_right_effect_closes_most_of_the_gap(shown: Shown) -> None:
-    gap = shown.gap
+def test_the_right_effect_closes_most_of_the_gap(evaluation: Evaluation) -> None:
+    gap = evaluation.gap
     assert gap.rmse_floor_n < gap.rmse_after_n < gap.rmse_before_n
     assert gap.closed_fraction == pytest.approx(
         (gap.rmse_before_n - gap.rmse_after_n) / (gap.rmse_before_n - gap.rmse_floor_n)
@@ -52,23 +50,23 @@ def test_no_change_closes_nothing_and_harm_is_negative(
     world: tuple[HeldOut, Prediction, Prediction, Residuals],
 ) -> None:
     held_out, before, after, _ = world
-    assert show(held_out, before, before).gap.closed_fraction == 0.0
-    worse = show(held_out, after, before)
+    assert evaluate(held_out, before, before).gap.closed_fraction == 0.0
+    worse = evaluate(held_out, after, before)
     assert worse.gap.closed_fraction < 0.0
     assert any("got worse" in warning for warning in worse.warnings)
 
 
-def test_peers_learn_on_the_same_split_and_help(shown: Shown) -> None:
-    before = shown.of(BEFORE).rmse_n
-    assert {m.label for m in shown.metrics} == {BEFORE, AFTER, "GP discrepancy", "black-box residual"}
-    assert shown.of("GP discrepancy").rmse_n < before
-    assert shown.of("black-box residual").rmse_n < before
-    assert {m.block for m in shown.metrics} == {"all held out", "new designs", "new objects", "both new"}
+def test_peers_learn_on_the_same_split_and_help(evaluation: Evaluation) -> None:
+    before = evaluation.of(BEFORE).rmse_n
+    assert {m.label for m in evaluation.metrics} == {BEFORE, AFTER, "GP discrepancy", "black-box residual"}
+    assert evaluation.of("GP discrepancy").rmse_n < before
+    assert evaluation.of("black-box residual").rmse_n < before
+    assert {m.block for m in evaluation.metrics} == {"all held out", "new designs", "new objects", "both new"}
 
 
 def test_metrics_of_a_known_error(world: tuple[HeldOut, Prediction, Prediction, Residuals]) -> None:
     held_out, _, _, _ = world
-    found = metrics(held_out, Prediction("exact but for 0.2 N", held_out.measured_n - 0.2))
+    found = compute_metrics(held_out, Prediction("exact but for 0.2 N", held_out.measured_n - 0.2))
     assert found.rmse_n == pytest.approx(0.2)
     assert found.peak_bias_n == pytest.approx(0.2)
     assert found.work_error_j == pytest.approx(0.2 * 60.0 / 1e3)
@@ -84,7 +82,7 @@ def test_intervals_that_know_the_scatter_cover_nine_in_ten(
     held_out = dataclasses.replace(held_out, is_new_tool=np.ones_like(held_out.is_new_tool))
     draws = np.repeat(after.steps_n[None], 3, axis=0)
     scatter = {"tool_sd": 0.04, "cell_sd": 0.03, "repeat_sd": 0.01}
-    found = metrics(held_out, scattered(AFTER, draws, held_out, scatter, noise_sd_n=0.08))
+    found = compute_metrics(held_out, add_scatter(AFTER, draws, held_out, scatter, noise_sd_n=0.08))
     assert found.coverage_90 == pytest.approx(0.9, abs=0.08)
     assert found.width_90_n is not None
     assert found.width_90_n > 0

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from models.gap.where.locate import locate
-from models.gap.where.object_shape import object_shape
-from models.gap.where.permutation_tests import bh, run_tests
-from models.gap.where.phases import phase_differences, phase_windows
+from models.gap.where.permutation_tests import adjust_bh, run_tests
+from models.gap.where.residuals import compute_phase_differences, find_phase_windows
+from models.gap.where.strata import object_shape
 from tests.models.gap.where.made_up import LIFT_MM, made_up_residuals
 
 
@@ -65,16 +65,16 @@ def test_shuffled_designs_lose_the_place() -> None:
 
 
 def test_benjamini_hochberg_by_hand() -> None:
-    assert bh(np.array([0.01, 0.04, 0.03, 0.5])) == pytest.approx([0.04, 0.16 / 3, 0.16 / 3, 0.5])
+    assert adjust_bh(np.array([0.01, 0.04, 0.03, 0.5])) == pytest.approx([0.04, 0.16 / 3, 0.16 / 3, 0.5])
 
 
 def test_a_step_is_in_one_phase_at_most_and_the_peak_is_the_difference_of_peaks() -> None:
     world = made_up_residuals()
-    windows = phase_windows(world.predicted_n)
+    windows = find_phase_windows(world.predicted_n)
     assert windows.sum(axis=1).max() == 1
     assert (np.diff(windows.argmax(axis=2)[:, :4], axis=1) >= 0).all()
     late = np.roll(world.predicted_n, 2, axis=1)
-    assert np.abs(phase_differences(late, world.predicted_n)[:, 2]).max() < 0.3  # late, but as strong
+    assert np.abs(compute_phase_differences(late, world.predicted_n)[:, 2]).max() < 0.3  # late, but as strong
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,10 @@
-"""What docs say of WHERE: how often a gap is seen (docs/gap.md), and one that is not there (docs/gap-limits.md)."""
+"""What docs/reference/measured-figures.md says of WHERE: how often a gap is seen, and one that is not there."""
 
 import numpy as np
 import pytest
 
+from models.gap.where.locate import find_where
 from models.gap.where.permutation_tests import EVERYWHERE, run_tests
-from models.gap.where.sentences import find_where
 from tests.models.gap.where.made_up import made_up_residuals
 
 N_WORLDS = 20
@@ -24,7 +24,7 @@ def test_power_is_what_the_docs_say(share: float, n_tools: int, n_seen: int, n_p
         world = made_up_residuals(gap, n_tools=n_tools, seed=100 + seed, tool_sd=0.04)
         tests = run_tests(world, seed)
         seen += tests.p_value <= 0.05
-        rejected = {h.factor for phase in tests.phases for h in tests.rejected(phase)}
+        rejected = {h.factor for phase in tests.phases for h in tests.rejected[phase]}
         placed += bool(rejected & {"rib_thickness_mm", EVERYWHERE})
     assert (seen, placed) == (n_seen, n_placed)
 

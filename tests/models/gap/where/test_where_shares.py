@@ -5,7 +5,7 @@ import pytest
 
 from models.errors import UsageError
 from models.gap.where.residuals import Residuals
-from models.gap.where.variance_shares import jackknife, variance_shares
+from models.gap.where.variance_components import estimate_variance_components, jackknife
 from tests.models.gap.where.made_up import made_up_residuals
 
 
@@ -14,11 +14,11 @@ def _with_peaks(residuals: Residuals, u: np.ndarray) -> Residuals:
     return dataclasses.replace(residuals, measured_n=(1.0 + u)[:, None] * residuals.predicted_n)
 
 
-def _shares(residuals: Residuals) -> dict[str, float]:
-    return next(s for s in variance_shares(residuals) if s.phase == "peak").parts
+def _components(residuals: Residuals) -> dict[str, float]:
+    return next(s for s in estimate_variance_components(residuals) if s.phase == "peak").parts
 
 
-def test_shares_are_those_that_made_the_residuals_on_average() -> None:
+def test_components_are_those_that_made_the_residuals_on_average() -> None:
     base = made_up_residuals(n_tools=12)
     rng = np.random.default_rng(0)
     sd = {"tool": 0.05, "object": 0.03, "tool x object": 0.02, "noise": 0.01}
@@ -30,7 +30,7 @@ def test_shares_are_those_that_made_the_residuals_on_average() -> None:
             sd["tool x object"] * rng.standard_normal((12, 14))[base.tool, base.obj],
             sd["noise"] * rng.standard_normal(len(base.tool)),
         ]
-        found.append(_shares(_with_peaks(base, 0.02 + sum(parts))))
+        found.append(_components(_with_peaks(base, 0.02 + sum(parts))))
     for source, value in sd.items():
         mean = np.mean([f[source] for f in found])
         assert np.sqrt(mean) == pytest.approx(value, rel=0.4), source
@@ -40,7 +40,7 @@ def test_shares_are_those_that_made_the_residuals_on_average() -> None:
 def test_repeats_and_order_get_what_is_theirs() -> None:
     base = made_up_residuals(n_tools=8)
     u = 0.03 * (base.repeat - 1) + 0.02 * (base.order - base.order.mean()) / base.order.std()
-    parts = _shares(_with_peaks(base, u))
+    parts = _components(_with_peaks(base, u))
     assert parts["repeat"] == pytest.approx(0.03**2 * 2 / 3, rel=0.02)
     assert parts["order"] == pytest.approx(0.02**2, rel=0.02)
     assert parts["tool"] < 1e-5
@@ -48,9 +48,9 @@ def test_repeats_and_order_get_what_is_theirs() -> None:
 
 def test_order_that_objects_tell_says_nothing() -> None:
     base = made_up_residuals(n_tools=8)
-    shares = variance_shares(dataclasses.replace(base, order=10.0 * base.obj + 1000.0 * base.tool))
-    assert shares[0].order_alias == pytest.approx(1.0)
-    assert shares[0].parts["order"] == 0.0
+    components = estimate_variance_components(dataclasses.replace(base, order=10.0 * base.obj + 1000.0 * base.tool))
+    assert components[0].order_confounding == pytest.approx(1.0)
+    assert components[0].parts["order"] == 0.0
 
 
 def test_jackknife_of_a_mean_over_tools_is_the_standard_error() -> None:

@@ -5,11 +5,10 @@ from models.design.space import BEST_PUBLISHED
 from models.objects.catalogue import get_object
 from models.records import EffectValue, GraspSetup, SimulatorVersion, Theta
 from models.simulation.actuation import ClosingStall, Jaw
-from models.simulation.effects.base_compliance import BaseCompliance
+from models.simulation.effects.actuation import BaseCompliance
 from models.simulation.grasp import simulate_grasp
 from models.simulation.solver.stepping import Step
 
-SCREENING = SimulatorVersion(tier="screening")
 SHORT_LIFT = GraspSetup(max_lift_mm=4)
 
 
@@ -47,8 +46,7 @@ def on_a_spring(compliance_mm_per_n, **setup):
     return simulate_grasp(
         BEST_PUBLISHED,
         get_object(2),
-        SCREENING,
-        SHORT_LIFT.model_copy(update=setup),
+        setup=SHORT_LIFT.model_copy(update=setup),
         effects=effects if compliance_mm_per_n else [],
     )
 

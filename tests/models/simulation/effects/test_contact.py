@@ -9,23 +9,20 @@ from models.objects.distance import distance
 from models.objects.primitives import bounds
 from models.records import GraspSetup, MeshSettings, Placement, SimulatorVersion, Theta
 from models.simulation.body.assembly import ElasticBody, Material
-from models.simulation.contact.law import NO_STOP, ContactLaw, ContactSurface, PointSpacing
-from models.simulation.effects.finger_finger_contact import FingerFingerContact
-from models.simulation.effects.object_edge_radius import ObjectEdgeRadius
-from models.simulation.effects.pressure_dependent_friction import PressureDependentFriction
-from models.simulation.effects.shear_adhesion import ShearAdhesion
-from models.simulation.effects.static_kinetic_friction import StaticKineticFriction
+from models.simulation.contact.law import NO_STOP, ContactLaw, ContactSurface, ObjectObstacle, PointSpacing
+from models.simulation.effects.contact import (
+    FingerFingerContact,
+    ObjectEdgeRadius,
+    PressureDependentFriction,
+    ShearAdhesion,
+    StaticKineticFriction,
+)
 from models.simulation.grasp import simulate_grasp
 from models.simulation.mesh.build import build_mesh
-from models.simulation.mesh.plane import plane_mesh
-from models.simulation.obstacle import ObjectObstacle
-from models.simulation.section.body import PlaneBody
-from models.simulation.section.contact import PlaneSurface
 
 CUBE, CONE = get_object(30), get_object(24)
 TAU, MU, DEPTH_MM = 0.02, 0.5, 0.1
 LAW = ContactLaw(adhesion_mpa=TAU)
-SCREENING = SimulatorVersion(tier="screening")
 
 
 def test_friction_falls_from_static_to_kinetic() -> None:
@@ -40,31 +37,22 @@ def test_friction_falls_with_pressure_by_a_power_and_stays_finite() -> None:
     assert np.allclose(factor, [1.0, 0.5, 2.0, 20.0 ** (1.0 / 3.0)])
 
 
-def pressed_section(stop_mm: float, near_mm: float) -> tuple[PlaneSurface, np.ndarray]:
-    """A section whose front is at x = `near_mm`, and its contact surface."""
-    mesh = plane_mesh(BEST_PUBLISHED, MeshSettings(), full_width=True)
-    nodes = np.ascontiguousarray(mesh.nodes * [1.0, -1.0] + [0.0, BEST_PUBLISHED.height_mm - 5.0])
-    body = PlaneBody(mesh, nodes, Material(11.5, 0.45))
-    obstacle = ObjectObstacle(CUBE, Placement(), is_mirrored=False)
-    return PlaneSurface(body, nodes, LAW, PointSpacing(), obstacle), nodes + [near_mm, 0.0]
+OBSTACLE = ObjectObstacle(CUBE, Placement(), is_mirrored=False)
 
 
-def test_a_sliding_contact_carries_adhesion_and_friction_in_the_section() -> None:
-    surface, x = pressed_section(0.0, 20.0 - DEPTH_MM)
-    start = surface.start(x)
-    response = surface.respond(x + [0.0, 3.0], start, np.full(surface.n_points, MU), NO_STOP)
-    assert_slides(response.traction, response.pressure)
-
-
-def test_a_sliding_contact_carries_adhesion_and_friction_in_the_solid() -> None:
+def pressed_finger(near_mm: float) -> tuple[ContactSurface, np.ndarray]:
+    """The contact surface of a finger, and its nodes with the front at x = `near_mm`."""
     mesh = build_mesh(BEST_PUBLISHED, MeshSettings(), full_width=True)
     nodes = np.ascontiguousarray(mesh.nodes * [1.0, -1.0, -1.0] + [0.0, 0.0, BEST_PUBLISHED.height_mm - 5.0])
     body = ElasticBody(mesh, nodes, Material(11.5, 0.45))
     surface = ContactSurface(body, nodes, LAW, PointSpacing(along_mm=1.0, across_mm=2.0))
-    x = nodes + [20.0 - DEPTH_MM, 0.0, 0.0]
-    obstacle = ObjectObstacle(CUBE, Placement(), is_mirrored=False)
+    return surface, nodes + [near_mm, 0.0, 0.0]
+
+
+def test_a_sliding_contact_carries_adhesion_and_friction() -> None:
+    surface, x = pressed_finger(20.0 - DEPTH_MM)
     friction = np.full(len(surface.areas), MU)
-    response = surface.respond(x + [0.0, 0.0, 3.0], surface.start(x), obstacle, friction, NO_STOP, None)
+    response = surface.respond(x + [0.0, 0.0, 3.0], surface.start(x), OBSTACLE, friction, NO_STOP, None)
     assert_slides(response.traction, response.pressure)
 
 
@@ -77,7 +65,7 @@ def assert_slides(traction: np.ndarray, pressure: np.ndarray) -> None:
 
 
 def test_adhesion_holds_without_friction() -> None:
-    frictionless = SCREENING.model_copy(update={"theta": Theta(friction=0.0)})
+    frictionless = SimulatorVersion(theta=Theta(friction=0.0))
     setup = GraspSetup(max_lift_mm=6)
     free, adhering = (
         simulate_grasp(BEST_PUBLISHED, CUBE, frictionless, setup, effects=[ShearAdhesion(tau)]) for tau in (0.0, 0.01)
@@ -109,22 +97,22 @@ def test_every_object_can_be_rounded() -> None:
 @pytest.mark.parametrize("stop_mm", [-2.0, 0.0, 3.0])
 def test_fingers_stop_each_other_before_their_plane(stop_mm: float) -> None:
     depth = 0.2
-    surface, x = pressed_section(stop_mm, stop_mm - depth)
-    below = x - [0.0, 400.0]  # no object there
-    response = surface.respond(below, surface.start(below), np.full(surface.n_points, MU), stop_mm)
+    surface, x = pressed_finger(stop_mm - depth)
+    below = x - [0.0, 0.0, 400.0]  # no object there
+    friction = np.full(len(surface.areas), MU)
+    response = surface.respond(below, surface.start(below), OBSTACLE, friction, stop_mm, None)
     pressure = LAW.normal_n_per_mm3 * (depth - 0.5 * LAW.smoothing_mm)
     front_mm = BEST_PUBLISHED.height_mm - 3.0
     assert response.force[:, 0].sum() == pytest.approx(pressure * front_mm * BEST_PUBLISHED.width_mm, rel=0.03)
-    clear = below + [depth + 1e-6, 0.0]
-    assert not surface.respond(clear, surface.start(clear), np.zeros(surface.n_points), stop_mm).force.any()
+    clear = below + [depth + 1e-6, 0.0, 0.0]
+    assert not surface.respond(clear, surface.start(clear), OBSTACLE, friction, stop_mm, None).force.any()
 
 
 def test_fingers_that_stop_each_other_press_without_an_object() -> None:
     setup = GraspSetup(tip_below_mm=-40, max_lift_mm=2)  # far above the small cube
     small = get_object(31)
     free, stopped = (
-        simulate_grasp(BEST_PUBLISHED, small, SCREENING, setup, effects=[FingerFingerContact(gap)])
-        for gap in (0.0, 10.0)
+        simulate_grasp(BEST_PUBLISHED, small, setup=setup, effects=[FingerFingerContact(gap)]) for gap in (0.0, 10.0)
     )
     assert free.contact_force_n == 0.0
     assert stopped.contact_force_n > 1.0

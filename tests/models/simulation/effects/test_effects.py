@@ -9,13 +9,11 @@ from models.design.space import BEST_PUBLISHED
 from models.errors import ConfigError, UsageError
 from models.objects.catalogue import get_object
 from models.records import EffectValue, GraspContext, GraspSetup, GraspSimulation, SimulatorVersion, Theta
-from models.simulation.effects.base import Effect
+from models.simulation.effects.base import LAYERS, Effect, EffectSpec
 from models.simulation.effects.catalogue import CATALOGUE, build_effects
-from models.simulation.effects.load_cell_gain import LoadCellGain
-from models.simulation.effects.load_cell_lag import LoadCellLag
+from models.simulation.effects.material import StressRelaxation
 from models.simulation.effects.scaling import scales_with_modulus
-from models.simulation.effects.spec import LAYERS, EffectSpec
-from models.simulation.effects.stress_relaxation import StressRelaxation
+from models.simulation.effects.sensor import LoadCellGain, LoadCellLag
 from models.simulation.grasp import simulate_grasp
 from models.units import unit_of
 from tests.synthetic.simulation import replayed
@@ -25,7 +23,6 @@ CUBE = get_object(30)
 # Late in a batch, so that effects with a memory act; a short lift over which the fingers slip.
 LATE = GraspContext(repeat=2, tool_grasps=60, batch_grasps=300, clock_s=5400.0)
 SHORT = GraspSetup(max_lift_mm=4)
-SCREENING = SimulatorVersion(tier="screening")
 # Where the prior median does not act on this grasp.
 STRONG = {
     "force_limited_closing": {"max_force_n": 10.0},
@@ -42,31 +39,19 @@ def strong(spec: EffectSpec) -> EffectValue:
     return EffectValue(effect=spec.effect, parameters=values | STRONG.get(spec.effect, {}))
 
 
-def grasp(
-    version: SimulatorVersion, effects: Sequence[EffectValue] = (), young_modulus_mpa: float = 11.5
-) -> GraspSimulation:
-    changed = {"effects": tuple(effects), "theta": Theta(young_modulus_mpa=young_modulus_mpa)}
-    return simulate_grasp(BEST_PUBLISHED, CUBE, version.model_copy(update=changed), SHORT, context=LATE)
-
-
-@pytest.fixture(scope="module", params=["screening", "production"])
-def version(request: pytest.FixtureRequest) -> SimulatorVersion:
-    return SimulatorVersion(tier=request.param)
+def grasp(effects: Sequence[EffectValue] = (), young_modulus_mpa: float = 11.5) -> GraspSimulation:
+    version = SimulatorVersion(theta=Theta(young_modulus_mpa=young_modulus_mpa), effects=tuple(effects))
+    return simulate_grasp(BEST_PUBLISHED, CUBE, version, SHORT, context=LATE)
 
 
 @pytest.fixture(scope="module")
-def plain(version: SimulatorVersion) -> GraspSimulation:
-    return grasp(version)
-
-
-@pytest.fixture(scope="module")
-def screened() -> GraspSimulation:
-    return grasp(SCREENING)
+def plain() -> GraspSimulation:
+    return grasp()
 
 
 @pytest.mark.parametrize("effect", EVERY)
-def test_amplitude_zero_is_identical_to_without(effect: str, version: SimulatorVersion, plain: GraspSimulation) -> None:
-    neutral = grasp(version, [CATALOGUE[effect].neutral])
+def test_amplitude_zero_is_identical_to_without(effect: str, plain: GraspSimulation) -> None:
+    neutral = grasp([CATALOGUE[effect].neutral])
     assert np.array_equal(neutral.trace.force_n, plain.trace.force_n)
     assert np.array_equal(neutral.trace.time_s, plain.trace.time_s)
     assert np.array_equal(neutral.trace.lift_mm, plain.trace.lift_mm)
@@ -77,21 +62,21 @@ def test_amplitude_zero_is_identical_to_without(effect: str, version: SimulatorV
 @pytest.mark.parametrize("effect", EVERY)
 def test_force_scales_with_the_modulus_exactly_where_an_effect_says_so(effect: str) -> None:
     value = strong(CATALOGUE[effect])
-    single, double = (grasp(SCREENING, [value], modulus).trace for modulus in (11.5, 23.0))
+    single, double = (grasp([value], modulus).trace for modulus in (11.5, 23.0))
     scales = np.array_equal(double.lift_mm, single.lift_mm) and np.allclose(double.force_n, 2.0 * single.force_n, 1e-9)
-    claimed = scales_with_modulus(SCREENING.model_copy(update={"effects": (value,)}))
+    claimed = scales_with_modulus(SimulatorVersion(effects=(value,)))
     assert scales == CATALOGUE[effect].scales_with_modulus == claimed
 
 
 @pytest.mark.parametrize("effect", EVERY)
-def test_effects_are_visible_and_those_of_cost_p_need_no_simulation(effect: str, screened: GraspSimulation) -> None:
+def test_effects_are_visible_and_those_of_cost_p_need_no_simulation(effect: str, plain: GraspSimulation) -> None:
     value = strong(CATALOGUE[effect])
-    simulated = grasp(SCREENING, [value]).trace
-    common = np.interp(screened.trace.time_s, simulated.time_s, simulated.force_n)
-    assert np.abs(common - screened.trace.force_n).max() > 0.003 * screened.peak_force_n
+    simulated = grasp([value]).trace
+    common = np.interp(plain.trace.time_s, simulated.time_s, simulated.force_n)
+    assert np.abs(common - plain.trace.force_n).max() > 0.003 * plain.peak_force_n
     if CATALOGUE[effect].cost == "P":
         effects = [e.in_grasp(BEST_PUBLISHED, SHORT, LATE) for e in build_effects([value])]
-        again = replayed(screened.trace, effects, BEST_PUBLISHED, Theta())
+        again = replayed(plain.trace, effects, BEST_PUBLISHED, Theta())
         assert np.allclose(again.force_n, simulated.force_n, rtol=1e-12)
         assert np.allclose(again.time_s, simulated.time_s, rtol=1e-12)
 
@@ -136,10 +121,10 @@ def test_effects_act_layer_by_layer_and_else_in_their_order() -> None:
     assert [type(effect) for effect in effects] == [StressRelaxation, LoadCellGain, LoadCellLag]
 
 
-def test_an_effect_that_needs_a_simulation_is_not_replayed(screened: GraspSimulation) -> None:
+def test_an_effect_that_needs_a_simulation_is_not_replayed(plain: GraspSimulation) -> None:
     class Stiffer(Effect):
         def modify_theta(self, theta: Theta, design: object) -> Theta:
             return theta.model_copy(update={"poisson_ratio": 0.49})
 
     with pytest.raises(UsageError, match="simulate the grasp with it"):
-        replayed(screened.trace, [Stiffer()], BEST_PUBLISHED, Theta())
+        replayed(plain.trace, [Stiffer()], BEST_PUBLISHED, Theta())

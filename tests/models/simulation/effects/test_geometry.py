@@ -6,13 +6,11 @@ import pytest
 from models.design.profile import cavity_share, planar_profile, rib_centres
 from models.design.space import BEST_PUBLISHED, random_designs
 from models.objects.catalogue import get_object
-from models.records import Design, GraspSetup, MeshSettings, SimulatorVersion
-from models.simulation.body.assembly import Material
-from models.simulation.effects.rib_imperfection import RibImperfection
-from models.simulation.effects.wall_thickness_offset import WallThicknessOffset
+from models.records import Design, GraspSetup, MeshSettings
+from models.simulation.body.assembly import ElasticBody, Material
+from models.simulation.effects.geometry import RibImperfection, WallThicknessOffset
 from models.simulation.grasp import simulate_grasp
-from models.simulation.mesh.plane import plane_mesh
-from models.simulation.section.body import PlaneBody
+from models.simulation.mesh.build import build_mesh
 
 
 @pytest.mark.parametrize("offset_mm", [0.2, -0.2])
@@ -52,23 +50,22 @@ def test_ribs_are_bowed_in_the_middle_each_to_its_own_side_and_repeatably() -> N
 @pytest.mark.parametrize("seed", range(4))
 def test_bows_leave_walls_tip_and_base_in_place_and_elements_sound(seed: int) -> None:
     design = random_designs(1, np.random.default_rng(seed))[0]
-    straight, bowed = (plane_mesh(design, MeshSettings(), effects=[RibImperfection(bow)]) for bow in (0.0, 0.5))
+    straight, bowed = (build_mesh(design, MeshSettings(), effects=[RibImperfection(bow)]) for bow in (0.0, 0.5))
     moved = np.linalg.norm(bowed.nodes - straight.nodes, axis=1)
-    share = cavity_share(straight.nodes, design)
-    in_wall = (share == 0.0) | (share == 1.0) | (straight.nodes[:, 1] > design.height_mm - design.tip_length_mm)
+    share = cavity_share(straight.nodes[:, [0, 2]], design)
+    in_wall = (share == 0.0) | (share == 1.0) | (straight.nodes[:, 2] > design.height_mm - design.tip_length_mm)
     assert moved[in_wall].max() < 1e-12
     assert moved[straight.base_nodes].max() == 0.0
     assert moved.max() == pytest.approx(0.5, abs=0.1)
-    volume_mm3 = planar_profile(design).area * straight.width_mm
-    body = PlaneBody(bowed, bowed.nodes, Material(11.5, 0.45))  # refuses inverted elements
+    volume_mm3 = planar_profile(design).area * 0.5 * design.width_mm
+    body = ElasticBody(bowed, bowed.nodes, Material(11.5, 0.45))  # refuses inverted elements
     assert body.lumped_volume().sum() == pytest.approx(volume_mm3, rel=0.02)
 
 
 def test_a_bow_softens_a_rib_under_compression() -> None:
     stroke = GraspSetup(max_lift_mm=1)
-    version = SimulatorVersion(tier="screening")
     forces = [
-        simulate_grasp(BEST_PUBLISHED, get_object(2), version, stroke, effects=[RibImperfection(bow)]).contact_force_n
+        simulate_grasp(BEST_PUBLISHED, get_object(2), setup=stroke, effects=[RibImperfection(bow)]).contact_force_n
         for bow in (0.0, 0.25, 0.5)
     ]
     assert forces[0] > forces[1] > forces[2] > 0.7 * forces[0]

@@ -5,13 +5,10 @@ import pytest
 
 from models.design.space import BEST_PUBLISHED
 from models.records import GraspContext, GraspSetup, Theta
+from models.simulation.effects.actuation import PressureDroop
 from models.simulation.effects.base import Effect
-from models.simulation.effects.batch_ageing import BatchAgeing
-from models.simulation.effects.friction_wear import FrictionWear
-from models.simulation.effects.mullins_softening import MullinsSoftening
-from models.simulation.effects.pressure_droop import PressureDroop
-from models.simulation.effects.temperature_softening import TemperatureSoftening
-from models.simulation.effects.velocity_strengthening_friction import VelocityStrengtheningFriction
+from models.simulation.effects.contact import FrictionWear, VelocityStrengtheningFriction
+from models.simulation.effects.material import BatchAgeing, MullinsSoftening, TemperatureSoftening
 
 NONE, SETUP = np.zeros(0), GraspSetup()
 

@@ -1,4 +1,4 @@
-"""Material effects inside the elements: energies, tangents, and moduli by part, in the solid and in the section."""
+"""Material effects inside the elements: energies, tangents, and moduli by part."""
 
 import numpy as np
 import pytest
@@ -9,13 +9,10 @@ from models.records import GraspSetup, MeshSettings, Theta
 from models.simulation.body.assembly import ElasticBody, Material
 from models.simulation.body.elasticity import element_force, element_stiffness, lame_constants
 from models.simulation.body.shape_functions import quadrature_of, shape_of
-from models.simulation.effects.hyperelastic_stiffening import HyperelasticStiffening
-from models.simulation.effects.print_anisotropy import PrintAnisotropy
+from models.simulation.effects.material import HyperelasticStiffening, PrintAnisotropy
 from models.simulation.mesh.build import build_mesh
-from models.simulation.mesh.plane import plane_mesh
 from models.simulation.problem import FingerProblem
-from models.simulation.section.body import PlaneBody
-from models.simulation.solver.newton import solve_dead_load
+from tests.models.simulation.dead_load import solve_dead_load
 from tests.models.simulation.test_elements import reference_nodes
 
 E_MPA, NU, BETA = 11.5, 0.45, 3.0
@@ -77,50 +74,6 @@ def test_tangent_of_the_stiffening_solid_is_the_derivative_of_its_force() -> Non
     assert np.allclose(tangent @ direction.ravel(), difference.ravel(), rtol=1e-6, atol=1e-5)
 
 
-@pytest.mark.parametrize("factors", [False, True])
-def test_tangent_of_the_stiffening_section_is_the_derivative_of_its_force(factors: bool) -> None:
-    mesh = plane_mesh(BEST_PUBLISHED, COARSE)
-    rng = np.random.default_rng(5)
-    moduli = [rng.uniform(0.5, 1.5, len(part)) for part in mesh.connectivities] if factors else None
-    body = PlaneBody(mesh, mesh.nodes, Material(E_MPA, NU, stiffening=BETA), moduli)
-    bend = np.column_stack([0.002 * mesh.nodes[:, 1] ** 2, 0.1 * mesh.nodes[:, 0]])
-    x = mesh.nodes + bend + 1e-3 * rng.standard_normal(mesh.nodes.shape)
-    blocks = np.zeros((len(body.pattern.indices), 2, 2))
-    assert body.stiffness(x, blocks)
-    direction = rng.standard_normal(mesh.nodes.shape)
-    direction[mesh.base_nodes] = 0.0
-    plus, minus = body.force(x + 1e-6 * direction), body.force(x - 1e-6 * direction)
-    assert plus is not None
-    assert minus is not None
-    change, rows = np.zeros((body.pattern.n, 2)), body.row_of_node
-    u = np.zeros_like(change)
-    u[rows[rows >= 0]] = direction[rows >= 0]
-    for column in range(body.pattern.n):
-        for place in range(body.pattern.indptr[column], body.pattern.indptr[column + 1]):
-            row = body.pattern.indices[place]
-            change[row] += blocks[place] @ u[column]
-            if row != column:
-                change[column] += blocks[place].T @ u[row]
-    difference = ((plus - minus) / 2e-6)[rows >= 0]
-    assert np.allclose(change[rows[rows >= 0]], difference, rtol=1e-5, atol=1e-4)
-
-
-def test_solid_and_section_stiffen_alike() -> None:
-    section = plane_mesh(BEST_PUBLISHED, COARSE, full_width=True)
-    solid, node_of = section.swept()
-    material = Material(E_MPA, 0.0, stiffening=BETA)  # at Poisson's ratio 0 the section's plate factor is 1
-    bend = np.column_stack([0.002 * section.nodes[:, 1] ** 2, 0.1 * section.nodes[:, 0]])
-    solid_x = solid.nodes.copy()
-    solid_x[:, [0, 2]] += bend[node_of]
-    in_solid = ElasticBody(solid, solid.nodes, material).force(solid_x)
-    in_section = PlaneBody(section, section.nodes, material).force(section.nodes + bend)
-    assert in_solid is not None
-    assert in_section is not None
-    summed = np.zeros_like(in_section)
-    np.add.at(summed, node_of, in_solid[:, [0, 2]])
-    assert np.linalg.norm(summed - in_section) < 0.02 * np.linalg.norm(in_section)
-
-
 def test_only_the_neo_hookean_law_stiffens() -> None:
     with pytest.raises(UsageError, match="`st_venant_kirchhoff` cannot stiffen with strain; use `neo_hookean`"):
         Material(E_MPA, NU, "st_venant_kirchhoff", BETA)
@@ -140,15 +93,13 @@ def test_a_factor_on_all_elements_is_a_factor_on_the_modulus_and_moves_no_mass()
     assert np.array_equal(stiff.lumped_volume(), scaled.lumped_volume())
 
 
-@pytest.mark.parametrize("screening", [False, True])
-def test_anisotropy_acts_on_the_ribs_alone(screening: bool) -> None:
+def test_anisotropy_acts_on_the_ribs_alone() -> None:
     for design in [BEST_PUBLISHED, *random_designs(4, np.random.default_rng(2))]:
-        mesh = (plane_mesh if screening else build_mesh)(design, MeshSettings())
+        mesh = build_mesh(design, MeshSettings())
         problem = FingerProblem(mesh, design, Theta(), GraspSetup(), (PrintAnisotropy(0.3),))
         factors = problem.factors()
         assert factors is not None
-        nodes = mesh.nodes if screening else mesh.nodes[:, [0, 2]]
-        middles = np.vstack([nodes[c].mean(axis=1) for c in mesh.connectivities])
+        middles = np.vstack([mesh.nodes[c][:, :, [0, 2]].mean(axis=1) for c in mesh.connectivities])
         factor = np.concatenate(factors)
         assert set(factor) == {1.0, 1.3}
         in_front = middles[:, 0] < design.front_thickness_mm

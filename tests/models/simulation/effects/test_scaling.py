@@ -9,7 +9,7 @@ PARAMETERS = {"force_limited_closing": {"max_force_n": 6.0}}
 
 def version(young_modulus_mpa: float, *effects: EffectValue, friction: float = 0.56) -> SimulatorVersion:
     theta = Theta(young_modulus_mpa=young_modulus_mpa, friction=friction)
-    return SimulatorVersion(theta=theta, effects=effects, tier="screening")
+    return SimulatorVersion(theta=theta, effects=effects)
 
 
 def switched_on(effect: str) -> EffectValue:

@@ -6,17 +6,18 @@ import pytest
 from models.design.profile import planar_profile
 from models.design.space import BEST_PUBLISHED
 from models.records import GraspContext, GraspSetup, Trace
-from models.simulation.effects.base import Effect
-from models.simulation.effects.lift import relifted, speed_mm_per_s
-from models.simulation.effects.lift_misalignment import LiftMisalignment
-from models.simulation.effects.lift_start_error import LiftStartError
-from models.simulation.effects.load_cell_drift import LoadCellDrift
-from models.simulation.effects.load_cell_gain import LoadCellGain
-from models.simulation.effects.load_cell_lag import LoadCellLag
-from models.simulation.effects.load_cell_offset import LoadCellOffset
-from models.simulation.effects.object_post_compliance import ObjectPostCompliance
-from models.simulation.effects.stress_relaxation import StressRelaxation
-from models.simulation.effects.tool_weight import ToolWeight
+from models.simulation.effects.actuation import LiftStartError
+from models.simulation.effects.base import Effect, relifted, speed_mm_per_s
+from models.simulation.effects.contact import ObjectPostCompliance
+from models.simulation.effects.material import StressRelaxation
+from models.simulation.effects.sensor import (
+    LiftMisalignment,
+    LoadCellDrift,
+    LoadCellGain,
+    LoadCellLag,
+    LoadCellOffset,
+    ToolWeight,
+)
 
 TIME_S = np.array([0.0, 0.5, 1.0, 1.1, 1.2, 3.0, 8.0])
 TRACE = Trace(TIME_S, np.array([0, 0, 0, 0.5, 1.0, 10.0, 35.0]), np.array([0, -4.0, -8, 2, 14, 9, 0.0]))
@@ -79,7 +80,7 @@ def test_offset_drift_and_weight_add_to_every_sample() -> None:
     weight = ToolWeight(0.5).in_grasp(BEST_PUBLISHED, setup, GraspContext()).modify_trace(TRACE)
     volume_cm3 = planar_profile(BEST_PUBLISHED).area * BEST_PUBLISHED.width_mm / 1000.0
     assert np.allclose(weight.force_n - TRACE.force_n, 0.5 * 2.0 * volume_cm3 * 1.1e-3 * 9.80665)
-    assert 0.1 < weight.force_n[0] < 0.6  # the range of notes/gap.md S6
+    assert 0.1 < weight.force_n[0] < 0.6
 
 
 def test_relaxation_starts_at_the_end_of_closing_and_ends_at_the_relaxed_share() -> None:

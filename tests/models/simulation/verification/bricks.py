@@ -14,7 +14,7 @@ from models.simulation.body.shape_functions import (
     face_shape,
 )
 from models.simulation.mesh.solid import ElementBlock, SolidMesh
-from models.simulation.solver.newton import solve_dead_load
+from tests.models.simulation.dead_load import solve_dead_load
 
 KINDS: tuple[ElementKind, ...] = ("C3D4", "C3D10", "C3D15", "C3D20R")
 QUADRATIC: tuple[ElementKind, ...] = KINDS[1:]

@@ -16,12 +16,11 @@ from models.records import GraspSetup, MeshSettings, Placement, Theta
 from models.simulation.body.assembly import Material
 from models.simulation.body.elasticity import REFERENCE_MODULUS_MPA, lame_constants
 from models.simulation.body.shape_functions import quadrature_of, shape_of
-from models.simulation.contact.law import ContactLaw, ContactState
+from models.simulation.contact.law import ContactLaw, ContactState, ObjectObstacle
 from models.simulation.grasp import INWARD, UPWARD
 from models.simulation.mesh.build import build_mesh
 from models.simulation.mesh.solid import SolidMesh
 from models.simulation.model import to_object_frame
-from models.simulation.obstacle import ObjectObstacle
 from models.simulation.solver.stepping import Step, travel_to_touch
 from tests.models.simulation.verification.rig import Rig, set_up
 

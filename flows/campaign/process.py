@@ -1,0 +1,200 @@
+"""One process's share of a campaign: workers, bench, signals, and the report at the end."""
+
+import contextlib
+import functools
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from prefect import get_run_logger
+from prefect.exceptions import MissingContextError
+from prefect.logging.handlers import APILogWorker
+
+from flows.campaign.flow import run_flow
+from flows.campaign.loops import CampaignRun
+from flows.campaign.notify import notifier
+from flows.campaign.operator_prompts import PrintPrompts
+from flows.campaign.progress import CampaignProgress
+from flows.progress import ProgressReporter
+from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_bench
+from hardware.cell.cell import MeasuredGrasp
+from hardware.safety.safe_state import Verb
+from hardware.tools.mounted import MountedTool
+from hardware.virtual.world.file import World
+from hardware.virtual.world.physics import PhysicsCache, PhysicsRequest, simulate_request
+from hardware.virtual.world.physics_cache import PhysicsFiles
+from models.errors import FastError
+from models.records import GraspSimulation
+from models.traces import peak_force_n
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.config import CampaignConfig
+from tasks.campaign.requests import append_event, bench_log_folder
+from tasks.campaign.state import ProposedTool, rank_tools
+from tasks.simulation.attempt import hang_limit_s
+from tasks.simulation.engine import Engine, open_engine
+from tasks.simulation.pool import WorkerPool
+
+_INTERRUPTS = (
+    (Verb.PAUSE, "Finishing the current grasp and the simulations that run; the same command continues later."),
+    (Verb.STOP, "Stopping: the bench goes to its safe state at once; the data is kept."),
+)
+
+
+@dataclass(frozen=True)
+class CampaignOutcome:
+    """What a campaign left behind when its process ended; measured tools best first. `ended_by`: what was asked."""
+
+    campaign_id: str
+    is_complete: bool
+    tools: list[dict[str, Any]]
+    report: Path | None = None
+    recording: Path | None = None
+    ended_by: Verb | None = None
+
+
+def run_in_process(
+    campaign: Campaign, setup: World | BenchSettings, *, auto_print: bool, reporter: ProgressReporter
+) -> CampaignOutcome:
+    """Run the campaign's flow until its schedule is complete or someone asks to stop."""
+    config = campaign.config
+    simulations = _open_simulations(config)
+    physics = WorkerPool(config.execution.physics_workers)
+    told = notifier(isinstance(setup, World), config.execution.notify, config.execution.notify_virtual)
+    progress = CampaignProgress(campaign, functools.partial(_emit, reporter))
+    run = CampaignRun(
+        campaign=campaign,
+        pool=simulations,
+        open_bench=functools.partial(open_campaign_bench, campaign, setup, keep_physics(campaign, physics)),
+        world_hash=setup.world_hash if isinstance(setup, World) else None,
+        auto_print=auto_print,
+        on_grasp=functools.partial(_tell_grasp, progress),
+        on_simulated=functools.partial(_tell_simulated, progress),
+        prompts=PrintPrompts(campaign, reporter, told),
+    )
+    if auto_print:
+        reporter.announce("--auto-print: trays count as printed and mounted without asking a person")
+    outcome: list[CampaignOutcome] = []
+
+    def finish() -> None:
+        outcome.append(_write_results(campaign, reporter))
+
+    try:
+        is_complete = run_flow(run, finish, functools.partial(hear_interrupts, run, reporter))
+    except FastError as error:
+        told.send("stopped", f"FAST stopped: campaign {campaign.campaign_id}", str(error))
+        raise
+    finally:
+        simulations.close()
+        physics.close()
+        # What Prefect still has to say must go out before an embedded server stops.
+        APILogWorker.drain_all(timeout=10)
+    event = "completed" if is_complete else "interrupted"
+    append_event(campaign.lake, campaign.campaign_id, event, f"campaign {event}")
+    if outcome:
+        told.send("done", f"FAST is done: campaign {campaign.campaign_id}", _best_in_words(outcome[0]))
+        return outcome[0]
+    tools = rank_tools(campaign.lake, campaign.campaign_id)
+    return CampaignOutcome(campaign.campaign_id, False, tools, ended_by=run.asked)
+
+
+def _open_simulations(config: CampaignConfig) -> Engine:
+    """The workers that simulate, here or on a cluster."""
+    limit_s = hang_limit_s(config.simulator.grasp_deadline_s)
+    return open_engine(config.execution.engine, config.execution.simulation_workers, limit_s)
+
+
+def _emit(reporter: ProgressReporter, line: str) -> None:
+    """A line of progress for the terminal and, where one is running, for the flow's page."""
+    reporter.progress(line)
+    with contextlib.suppress(MissingContextError):
+        get_run_logger().info(line)
+
+
+@contextmanager
+def open_campaign_bench(
+    campaign: Campaign, setup: World | BenchSettings, physics: PhysicsCache, tools: Sequence[ProposedTool]
+) -> Iterator[Bench]:
+    """The campaign's bench with these tools in its rack, connected and homed."""
+    mounted = {tool.rack_slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
+    logs = bench_log_folder(campaign.lake)
+    if isinstance(setup, World):
+        with open_virtual_bench(setup, mounted, physics=physics, wires="memory", fault_log_folder=logs) as bench:
+            yield bench
+        return
+    with open_real_bench(setup, mounted, log_folder=logs) as bench:
+        told = f"bench connected and homed; wire logs {bench.wire_session} in {logs}"
+        append_event(campaign.lake, campaign.campaign_id, "bench_opened", told, wire_log=bench.wire_session)
+        yield bench
+
+
+def keep_physics(campaign: Campaign, pool: WorkerPool) -> PhysicsCache:
+    """The physics of the campaign's world, solved in the pool, once, and kept beside the lake's tables."""
+    files = PhysicsFiles(campaign.lake.root / ".state" / "physics")
+    return PhysicsCache(functools.partial(_solve_in_worker, pool), files)
+
+
+def _solve_in_worker(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulation:
+    return pool.call(simulate_request, request)
+
+
+def _tell_grasp(progress: CampaignProgress, tool: ProposedTool, grasp: MeasuredGrasp) -> None:
+    result = f"{peak_force_n(grasp.trace):.1f} N" if grasp.status == "ok" else f"failed ({grasp.reason})"
+    what = f"object {grasp.object_id} repeat {grasp.repeat}" if grasp.diagnostic is None else grasp.diagnostic.text()
+    progress.line(f"{tool.label} {what}: {result}")
+
+
+def _tell_simulated(progress: CampaignProgress, label: str, n_failed: int) -> None:
+    failed = f", {n_failed} failed" if n_failed else ""
+    progress.line(f"{label}{failed}", force=True)
+
+
+@contextmanager
+def hear_interrupts(run: CampaignRun, reporter: ProgressReporter) -> Iterator[None]:
+    """Ctrl-C or SIGTERM: the first pauses, the second stops (safe state at once), the third is the default."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    verbs = iter(_INTERRUPTS)
+
+    def hear(signal_number: int, frame: object) -> None:
+        verb, words = next(verbs)
+        run.ask(verb)
+        reporter.announce(words)
+        if verb is Verb.STOP:
+            restore()
+
+    before = {number: signal.signal(number, hear) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+    try:
+        yield
+    finally:
+        restore()
+
+
+def _best_in_words(outcome: CampaignOutcome) -> str:
+    best = outcome.tools[0] if outcome.tools else None
+    words = f"best tool {best['tool_id']}, {best['tool_quality_n']:.2f} N; " if best else "no tool was measured; "
+    return f"{words}report {outcome.report}"
+
+
+def _write_results(campaign: Campaign, reporter: ProgressReporter) -> CampaignOutcome:
+    reporter.progress("writing report and recording")
+    # Seconds of imports, which a campaign that goes on after a crash does not wait for.
+    from flows.report.campaign.page import add_features, write_report
+    from flows.viewer.campaign import write_recording
+
+    add_features(campaign.lake, campaign.campaign_id)
+    report = write_report(campaign.lake, campaign.campaign_id, campaign.output / "report")
+    recording = campaign.output / f"{campaign.campaign_id}.rrd"
+    write_recording(campaign.lake, campaign.campaign_id, recording)
+    return CampaignOutcome(
+        campaign.campaign_id, True, rank_tools(campaign.lake, campaign.campaign_id), report, recording
+    )

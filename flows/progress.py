@@ -1,0 +1,68 @@
+"""How long commands report their progress: lines for people, rates, durations in words."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+UNKNOWN = "time left not known yet"
+
+
+@dataclass(frozen=True)
+class ProgressReporter:
+    """How a long command speaks: `progress` may be skipped over, `announce` must be read."""
+
+    progress: Callable[[str], None]
+    announce: Callable[[str], None]
+
+
+@dataclass
+class RateEstimate:
+    """Units per second over the recent past, for estimates of the time left; breaks in the work do not count.
+
+    It is known from the second unit on that ends after the first look: when the first one began, nobody saw.
+    """
+
+    window: int = 40
+    longest_gap_s: float = 90.0  # a longer one is a break: a print, a pause
+    marks: deque[tuple[float, int]] = field(default_factory=deque)  # when a unit ended, and how many had
+    last_done: int | None = None
+
+    def update(self, done: int, now_s: float) -> None:
+        """Note that `done` units are finished at `now_s`."""
+        is_first_look, is_same = self.last_done is None, self.last_done == done
+        self.last_done = done
+        if is_first_look or is_same:
+            return
+        if self.marks and now_s - self.marks[-1][0] > self.longest_gap_s:
+            self.marks.clear()
+        self.marks.append((now_s, done))
+        while len(self.marks) > self.window:
+            self.marks.popleft()
+
+    def seconds_left(self, remaining: int) -> float | None:
+        """Time for `remaining` units at the recent rate, 0 for none; None before a rate is known."""
+        if remaining <= 0:
+            return 0.0
+        if len(self.marks) < 2:
+            return None
+        (t0, n0), (t1, n1) = self.marks[0], self.marks[-1]
+        return remaining * (t1 - t0) / (n1 - n0) if n1 > n0 else None
+
+
+def describe_time_left(*estimates_s: float | None) -> str:
+    """Time until works that go on side by side have all ended; not known as long as that of one is not."""
+    known = [each for each in estimates_s if each is not None]
+    return f"{describe_duration(max(known))} left" if len(known) == len(estimates_s) else UNKNOWN
+
+
+def describe_duration(seconds: float) -> str:
+    """A duration as a person says it: `40 s`, `12 min`, `3 h 20 min`, `4 d 6 h`."""
+    if seconds < 90:
+        return f"{max(seconds, 0):.0f} s"
+    minutes = round(seconds / 60)
+    if minutes < 90:
+        return f"{minutes} min"
+    hours, minutes = divmod(minutes, 60)
+    if hours < 48:
+        return f"{hours} h {minutes} min"
+    return f"{hours // 24} d {hours % 24} h"

@@ -1,0 +1,237 @@
+"""What was found: the headline, tool quality by batch, and the campaign beside other approaches (Fig. 2a)."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flows.report.campaign import queries
+from flows.report.campaign.content import NOT_MEASURED, Content
+from flows.report.campaign.facts import Tool, count_objects_won, mean_quality_n, read_tools
+from flows.report.campaign.figures import quality_figure
+from flows.report.campaign.queries import Result, fetch
+from flows.report.folder import Folder
+from flows.report.html import Markup, columns, count, number, paragraph, section, table, tiles
+from lake.store import Lake
+from lake.tables.campaign import CampaignRow
+
+if TYPE_CHECKING:
+    from flows.scientist.campaign_runs import StrategyRun
+
+_TITLE = "Against other approaches"
+_NO_OTHERS = Markup(
+    "Fig. 2a needs a second approach with the same objects, and this lake has none; <code>fast compare</code> measures "
+    "random, measured-only and simulation-only campaigns, and <code>fast report CAMPAIGN --against LAKE</code> draws "
+    "them here."
+)
+
+
+def headline(content: Content) -> Markup:
+    """The result in two sentences, and the key numbers."""
+    grasps = sum(t.n_grasps for t in content.tools)
+    n_failed = sum(t.n_failed for t in content.tools)
+    n_simulated = sum(row["n_ok"] for row in content.cost.rows)
+    numbers = [
+        (number(grasps, 0), f"measured grasps that count, {n_failed} more failed"),
+    ]
+    if n_simulated:  # without any, the page may still draw a grasp that it simulated itself
+        versions = count(len(content.cost.rows), "simulator version")
+        numbers.append((number(n_simulated, 0), f"simulated grasps with {versions}"))
+    best = content.best
+    if best is None:
+        return Markup(
+            paragraph("No tool of this campaign has been measured on any object yet.", "lead") + tiles(numbers)
+        )
+    reference = mean_quality_n(content.first)
+    gain = (best.quality_n or 0.0) / reference - 1
+    numbers = [
+        (
+            Markup(f"{number(best.quality_n, 1)} <small>{_plus_minus(best)}</small>"),
+            f"tool quality of {best.label}, mean over {count(best.n_objects, 'object')}",
+        ),
+        (number(reference, 1, "N"), f"mean of the first batch, {count(len(content.first), 'tool')}"),
+        *([(f"{100 * gain:+.0f} %", "best tool against that mean")] if round(100 * gain) else []),
+        *numbers,
+    ]
+    return Markup(paragraph(_verdict(content, best, reference, gain), "lead") + _caution(content) + tiles(numbers))
+
+
+def quality_text(tool: Tool) -> str:
+    """Tool quality with the half width of its interval, where repeats gave one."""
+    if tool.half_width_n is None:
+        return number(tool.quality_n, 2, "N")
+    return f"{number(tool.quality_n, 2)} ± {number(tool.half_width_n, 2, 'N')}"
+
+
+def _plus_minus(tool: Tool) -> str:
+    return "N" if tool.half_width_n is None else f"± {number(tool.half_width_n, 1, 'N')}"
+
+
+def _verdict(content: Content, best: Tool, reference: float, gain: float) -> str:
+    opening = f"{best.label} holds best: it takes {quality_text(best)} on average to pull an object out of its grip"
+    if best in content.first:
+        if len(content.first) == 1:
+            return f"{opening}. It is the only tool of the first batch; none beats it."
+        return f"{opening}. It is one of the first batch, whose mean is {number(reference, 1, 'N')}; none beats it."
+    top = max(content.first, key=lambda t: t.quality_n or 0.0)
+    won, of = count_objects_won(content.work.rows, best, content.first)
+    over = (best.quality_n or 0.0) / (top.quality_n or 1.0) - 1
+    return (
+        f"{opening}, {_compare(gain)} the mean of the first batch ({number(reference, 1, 'N')}) and "
+        f"{_compare(over)} its best tool ({top.label}, {number(top.quality_n, 1, 'N')}). "
+        f"It beats that batch's mean on {won} of {count(of, 'object')}."
+    )
+
+
+def _compare(gain: float) -> str:
+    """A relative difference in words."""
+    percent = round(100 * gain)
+    return f"{abs(percent)} % {'more' if percent > 0 else 'less'} than" if percent else "as much as"
+
+
+def _caution(content: Content) -> Markup:
+    benches = sorted({row["bench"] for row in content.provenance.rows if row["bench"]})
+    partial = [t.label for t in content.tools if t.quality_n is not None and not t.is_complete]
+    notes = [
+        "± is a 95 % interval from the scatter between repeats; it does not cover another print of the same design."
+    ]
+    if "virtual" in benches:
+        notes.insert(0, "Measured on the virtual bench: these forces come from a simulated world, not from a machine.")
+    if partial:
+        notes.append(f"Not ranked, because not measured on every object: {', '.join(partial)}.")
+    return paragraph(" ".join(notes), "note")
+
+
+def progress_section(content: Content, folder: Folder) -> Markup:
+    """Tool quality per batch."""
+    if content.best is None:
+        return section("progress", "Tool quality by batch", paragraph(NOT_MEASURED))
+    shown = folder.figure("quality_by_batch", quality_figure(content.tools, content.best), "Tool quality by batch")
+    words = paragraph(
+        "Every mark is a printed tool: the mean over objects of its peak pull-off force, with the interval from "
+        f"repeats (often smaller than the mark). {_describe_marks(content.tools)} Hollow marks are tools not measured "
+        "on every object. Grey: median of the batch and, from five tools on, its middle half."
+    )  # fmt: skip
+    rows = []
+    for batch in sorted({t.batch for t in content.tools if t.is_complete}):
+        values = np.array([t.quality_n for t in content.tools if t.batch == batch and t.is_complete], dtype=float)
+        spread = float(values.std(ddof=1)) if values.size > 1 else None
+        rows.append(
+            (f"B{batch:02d}", values.size, number(values.mean(), 2), number(spread, 2), number(values.max(), 2))
+        )
+    summary = table(("batch", "tools", "mean (N)", "SD (N)", "best (N)"), rows, numeric=(1, 2, 3, 4))
+    return section(
+        "progress", "Tool quality by batch", columns(shown, words + summary), folder.sources(content.quality)
+    )
+
+
+def _describe_marks(tools: Sequence[Tool]) -> str:
+    """The marks of the kinds of designs that there are, in words."""
+    words = {
+        "random": "Circles are random designs.",
+        "guided": "Diamonds were chosen by the scientist.",
+        "imported": "Squares were imported.",
+    }
+    return " ".join(said for kind, said in words.items() if any(tool.kind == kind for tool in tools))
+
+
+@dataclass(frozen=True)
+class Approach:
+    """A campaign as an approach: its name (of several seeds, the same), what it measured and simulated."""
+
+    name: str
+    seed: int
+    tools: Sequence[Tool]
+    cost: Result
+
+    @property
+    def complete(self) -> list[Tool]:
+        """The tools that were measured on every object."""
+        return [t for t in self.tools if t.is_complete]
+
+    @property
+    def n_batches(self) -> int:
+        """Batches with completely measured tools; of an approach, only its longest campaigns are drawn."""
+        return len({tool.batch for tool in self.complete})
+
+    @property
+    def as_run(self) -> "StrategyRun":
+        """What `fast compare` draws and sums up."""
+        from flows.scientist.campaign_runs import StrategyRun
+
+        batches: dict[int, list[float]] = {}
+        for tool in self.complete:
+            batches.setdefault(tool.batch, []).append(tool.quality_n or 0.0)
+        cost = self.cost.rows
+        return StrategyRun(
+            self.name,
+            self.seed,
+            tuple(tuple(batches[b]) for b in sorted(batches)),
+            sum(r["n_designs"] for r in cost),
+            3600 * sum(r["total_cpu_h"] or 0.0 for r in cost),
+        )
+
+
+def baselines_section(content: Content, folder: Folder) -> Markup:
+    """Best tool so far and tools of the last batch of each approach."""
+    if content.best is None:
+        return section("baselines", _TITLE, paragraph(_NO_OTHERS))
+    own_name = _parse_name(content.lake.root.name)[0] if content.against else content.campaign.name
+    own = Approach(own_name or content.campaign.campaign_id, 0, content.tools, content.cost)
+    objects = _object_ids(content.lake, content.campaign.campaign_id)
+    others = [a for lake in (content.lake, *content.against) for a in _find_approaches(lake, content, objects)]
+    others = [a for a in others if a.n_batches == max(b.n_batches for b in others if b.name == a.name)]
+    if not others:
+        return section("baselines", _TITLE, paragraph(_NO_OTHERS))
+    from flows.scientist.campaign_table import campaign_rows, campaigns_figure
+
+    runs = [approach.as_run for approach in (own, *others)]
+    figure = folder.figure("approaches", campaigns_figure(runs, own.name), "Best tool and last batch by approach")
+    rows = campaign_rows(runs)
+    listed = table(
+        ("approach", "campaigns", "last batch (N)", "SD (N)", "best tool (N)", "tools measured", "designs simulated"),
+        [(r["strategy"], r["n_campaigns"], number(r["last_batch_n"], 2), number(r["last_batch_sd_n"], 2),
+          number(r["best_of_all_n"], 2), number(r["n_measured"], 0), number(r["n_simulated"], 0)) for r in rows],
+        numeric=(1, 2, 3, 4, 5, 6), best_row=0,
+    )  # fmt: skip
+    words = paragraph(
+        f"Fig. 2a of the paper, on the same {count(len(objects), 'object')}. Left: the best tool so far, against the "
+        "tools measured. Right: the tools of the last batch, which the paper compares by mean and spread.", "note",
+    )  # fmt: skip
+    return section("baselines", _TITLE, words, figure, listed, folder.numbers("approaches", _tool_rows([own, *others])))
+
+
+def _find_approaches(lake: Lake, content: Content, objects: set[int]) -> list[Approach]:
+    """Campaigns of a lake with measured tools on the same objects; in this lake, other ones than the report's."""
+    is_own = lake is content.lake
+    found = []
+    for campaign_id in sorted(lake.ids(CampaignRow)):
+        if (is_own and campaign_id == content.campaign.campaign_id) or _object_ids(lake, campaign_id) != objects:
+            continue
+        name, seed = _parse_name(campaign_id if is_own else lake.root.name)
+        tools = read_tools(fetch(lake, "tool_quality", queries.TOOL_QUALITY, campaign_id).rows)
+        cost = fetch(lake, "simulations", queries.SIMULATION_COST, campaign_id)
+        approach = Approach(name, seed, tools, cost)
+        if approach.complete:
+            found.append(approach)
+    return found
+
+
+def _parse_name(folder: str) -> tuple[str, int]:
+    """`fast compare` names its lakes by approach and seed: `measured-only-3`."""
+    match = re.fullmatch(r"(.+)-(\d+)", folder)
+    return (match[1].replace("-", " "), int(match[2])) if match else (folder, 0)
+
+
+def _object_ids(lake: Lake, campaign_id: str) -> set[int]:
+    return {row["object_id"] for row in fetch(lake, "objects", queries.OBJECTS, campaign_id).rows}
+
+
+def _tool_rows(approaches: Sequence[Approach]) -> list[dict[str, object]]:
+    return [
+        {"approach": a.name, "seed": a.seed, "batch": t.batch, "slot": t.slot, "quality_n": t.quality_n}
+        for a in approaches
+        for t in a.complete
+    ]

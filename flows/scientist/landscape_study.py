@@ -1,0 +1,93 @@
+"""Many runs on landscapes in worker processes, each kept in a file that a killed comparison continues."""
+
+import time
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+from flows.benchmarks.outcomes import RecordFile, read_records
+from flows.scientist.landscape import Landscape, emulated_landscape, synthetic_landscape
+from flows.scientist.landscape_run import LandscapeRun, RunSchedule, run_strategy
+from flows.scientist.strategies import STRATEGIES
+from models.scientist.surrogate.observations import ObservationSet
+
+Key = tuple[str, str, int, RunSchedule]  # landscape, strategy, seed, schedule
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """One strategy on one landscape. `data`: simulated designs to emulate; None for a synthetic landscape."""
+
+    strategy: str
+    seed: int
+    schedule: RunSchedule
+    data: ObservationSet | None = None
+
+    @property
+    def key(self) -> Key:
+        """What the outcome will be known by."""
+        landscape = f"{'synthetic' if self.data is None else 'emulated'} {self.seed}"
+        return landscape, self.strategy, self.seed, self.schedule
+
+    def landscape(self) -> Landscape:
+        """The landscape; its seed is that of the run."""
+        return synthetic_landscape(self.seed) if self.data is None else emulated_landscape(self.data, self.seed)
+
+
+def run_one(planned: PlannedRun) -> LandscapeRun:
+    """Run one strategy on one landscape, and say what it cost."""
+    start = time.process_time()
+    run = run_strategy(planned.landscape(), STRATEGIES[planned.strategy], planned.schedule, planned.seed)
+    return run.model_copy(update={"cpu_s": round(time.process_time() - start, 2)})
+
+
+def run_planned(
+    plan: Sequence[PlannedRun], results: Path | None, n_workers: int, tell: Callable[[str], None]
+) -> list[LandscapeRun]:
+    """The runs of a plan in its order: from the results file, else run now.
+
+    Raises:
+        UsageError: the results file holds something else or cannot be written.
+    """
+    known = read_runs(results, {planned.key for planned in plan})
+    missing = [planned for planned in plan if planned.key not in known]
+    if missing:
+        tell(f"{len(plan) - len(missing)} runs known, {len(missing)} to run")
+        with RecordFile(results) as file:
+            for run in _run_all(missing, n_workers, tell):
+                file.append(run)
+                known[run_key(run)] = run
+    return [known[planned.key] for planned in plan]
+
+
+def run_key(run: LandscapeRun) -> Key:
+    """What a run is known by."""
+    return run.landscape, run.strategy, run.seed, run.schedule
+
+
+def read_runs(path: Path | None, wanted: Collection[Key]) -> dict[Key, LandscapeRun]:
+    """Runs of a results file by key, those wanted; the last of each.
+
+    Raises:
+        UsageError: the file holds something else.
+    """
+    found: dict[Key, LandscapeRun] = {}
+    for run in read_records(path, LandscapeRun, "run of a comparison"):
+        if (key := run_key(run)) in wanted:
+            found[key] = run
+    return found
+
+
+def _run_all(plan: Sequence[PlannedRun], n_workers: int, tell: Callable[[str], None]) -> Iterator[LandscapeRun]:
+    started = time.monotonic()
+    with ProcessPoolExecutor(n_workers, mp_context=get_context("spawn")) as pool:
+        for n_done, future in enumerate(as_completed([pool.submit(run_one, planned) for planned in plan]), start=1):
+            run = future.result()
+            left_min = (time.monotonic() - started) / n_done * (len(plan) - n_done) / 60.0
+            tell(
+                f"{run.landscape}, {run.strategy}: best {run.best_n[-1]:.1f} of {run.optimum_n:.1f} N; "
+                f"{n_done} of {len(plan)}, about {left_min:.0f} min left"
+            )
+            yield run

@@ -1,0 +1,147 @@
+"""Runs on landscapes as tables (each strategy, and each against the reference on the same seeds) and as a figure."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.stats import ttest_rel, wilcoxon
+
+from flows.report.style import INK, MUTED, new_figure
+from flows.scientist.landscape_run import LandscapeRun
+
+Rows = list[dict[str, Any]]
+GOAL = 0.97  # of the optimum
+# Okabe and Ito (2008); the paper's hybrid in black
+COLOURS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d1f", "#5f6670")
+_DASHES = ("-", (0, (5, 1.5)), (0, (2, 1.2)), (0, (6, 1.5, 1.5, 1.5)))
+
+
+def summary_rows(runs: Sequence[LandscapeRun]) -> Rows:
+    """One row a strategy: what its last tools and its best tool reach, and how soon; N, mean and sd over the runs."""
+    return [_summary(name, _of(runs, name)) for name in _names(runs)]
+
+
+def paired_rows(runs: Sequence[LandscapeRun], reference: str) -> Rows:
+    """One row for each other strategy: its difference to the reference on the same landscapes, positive if better.
+
+    `p` is of a paired t test of the mean regret, `p_wilcoxon` of the signed ranks; both two-sided. `match_share`:
+    rounds the reference needs to equal what the other has at its end, as a share of all rounds, median.
+    """
+    references = _by_seed(runs, reference)
+    rows = []
+    for name in _names(runs):
+        pairs = [(references[key], other) for key, other in _by_seed(runs, name).items() if key in references]
+        if name != reference and pairs:
+            rows.append(_paired(name, pairs))
+    return rows
+
+
+def runs_figure(runs: Sequence[LandscapeRun], reference: str) -> Figure:
+    """Share of the optimum that the best tool reaches per round, and the mean of the last batch, per strategy."""
+    names = list(dict.fromkeys([reference, *(run.strategy for run in runs)]))
+    figure = new_figure(9.2, 4.6)
+    left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
+    for place, name in enumerate(names):
+        of_name = [run for run in runs if run.strategy == name]
+        colour = COLOURS[place % len(COLOURS)]
+        _best_line(left, of_name, name, colour, _DASHES[place // 2 % len(_DASHES)])
+        _last_batches(right, of_name, len(names) - place, colour)
+    left.set_xlabel("round of ten measured tools")
+    left.set_ylabel("best tool so far (% of the optimum)")
+    left.grid(True, axis="y")
+    figure.legend(
+        *left.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7.5, handlelength=3.0
+    )
+    right.set_yticks(range(1, len(names) + 1), reversed(names))
+    right.set_xlabel("mean of the last batch (% of the optimum)")
+    right.grid(True, axis="x")
+    return figure
+
+
+def _summary(name: str, runs: list[LandscapeRun]) -> dict[str, Any]:
+    last, best = [c.batch_mean_n[-1] for c in runs], [c.best_n[-1] for c in runs]
+    regret = [c.optimum_n - c.best_n[-1] for c in runs]
+    reached = [c.rounds_to(GOAL) for c in runs]
+    return {
+        "strategy": name,
+        "n_races": len(runs),
+        "last_batch_n": float(np.mean(last)),
+        "last_batch_sd_n": float(np.std(last, ddof=1)) if len(last) > 1 else None,
+        "best_n": float(np.mean(best)),
+        "final_regret_n": float(np.mean(regret)),
+        "worst_regret_n": float(np.max(regret)),
+        "mean_regret_n": float(np.mean([c.mean_regret_n for c in runs])) if len(runs[0].best_n) > 1 else None,
+        "reached_97_percent": int(np.isfinite(reached).sum()),
+        "rounds_to_97_percent": float(np.median(reached)) if np.isfinite(np.median(reached)) else None,
+        "n_measured": runs[0].n_measured,
+        "n_simulated": runs[0].n_simulated,
+        "cpu_s": float(np.mean([c.cpu_s for c in runs])),
+    }
+
+
+def _paired(name: str, pairs: list[tuple[LandscapeRun, LandscapeRun]]) -> dict[str, Any]:
+    last = np.array([other.batch_mean_n[-1] - reference.batch_mean_n[-1] for reference, other in pairs])
+    best = np.array([other.best_n[-1] - reference.best_n[-1] for reference, other in pairs])
+    matched = [_rounds_to_match(reference, other) for reference, other in pairs]
+    row = {
+        "strategy": name,
+        "n_pairs": len(pairs),
+        "last_batch_wins": int((last > 0).sum()),
+        "best_wins": int((best > 0).sum()),
+        "last_batch_gain_n": float(last.mean()),
+        "best_gain_n": float(best.mean()),
+        "match_share": float(np.median(matched)) if np.isfinite(np.median(matched)) else None,
+        "mean_regret_gain_n": None,
+        "gain_ci95_n": None,
+        "p": None,
+        "p_wilcoxon": None,
+    }
+    if all(len(run.best_n) == len(pairs[0][0].best_n) for pair in pairs for run in pair):
+        gain = np.array([reference.mean_regret_n - other.mean_regret_n for reference, other in pairs])
+        row["mean_regret_gain_n"] = float(gain.mean())
+        if len(gain) > 1 and np.ptp(gain) > 0:
+            test = ttest_rel([r.mean_regret_n for r, _ in pairs], [o.mean_regret_n for _, o in pairs])
+            low, high = test.confidence_interval(0.95)
+            row["gain_ci95_n"] = f"{low:.2f} to {high:.2f}"
+            row["p"], row["p_wilcoxon"] = float(test.pvalue), float(wilcoxon(gain).pvalue)
+    return row
+
+
+def _rounds_to_match(reference: LandscapeRun, other: LandscapeRun) -> float:
+    """Rounds until the reference's best equals the final one of the other, as a share of all; infinity for never."""
+    matched = np.flatnonzero(np.array(reference.best_n) >= other.best_n[-1])
+    return float(matched[0]) / (len(reference.best_n) - 1) if len(matched) else float("inf")
+
+
+def _names(runs: Sequence[LandscapeRun]) -> list[str]:
+    return list(dict.fromkeys(run.strategy for run in runs))
+
+
+def _of(runs: Sequence[LandscapeRun], name: str) -> list[LandscapeRun]:
+    return [run for run in runs if run.strategy == name]
+
+
+def _by_seed(runs: Sequence[LandscapeRun], name: str) -> dict[tuple[str, int], LandscapeRun]:
+    return {(run.landscape, run.seed): run for run in _of(runs, name)}
+
+
+def _best_line(axes: Axes, runs: list[LandscapeRun], name: str, colour: str, dashes: Any) -> None:
+    share = np.array([[100.0 * n / run.optimum_n for n in run.best_n] for run in runs])
+    if share.shape[1] == 1:  # measured once, at the end
+        axes.axhline(float(np.median(share)), color=colour, linestyle=(0, (1, 1.5)), linewidth=1.2, label=name)
+        return
+    rounds = np.arange(share.shape[1])
+    low, middle, high = np.percentile(share, [25, 50, 75], axis=0)
+    axes.fill_between(rounds, low, high, color=colour, alpha=0.08, linewidth=0)
+    axes.plot(rounds, middle, color=colour, linestyle=dashes, label=name)
+
+
+def _last_batches(axes: Axes, runs: list[LandscapeRun], row: int, colour: str) -> None:
+    share = np.array([100.0 * run.batch_mean_n[-1] / run.optimum_n for run in runs])
+    jitter = np.linspace(-0.2, 0.2, len(share)) if len(share) > 1 else np.zeros(1)
+    axes.plot(share, row + jitter, "o", color=colour, markersize=3, alpha=0.55, markeredgewidth=0)
+    axes.plot([np.median(share)] * 2, [row - 0.3, row + 0.3], color=INK, linewidth=1.6)
+    axes.annotate(f"{np.median(share):.0f}", (float(np.median(share)), row + 0.32), ha="center", va="bottom",
+                  fontsize=7, color=MUTED)  # fmt: skip

@@ -1,0 +1,102 @@
+"""The bank: the simulations that explain a gap, the same whatever is missing; which they are, and them as arrays.
+
+Young's modulus is a factor on the force and costs nothing. Effects of cost P are replayed on traces. Effects with a
+memory (wear, softening, pressure) act through friction, modulus or closing, which the grid and the closings span. What
+is left, effects of cost C and F, is simulated at a few amplitudes around one theta: secants, never slopes at zero,
+since a stalling jaw or a touching finger has none.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.calibration.traces.theta_grid import ThetaGrid
+from models.records import EffectValue, GraspSetup, MeshSettings, SimulatorVersion, Theta
+
+CENTRE = Theta(young_modulus_mpa=10.0, friction=0.6, poisson_ratio=0.42)
+
+# Amplitudes from what is hardly seen to what is plausible; both signs where the effect has them. A jaw closes with 3 to
+# 6 N at the centre, so limits of force above that would never bite.
+AMPLITUDES: Mapping[str, tuple[Mapping[str, float], ...]] = {
+    "wall_thickness_offset": ({"offset_mm": -0.1}, {"offset_mm": 0.1}, {"offset_mm": 0.2}),
+    "rib_imperfection": ({"bow_mm": 0.15}, {"bow_mm": 0.4}),
+    "hyperelastic_stiffening": ({"stiffening": 2.0}, {"stiffening": 8.0}),
+    "print_anisotropy": ({"rib_excess": -0.25}, {"rib_excess": 0.25}),
+    "static_kinetic_friction": (
+        {"kinetic_ratio": 0.6, "slip_scale_mm": 1.0},
+        {"kinetic_ratio": 0.8, "slip_scale_mm": 1.0},
+        {"kinetic_ratio": 1.25, "slip_scale_mm": 1.0},
+        {"kinetic_ratio": 0.7, "slip_scale_mm": 4.0},
+    ),
+    "pressure_dependent_friction": ({"exponent": 0.1}, {"exponent": 0.25}),
+    "shear_adhesion": ({"shear_strength_mpa": 0.0007}, {"shear_strength_mpa": 0.003}),
+    "object_edge_radius": ({"extra_radius_mm": 0.4}, {"extra_radius_mm": 1.2}),
+    "finger_finger_contact": ({"half_gap_mm": 6.0}, {"half_gap_mm": 8.0}),
+    "base_compliance": ({"compliance_mm_per_n": 0.03}, {"compliance_mm_per_n": 0.08}),
+    "force_limited_closing": ({"max_force_n": 6.0}, {"max_force_n": 4.0}, {"max_force_n": 2.5}),
+}
+
+# Other meshes of the same physics: what they change is not to be explained by an effect.
+NUMERICAL_MESHES = (MeshSettings(edge_mm=5.0), MeshSettings(layers=2), MeshSettings(refine=1))
+
+# Gaps at which jaws stop that lose pressure, wider than the setup's by so much, in mm.
+WIDER_MM = (1.0, 3.0)
+
+
+@dataclass(frozen=True, eq=False)
+class EffectRuns:
+    """Simulations of one effect of the bank, at a amplitudes around the centre.
+
+    steps_n: t x o x a x 120; NaN where a simulation failed.
+    """
+
+    effect: str
+    parameters: tuple[Mapping[str, float], ...]
+    steps_n: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Bank:
+    """Simulations of t tools' designs on o objects, as step means (120); forces at `centre.young_modulus_mpa`.
+
+    NaN where a simulation failed. grid: g x 2, friction and Poisson ratio. grid_steps_n: t x o x g x 120;
+    grid_lead_n: t x o x g x 12, the same before the lift, see `sensor_effects.read_lead`. centre_steps_n: t x o x 120.
+    numerical_steps_n: t x o x v x 120, the centre on other meshes. wider_mm: w, how much earlier the jaws stop;
+    wider_steps_n: t x o x w x 120. effects: runs of the effects of cost C and F, by name.
+    failed_share: of all simulations of the bank.
+    """
+
+    centre: Theta
+    grid: np.ndarray
+    grid_steps_n: np.ndarray
+    grid_lead_n: np.ndarray
+    centre_steps_n: np.ndarray
+    numerical_steps_n: np.ndarray
+    wider_mm: np.ndarray
+    wider_steps_n: np.ndarray
+    effects: Mapping[str, EffectRuns]
+    failed_share: float = 0.0
+
+
+def list_versions(base: SimulatorVersion, grid: ThetaGrid = ThetaGrid()) -> tuple[SimulatorVersion, ...]:  # noqa: B008 - frozen
+    """Simulator versions of the bank around `base`: the grid of theta, the centre, other meshes, and every effect.
+
+    Forces of the grid are for `GRID_MODULUS_MPA`, the same as the centre's.
+    """
+    centre = base.model_copy(update={"theta": CENTRE})
+    thetas = [base.model_copy(update={"theta": theta}) for theta in grid.thetas]
+    meshes = [centre.model_copy(update={"mesh": mesh}) for mesh in NUMERICAL_MESHES]
+    effects = [add_effect(centre, name, values) for name, rows in AMPLITUDES.items() for values in rows]
+    return (*thetas, centre, *meshes, *effects)
+
+
+def add_effect(version: SimulatorVersion, effect: str, parameters: Mapping[str, float]) -> SimulatorVersion:
+    """The version with one more effect; parameters that are not given take their neutral values."""
+    value = EffectValue(effect=effect, parameters=dict(parameters))
+    return version.model_copy(update={"effects": (*version.effects, value)})
+
+
+def list_wider_setups(setup: GraspSetup) -> tuple[GraspSetup, ...]:
+    """Setups whose jaws stop early; they are simulated with the centre alone."""
+    return tuple(setup.model_copy(update={"closed_gap_mm": setup.closed_gap_mm + wider}) for wider in WIDER_MM)

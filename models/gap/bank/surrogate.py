@@ -1,0 +1,217 @@
+"""The surrogate: what the simulator says of every measured grasp, at any theta and with any effects, from the bank.
+
+Polynomials in friction and Poisson ratio carry theta, Young's modulus is a factor. An effect acts through what it
+changes: friction, modulus or closing of one grasp (memory), its runs in the bank, or the finished trace. Forces over
+the lift are compared as 16 features: those of calibration, and the rise of the force before them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.calibration.traces.response_surface import ResponseSurfaces, n_terms
+from models.errors import UsageError
+from models.gap.bank.bank import Bank, EffectRuns
+from models.gap.bank.effect_surfaces import EffectSurface, friction_factor_of_reference
+from models.gap.bank.sensor_effects import N_LEAD, acts_on_traces, apply_sensor_effect
+from models.gap.grasps import Grasps
+from models.records import EffectValue, Theta
+from models.simulation.effects.base import Effect
+from models.simulation.effects.catalogue import CATALOGUE, build_effects
+from models.traces import step_features
+from models.traces.step_features import FORCE_BINS, N_STEPS, START_BINS, STEP_MM
+
+FEATURES = (*START_BINS, *step_features.FEATURES)
+N_BINS = len(START_BINS) + len(FORCE_BINS)
+_LIFT_AT_PEAK = FEATURES.index("lift_at_peak_mm")
+_NEAR = 0.04  # of the peak: how much less force counts e times less
+_CENTRES_MM = STEP_MM * (np.arange(N_STEPS) + 0.5)
+LEAST_MADE = 0.9  # of the cells: an amplitude of which less was simulated is left alone
+
+
+@dataclass(frozen=True, eq=False)
+class Surrogate:
+    """Step means of n grasps; grasps of cells whose base could not be simulated are not usable (n).
+
+    surfaces, rows_n: of the end of closing and step means (132, see `sensor_effects`), rows_n of each grasp.
+    effect_surfaces: by name. wider_mm: w + 1, wider_n: t x o x w + 1 x 120, what jaws that stop early change.
+    """
+
+    bank: Bank
+    grasps: Grasps
+    surfaces: ResponseSurfaces
+    rows_n: np.ndarray
+    effect_surfaces: dict[str, EffectSurface]
+    wider_mm: np.ndarray
+    wider_n: np.ndarray
+    is_usable: np.ndarray
+
+    @staticmethod
+    def of(bank: Bank, grasps: Grasps) -> "Surrogate":
+        """The surrogate of grasps, from the bank of the same tools and objects."""
+        n_known = np.isfinite(bank.grid_steps_n).all(axis=-1).sum(axis=-1)
+        is_known = (n_known > n_terms(bank.grid)) & np.isfinite(bank.centre_steps_n).all(axis=-1)
+        with_lead_n = np.concatenate([bank.grid_lead_n, bank.grid_steps_n], axis=-1)
+        every = np.ones(with_lead_n.shape[-1], dtype=bool)
+        surfaces = ResponseSurfaces.fitted(bank.grid, with_lead_n, is_known, bank.centre.young_modulus_mpa, every)
+        nothing = np.zeros((*bank.centre_steps_n.shape[:2], 1, bank.centre_steps_n.shape[-1]))
+        wider_n = np.nan_to_num(bank.wider_steps_n - bank.centre_steps_n[:, :, None])
+        return Surrogate(
+            bank=bank,
+            grasps=grasps,
+            surfaces=surfaces,
+            rows_n=surfaces.coefficients[grasps.tool, grasps.obj],
+            effect_surfaces=_fit_effect_surfaces(bank),
+            wider_mm=np.concatenate([[0.0], bank.wider_mm]),
+            wider_n=np.concatenate([nothing, wider_n], axis=2),
+            is_usable=is_known[grasps.tool, grasps.obj],
+        )
+
+    def select(self, rows: np.ndarray) -> "Surrogate":
+        """The surrogate of some of the grasps; nothing is fitted again."""
+        return replace(self, grasps=self.grasps.select(rows), rows_n=self.rows_n[rows], is_usable=self.is_usable[rows])
+
+    @property
+    def centre(self) -> Theta:
+        """Theta around which the bank was simulated."""
+        return self.bank.centre
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Effects of the catalogue that these data and this bank can tell from theta in principle."""
+        return tuple(name for name, spec in CATALOGUE.items() if spec.alias_of is None and self.can_predict(name))
+
+    def can_predict(self, effect: str) -> bool:
+        """Whether the effect can be predicted: it has a surface, acts on traces, or through a memory."""
+        kind = CATALOGUE[effect].kind
+        hooks = ("modify_theta", "friction_factor", "modify_setup", "modify_trace")
+        has_memory = kind.in_grasp is not Effect.in_grasp
+        on_trace = kind.modify_trace is not Effect.modify_trace
+        acts = any(getattr(kind, hook) is not getattr(Effect, hook) for hook in hooks)
+        return effect in self.effect_surfaces or on_trace or (has_memory and acts)
+
+    def predict_features(
+        self, theta: np.ndarray, effects: Sequence[EffectValue] = (), tool_factor: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Features of every grasp (n x 16), see `predict_steps`."""
+        return features_of_steps(self.predict_steps(theta, effects, tool_factor))
+
+    def predict_steps(
+        self, theta: np.ndarray, effects: Sequence[EffectValue] = (), tool_factor: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Step means of every grasp in its context, n x 120, in N.
+
+        theta: Young's modulus in MPa, friction, Poisson ratio. tool_factor: modulus of each tool over Young's modulus
+        (t). Friction stays within the grid.
+
+        Raises:
+            UsageError: an effect needs simulations that the bank does not have.
+        """
+        return self.predict_with_lead(theta, effects, tool_factor)[:, N_LEAD:]
+
+    def predict_with_lead(
+        self, theta: np.ndarray, effects: Sequence[EffectValue] = (), tool_factor: np.ndarray | None = None
+    ) -> np.ndarray:
+        """The end of closing and step means, n x 132; what an effect of the bank changes first, it changes before."""
+        tool, obj = self.grasps.tool, self.grasps.obj
+        acting = self._list_acting(effects)
+        memory = _Memory.of(acting, self.grasps, self.centre)
+        factor = 1.0 if tool_factor is None else tool_factor[tool]
+        stiffer = theta[0] / self.centre.young_modulus_mpa * factor * memory.modulus
+        friction = theta[1] * memory.friction
+        from_bank = [value for value in effects if value.effect in self.effect_surfaces]
+        for value in from_bank:
+            friction = friction * friction_factor_of_reference(value.effect, value.parameters, stiffer)
+        low, high = self.surfaces.lower[0], self.surfaces.upper[0]
+        basis = self.surfaces.rows(np.clip(friction, low, high), float(theta[2]))
+        steps = (basis[:, None] @ self.rows_n)[:, 0]
+        for value in from_bank:
+            steps = steps + _with_own_lead(
+                self.effect_surfaces[value.effect].change_n(value.parameters, stiffer, tool, obj)
+            )
+        if memory.wider_mm.any():
+            steps = steps + _with_own_lead(self._wider(memory.wider_mm))
+        steps = steps * stiffer[:, None]
+        for of_grasps in acting:
+            if acts_on_traces(of_grasps[0]):
+                steps = apply_sensor_effect(of_grasps, steps, self.grasps.setup)
+        return steps
+
+    def _list_acting(self, effects: Sequence[EffectValue]) -> list[list[Effect]]:
+        """Effects that no surface stands for, layer by layer, each as it acts in every grasp."""
+        for value in effects:
+            if value.effect in CATALOGUE and not self.can_predict(value.effect):
+                raise UsageError(f"the bank has no simulations with `{value.effect}`; fill it for this effect.")
+        others = build_effects([value for value in effects if value.effect not in self.effect_surfaces])
+        setup, designs = self.grasps.setup, self.grasps.designs
+        pairs = list(zip(self.grasps.tool, self.grasps.contexts, strict=True))
+        return [[effect.in_grasp(designs[tool], setup, context) for tool, context in pairs] for effect in others]
+
+    def _wider(self, wider_mm: np.ndarray) -> np.ndarray:
+        """Changes of step means where jaws stop early by so much (n), n x 120, straight between the bank's."""
+        low = np.clip(np.searchsorted(self.wider_mm, wider_mm, side="right") - 1, 0, len(self.wider_mm) - 2)
+        part = ((wider_mm - self.wider_mm[low]) / (self.wider_mm[low + 1] - self.wider_mm[low]))[:, None]
+        tool, obj = self.grasps.tool, self.grasps.obj
+        return np.asarray((1.0 - part) * self.wider_n[tool, obj, low] + part * self.wider_n[tool, obj, low + 1])
+
+
+def _with_own_lead(change_n: np.ndarray) -> np.ndarray:
+    """Changes of step means (n x 120) with those of the end of closing, n x 132."""
+    return np.concatenate([np.repeat(change_n[:, :1], N_LEAD, axis=1), change_n], axis=1)
+
+
+def _fit_effect_surfaces(bank: Bank) -> dict[str, EffectSurface]:
+    """Surfaces of the effects that the bank has simulated; a bank that is being filled lacks the last of them."""
+    is_known = np.isfinite(bank.centre_steps_n).all(axis=-1)
+    surfaces = {}
+    for name, runs in bank.effects.items():
+        made = np.isfinite(runs.steps_n).all(axis=-1)[is_known].mean(axis=0) >= LEAST_MADE
+        if made.any():
+            rows = tuple(row for row, there in zip(runs.parameters, made, strict=True) if there)
+            known = EffectRuns(name, rows, runs.steps_n[:, :, made])
+            surfaces[name] = EffectSurface.of(known, bank.centre_steps_n)
+    return surfaces
+
+
+def features_of_steps(steps_n: np.ndarray) -> np.ndarray:
+    """Features (... x 16) of mean forces over steps (... x 120), in the order of `FEATURES`: bins of lift first.
+
+    Unlike in calibration, the lift at the peak has no edge at which a force begins to count: gradients and posteriors
+    are taken along it.
+    """
+    start = steps_n[..., : len(START_BINS)]
+    features = np.concatenate([start, step_features.features_of_steps(steps_n)], axis=-1)
+    peak = steps_n.max(axis=-1, keepdims=True)
+    below = (peak - steps_n) / np.maximum(np.abs(peak), 1e-9)
+    weight = np.exp(-below / _NEAR)
+    features[..., _LIFT_AT_PEAK] = (weight * _CENTRES_MM).sum(axis=-1) / weight.sum(axis=-1)
+    return features
+
+
+@dataclass(frozen=True, eq=False)
+class _Memory:
+    """What effects without a surface make of modulus and friction (factors) and of the closed gap (mm), n each."""
+
+    modulus: np.ndarray
+    friction: np.ndarray
+    wider_mm: np.ndarray
+
+    @staticmethod
+    def of(acting: Sequence[Sequence[Effect]], grasps: Grasps, theta: Theta) -> "_Memory":
+        """By the hooks of the effects as they act in each grasp; others are not asked."""
+        n, setup = len(grasps.tool), grasps.setup
+        modulus, friction, wider_mm = np.ones(n), np.ones(n), np.zeros(n)
+        nowhere = np.zeros(1)
+        for effects in acting:
+            kind, designs = type(effects[0]), [grasps.designs[tool] for tool in grasps.tool]
+            pairs = list(zip(effects, designs, strict=True))
+            if kind.modify_theta is not Effect.modify_theta:
+                real = [effect.modify_theta(theta, design).young_modulus_mpa for effect, design in pairs]
+                modulus *= np.array(real) / theta.young_modulus_mpa
+            if kind.friction_factor is not Effect.friction_factor:
+                friction *= np.array([float(effect.friction_factor(nowhere, nowhere)) for effect in effects])
+            if kind.modify_setup is not Effect.modify_setup:
+                gaps = [effect.modify_setup(setup, design).closed_gap_mm for effect, design in pairs]
+                wider_mm += np.array(gaps) - setup.closed_gap_mm
+        return _Memory(modulus, friction, wider_mm)

@@ -1,0 +1,128 @@
+"""The evaluation: before, after, floor and peers on the held-out grasps, in one go, and how much of the gap is closed.
+
+Closed is counted of what is above the noise floor, with an interval over designs and objects.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.gap.evaluation.baselines import predict_baselines
+from models.gap.evaluation.held_out import BLOCKS, HeldOut, Metrics, Prediction, compute_class_errors, compute_metrics
+from models.gap.findings import Gap
+from models.gap.where.residuals import Residuals
+from models.objects.catalogue import get_object
+
+BEFORE, AFTER = "theta recalibrated", "with the named effect"
+WORSE = 1.05  # an effect that makes a class of objects worse by more than this is reported
+N_BOOTSTRAP = 2000
+_LEAST_GAP = 1.02  # before over floor: less than that above it is no gap to close
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """The last word on a gap. `predictions`: before, after, and peers; `metrics`: of each, over every block."""
+
+    held_out: HeldOut
+    gap: Gap
+    predictions: tuple[Prediction, ...]
+    metrics: tuple[Metrics, ...]
+    by_class: dict[str, dict[str, float]]
+    warnings: tuple[str, ...]
+
+    def of(self, label: str, block: str = BLOCKS[0]) -> Metrics:
+        """Metrics of one prediction."""
+        return next(m for m in self.metrics if m.label == label and m.block == block)
+
+
+def evaluate(
+    held_out: HeldOut, before: Prediction, after: Prediction, residuals: Residuals | None = None, seed: int = 0
+) -> Evaluation:
+    """Compare `after` with `before`, the floor and, if the residuals to learn from are given, the peers."""
+    peers = () if residuals is None else predict_baselines(residuals, held_out, before.steps_n, seed)
+    predictions = (before, after, *peers)
+    names = {number: get_object(number).object_class for number in held_out.objects}
+    by_class = {p.label: compute_class_errors(held_out, p, names) for p in predictions}
+    return Evaluation(
+        held_out=held_out,
+        gap=measure_gap_closed(held_out, before, after, seed),
+        predictions=predictions,
+        metrics=tuple(compute_metrics(held_out, p, block) for p in predictions for block in held_out.blocks),
+        by_class=by_class,
+        warnings=_warnings(held_out, by_class[before.label], by_class[after.label]),
+    )
+
+
+def measure_gap_closed(held_out: HeldOut, before: Prediction, after: Prediction, seed: int = 0) -> Gap:
+    """Root mean square errors before and after, the floor, and the closed share of what is above it.
+
+    The floor is the scatter of repeats or what other meshes change, whichever is larger. Designs and objects are drawn
+    with replacement, both at once, for the 95 % interval: too wide rather than too narrow.
+    """
+    parts = _Cells.of(held_out, before, after)
+    rng = np.random.default_rng(seed)
+    weights = np.stack([parts.weights(rng) for _ in range(N_BOOTSTRAP)])
+    value, drawn = parts.closed(np.ones((1, len(parts.n))))[0], parts.closed(weights)
+    low, high = np.nanquantile(drawn, (0.025, 0.975)) if np.isfinite(drawn).any() else (-1.0, 1.0)
+    rmse_before, rmse_after, floor = parts.rmse(np.ones((1, len(parts.n))))
+    return Gap(
+        rmse_before_n=float(rmse_before[0]),
+        rmse_after_n=float(rmse_after[0]),
+        rmse_floor_n=float(floor[0]),
+        closed_fraction=float(np.nan_to_num(value)),
+        ci95=(float(low), float(high)),
+    )
+
+
+def _warnings(held_out: HeldOut, before: dict[str, float], after: dict[str, float]) -> tuple[str, ...]:
+    worse = [name for name in before if after[name] > WORSE * before[name]]
+    found = [f"Held-out grasps of class {name} got worse, {before[name]:.2f} to {after[name]:.2f} N." for name in worse]
+    n_tools, n_objects = (
+        len(np.unique(x)) for x in (held_out.tool[held_out.is_new_tool], held_out.obj[held_out.is_new_object])
+    )
+    if min(n_tools, n_objects) < 3:
+        found.append(
+            f"{n_tools} designs and {n_objects} objects were held out; intervals of fewer than 3 of either are too "
+            "narrow, hold out more."
+        )
+    return tuple(found)
+
+
+class _Cells:
+    """Sums of squares by tool and object: n, before, after, repeats with their number, other meshes (c each)."""
+
+    def __init__(self, tool: np.ndarray, obj: np.ndarray, columns: np.ndarray) -> None:
+        self.tool, self.obj = tool, obj
+        self.n, self.before, self.after, self.repeat, self.n_repeat, self.mesh = columns
+
+    @staticmethod
+    def of(held_out: HeldOut, before: Prediction, after: Prediction) -> "_Cells":
+        names, cell = np.unique(held_out.cell, return_inverse=True)
+        squares = [((held_out.measured_n - p.steps_n) ** 2).mean(axis=1) for p in (before, after)]
+        repeat = held_out.repeat_squares
+        columns = (np.ones(len(cell)), *squares, np.nan_to_num(repeat), np.isfinite(repeat), held_out.numerical_n**2)
+        n_objects = len(held_out.objects)
+        tool = np.unique(names // n_objects, return_inverse=True)[1]
+        obj = np.unique(names % n_objects, return_inverse=True)[1]
+        return _Cells(tool, obj, np.array([np.bincount(cell, weights=column) for column in columns]))
+
+    def weights(self, rng: np.random.Generator) -> np.ndarray:
+        """How often each cell is drawn: its tool's times its object's number, c."""
+        tool, obj = (rng.multinomial(k, np.full(k, 1.0 / k)) for k in (self.tool.max() + 1, self.obj.max() + 1))
+        return np.asarray(tool[self.tool] * obj[self.obj], dtype=float)
+
+    def rmse(self, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Before, after and floor of draws (b x c), b each; NaN where nothing was drawn."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            before, after, mesh = (
+                np.sqrt(weights @ x / (weights @ self.n)) for x in (self.before, self.after, self.mesh)
+            )
+            repeat = np.sqrt(weights @ self.repeat / (weights @ self.n_repeat))
+        return before, after, np.fmax(repeat, mesh)
+
+    def closed(self, weights: np.ndarray) -> np.ndarray:
+        """Closed share, b, within -1 and 1; 0 where there is no gap above the floor."""
+        before, after, floor = self.rmse(weights)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share = np.clip((before - after) / (before - floor), -1.0, 1.0)
+        return np.where(before > _LEAST_GAP * floor, share, np.where(np.isfinite(before), 0.0, np.nan))

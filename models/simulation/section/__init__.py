@@ -1,1 +1,0 @@
-"""The screening tier: a plane section of the finger instead of the solid."""

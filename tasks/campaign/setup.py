@@ -1,0 +1,67 @@
+"""What a campaign starts from: the file of its bench or of its virtual world, and its entry in the lake."""
+
+import tomllib
+from pathlib import Path
+
+from hardware.bench import BenchSettings
+from hardware.virtual.world.file import World, load_world
+from lake.handoff.campaign import is_imported
+from lake.tables.campaign import CampaignRow
+from lake.tables.catalogue_rows import object_rows
+from models.errors import ConfigError
+from models.validation import load_record
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.config import CampaignConfig, differences, read_toml
+
+GROWABLE = "schedule.guided_batches"  # a campaign may be made longer while it runs
+
+
+def read_bench(path: Path) -> BenchSettings:
+    """Read and check the file with the addresses of a real bench; its journal lies beside it.
+
+    Raises:
+        ConfigError: the file is missing, or has a wrong value or key.
+    """
+    settings = load_record(BenchSettings, read_toml(path, "bench file"), str(path))
+    journal = path.parent / settings.journal if settings.journal else path.with_suffix(".journal.jsonl")
+    return settings.model_copy(update={"journal": str(journal.resolve())})
+
+
+def read_world(path: Path) -> World:
+    """Read and check a world file.
+
+    Raises:
+        ConfigError: the file is missing, or has a wrong value, key or effect.
+    """
+    try:
+        return load_world(path.read_text(encoding="utf-8"), str(path))
+    except OSError as error:
+        raise ConfigError(f"world file `{path}` cannot be read: {error.strerror}; give an existing file.") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"world file `{path}` is not a text file; give a TOML file.") from error
+
+
+def register(campaign: Campaign, config_toml: str) -> None:
+    """Write campaign and objects to the lake, or check that the config is the one it was started with.
+
+    Raises:
+        ConfigError: the lake has a campaign of this name with another config.
+    """
+    name = campaign.campaign_id
+    known = campaign.lake.rows(CampaignRow, campaign_id=name)
+    if known and is_imported(known[-1]["config_toml"]):
+        raise ConfigError(
+            f"campaign `{name}` of this lake was imported and cannot be run; give the config another name."
+        )
+    if known:
+        before = load_record(CampaignConfig, tomllib.loads(known[-1]["config_toml"]), f"stored config of {name}")
+        changes = differences(before.science, campaign.config.science)
+        if not changes:
+            return
+        if not all(change.startswith(GROWABLE) for change in changes):
+            raise ConfigError(
+                f"campaign `{name}` was started with another config ({'; '.join(changes)}); "
+                "undo the change or give the new config another name."
+            )
+    row = CampaignRow(campaign_id=name, name=name, config_toml=config_toml)
+    campaign.lake.append([row, *object_rows()], campaign.provenance(campaign.config.seed))

@@ -1,0 +1,191 @@
+"""The simulator calibrated together with the effects that gap discovery named; the lake keeps each that was made."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from lake.store import Lake
+from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow, SimulationRow, SimulatorVersionRow
+from models.calibration.inference.result import CalibrationResult
+from models.calibration.inference.settings import CalibrationSettings
+from models.calibration.inference.summary import check_quality, find_theta, summarise_theta
+from models.calibration.means.problem import THETA
+from models.errors import FastError
+from models.gap.bank.surrogate import Surrogate
+from models.gap.data import GapData
+from models.gap.findings import ParameterEstimate
+from models.ids import canonical_json
+from models.records import EffectValue, SimulatorVersion
+from tasks.calibration.calibrate import CalibrationSource, Learned, Progress, find_calibration, infer, write_settings
+from tasks.gap.bank import list_bank_ids
+
+
+@dataclass(frozen=True, eq=False)
+class SearchInputs:
+    """What every round of a search works with; `base`: the simulator of the bank, without effects."""
+
+    lake: Lake
+    data: GapData
+    base: SimulatorVersion
+    campaign_id: str | None
+    settings: CalibrationSettings
+    progress: Progress | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedSimulator:
+    """A calibrated simulator. names, draws: k and n x k, theta and `<effect>.<parameter>`, in their units."""
+
+    version: SimulatorVersion
+    calibration_id: str
+    names: tuple[str, ...]
+    draws: np.ndarray
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def effects(self) -> tuple[EffectValue, ...]:
+        """Effects with the medians of their parameters."""
+        return self.version.effects
+
+    @property
+    def theta(self) -> np.ndarray:
+        """Medians of theta, 3."""
+        theta = self.version.theta
+        return np.array([theta.young_modulus_mpa, theta.friction, theta.poisson_ratio])
+
+    def estimate_parameters(self, effects: Sequence[str]) -> dict[str, ParameterEstimate]:
+        """Posterior of the parameters of effects, named `<effect>.<parameter>`."""
+        found = {}
+        for place, name in enumerate(self.names):
+            if name.partition(".")[0] in effects:
+                low, median, high = np.quantile(self.draws[:, place], [0.05, 0.5, 0.95])
+                found[name] = ParameterEstimate(median=float(median), ci90=(float(low), float(high)))
+        return found
+
+    def draw(self, n: int, seed: int) -> list[tuple[np.ndarray, tuple[EffectValue, ...]]]:
+        """Draws (n), each theta (3) and effects."""
+        from models.gap.fit.posterior import effects_at
+
+        rows = self.draws[np.random.default_rng(seed).integers(len(self.draws), size=n)]
+        return [(row[: len(THETA)], effects_at(self.names, row.tolist())) for row in rows]
+
+
+def calibrate_simulator(search: SearchInputs, effects: Sequence[EffectValue]) -> CalibratedSimulator:
+    """The simulator with effects, calibrated on training grasps, from the lake if it has been made before.
+
+    Raises:
+        FastError: no simulator may be built on the draws.
+    """
+    lake, settings = search.lake, search.settings
+    source = make_source(search, effects)
+    calibration_id = source.calibration_id(settings)
+    row = find_calibration(lake, calibration_id)
+    if row is None:
+        row, _ = infer(lake, source, settings, search.progress)
+    if row.version_id is None:
+        raise FastError(f"calibration {calibration_id} with {', '.join(source.names) or 'theta alone'}: {row.reason}")
+    (version,) = lake.records(SimulatorVersionRow, version_id=row.version_id)
+    names, draws = _read_draws(lake, calibration_id)
+    return CalibratedSimulator(version.version, calibration_id, names, draws, row.warnings)
+
+
+@dataclass(frozen=True, eq=False)
+class EffectCalibrationSource(CalibrationSource):
+    """Grasps that may be learnt from, the bank around them, and the effects whose parameters are inferred with theta.
+
+    `training`: of `GapData.training`. `effects`: with the values at which a fit may begin; without any,
+    theta alone is inferred. `known_ids`: simulations of the bank that the lake has.
+    """
+
+    data = "trace"
+
+    training: Surrogate
+    effects: tuple[EffectValue, ...]
+    known_ids: tuple[str, ...]
+
+    @property
+    def grasp_ids(self) -> tuple[str, ...]:
+        """Ids of the grasps that went in; held-out ones are not among them."""
+        return self.training.grasps.grasp_ids
+
+    @property
+    def simulation_ids(self) -> tuple[str, ...]:
+        """Ids of the simulations that went in."""
+        return self.known_ids
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Simulations that failed."""
+        share = self.training.bank.failed_share
+        return (f"{100 * share:.1f} % of the simulations of the bank failed.",) if share > 0 else ()
+
+    @property
+    def summary(self) -> str:
+        """How much there is to learn from."""
+        names = ", ".join(self.names) or "no effect"
+        return f"{len(self.grasp_ids)} traces, {len(self.known_ids)} simulated grasps, theta with {names}"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects."""
+        return tuple(value.effect for value in self.effects)
+
+    def calibration_id(self, settings: CalibrationSettings) -> str:
+        """Id of the calibration of these data with these effects and settings."""
+        text = canonical_json([write_settings(settings), list(self.names)])
+        return CalibrationRow.make_id(self.base.version_id, self.data, self.row_ids, text, settings.seed)
+
+    def learn(self, settings: CalibrationSettings, progress: Progress | None) -> Learned:
+        """Infer theta and the parameters of the effects.
+
+        Raises:
+            UsageError: the bank has no simulations of an effect.
+        """
+        from models.gap.fit.posterior import sample_posterior  # ArviZ takes seconds to import
+
+        result = sample_posterior(self._fit, settings, progress)
+        grasps = self.training.grasps
+        columns: dict[str, Any] = {
+            "n_designs": len(np.unique(grasps.tool)),
+            "n_objects": len(np.unique(grasps.obj)),
+            "n_simulations": len(self.known_ids),
+            "n_held_out": len(grasps.tools) - len(np.unique(grasps.tool)),
+        }
+        return Learned(result, make_version(self.base, result), columns)
+
+    @cached_property
+    def _fit(self) -> Any:
+        from models.gap.fit.recalibrate import recalibrate
+
+        return recalibrate(self.training, self.effects)
+
+
+def make_source(search: SearchInputs, effects: Sequence[EffectValue]) -> EffectCalibrationSource:
+    """What a calibration with effects is made of; without any, of theta alone."""
+    training = search.data.training
+    grasps = training.grasps
+    wanted = list_bank_ids(search.base, grasps.designs, grasps.objects, grasps.setup)
+    known = tuple(sorted(search.lake.ids(SimulationRow, simulation_id=wanted, status="ok")))
+    return EffectCalibrationSource(search.campaign_id, search.base, training, tuple(effects), known)
+
+
+def make_version(base: SimulatorVersion, result: CalibrationResult) -> SimulatorVersion | None:
+    """The simulator with the medians of theta and of the effects' parameters; None if the draws cannot be trusted."""
+    from models.gap.fit.posterior import effects_at
+
+    if check_quality(result):
+        return None
+    medians = [float(np.median(result.of(name))) for name in result.names]
+    effects = effects_at(result.names, medians)
+    return base.model_copy(update={"theta": find_theta(summarise_theta(result)), "effects": (*base.effects, *effects)})
+
+
+def _read_draws(lake: Lake, calibration_id: str) -> tuple[tuple[str, ...], np.ndarray]:
+    """Names and draws (n x k) of a calibration, theta first."""
+    rows = sorted(lake.records(PosteriorDrawsRow, calibration_id=calibration_id), key=lambda row: row.chain)
+    names = sorted({row.parameter for row in rows}, key=lambda name: (THETA.index(name) if name in THETA else 9, name))
+    columns = [np.concatenate([row.draws for row in rows if row.parameter == name]) for name in names]
+    return tuple(names), np.stack(columns, axis=1)

@@ -1,0 +1,113 @@
+"""Calibration on traces of what the lake has: theta alone, of every measured design.
+
+Two thetas come of it. What is quoted, Table 2 and the draws, is theta of the bench. The simulator version gets the
+medians of theta of the simulator: with it this simulator, on its own mesh, answers like the bench.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lake.store import Lake
+from lake.tables.campaign import SimulationRow
+from models.calibration.inference.settings import CalibrationSettings
+from models.errors import UsageError
+from models.gap.bank.surrogate import Surrogate
+from models.gap.data import GapData
+from models.records import SimulatorVersion
+from models.simulation.effects.catalogue import CATALOGUE, build_effects
+from tasks.calibration.calibrate import CalibrationSource, Learned, Progress, make_version
+from tasks.gap.bank import list_plan_ids, plan_theta_grid, read_grid_bank
+from tasks.gap.data import MeasuredGrasps, check_units
+from tasks.simulation.plan import SimulationPlan
+
+
+@dataclass(frozen=True, eq=False)
+class TraceCalibrationData(CalibrationSource):
+    """Traces by tool and object with the simulations around them; nothing is held out."""
+
+    data = "trace"
+
+    training: Surrogate
+    known_ids: tuple[str, ...]
+    sentences: tuple[str, ...]
+
+    @property
+    def grasp_ids(self) -> tuple[str, ...]:
+        """Ids of the grasps that went in."""
+        return self.training.grasps.grasp_ids
+
+    @property
+    def simulation_ids(self) -> tuple[str, ...]:
+        """Ids of the simulations that went in."""
+        return self.known_ids
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Grasps that were left out, and what is doubtful about the rest."""
+        return self.sentences
+
+    @property
+    def summary(self) -> str:
+        """How much there is to learn from."""
+        grasps = self.training.grasps
+        return (
+            f"{len(grasps.grasp_ids)} traces of {len(np.unique(grasps.tool))} tools on {len(np.unique(grasps.obj))} "
+            f"objects, {len(self.known_ids)} simulated grasps around them"
+        )
+
+    def learn(self, settings: CalibrationSettings, progress: Progress | None) -> Learned:
+        """Infer theta.
+
+        Raises:
+            UsageError: there are too few tools.
+        """
+        from models.gap.fit.theta import calibrate_theta, of_bench
+
+        result = calibrate_theta(self.training, settings, progress)
+        grasps = self.training.grasps
+        columns = {
+            "n_designs": len(np.unique(grasps.tool)),
+            "n_objects": len(np.unique(grasps.obj)),
+            "n_simulations": len(self.known_ids),
+            "n_held_out": 0,
+        }
+        return Learned(of_bench(result, self.training.bank.grid), make_version(self.base, result), columns)
+
+
+def plan_grid(measured: MeasuredGrasps, base: SimulatorVersion) -> SimulationPlan:
+    """Everything that a calibration of `base` on these traces wants simulated, whether or not the lake has it.
+
+    Raises:
+        UsageError: forces of `base` do not scale with Young's modulus.
+    """
+    build_effects(base.effects)  # names an effect that does not exist
+    breaking = [value.effect for value in base.effects if not CATALOGUE[value.effect].scales_with_modulus]
+    if breaking:
+        raise UsageError(
+            f"with `{breaking[0]}` forces do not scale with Young's modulus, which a calibration on traces takes for "
+            "granted; calibrate on mean forces, or without the effect."
+        )
+    grasps = measured.grasps
+    return plan_theta_grid(base, grasps.designs, grasps.objects, grasps.setup)
+
+
+def gather_traces(
+    lake: Lake, measured: MeasuredGrasps, base: SimulatorVersion, campaign_id: str | None
+) -> TraceCalibrationData:
+    """What a calibration on traces compares: measured grasps with what the lake has of their simulations.
+
+    Raises:
+        UsageError: nothing around them is simulated, or the forces are not in N.
+    """
+    grasps = measured.grasps
+    bank = read_grid_bank(lake, base, grasps.designs, grasps.objects, grasps.setup)
+    nothing = [np.zeros(n, dtype=bool) for n in (len(grasps.tools), len(grasps.objects))]
+    data = GapData(grasps, bank, *nothing)
+    kept = data.training
+    plan = plan_theta_grid(base, grasps.designs, grasps.objects, grasps.setup)
+    known = tuple(sorted(lake.ids(SimulationRow, simulation_id=list_plan_ids([plan]), status="ok")))
+    sentences = [*measured.trace_warnings, *check_units(data)]
+    if n_lost := len(grasps.grasp_ids) - len(kept.grasps.grasp_ids):
+        sentences.append(f"{n_lost} of {len(grasps.grasp_ids)} grasps have too few simulations around them; left out.")
+    return TraceCalibrationData(campaign_id, base, kept, known, tuple(sentences))

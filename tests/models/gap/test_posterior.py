@@ -1,0 +1,72 @@
+"""The posterior of theta and effects: its gradient, the surface under it, and that it finds the truth."""
+
+import numpy as np
+import pytest
+
+from models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings
+from models.calibration.inference.summary import check_quality
+from models.gap.fit import posterior
+from models.gap.fit.fit import Fit
+from models.gap.fit.posterior import LikelihoodSurface, effects_at, sample_posterior
+from models.gap.fit.recalibrate import recalibrate
+from models.records import EffectValue
+from tests.synthetic.gap import GapTruth, made_up_gap
+from tests.tasks.calibration.trace_lake import normal_draws
+
+LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.25})
+FRICTION = EffectValue(effect="static_kinetic_friction", parameters={"kinetic_ratio": 0.7, "slip_scale_mm": 1.5})
+SETTINGS = CalibrationSettings(chains=4, draws=300, tune=50, workers=1)
+
+
+def fit_of(*hidden: EffectValue) -> Fit:
+    """A fit of the hidden effects to made-up grasps, from their neutral values."""
+    # The simulator's own mesh: with another, parameters are off by more than their intervals say.
+    data = made_up_gap(7, 6, 3, GapTruth(effects=hidden, mesh=0.0), n_repeats=2)
+    return recalibrate(data.training, [EffectValue(effect=value.effect) for value in hidden])
+
+
+@pytest.fixture(scope="module")
+def lagging() -> Fit:
+    return fit_of(LAG)
+
+
+@pytest.mark.parametrize("hidden", [(LAG,), (FRICTION,), ()])
+def test_the_gradient_is_that_of_the_density(hidden: tuple[EffectValue, ...]) -> None:
+    surface = LikelihoodSurface.around(fit_of(*hidden), SETTINGS.priors)
+    density = surface.density
+    u = density.outside(surface.point + 0.4 * density.spread @ np.ones(len(surface.point)))
+    steps = 1e-5 * np.eye(len(u))
+    slopes = [(density(u + step)[0] - density(u - step)[0]) / 2e-5 for step in steps]
+    np.testing.assert_allclose(density(u)[1], slopes, rtol=1e-4, atol=1e-3)
+
+
+def test_the_surface_is_the_likelihood_where_the_posterior_is(lagging: Fit) -> None:
+    surface = LikelihoodSurface.around(lagging, SETTINGS.priors)
+    rng = np.random.default_rng(1)
+    points = surface.point + rng.standard_normal((12, len(surface.point))) @ surface.density.spread.T
+    assert surface.error_nats(points) < 0.3
+    far = surface.point + 30.0 * rng.standard_normal((12, len(surface.point))) @ surface.density.spread.T
+    inside = np.clip(far, surface.density.lower + 1e-3, surface.density.upper - 1e-3)
+    assert surface.error_nats(inside) > 1.0
+
+
+def test_theta_and_the_effect_are_found_together(lagging: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(posterior, "sample", normal_draws)
+    result = sample_posterior(lagging, SETTINGS)
+    assert result.names == ("young_modulus_mpa", "friction", "poisson_ratio", "load_cell_lag.time_constant_s")
+    assert result.method == WITH_EFFECTS
+    assert check_quality(result) == ""
+    low, high = np.quantile(result.of("load_cell_lag.time_constant_s"), [0.01, 0.99])
+    assert low < 0.25 < high
+    assert high - low < 0.1
+    for name, truth in (("young_modulus_mpa", 9.2), ("friction", 0.66), ("poisson_ratio", 0.43)):
+        low, high = np.quantile(result.of(name), [0.002, 0.998])
+        assert low < truth < high, name
+
+
+def test_parameters_are_given_back_to_their_effects() -> None:
+    names = ("friction", "load_cell_lag.time_constant_s", "static_kinetic_friction.kinetic_ratio")
+    assert effects_at(names, (0.5, 0.25, 0.7)) == (
+        LAG,
+        EffectValue(effect="static_kinetic_friction", parameters={"kinetic_ratio": 0.7}),
+    )

@@ -10,7 +10,7 @@ export MKL_NUM_THREADS ?= 1
 # Many tests wait for devices and servers: one process more than there are cores.
 TEST_WORKERS ?= $(shell expr $$(nproc) + 1)
 
-.PHONY: help setup campaign test studies check docs audit-online format lock clean
+.PHONY: help setup kernels campaign test studies check docs audit-online format lock clean
 
 help:           ## list the commands
 	@grep -E '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -23,6 +23,10 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	touch $@
+
+kernels: setup  ## compile the simulator's kernels once, so that no test or worker has to
+	$(BIN)/python -c "from models.design.space import BEST_PUBLISHED; from models.objects.catalogue import get_object; \
+	from models.simulation.grasp import simulate_grasp; simulate_grasp(BEST_PUBLISHED, get_object(30))"
 
 campaign: setup ## a small complete campaign on the virtual bench, with report and recording
 	$(BIN)/fast campaign run campaigns/quick.toml --auto-print

@@ -3,6 +3,7 @@
 import atexit
 import os
 import sys
+from importlib.metadata import version
 
 from cyclopts import App
 from cyclopts.exceptions import CycloptsError, MissingArgumentError
@@ -12,6 +13,7 @@ app = App(
     help="FAST: design soft grippers with simulations, a printer and a gantry.",
     help_epilogue="Exit status: 0 done, 1 failed, 2 wrong use (then nothing was written). "
     "`fast COMMAND --help` explains a command.",
+    version=lambda: version("fast-gripper-lab"),
     version_flags=["--version"],
     suppress_keyboard_interrupt=False,
 )

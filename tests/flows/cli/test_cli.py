@@ -202,3 +202,7 @@ def test_doctor_passes_here_and_names_the_fix_elsewhere(fast, tmp_path, monkeypa
 
 def _broken():
     raise RuntimeError("it broke.")
+
+
+def test_the_version_is_that_of_the_package(fast):
+    assert fast("--version").out.strip() == version_of("fast-gripper-lab")

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from importlib.metadata import version
 
 import pyarrow.parquet as pq
 import pytest
@@ -205,4 +206,4 @@ def _broken():
 
 
 def test_the_version_is_that_of_the_package(fast):
-    assert fast("--version").out.strip() == version_of("fast-gripper-lab")
+    assert fast("--version").out.strip() == version("fast-gripper-lab")

@@ -21,7 +21,7 @@ from hardware.cell.layout import N_OBJECTS, BenchLayout
 from lake.handoff.campaign import is_imported
 from lake.store import Lake
 from models.design.space import PARAMETERS
-from models.units import unit_of
+from models.units import spell_name
 
 _LOG = logging.getLogger(__name__)
 
@@ -178,7 +178,7 @@ def _proposals_tab() -> rrb.Grid:
     views = [
         rrb.TimeSeriesView(
             origin=f"proposals/{name}",
-            name=f"{name.removesuffix('_' + (unit_of(name) or '')).replace('_', ' ')} ({unit_of(name) or 'count'})",
+            name=spell_name(name, with_unit=True),
             plot_legend=rrb.PlotLegend("LeftTop", visible=place == 0),
             axis_x=_whole_time(),
         )

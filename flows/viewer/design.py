@@ -21,7 +21,7 @@ from models.simulation.body.shape_functions import HEXAHEDRON_EDGES, TETRAHEDRON
 from models.simulation.mesh.build import build_mesh
 from models.simulation.mesh.solid import SolidMesh
 from models.simulation.output.surface import skin_of
-from models.units import unit_of
+from models.units import spell_name
 
 _SIDE = (-0.3, -1.0, 0.2)  # from which the ribs are seen
 APART_MM = 25.0  # between the printed bodies in the view of the parts
@@ -114,17 +114,11 @@ def _send_tray(stream: rr.RecordingStream, items: list[PrintItem], design: Desig
 
 
 def _about(design: Design, tray: str, mesh: SolidMesh) -> str:
-    rows = "\n".join(_parameter_row(name, getattr(design, name)) for name in PARAMETERS)
+    rows = "\n".join(f"| {spell_name(name, with_unit=True)} | {getattr(design, name):.4g} |" for name in PARAMETERS)
     return (
         f"# {design.design_id}\n\n| parameter | value |\n|---|---|\n{rows}\n\n{mesh.n_elements} solid elements of the "
         f"production tier, clamped at the orange dots. Tray: {tray}; fingers of this design are dark blue."
     )
-
-
-def _parameter_row(name: str, value: float) -> str:
-    unit = unit_of(name) or ""
-    words = name.removesuffix(f"_{unit}").replace("_", " ")
-    return f"| {words} | {value:.4g} {unit} |"
 
 
 def _blueprint(design: Design, tray: str, mesh: SolidMesh) -> rrb.Blueprint:

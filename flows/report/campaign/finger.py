@@ -16,7 +16,7 @@ from models.design.finger import finger_bodies
 from models.design.profile import APEX_EXTRA_MM, BASE_HEIGHT_MM, planar_profile
 from models.design.space import BEST_PUBLISHED, LOWER, PARAMETERS, UPPER
 from models.records import Design
-from models.units import unit_of
+from models.units import spell_name
 
 PICTURE_PX = 1100
 PROFILE_SIZE_IN = (2.9, 5.0)
@@ -48,10 +48,8 @@ def best_section(content: Content, folder: Folder) -> Markup:
     for name, low, high in zip(PARAMETERS, LOWER, UPPER, strict=True):
         mine, published = design.model_dump()[name], BEST_PUBLISHED.model_dump()[name]
         digits = 0 if name == "rib_count" else 2
-        rows.append(
-            (Markup(f"{text(_words(name))} <i>{SYMBOLS[name]}</i>"), number(mine, digits), number(published, digits),
-             _range_mark(mine, published, low, high))
-        )  # fmt: skip
+        words = Markup(f"{text(spell_name(name, with_unit=True))} <i>{SYMBOLS[name]}</i>")
+        rows.append((words, number(mine, digits), number(published, digits), _range_mark(mine, published, low, high)))
     parameters = table(("parameter", best.label, "paper", "allowed range"), rows, numeric=(1, 2))
     note = paragraph(
         "Blue dot: this design; ring: the paper's best tool (Table 1, B07T8, 29.68 N on the authors' bench, whose "
@@ -62,12 +60,6 @@ def best_section(content: Content, folder: Folder) -> Markup:
         "best", f"The best finger, {best.label}", columns(seen, profile, right, css="finger"),
         folder.sources(content.designs),
     )  # fmt: skip
-
-
-def _words(name: str) -> str:
-    unit = unit_of(name)
-    words = name.rsplit("_", 1)[0] if unit else name
-    return words.replace("_", " ") + (f" ({unit})" if unit else "")
 
 
 def _range_mark(mine: float, published: float, low: float, high: float) -> Markup:

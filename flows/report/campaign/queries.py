@@ -99,7 +99,8 @@ ORDER BY n_objects DESC, s.version_id, contact_force_n, t.slot"""
 SHAPE_FEATURES = """
 SELECT object_class, count(*) AS n_grasps, median(hold_mm) AS hold_mm, median(hold_slope_n_per_mm / peak_force_n)
          AS relative_slope_per_mm, median(half_peak_lift_mm) AS half_peak_lift_mm, avg(n_peaks) AS n_peaks,
-       avg((positive_after_mm = 0)::INTEGER) AS holds_at_once
+       avg((positive_after_mm = 0)::INTEGER) AS holds_at_once,
+       100 * coalesce(relative_slope_per_mm, 0) AS percent_per_mm, 100 * holds_at_once AS percent_at_once
 FROM feature_summary
 WHERE campaign_id = {campaign} AND peak_force_n > 0
 GROUP BY object_class
@@ -157,7 +158,8 @@ SELECT b.batch, b.kind, b.n_tools,
        count(g.grasp_id) FILTER (g.status = 'ok') AS n_grasps,
        count(g.grasp_id) FILTER (g.status = 'failed') AS n_failed,
        min(g.started_at) AS first_grasp_at, max(g.started_at) AS last_grasp_at,
-       epoch(max(g.started_at) - min(g.started_at)) / 3600 AS duration_h
+       epoch(max(g.started_at) - min(g.started_at)) / 3600 AS duration_h,
+       count(g.grasp_id) / nullif(duration_h, 0) AS grasps_per_h
 FROM batches b
 LEFT JOIN grasps g ON g.campaign_id = b.campaign_id AND g.batch = b.batch
 WHERE b.campaign_id = {campaign}

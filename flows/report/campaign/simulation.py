@@ -105,8 +105,9 @@ def agreement_section(content: Content, folder: Folder) -> Markup:
         )  # fmt: skip
     words = paragraph(
         "On the dashed line simulation and bench agree. r is Pearson's correlation, rank is Spearman's; the mean error "
-        "is simulated minus measured. A shifted or tilted cloud is absorbed by the surrogate (its scale rho and its "
-        "discrepancy, Eq. 1); scatter around it is not."
+        "is simulated minus measured. A cloud that is shifted or tilted does no harm: the surrogate, which predicts "
+        "the quality of tools, multiplies simulations by a scale, rho, and adds a discrepancy that it learns from "
+        "measurements (Eq. 1 of the paper: measured = rho times simulated, plus discrepancy). Scatter it cannot mend."
     )  # fmt: skip
     return section("agreement", title, words, *parts, folder.sources(content.pairs, content.versions))
 

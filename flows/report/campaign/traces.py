@@ -84,22 +84,18 @@ class Window:
             axes.set_xlabel("lift (mm)", fontsize=8, labelpad=1)
 
 
-def object_panel(kind: str, object_id: int, name: str | None, figure: Figure, folder: Folder) -> str:
+def object_panel(kind: str, object_id: int, name: str | None, figure: Figure, folder: Folder, over: str = "") -> str:
     """A figure under the picture, name and number of its object; `kind` names the folder of the figures."""
     label = name or "object"
     shown = folder.figure(f"{kind}/object_{object_id:02d}", figure, f"Force over lift, {label}")
-    title = f"{_object_image(object_id, folder)}<span>{text(label)} <i>{object_id}</i></span>"
-    return f'<div class="panel"><h3>{title}</h3>{shown}</div>'
-
-
-def _object_image(object_id: int, folder: Folder) -> Markup:
-    """The picture of an object; empty for one that the catalogue does not have."""
     try:
         address = folder.image(f"objects/object_{object_id:02d}", object_picture(object_id))
+        image = f'<img src="{address}" alt="">'
     except UsageError as error:
         _LOG.info("object %d is drawn without its picture: %s", object_id, error)
-        return Markup("")
-    return Markup(f'<img src="{address}" alt="">')
+        image = ""
+    title = f"{image}<span>{text(label)} <i>{object_id}</i></span>"
+    return f'<div class="panel">{paragraph(over, "note") if over else ""}<h3>{title}</h3>{shown}</div>'
 
 
 def traces_section(content: Content, folder: Folder) -> Markup:

@@ -4,13 +4,12 @@ It is written from the answer (`Findings`) and, as far as it is there, from what
 `findings.json`, the same for machines.
 """
 
-import logging
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from flows.report.folder import Folder
+from flows.report.folder import Folder, write_page
 from flows.report.gap.answer import (
     OLD,
     GapPage,
@@ -31,16 +30,27 @@ from flows.report.gap.figures import (
     separability_figure,
     trace_figure,
 )
-from flows.report.html import Markup, columns, number, page, paragraph, section, table, text, tiles
-from flows.report.style import figure_style
+from flows.report.html import (
+    Column,
+    Markup,
+    Page,
+    columns,
+    folded,
+    number,
+    paragraph,
+    record_table,
+    section,
+    table,
+    text,
+    tiles,
+)
 from models.gap.evaluation.evaluate import Evaluation
 from models.gap.findings import Decision, Findings, RoundFindings
 from models.gap.where.permutation_tests import Q
 from models.gap.where.residuals import PHASES
 from models.objects.catalogue import get_object
-from models.units import unit_of
+from models.units import spell_name
 
-_LOG = logging.getLogger(__name__)
 PAGE, FINDINGS = "report.html", "findings.json"
 
 NAV = {
@@ -80,17 +90,16 @@ def write_gap_report(content: GapPage, out: Path, name: str, of: str = "") -> Pa
         UsageError: the folder cannot be written.
     """
     folder = Folder(Path(out))
-    with figure_style():
-        parts = (where_section, name_section, show_section, theta_section, next_section, assumed_section)
-        body = "".join(build(content, folder) for build in parts)
-        top = headline(content)
     write_findings(content.findings, folder.root)
-    footer = text(f"Gap search {name}. Units: mm, N, MPa. For machines: {FINDINGS}.")
-    path = folder.root / PAGE
-    document = page("What the simulator misses", of or f"FAST gap search {name}", top, NAV, body, footer)
-    path.write_text(document, encoding="utf-8")
-    _LOG.info("page of gap search %s written to %s", name, path)
-    return path
+    page = Page(
+        title="What the simulator misses",
+        kicker=of or f"FAST gap search {name}",
+        footer=f"Gap search {name}. Units: mm, N, MPa. For machines: {FINDINGS}.",
+        nav=NAV,
+        file=PAGE,
+    )
+    sections = (where_section, name_section, show_section, theta_section, next_section, assumed_section)
+    return write_page(folder, content, page, headline, sections)
 
 
 def headline(content: GapPage) -> Markup:
@@ -138,8 +147,7 @@ def where_section(content: GapPage, folder: Folder) -> Markup:
         clues = [t.sentence for t in where.trends if t.is_clue]
         parts.append(columns(maps[lead] + note, shares + _components_note() + _clues(clues)))
         others = "".join(picture for phase, picture in maps.items() if phase != lead)
-        folded = f'<summary>Maps of the other phases</summary><div class="two">{others}</div>'
-        parts.append(Markup(f"<details>{folded}</details>"))
+        parts.append(folded("Maps of the other phases", f'<div class="two">{others}</div>'))
         parts.append(_components_table(content, folder))
     return section("where", "Where they disagree", *parts)
 
@@ -310,10 +318,10 @@ def _components_table(content: GapPage, folder: Folder) -> Markup:
 
 def _parameters(named: Decision) -> Markup:
     rows = [
-        (name.replace("_", " "), f"{p.median:.3g}", f"{p.ci90[0]:.3g} to {p.ci90[1]:.3g}", unit_of(name) or "")
+        (spell_name(name, with_unit=True), f"{p.median:.3g}", f"{p.ci90[0]:.3g} to {p.ci90[1]:.3g}")
         for name, p in named.parameters.items()
     ]
-    return table(("parameter", "median", "90 % interval", "unit"), rows, (1,)) if rows else Markup("")
+    return table(("parameter", "median", "90 % interval"), rows, (1,)) if rows else Markup("")
 
 
 def _candidates(rounds: tuple[RoundFindings, ...], folder: Folder) -> Markup:
@@ -337,22 +345,25 @@ def _trace(evaluation: Evaluation, rows: list[int], place: int, folder: Folder) 
 
 
 def _metrics(evaluation: Evaluation, folder: Folder) -> Markup:
-    headings = ("model", "of", "RMSE (N)", "peak bias (%)", "peak MAE (N)", "rank, designs", "rank, per object",
-                "work (J)", "in 90 %", "width (N)")  # fmt: skip
-    rows = [
-        (m.label, m.block, number(m.rmse_n, 2), number(100 * m.peak_bias_share, 1), number(m.peak_mae_n, 2),
-         number(m.rank_by_design, 2), number(m.rank_by_object, 2), number(m.work_error_j, 3), number(m.coverage_90, 2),
-         number(m.width_90_n, 2))
-        for m in evaluation.metrics
-    ]  # fmt: skip
+    rows = [m.model_dump() for m in evaluation.metrics]
+    columns_of: dict[str, Column] = {
+        "model": "label",
+        "of": "block",
+        "RMSE (N)": ("rmse_n", 2),
+        "peak bias (%)": lambda row: number(100 * row["peak_bias_share"], 1),
+        "peak MAE (N)": ("peak_mae_n", 2),
+        "rank, designs": ("rank_by_design", 2),
+        "rank, per object": ("rank_by_object", 2),
+        "work (J)": ("work_error_j", 3),
+        "in 90 %": ("coverage_90", 2),
+        "width (N)": ("width_90_n", 2),
+    }
     note = paragraph(
         "Bias: measured less simulated. Rank: Spearman, of mean peaks over designs, and over designs within an object.",
         "note",
     )
-    folded = Markup(
-        f"<details><summary>All figures of merit</summary>{table(headings, rows, range(2, 10))}{note}</details>"
-    )
-    return Markup(folded + folder.numbers("gap_metrics", [m.model_dump() for m in evaluation.metrics]))
+    shown = folded("All figures of merit", record_table(rows, columns_of) + note)
+    return Markup(shown + folder.numbers("gap_metrics", rows))
 
 
 def _median(of: tuple[float, float, float]) -> str:

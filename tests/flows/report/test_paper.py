@@ -208,8 +208,9 @@ def test_throughput_counts_every_attempt(lake, content):
     assert "8,532" in html
 
 
-def test_what_is_missing_is_said_in_the_table_of_figures():
-    html = paper_section('<img src="figures/quality_by_batch.svg">')
+def test_what_is_missing_is_said_in_the_table_of_figures(content, folder):
+    progress_section(content, folder)
+    html = paper_section(content, folder)
     assert html.count("here</a>") == 1
     assert "needs a calibration: fast calibrate" in html
 

@@ -4,6 +4,7 @@ import logging
 import time
 import tomllib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
@@ -16,7 +17,7 @@ from flows.report.campaign.queries import literal
 from flows.viewer.bench import bench_eye
 from flows.viewer.bench_timeline import BenchTimeline
 from flows.viewer.curves import curves_view
-from flows.viewer.stream import APPLICATION, make_file, recording_to
+from flows.viewer.stream import lay_out, recording_to
 from hardware.cell.layout import N_OBJECTS, BenchLayout
 from lake.handoff.campaign import is_imported
 from lake.store import Lake
@@ -39,8 +40,7 @@ def write_recording(lake: Lake, campaign_id: str, path: Path) -> Path:
         UsageError: there is no such campaign, or the file cannot be written.
     """
     content = Content.load(lake, campaign_id)
-    blueprint = campaign_blueprint(content)
-    with recording_to(f"campaign {campaign_id}", path, blueprint) as recording:
+    with recording_to(f"campaign {campaign_id}", path, campaign_blueprint(content)) as recording:
         n_grasps = send_campaign(recording, content).n_grasps
     _LOG.info("%d grasps written to %s", n_grasps, path)
     return path
@@ -64,16 +64,10 @@ def follow(
         UsageError: there is no such campaign, or the file cannot be written.
     """
     content = Content.load(lake, campaign_id)
-    make_file(path)
-    sinks: list[rr.FileSink | rr.GrpcSink] = [rr.FileSink(path)]
-    if address:
-        sinks.append(rr.GrpcSink(address))
     blueprint = campaign_blueprint(content, is_live=True)
-    with rr.RecordingStream(APPLICATION, recording_id=f"campaign {campaign_id} live") as stream:
-        stream.set_sinks(*sinks, default_blueprint=blueprint)
-        stream.log("cell", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    with recording_to(f"campaign {campaign_id} live", path, blueprint, address=address) as stream:
         timeline = send_campaign(stream, content)
-        try:
+        with suppress(KeyboardInterrupt):
             is_last = False
             while not is_last:
                 is_last = not is_running()  # asked first: what is written until then is still sent
@@ -82,11 +76,6 @@ def follow(
                 stream.flush()
                 if not is_last:
                     time.sleep(poll_s)
-        except KeyboardInterrupt:
-            pass
-        finally:
-            stream.flush()
-            stream.disconnect()
     return timeline.n_grasps
 
 
@@ -134,11 +123,9 @@ def campaign_blueprint(content: Content, is_live: bool = False) -> rrb.Blueprint
     left = rrb.Vertical(scene, notes, row_shares=[3, 1])
     right = rrb.Tabs(_results_tab(), _proposals_tab(), active_tab=0)
     playing: Literal["following", "playing"] = "following" if is_live else "playing"
-    return rrb.Blueprint(
+    return lay_out(
         rrb.Horizontal(left, right, column_shares=[3, 2]),
         rrb.TimePanel(timeline="bench", state="collapsed", play_state=playing, playback_speed=PLAYBACK_SPEED),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
     )
 
 

@@ -9,7 +9,7 @@ import trimesh
 
 from flows.report.style import BEST, COMPLIANT, FAINT, FIRST, INK, RIGID
 from flows.viewer.scene import finger_meshes, finger_translations, flat_mesh, rgb
-from flows.viewer.stream import eye_around, recording_to, stored_design
+from flows.viewer.stream import eye_around, lay_out, recording_to, stored_design
 from lake.store import Lake
 from lake.tables.campaign import DesignRow, ToolRow
 from models.design.finger import FingerBodies, finger_bodies
@@ -139,9 +139,7 @@ def _blueprint(design: Design, tray: str, mesh: SolidMesh) -> rrb.Blueprint:
         for origin, name, eye in views
     ]
     about = rrb.TextDocumentView(origin="about", name="About")
-    return rrb.Blueprint(
+    return lay_out(
         rrb.Horizontal(rrb.Grid(*shown, grid_columns=2), about, column_shares=[4, 1]),
         rrb.TimePanel(state="hidden"),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
     )

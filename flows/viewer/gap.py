@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 from flows.report.gap.figures import SIM_AFTER, SIM_BEFORE, chosen_cells
 from flows.report.style import MUTED
 from flows.viewer.scene import rgb
-from flows.viewer.stream import recording_to
+from flows.viewer.stream import lay_out, recording_to
 from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation
 from models.objects.catalogue import get_object
 from models.traces.step_features import STEP_MM
@@ -61,12 +61,11 @@ def _blueprint(names: Sequence[str]) -> rrb.Blueprint:
         rrb.TimeSeriesView(origin=f"grasp_{place}", name=f"{name}: force (N)", plot_legend=rrb.PlotLegend("RightTop"))
         for place, name in enumerate(names)
     ]
-    return rrb.Blueprint(
+    return lay_out(
         rrb.Vertical(
             rrb.Grid(*views, grid_columns=2), rrb.TextDocumentView(origin="about", name="About"), row_shares=[6, 1]
         ),
         rrb.TimePanel(timeline="lift_um", state="collapsed", play_state="paused"),
-        rrb.SelectionPanel(state="collapsed"),
     )
 
 

@@ -1,7 +1,7 @@
 """Rerun recording of one measured grasp, beside its simulation: deforming fingers and both traces on one timeline."""
 
-import logging
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,16 +10,14 @@ import rerun as rr
 
 from flows.report.grasp_frames import GraspFrames, Simulated, simulate_again
 from flows.report.style import BEST, SIMULATED
-from flows.viewer.scene import finger_meshes, finger_translations, object_words
+from flows.viewer.scene import draw_object, finger_meshes, finger_translations, object_words
 from flows.viewer.simulation import describe_fingers, grasp_blueprint, send_fingers
-from flows.viewer.stream import recording_to, send_object, send_trace, stored_design, times
+from flows.viewer.stream import recording_to, send_trace, stored_design, times
 from lake.store import Lake
 from lake.tables.campaign import GraspRow, SimTraceRow, SimulationRow
 from models.errors import UsageError
 from models.ids import tool_label
 from models.records import Design, GraspSetup, Trace
-
-_LOG = logging.getLogger(__name__)
 
 
 def write_grasp_recording(lake: Lake, grasp_id: str, path: Path, is_simulated: bool = True) -> Path:
@@ -42,7 +40,8 @@ def write_grasp_recording(lake: Lake, grasp_id: str, path: Path, is_simulated: b
     with recording_to(f"grasp {grasp_id}", path, grasp_blueprint(f"{label} on {name}")) as stream:
         text = _about(f"{label} on {name}, repeat {grasp.repeat}", trace, simulated, frames)
         stream.log("about", rr.TextDocument(text, media_type="text/markdown"), static=True)
-        send_object(stream, "cell/object", grasp.object_id, (0.0, 0.0))
+        with suppress(UsageError):  # another lab's object, which the catalogue does not have
+            stream.log("cell/object", draw_object(grasp.object_id), static=True)
         send_trace(stream, "force/measured", "lift/measured", trace, grasp.started_at, "measured", BEST)
         stored = list(_stored_traces(lake, grasp))
         for number, (version_id, simulation) in enumerate(stored):

@@ -1,5 +1,7 @@
 """Meshes of fingers and objects as Rerun archetypes, in the object frame (mm, z up, x closing)."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import rerun as rr
 import trimesh
@@ -43,16 +45,7 @@ def finger_translations(design: Design, setup: GraspSetup, trace: Trace) -> dict
     return {side: np.column_stack([sign * half_gap, zero, height]) for side, sign in SIDES.items()}
 
 
-def mounted_object_mesh(object_id: int, shift_mm: tuple[float, float] = (0.0, 0.0)) -> rr.Mesh3D:
-    """A test object, moved in x and y, in the colour of objects.
-
-    Raises:
-        UsageError: the catalogue has no such object.
-    """
-    return object_mesh_at(object_id, (*shift_mm, 0.0), rgb(OBJECT))
-
-
-def object_mesh_at(object_id: int, place_mm: tuple[float, float, float], colour: list[int] | None = None) -> rr.Mesh3D:
+def draw_object(object_id: int, place_mm: Sequence[float] = (0.0, 0.0, 0.0), colour: str | None = OBJECT) -> rr.Mesh3D:
     """A test object with its bottom at a place; without a colour, another message may give it one.
 
     Raises:
@@ -63,7 +56,7 @@ def object_mesh_at(object_id: int, place_mm: tuple[float, float, float], colour:
         vertex_positions=np.asarray(mesh.vertices) + np.array(place_mm),
         vertex_normals=np.asarray(mesh.vertex_normals),
         triangle_indices=np.asarray(mesh.faces),
-        albedo_factor=colour,
+        albedo_factor=colour and rgb(colour),
     )
 
 

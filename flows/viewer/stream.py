@@ -6,7 +6,6 @@ happened.
 """
 
 import itertools
-import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import datetime
@@ -16,38 +15,40 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from flows.viewer.scene import mounted_object_mesh, rgb
+from flows.viewer.scene import rgb
 from lake.store import Lake
 from lake.tables.campaign import DesignRow
 from models.errors import UsageError
 from models.records import Design, Trace
 
-_LOG = logging.getLogger(__name__)
-
 APPLICATION = "fast"
-
-
-def make_file(path: Path) -> None:
-    """Make the file and its folder.
-
-    Raises:
-        UsageError: that cannot be done.
-    """
-    try:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        Path(path).touch()
-    except OSError as error:
-        raise UsageError(f"The recording {path} cannot be written ({error}); give another file.") from error
 
 
 @contextmanager
 def recording_to(
-    name: str, path: Path, blueprint: rrb.Blueprint, scenes: Sequence[str] = ("cell",)
+    name: str,
+    path: Path,
+    blueprint: rrb.Blueprint,
+    scenes: Sequence[str] = ("cell",),
+    address: str | None = None,
 ) -> Iterator[rr.RecordingStream]:
-    """A recording that is on disk when the context ends; `scenes` are the origins of three-dimensional views."""
-    make_file(path)
+    """A recording that is on disk when the context ends, and goes to the viewer at `address` meanwhile.
+
+    `scenes` are the origins of three-dimensional views.
+
+    Raises:
+        UsageError: the file cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    except OSError as error:
+        raise UsageError(f"The recording {path} cannot be written ({error}); give another file.") from error
+    sinks: list[rr.FileSink | rr.GrpcSink] = [rr.FileSink(path)]
+    if address:
+        sinks.append(rr.GrpcSink(address))
     with rr.RecordingStream(APPLICATION, recording_id=name) as recording:
-        recording.save(path, default_blueprint=blueprint)
+        recording.set_sinks(*sinks, default_blueprint=blueprint)
         for scene in scenes:
             recording.log(scene, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         try:
@@ -55,6 +56,13 @@ def recording_to(
         finally:
             recording.flush()
             recording.disconnect()
+
+
+def lay_out(content: rrb.Container, time_panel: rrb.TimePanel) -> rrb.Blueprint:
+    """A blueprint whose panels at the sides are closed at first."""
+    return rrb.Blueprint(
+        content, time_panel, rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed")
+    )
 
 
 def eye_from(position: tuple[float, float, float], target: tuple[float, float, float]) -> rrb.EyeControls3D:
@@ -113,14 +121,6 @@ def times(trace: Trace, started_at: datetime | None) -> list[rr.TimeColumn]:
     if started_at is not None:
         columns.append(rr.TimeColumn("bench_time", timestamp=started_at.timestamp() + trace.time_s))
     return columns
-
-
-def send_object(recording: rr.RecordingStream, entity: str, object_id: int, place: tuple[float, float]) -> None:
-    """A test object at a place, mm; left out where the catalogue does not have it."""
-    try:
-        recording.log(entity, mounted_object_mesh(object_id, place), static=True)
-    except UsageError as error:
-        _LOG.info("object %d is left out of the scene: %s", object_id, error)
 
 
 def stored_design(lake: Lake, design_id: str) -> Design:

@@ -14,10 +14,10 @@ from matplotlib import colormaps
 
 from flows.report.campaign.queries import literal
 from flows.report.style import BEST, COMPLIANT, FIRST, INK, MUTED, OBJECT
-from flows.viewer.bench import head_meshes, send_bench
+from flows.viewer.bench import build_head, send_bench
 from flows.viewer.curves import Curves
-from flows.viewer.scene import draw_object, flat_mesh, rgb
-from flows.viewer.stream import stored_design
+from flows.viewer.scene import draw_object, flatten_mesh, rgb
+from flows.viewer.stream import read_design
 from hardware.cell.layout import BenchLayout
 from lake.store import Lake
 from models.design.space import PARAMETERS
@@ -151,8 +151,8 @@ class BenchTimeline:
         self._send_quality()
         self._tool_id, self._label = row["tool_id"], _label_of(row)
         self._at(start - 0.4)
-        for name, mesh in head_meshes(stored_design(self._lake, row["design_id"])):
-            self._stream.log(f"cell/head/{name}", flat_mesh(mesh, MUTED if name == "head" else COMPLIANT))
+        for name, mesh in build_head(read_design(self._lake, row["design_id"])):
+            self._stream.log(f"cell/head/{name}", flatten_mesh(mesh, MUTED if name == "head" else COMPLIANT))
         self._curves.start(self._label)
         self._stream.log("log", rr.TextLog(f"{self._label} on the head", level=rr.TextLogLevel.INFO))
 

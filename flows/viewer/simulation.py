@@ -12,7 +12,7 @@ from matplotlib import colormaps
 from flows.report.grasp_frames import Frame, GraspFrames
 from flows.report.style import FIRST, SIMULATED
 from flows.viewer.scene import draw_object, rgb
-from flows.viewer.stream import FRONT_EYE, lay_out, recording_to, send_trace, times
+from flows.viewer.stream import FRONT_EYE, lay_out, open_recording, send_trace, times
 from models.records import GraspSimulation, Trace
 from models.simulation.output.recording import GraspRecording, Snapshot
 
@@ -33,7 +33,7 @@ def write_simulation(
         UsageError: the file cannot be written.
     """
     frames = GraspFrames.of(recording)
-    with recording_to(title, path, grasp_blueprint(title, column_shares=(3, 2))) as stream:
+    with open_recording(title, path, lay_out_grasp(title, column_shares=(3, 2))) as stream:
         stream.log("about", rr.TextDocument(_about(title, result, frames), media_type="text/markdown"), static=True)
         stream.log("cell/object", draw_object(object_id), static=True)
         send_fingers(stream, frames, lambda snapshot: snapshot.time_s)
@@ -42,7 +42,7 @@ def write_simulation(
     return path
 
 
-def arrow_mm_per_n(frames: GraspFrames) -> float:
+def choose_arrow_mm_per_n(frames: GraspFrames) -> float:
     """Length of the arrows: 1, 2 or 5 times a power of ten, the longest at most `LONGEST_ARROW_MM`."""
     most = LONGEST_ARROW_MM / max(frames.largest_force_n, 1e-6)
     power = 10.0 ** np.floor(np.log10(most))
@@ -53,13 +53,13 @@ def describe_fingers(frames: GraspFrames) -> str:
     """Colours and arrows of the fingers in words."""
     return (
         f"coloured by displacement from the undeformed finger: dark 0, yellow {frames.furthest_mm:.1f} mm. Arrows: "
-        f"force of the object on them, {arrow_mm_per_n(frames):g} mm per N."
+        f"force of the object on them, {choose_arrow_mm_per_n(frames):g} mm per N."
     )
 
 
 def send_fingers(stream: rr.RecordingStream, frames: GraspFrames, clock: Callable[[Snapshot], float]) -> None:
     """Both fingers, coloured by displacement, with the forces on them; `clock` gives the time (s) of a snapshot."""
-    furthest_mm, mm_per_n = frames.furthest_mm, arrow_mm_per_n(frames)
+    furthest_mm, mm_per_n = frames.furthest_mm, choose_arrow_mm_per_n(frames)
     for side, of_side in frames.frames.items():
         entity = f"cell/fingers/{side}"
         _send_approach(stream, entity, of_side[0], clock)
@@ -74,7 +74,7 @@ def send_fingers(stream: rr.RecordingStream, frames: GraspFrames, clock: Callabl
         stream.reset_time()
 
 
-def grasp_blueprint(title: str, column_shares: tuple[int, int] | None = None) -> rrb.Blueprint:
+def lay_out_grasp(title: str, column_shares: tuple[int, int] | None = None) -> rrb.Blueprint:
     """The scene and its words on the left; force and lift, over the same stretch of time, on the right."""
     linked = rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
     return lay_out(

@@ -5,7 +5,6 @@ Force and lift are sent as whole columns (150 times cheaper than sample by sampl
 happened.
 """
 
-import itertools
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import datetime
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+import trimesh
 
 from flows.viewer.scene import rgb
 from lake.store import Lake
@@ -25,7 +25,7 @@ APPLICATION = "fast"
 
 
 @contextmanager
-def recording_to(
+def open_recording(
     name: str,
     path: Path,
     blueprint: rrb.Blueprint,
@@ -65,19 +65,19 @@ def lay_out(content: rrb.Container, time_panel: rrb.TimePanel) -> rrb.Blueprint:
     )
 
 
-def eye_from(position: tuple[float, float, float], target: tuple[float, float, float]) -> rrb.EyeControls3D:
+def place_eye(position: tuple[float, float, float], target: tuple[float, float, float]) -> rrb.EyeControls3D:
     """The eye of a three-dimensional view at first, z up, mm."""
     return rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 0.0, 1.0))
 
 
-def eye_around(
+def fit_eye(
     low: Sequence[float], high: Sequence[float], back: tuple[float, float, float], aspect: float = 1.3
 ) -> rrb.EyeControls3D:
     """The nearest eye in the direction `back` that sees the whole box from `low` to `high`, mm.
 
     aspect: width over height of the view; with less, both sides are cut off.
     """
-    corners = np.array(list(itertools.product(*zip(low, high, strict=True))), dtype=float)
+    corners = trimesh.bounds.corners([low, high])
     target = corners.mean(axis=0)
     ahead = -np.array(back) / np.linalg.norm(back)
     right = np.cross(ahead, (0.0, 0.0, 1.0))
@@ -86,12 +86,12 @@ def eye_around(
     aside = np.maximum(np.abs(about @ right) / aspect, np.abs(about @ np.cross(right, ahead)))
     distance = _MARGIN * float((aside / _HALF_VIEW - about @ ahead).max())
     x, y, z = target - distance * ahead
-    return eye_from((x, y, z), (target[0], target[1], target[2]))
+    return place_eye((x, y, z), (target[0], target[1], target[2]))
 
 
 _HALF_VIEW = float(np.tan(np.radians(55.0) / 2))  # Rerun's field of view, upwards
 _MARGIN = 1.08
-FRONT_EYE = eye_from((48.0, -195.0, 95.0), (0.0, 0.0, 72.0))  # a grasp, with both fingers and the object
+FRONT_EYE = place_eye((48.0, -195.0, 95.0), (0.0, 0.0, 72.0))  # a grasp, with both fingers and the object
 
 
 def send_trace(
@@ -123,7 +123,7 @@ def times(trace: Trace, started_at: datetime | None) -> list[rr.TimeColumn]:
     return columns
 
 
-def stored_design(lake: Lake, design_id: str) -> Design:
+def read_design(lake: Lake, design_id: str) -> Design:
     """A design of the lake.
 
     Raises:

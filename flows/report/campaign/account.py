@@ -21,9 +21,12 @@ from flows.report.html import (
     table,
     text,
 )
+from flows.report.lineage import lineage_text
+from lake.query.lineage import find_lineage
 
 PAPER = {"grasp_s": "15", "grasps_per_hour": "240, the most", "measured": "8,532", "simulated": "50,608"}  # Results
 
+N_PARENTS = 5  # more rows of one table beside a row are only counted
 _LOCKSTEP = Markup(
     "This virtual bench worked in lockstep: it does not wait, and the clock times below are the computer's. "
     "<code>fast gantry plan</code> says what the same batch takes on a bench."
@@ -58,7 +61,7 @@ _ROWS = (
 )  # fmt: skip
 
 
-def tools_section(content: Content, folder: Folder) -> Markup:
+def write_tools(content: Content, folder: Folder) -> Markup:
     """Every tool, best first."""
     if not content.tools:
         return section("tools", "All tools", paragraph("No tool has been printed and mounted yet."))
@@ -107,7 +110,7 @@ def _bar(tool: Tool, top: float) -> Markup:
     return Markup(f'<span class="bar"><i class="{text(tool.kind)}" style="width:{share:.1f}%"></i></span>')
 
 
-def cost_section(content: Content, folder: Folder) -> Markup:
+def write_cost(content: Content, folder: Folder) -> Markup:
     """Batches, throughput, simulations and failures."""
     failures = content.result("failures", queries.FAILURES)
     pace, throughput_source = describe_throughput(content)
@@ -184,7 +187,7 @@ _SETUPS: dict[str, Column] = {
 }
 
 
-def provenance_section(content: Content, folder: Folder) -> Markup:
+def write_provenance(content: Content, folder: Folder) -> Markup:
     """Where the rows came from, and how to make the page again."""
     setups = content.result("setups", queries.SETUPS)
     campaign = content.campaign
@@ -203,7 +206,7 @@ def provenance_section(content: Content, folder: Folder) -> Markup:
         record_table(content.provenance.rows, _ROWS_OF),
         record_table(setups.rows, _SETUPS, "No grasp has been measured yet."),
         config,
-        _lineage(content, folder),
+        _lineage(content),
         again,
         folder.sources(content.provenance, setups),
     )
@@ -213,46 +216,24 @@ def _pairs(setup_json: str) -> str:
     return ", ".join(f"{key} {value:g}" for key, value in json.loads(setup_json).items())
 
 
-def _lineage(content: Content, folder: Folder) -> str:
-    """The best tool, from proposal to quality."""
+def _lineage(content: Content) -> str:
+    """What the best tool was made from, as `fast lake lineage` tells it."""
     best = content.best
     if best is None:
         return paragraph(NOT_MEASURED)
-    result = content.result("lineage", queries.LINEAGE, best=best.tool_id)
-    row = result.rows[0]
-    measured = [
-        f"{wall} {row[f'measured_{wall}_thickness_mm']:.2f} mm"
-        for wall in ("front", "back", "rib")
-        if row[f"measured_{wall}_thickness_mm"] is not None
-    ]
-    if row["hardness_shore_a"] is not None:
-        measured.append(f"hardness {row['hardness_shore_a']:g} Shore A")
-    steps = [
-        f"Proposal {row['proposal_id'] or DASH} asked for design {row['design_id']}.",
-        f"Printed and mounted as {row['tool_id']}, confirmed by {_who(row)} on {moment(row['confirmed_at'])} UTC"
-        + (f", lot {row['material_lot']}" if row["material_lot"] else "") + ".",
-        f"Measured after printing: {', '.join(measured)}." if measured else "Walls and hardness were not measured.",
-        f"{row['n_grasps']} grasps from {moment(row['first_grasp_at'])} to {moment(row['last_grasp_at'])} UTC, each "
-        "with its raw trace.",
-        f"Peak of each trace, mean over repeats, mean over {count(best.n_objects, 'object')}: "
-        f"{number(best.quality_n, 2, 'N')}.",
-    ]  # fmt: skip
-    items = "".join(f"<li>{text(step)}</li>" for step in steps)
+    tree = lineage_text(find_lineage(content.lake, best.tool_id, forward=False, depth=None, limit=N_PARENTS))
+    words = paragraph(
+        f"Its quality, {number(best.quality_n, 2, 'N')}, is the peak of each of its {count(best.n_grasps, 'trace')}, "
+        f"mean over repeats, mean over {count(best.n_objects, 'object')}. Each row was made from those below it:"
+    )
     commands = (
-        f"fast lake lineage {best.tool_id}               # every row it came from, with code, config and seed\n"
+        f"fast lake lineage {best.tool_id}               # the same, for any row of the lake\n"
         f"fast lake lineage {best.tool_id} --children    # every grasp behind its quality"
     )
-    return (
-        f"<h3>From idea to number: {best.label}</h3><ol class='lineage'>{items}</ol><pre>{text(commands)}</pre>"
-        f"{folder.sources(result)}"
-    )
+    return f"<h3>From idea to number: {best.label}</h3>{words}<pre>{text(tree)}</pre><pre>{text(commands)}</pre>"
 
 
-def _who(row: dict) -> str:
-    return row["operator"] or {"person": "a person", "auto": "the campaign itself"}[row["confirmed_by"]]
-
-
-def paper_section(content: Content, folder: Folder) -> Markup:
+def write_paper(content: Content, folder: Folder) -> Markup:
     """A table of the paper's figures with links to what the sections before this one have drawn."""
     rows = []
     for figure, what, anchor, marks, missing in _ROWS:

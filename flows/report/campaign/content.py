@@ -7,11 +7,11 @@ from functools import cached_property
 from flows.report.campaign import queries
 from flows.report.campaign.facts import (
     Tool,
+    choose_versions,
     find_best_tool,
     find_first_batch,
     find_last_batch,
     read_tools,
-    versions_to_compare,
 )
 from flows.report.campaign.queries import Result, fetch
 from lake.store import Lake
@@ -92,7 +92,7 @@ class Content:
     @cached_property
     def compared(self) -> list[str]:
         """Simulator versions that are compared with measurements, oldest first."""
-        return versions_to_compare(self.pairs.rows, [row["version_id"] for row in self.versions.rows])
+        return choose_versions(self.pairs.rows, [row["version_id"] for row in self.versions.rows])
 
     def design_of(self, tool: Tool) -> Design:
         """Design of a mounted tool."""

@@ -6,15 +6,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from flows.report.calibration.page import calibration_section
-from flows.report.campaign.account import cost_section, paper_section, provenance_section, tools_section
+from flows.report.campaign.account import write_cost, write_paper, write_provenance, write_tools
 from flows.report.campaign.content import Content
-from flows.report.campaign.finger import best_section
-from flows.report.campaign.quality import baselines_section, headline, progress_section
-from flows.report.campaign.shapes import shapes_section
-from flows.report.campaign.simulation import agreement_section, moments_section
-from flows.report.campaign.surrogate import surrogate_section
-from flows.report.campaign.traces import traces_section
-from flows.report.campaign.work import work_section
+from flows.report.campaign.finger import write_best
+from flows.report.campaign.quality import headline, write_baselines, write_progress
+from flows.report.campaign.shapes import write_shapes
+from flows.report.campaign.simulation import write_agreement, write_moments
+from flows.report.campaign.surrogate import write_surrogate
+from flows.report.campaign.traces import write_traces
+from flows.report.campaign.work import write_work
 from flows.report.folder import Folder, write_page
 from flows.report.html import Page, moment
 from lake.store import Lake
@@ -43,20 +43,20 @@ NAV = {
 }
 
 SECTIONS = (
-    best_section,
-    moments_section,
-    progress_section,
-    baselines_section,
-    traces_section,
-    shapes_section,
-    work_section,
-    agreement_section,
+    write_best,
+    write_moments,
+    write_progress,
+    write_baselines,
+    write_traces,
+    write_shapes,
+    write_work,
+    write_agreement,
     calibration_section,
-    tools_section,
-    surrogate_section,
-    cost_section,
-    paper_section,  # knows what the sections above have drawn
-    provenance_section,
+    write_tools,
+    write_surrogate,
+    write_cost,
+    write_paper,  # knows what the sections above have drawn
+    write_provenance,
 )
 
 

@@ -232,19 +232,6 @@ SETUPS = """
 SELECT setup_id, any_value(setup_json) AS setup_json, count(*) AS n_grasps
 FROM grasps WHERE campaign_id = {campaign} GROUP BY setup_id ORDER BY n_grasps DESC, setup_id"""
 
-# {best}: quoted tool id.
-LINEAGE = f"""
-WITH counted AS ({_VALID} AND tool_id = {{best}}),
-tool AS (SELECT * FROM tools WHERE tool_id = {{best}})
-SELECT (SELECT max(proposal_id) FROM proposals p JOIN tool t
-          ON p.campaign_id = t.campaign_id AND p.batch = t.batch AND p.slot = t.slot AND p.fidelity = 'real')
-         AS proposal_id,
-       tool.design_id, tool.tool_id, tool.confirmed_by, tool.operator, tool.material_lot,
-       tool.measured_front_thickness_mm, tool.measured_back_thickness_mm, tool.measured_rib_thickness_mm,
-       tool.hardness_shore_a, tool.created_at AS confirmed_at, (SELECT count(*) FROM counted) AS n_grasps,
-       (SELECT min(started_at) FROM counted) AS first_grasp_at, (SELECT max(started_at) FROM counted) AS last_grasp_at
-FROM tool"""
-
 
 @dataclass(frozen=True)
 class Result:

@@ -11,7 +11,7 @@ from flows.report.campaign import queries
 from flows.report.campaign.content import NOT_MEASURED, Content
 from flows.report.campaign.facts import Tool
 from flows.report.campaign.queries import Result
-from flows.report.campaign.traces import NO_TRACES, Curve, Window, curves_by, object_panel
+from flows.report.campaign.traces import NO_TRACES, Curve, Window, gather_curves, write_panel
 from flows.report.folder import Folder
 from flows.report.html import Column, Markup, columns, number, paragraph, record_table, section
 from flows.report.style import BEST, FIRST, MUTED, SOFTEST, new_axes, new_figure
@@ -51,7 +51,7 @@ GROUPS = (
 STABLE_CLASSES = {name for group in GROUPS if group.is_stable for name in group.classes}
 
 
-def shapes_section(content: Content, folder: Folder) -> Markup:
+def write_shapes(content: Content, folder: Folder) -> Markup:
     """Panels by group of objects, their features, and the grasp that was lost too early."""
     title = "What shapes do to the force"
     if content.best is None:
@@ -63,7 +63,7 @@ def shapes_section(content: Content, folder: Folder) -> Markup:
     )
     features = content.result("shape_features", queries.SHAPE_FEATURES)
     classes = {row["object_id"]: (row["object_class"], row["object_name"]) for row in content.object_classes.rows}
-    drawn_tools = curves_by(traces.rows, "object_id", "tool_id")
+    drawn_tools = gather_curves(traces.rows, "object_id", "tool_id")
     curves: dict[int, dict[str, Curve]] = defaultdict(dict)
     for object_id, tool_id in sorted(drawn_tools):
         for what in (what for what, tool in tools.items() if tool.tool_id == tool_id):
@@ -73,8 +73,8 @@ def shapes_section(content: Content, folder: Folder) -> Markup:
     window = Window.of([curve for found in curves.values() for curve in found.values()])
     known = {o: classes[o][0] for o in curves if o in classes}
     panels = [
-        object_panel(
-            "shapes", o, classes[o][1], shape_figure(curves[o], window), folder, f"{group.letter}\u2002{group.title}"
+        write_panel(
+            "shapes", o, classes[o][1], draw_shape(curves[o], window), folder, f"{group.letter}\u2002{group.title}"
         )
         for group in GROUPS
         for o in choose_objects(group, known)
@@ -84,7 +84,7 @@ def shapes_section(content: Content, folder: Folder) -> Markup:
         "objects by shape, g is the grasp that was lost too early. Upper panels: force; lower panels: the same over "
         f"its peak, so that the shape shows even of a weak tool. {_softness_words(softness)}", "note",
     )  # fmt: skip
-    loss, loss_sources = early_loss(content, folder)
+    loss, loss_sources = write_early_loss(content, folder)
     flags, flag_source = list_flagged_grasps(content)
     return section(
         "shapes", title, _key(tools), words, f'<div class="panels">{"".join(panels)}</div>', _features_table(features),
@@ -121,7 +121,7 @@ def choose_objects(group: Group, classes: Mapping[int, str]) -> list[int]:
     return sorted(turns[:AT_MOST])
 
 
-def shape_figure(curves: Mapping[str, Curve], window: Window) -> Figure:
+def draw_shape(curves: Mapping[str, Curve], window: Window) -> Figure:
     """Force over lift of three tools, and below it the force over its peak."""
     figure = new_figure(WIDTH_IN, HEIGHT_IN)
     force, shape = figure.subplots(2, 1, sharex=True, height_ratios=(1.25, 1.0))
@@ -171,7 +171,7 @@ def _features_table(features: Result) -> Markup:
     return record_table(rows, columns_of)
 
 
-def early_loss(content: Content, folder: Folder) -> tuple[Markup, list[Result]]:
+def write_early_loss(content: Content, folder: Folder) -> tuple[Markup, list[Result]]:
     """Fig. 5g: the shortest hold among stably grasped objects, between the other tools of its batch; and the next."""
     losses = content.result("early_losses", queries.EARLY_LOSSES)
     if not losses.rows:
@@ -189,8 +189,8 @@ def early_loss(content: Content, folder: Folder) -> tuple[Markup, list[Result]]:
         step=queries.TRACE_STEP_MM,
     )  # fmt: skip
     label = tool_label(worst["batch"], worst["slot"])
-    curves = {slot: curve for (slot,), curve in curves_by(traces.rows, "slot").items()}
-    figure = loss_figure(curves, worst["slot"], label)
+    curves = {slot: curve for (slot,), curve in gather_curves(traces.rows, "slot").items()}
+    figure = draw_loss(curves, worst["slot"], label)
     said = (
         f"{label} on the {worst['object_name']} ({worst['object_id']}): above half its peak for "
         f"{number(worst['held_mm'], 1, 'mm')}, where the middle tool of the campaign holds for "
@@ -220,7 +220,7 @@ def list_flagged_grasps(content: Content) -> tuple[Markup, Result]:
     return Markup(f'<div class="words">{shown}</div>{under}'), result
 
 
-def loss_figure(curves: Mapping[int, Curve], slot: int, label: str) -> Figure:
+def draw_loss(curves: Mapping[int, Curve], slot: int, label: str) -> Figure:
     """One tool's force over lift before those of the others of its batch."""
     figure, axes = new_axes(height_in=2.6)
     for other, curve in curves.items():

@@ -28,13 +28,13 @@ _COLUMNS: dict[str, Column] = {
 }
 
 
-def surrogate_section(content: Content, folder: Folder) -> Markup:
+def write_surrogate(content: Content, folder: Folder) -> Markup:
     """Leave-one-out errors and coverage of every fit that chose tools; lengthscales and findings of the last."""
     fits = content.result("fits", queries.FITS)
     if not fits.rows:
         return section("surrogate", "The surrogate", paragraph("The surrogate has not been fitted yet."))
     last = fits.rows[-1]
-    figure = folder.figure("relevance", relevance_figure(last), "Relevance of each design parameter")
+    figure = folder.figure("relevance", draw_relevance(last), "Relevance of each design parameter")
     return section(
         "surrogate",
         "The surrogate",
@@ -58,7 +58,7 @@ def surrogate_section(content: Content, folder: Folder) -> Markup:
     )
 
 
-def relevance_figure(fit: Mapping[str, Any]) -> Figure:
+def draw_relevance(fit: Mapping[str, Any]) -> Figure:
     """Inverse lengthscale of each design parameter, for simulator and discrepancy; long bars bend the outcome most."""
     figure, axes = new_axes(WIDTH_IN, 3.4, grid="x")
     for offset, column, colour, label in (

@@ -21,14 +21,15 @@ from flows.report.gap.answer import (
     shorten_answer,
 )
 from flows.report.gap.figures import (
-    chosen_cells,
-    class_figure,
-    components_figure,
-    error_figure,
-    map_figure,
-    names_figure,
-    separability_figure,
-    trace_figure,
+    choose_cells,
+    draw_classes,
+    draw_components,
+    draw_errors,
+    draw_map,
+    draw_names,
+    draw_separability,
+    draw_trace,
+    name_cell,
 )
 from flows.report.html import (
     Column,
@@ -48,7 +49,6 @@ from models.gap.evaluation.evaluate import Evaluation
 from models.gap.findings import Decision, Findings, RoundFindings
 from models.gap.where.permutation_tests import Q
 from models.gap.where.residuals import PHASES
-from models.objects.catalogue import get_object
 from models.units import spell_name
 
 PAGE, FINDINGS = "report.html", "findings.json"
@@ -98,7 +98,7 @@ def write_gap_report(content: GapPage, out: Path, name: str, of: str = "") -> Pa
         nav=NAV,
         file=PAGE,
     )
-    sections = (where_section, name_section, show_section, theta_section, next_section, assumed_section)
+    sections = (write_where, write_name, write_show, write_theta, write_next, write_assumed)
     return write_page(folder, content, page, headline, sections)
 
 
@@ -124,7 +124,7 @@ def headline(content: GapPage) -> Markup:
     return Markup(paragraph(describe_answer(findings), "lead") + tiles(shown) + warnings)
 
 
-def where_section(content: GapPage, folder: Folder) -> Markup:
+def write_where(content: GapPage, folder: Folder) -> Markup:
     """Sentences, the map of the phase that they are about, and what the gap goes with."""
     rounds = content.findings.rounds
     parts = [_sentences(found, place, len(rounds)) for place, found in enumerate(rounds)]
@@ -134,7 +134,7 @@ def where_section(content: GapPage, folder: Folder) -> Markup:
         phases = [phase for phase in PHASES if phase == lead or any(s.phase == phase for s in where.components)]
         maps = {
             phase: folder.figure(
-                f"gap_map_{phase}", map_figure(content.residuals, phase), f"Gap by tool, object: {phase}"
+                f"gap_map_{phase}", draw_map(content.residuals, phase), f"Gap by tool, object: {phase}"
             )
             for phase in phases
         }
@@ -143,7 +143,7 @@ def where_section(content: GapPage, folder: Folder) -> Markup:
             "so that what belongs together lies together. A gap that is one colour per column is a print, not physics.",
             "note",
         )
-        shares = folder.figure("gap_shares", components_figure(where.components), "What the gap goes with")
+        shares = folder.figure("gap_shares", draw_components(where.components), "What the gap goes with")
         clues = [t.sentence for t in where.trends if t.is_clue]
         parts.append(columns(maps[lead] + note, shares + _components_note() + _clues(clues)))
         others = "".join(picture for phase, picture in maps.items() if phase != lead)
@@ -152,7 +152,7 @@ def where_section(content: GapPage, folder: Folder) -> Markup:
     return section("where", "Where they disagree", *parts)
 
 
-def name_section(content: GapPage, folder: Folder) -> Markup:
+def write_name(content: GapPage, folder: Folder) -> Markup:
     """Probabilities of names round by round, parameters, and what could not be told apart."""
     rounds = content.findings.rounds
     parts: list[str] = []
@@ -163,7 +163,7 @@ def name_section(content: GapPage, folder: Folder) -> Markup:
             else describe_decision(found.named)
         )
         figure = folder.figure(
-            f"gap_names_{place + 1}", names_figure(found.candidates, found.named), "Probabilities of names"
+            f"gap_names_{place + 1}", draw_names(found.candidates, found.named), "Probabilities of names"
         )
         told = Markup(f"<h3>{text(title)}</h3>") + paragraph(found.named.sentence) + _parameters(found.named)
         if note := describe_reserve(found):
@@ -174,7 +174,7 @@ def name_section(content: GapPage, folder: Folder) -> Markup:
         parts.append(columns(Markup(told + (paragraph(dropped) if dropped else "")), figure))
     if content.separability is not None and len(content.separability.effects) > 1:
         figure = folder.figure(
-            "gap_isolability", separability_figure(content.separability), "Which effects could be told apart"
+            "gap_isolability", draw_separability(content.separability), "Which effects could be told apart"
         )
         note = paragraph(
             "What these designs, objects and repeats could tell apart at all, computed before looking at the gap: each "
@@ -186,18 +186,18 @@ def name_section(content: GapPage, folder: Folder) -> Markup:
     return section("name", "What is missing", *parts)
 
 
-def show_section(content: GapPage, folder: Folder) -> Markup:
+def write_show(content: GapPage, folder: Folder) -> Markup:
     """Errors beside peers and floor, held-out traces, classes of objects, and all metrics."""
     evaluation = content.evaluation
     if evaluation is None:
         return section("show", "Before and after", paragraph(OLD))
-    errors = folder.figure("gap_errors", error_figure(evaluation), "Held-out errors")
+    errors = folder.figure("gap_errors", draw_errors(evaluation), "Held-out errors")
     note = paragraph(
         "Designs and objects that were put aside before the search. Gaussian process and black box learn the same "
         "residual without a name for it. The floor is what repeats scatter, or what a finer mesh changes.", "note",
     )  # fmt: skip
-    classes = folder.figure("gap_classes", class_figure(evaluation), "Held-out error by class of object")
-    panels = [_trace(evaluation, rows, place, folder) for place, rows in enumerate(chosen_cells(evaluation))]
+    classes = folder.figure("gap_classes", draw_classes(evaluation), "Held-out error by class of object")
+    panels = [_trace(evaluation, rows, place, folder) for place, rows in enumerate(choose_cells(evaluation))]
     pairs = [columns(*panels[i : i + 2]) for i in range(0, len(panels), 2)]
     return section(
         "show",
@@ -210,7 +210,7 @@ def show_section(content: GapPage, folder: Folder) -> Markup:
     )
 
 
-def next_section(content: GapPage, folder: Folder) -> Markup:
+def write_next(content: GapPage, folder: Folder) -> Markup:
     """The experiment that separates a set, and aliases with what would tell."""
     findings = content.findings
     asked = findings.next_experiment
@@ -221,17 +221,17 @@ def next_section(content: GapPage, folder: Folder) -> Markup:
         else paragraph("Nothing is left ambiguous that an experiment of the bench would separate.")
     )
     rows = [(describe_effect(a.effect), a.of, a.experiment) for a in findings.aliases]
-    wrapped = [tuple(Markup(f'<span style="white-space:normal">{text(cell)}</span>') for cell in row) for row in rows]
+    listed = table(("effect", "cannot be told from", "what would tell"), rows)
     return section(
         "next",
         "What to measure next",
         told,
         Markup("<h3>What these data cannot tell from something else</h3>"),
-        table(("effect", "cannot be told from", "what would tell"), wrapped),
+        f'<div class="words">{listed}</div>',
     )
 
 
-def assumed_section(content: GapPage, folder: Folder) -> Markup:
+def write_assumed(content: GapPage, folder: Folder) -> Markup:
     """What the answer rests on, and what it cost."""
     findings = content.findings
     budget = [
@@ -254,7 +254,7 @@ def assumed_section(content: GapPage, folder: Folder) -> Markup:
     )
 
 
-def theta_section(content: GapPage, folder: Folder) -> Markup:
+def write_theta(content: GapPage, folder: Folder) -> Markup:
     """Whether the constants moved towards what other instruments say."""
     is_known = any(row.independent is not None for row in content.theta)
     headings = ("constant", "before", "with what was named", "tensile bars of the paper", "")[: 5 if is_known else 3]
@@ -334,14 +334,13 @@ def _candidates(rounds: tuple[RoundFindings, ...], folder: Folder) -> Markup:
 def _trace(evaluation: Evaluation, rows: list[int], place: int, folder: Folder) -> Markup:
     held_out = evaluation.held_out
     row = rows[0]
-    obj = get_object(held_out.objects[held_out.obj[row]])
     fresh = [
         word
         for word, is_new in (("design", held_out.is_new_tool[row]), ("object", held_out.is_new_object[row]))
         if is_new
     ]
-    title = f"{held_out.tools[held_out.tool[row]]} on the {obj.name} (new {' and '.join(fresh)})"
-    return folder.figure(f"gap_trace_{place + 1}", trace_figure(evaluation, rows, title), title)
+    title = f"{name_cell(evaluation, row)} (new {' and '.join(fresh)})"
+    return folder.figure(f"gap_trace_{place + 1}", draw_trace(evaluation, rows, title), title)
 
 
 def _metrics(evaluation: Evaluation, folder: Folder) -> Markup:

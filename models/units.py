@@ -34,6 +34,13 @@ def unit_of(name: str) -> str | None:
     return None
 
 
+def spell_name(name: str, with_unit: bool = False) -> str:
+    """A name in words, its unit left out (`rib_angle_deg` -> `rib angle`) or in brackets behind it."""
+    unit = unit_of(name)
+    suffix = next((suffix for suffix in UNIT_OF_SUFFIX if unit and name.endswith(suffix)), "")
+    return name.removesuffix(suffix).replace("_", " ") + (f" ({unit})" if unit and with_unit else "")
+
+
 def force_n_from_kg(mass_kg: float) -> float:
     """Force of a mass under standard gravity: load cells are read in kg."""
     return mass_kg * STANDARD_GRAVITY_M_PER_S2

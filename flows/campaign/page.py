@@ -119,7 +119,7 @@ def draw_best_so_far(campaign: Campaign) -> str:
     """The report's figure of tool quality by batch as a `data:` address; empty before the first complete tool."""
     # Seconds of imports, which a campaign that goes on after a crash does not wait for.
     from flows.report.campaign.content import Content
-    from flows.report.campaign.figures import quality_figure
+    from flows.report.campaign.quality import draw_quality
     from flows.report.style import figure_style
 
     content = Content.load(campaign.lake, campaign.campaign_id)
@@ -127,7 +127,7 @@ def draw_best_so_far(campaign: Campaign) -> str:
         return ""
     file = io.BytesIO()
     with figure_style():
-        quality_figure(content.tools, content.best).savefig(file, format="png", dpi=PICTURE_DPI)
+        draw_quality(content.tools, content.best).savefig(file, format="png", dpi=PICTURE_DPI)
     return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"
 
 

@@ -76,11 +76,11 @@ def _draw(
     recording: "GraspRecording",
     title: str,
 ) -> None:
-    from flows.report.campaign.grasp import instants_figure, trace_figure
+    from flows.report.campaign.grasp import draw_instants, draw_trace
     from flows.report.grasp_frames import five_instants
     from flows.report.style import figure_style
 
     with figure_style():
         instants = five_instants(recording, result.trace)
-        trace_figure(result, instants, title).savefig(trace_path, dpi=PIXELS_PER_INCH)
-        instants_figure(obj, instants, title).savefig(grasp_path, dpi=PIXELS_PER_INCH)
+        draw_trace(result, instants, title).savefig(trace_path, dpi=PIXELS_PER_INCH)
+        draw_instants(obj, instants, title).savefig(grasp_path, dpi=PIXELS_PER_INCH)

@@ -1,8 +1,9 @@
 """The folder a report is written to: figures, data and the page."""
 
-from collections.abc import Mapping, Sequence
+import logging
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import matplotlib.image
 import numpy as np
@@ -10,19 +11,21 @@ import pyarrow as pa
 from matplotlib.figure import Figure
 
 from flows.report.campaign.queries import Result
-from flows.report.html import Markup, picture, sources
-from flows.report.style import save_svg
+from flows.report.html import Markup, Page, document, picture, sources
+from flows.report.style import figure_style, save_svg
 from lake.query.sql import csv_bytes
 from models.errors import UsageError
 
+_LOG = logging.getLogger(__name__)
 PRINT_DPI = 200
 
 
 class Folder:
-    """Writes the parts of a report and returns the HTML that shows them."""
+    """Writes the parts of a report and returns the HTML that shows them; `written` names the figures and queries."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
+        self.written: list[str] = []
         try:
             for name in ("figures", "data"):
                 (root / name).mkdir(parents=True, exist_ok=True)
@@ -32,6 +35,7 @@ class Folder:
     def figure(self, name: str, figure: Figure, alternative: str, caption: object = "") -> Markup:
         """Save a figure as SVG and show it."""
         save_svg(figure, self.root / "figures" / f"{name}.svg")
+        self.written.append(name)
         return picture(f"figures/{name}.svg", alternative, caption)
 
     def print_figure(self, name: str, figure: Figure, alternative: str, caption: object = "") -> Markup:
@@ -54,6 +58,27 @@ class Folder:
     def sources(self, *results: Result) -> Markup:
         """Save results as CSV next to their SQL, and show both."""
         for result in results:
+            self.written.append(result.name)
             (self.root / "data" / f"{result.name}.csv").write_bytes(csv_bytes(result.table))
             (self.root / "data" / f"{result.name}.sql").write_text(result.sql + "\n", encoding="utf-8")
         return sources(*results)
+
+
+C = TypeVar("C")
+
+
+def write_page(
+    folder: Folder,
+    content: C,
+    page: Page,
+    headline: Callable[[C], Markup],
+    sections: Sequence[Callable[[C, Folder], Markup]],
+) -> Path:
+    """Build the sections in their order and the headline above them, and write the page; returns its path."""
+    with figure_style():
+        body = "".join(build(content, folder) for build in sections)
+        top = headline(content)
+    path = folder.root / page.file
+    path.write_text(document(page, top, body), encoding="utf-8")
+    _LOG.info("%s: page written to %s", page.kicker, path)
+    return path

@@ -1,9 +1,11 @@
 """HTML parts of the report. Every text that comes from data is escaped here; callers pass `Markup` for HTML."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from html import escape
 from importlib.resources import files
+from typing import Any
 
 from flows.report.campaign.queries import Result
 
@@ -67,6 +69,11 @@ def picture(source: str, alternative: str, caption: object = "") -> Markup:
     return Markup(f'<figure><img src="{source}" alt="{escape(alternative)}">{under}</figure>')
 
 
+def folded(summary: str, content: str) -> Markup:
+    """HTML that the reader unfolds."""
+    return Markup(f"<details><summary>{escape(summary)}</summary>{content}</details>")
+
+
 def sources(*results: Result) -> Markup:
     """Folded: the SQL that was executed, and the CSV of its result."""
     blocks = "".join(
@@ -74,7 +81,7 @@ def sources(*results: Result) -> Markup:
         f'is the answer of <a href="data/{r.name}.sql">this query</a>:</p><pre>{escape(r.sql)}</pre>'
         for r in results
     )
-    return Markup(f"<details><summary>Data and SQL</summary>{blocks}</details>")
+    return folded("Data and SQL", blocks)
 
 
 def table(
@@ -98,16 +105,49 @@ def table(
     return Markup(f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>')
 
 
-def page(title: str, kicker: str, header: str, nav: Mapping[str, str], body: str, footer: str) -> str:
-    """The whole document, with its style inside."""
+Column = str | tuple[str, int] | Callable[[Any], object]
+
+
+def record_table(
+    rows: Sequence[Mapping[str, Any]], columns: Mapping[str, Column], empty: str = "Nothing yet."
+) -> Markup:
+    """A table of records: under each heading a field, a field as a number with its digits, or a function of the row."""
+    cells = [[_cell(row, column) for column in columns.values()] for row in rows]
+    numeric = [place for place, column in enumerate(columns.values()) if isinstance(column, tuple)]
+    return table(list(columns), cells, numeric, empty=empty)
+
+
+def _cell(row: Mapping[str, Any], column: Column) -> object:
+    if callable(column):
+        return column(row)
+    return row[column] if isinstance(column, str) else number(row[column[0]], column[1])
+
+
+@dataclass(frozen=True)
+class Page:
+    """What stands around the sections of a page; `nav` names, by anchor, those that may be there."""
+
+    title: str
+    kicker: str
+    footer: str
+    nav: Mapping[str, str]
+    file: str = "index.html"
+
+
+def document(page: Page, header: str, body: str) -> str:
+    """The whole document, with its style inside; the navigation has the sections that are there."""
     css = files("flows.report").joinpath("page.css").read_text(encoding="utf-8")
-    links = "".join(f'<a href="#{anchor}">{escape(name)}</a>' for anchor, name in nav.items())
+    links = "".join(
+        f'<a href="#{anchor}">{escape(name)}</a>'
+        for anchor, name in page.nav.items()
+        if f'<section id="{anchor}"' in body
+    )
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{css}</style></head><body>"
-        f'<header><p class="kicker">{text(kicker)}</p><h1>{escape(title)}</h1>{header}<nav>{links}</nav></header>'
-        f"<main>{body}</main><footer>{footer}</footer></body></html>\n"
+        f"<title>{escape(page.title)}</title><style>{css}</style></head><body><header>"
+        f'<p class="kicker">{text(page.kicker)}</p><h1>{escape(page.title)}</h1>{header}<nav>{links}</nav></header>'
+        f"<main>{body}</main><footer>{text(page.footer)}</footer></body></html>\n"
     )
 
 

@@ -9,7 +9,7 @@ import trimesh
 
 from flows.report.style import FAINT, MUTED
 from flows.viewer.scene import rgb
-from flows.viewer.stream import eye_around
+from flows.viewer.stream import fit_eye
 from hardware.cell.layout import BenchLayout
 from models.records import Design, GraspSetup
 
@@ -18,7 +18,6 @@ ROUND_MM = 75.0  # about an object: half of the pitch
 _MOUNT_MM = 22.0
 _SHEET_MM = 6.0
 HEAD_MM = (110.0, 60.0, 24.0)
-_FACES = ((0, 2, 1), (3, 4, 5), (0, 1, 4), (0, 4, 3), (1, 2, 5), (1, 5, 4), (2, 0, 3), (2, 3, 5))
 _FROM = (-0.1, -0.8, 0.62)  # direction from the objects to the eye
 
 
@@ -37,13 +36,13 @@ def send_bench(stream: rr.RecordingStream, layout: BenchLayout, objects: Sequenc
     stream.log("cell/mounts", mounts, static=True)
 
 
-def bench_eye(layout: BenchLayout, objects: Sequence[int]) -> rrb.EyeControls3D:
+def place_bench_eye(layout: BenchLayout, objects: Sequence[int]) -> rrb.EyeControls3D:
     """An eye in front of the bench from which all these objects, and a gripper over them, are seen."""
     low, high = _extent(layout, objects or range(layout.n_columns**2))
-    return eye_around([*low, 0.0], [*high, HEAD_ROOM_MM], _FROM)
+    return fit_eye([*low, 0.0], [*high, HEAD_ROOM_MM], _FROM)
 
 
-def head_meshes(design: Design) -> list[tuple[str, trimesh.Trimesh]]:
+def build_head(design: Design) -> list[tuple[str, trimesh.Trimesh]]:
     """Head, right and left finger as a few triangles, by name, mm: z = 0 at the tips, the gripper around x = y = 0.
 
     The fingers, prisms without ribs so that many tools stay small, stand at half of their way between open and closed.
@@ -60,9 +59,7 @@ def _prism(design: Design, sign: float, gap_mm: float) -> trimesh.Trimesh:
     profile = np.array([[gap_mm, 0.0], [gap_mm, design.height_mm], [gap_mm + design.length_mm, design.height_mm]])
     half = design.width_mm / 2
     corners = np.array([[sign * x, y, z] for y in (-half, half) for x, z in profile])
-    prism = trimesh.Trimesh(corners, np.array(_FACES), process=False)
-    prism.fix_normals()
-    return prism
+    return trimesh.convex.convex_hull(corners)
 
 
 def _extent(layout: BenchLayout, objects: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:

@@ -14,16 +14,16 @@ from matplotlib import colormaps
 
 from flows.report.campaign.queries import literal
 from flows.report.style import BEST, COMPLIANT, FIRST, INK, MUTED, OBJECT
-from flows.viewer.bench import head_meshes, send_bench
+from flows.viewer.bench import build_head, send_bench
 from flows.viewer.curves import Curves
-from flows.viewer.scene import flat_mesh, object_mesh_at, rgb
-from flows.viewer.stream import stored_design
+from flows.viewer.scene import draw_object, flatten_mesh, rgb
+from flows.viewer.stream import read_design
 from hardware.cell.layout import BenchLayout
 from lake.store import Lake
 from models.design.space import PARAMETERS
 from models.errors import UsageError
 from models.ids import tool_label
-from models.records import Design, GraspSetup
+from models.records import GraspSetup
 
 KEEP_EVERY = 16  # of the readings at 80 a second
 LONGEST_WAIT_S = 5.0
@@ -149,16 +149,12 @@ class BenchTimeline:
     def _mount(self, row: Mapping[str, Any], start: float) -> None:
         """Another tool comes on the head."""
         self._send_quality()
-        design = stored_design(self._lake, row["design_id"])
         self._tool_id, self._label = row["tool_id"], _label_of(row)
         self._at(start - 0.4)
-        self._send_head(design)
+        for name, mesh in build_head(read_design(self._lake, row["design_id"])):
+            self._stream.log(f"cell/head/{name}", flatten_mesh(mesh, MUTED if name == "head" else COMPLIANT))
         self._curves.start(self._label)
         self._stream.log("log", rr.TextLog(f"{self._label} on the head", level=rr.TextLogLevel.INFO))
-
-    def _send_head(self, design: Design) -> None:
-        for name, mesh in head_meshes(design):
-            self._stream.log(f"cell/head/{name}", flat_mesh(mesh, MUTED if name == "head" else COMPLIANT))
 
     def _draw_object(self, object_id: int) -> None:
         """The object in its place on the table, the first time that it is met."""
@@ -166,7 +162,8 @@ class BenchTimeline:
             return
         self._drawn.add(object_id)
         try:
-            mesh = object_mesh_at(object_id, (*self._layout.object_xy_mm(object_id), self._layout.mount_height_mm))
+            place = (*self._layout.object_xy_mm(object_id), self._layout.mount_height_mm)
+            mesh = draw_object(object_id, place, None)
         except UsageError:
             return  # another lab's object, of which only the number is known
         entity = f"cell/objects/object_{object_id:02d}"

@@ -4,6 +4,7 @@ import logging
 import time
 import tomllib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
@@ -13,15 +14,15 @@ import rerun.blueprint as rrb
 from flows.report.campaign.content import Content
 from flows.report.campaign.facts import Tool
 from flows.report.campaign.queries import literal
-from flows.viewer.bench import bench_eye
+from flows.viewer.bench import place_bench_eye
 from flows.viewer.bench_timeline import BenchTimeline
-from flows.viewer.curves import curves_view
-from flows.viewer.stream import APPLICATION, make_file, recording_to
+from flows.viewer.curves import view_curves
+from flows.viewer.stream import lay_out, open_recording
 from hardware.cell.layout import N_OBJECTS, BenchLayout
 from lake.handoff.campaign import is_imported
 from lake.store import Lake
 from models.design.space import PARAMETERS
-from models.units import unit_of
+from models.units import spell_name
 
 _LOG = logging.getLogger(__name__)
 
@@ -39,8 +40,7 @@ def write_recording(lake: Lake, campaign_id: str, path: Path) -> Path:
         UsageError: there is no such campaign, or the file cannot be written.
     """
     content = Content.load(lake, campaign_id)
-    blueprint = campaign_blueprint(content)
-    with recording_to(f"campaign {campaign_id}", path, blueprint) as recording:
+    with open_recording(f"campaign {campaign_id}", path, lay_out_campaign(content)) as recording:
         n_grasps = send_campaign(recording, content).n_grasps
     _LOG.info("%d grasps written to %s", n_grasps, path)
     return path
@@ -64,16 +64,10 @@ def follow(
         UsageError: there is no such campaign, or the file cannot be written.
     """
     content = Content.load(lake, campaign_id)
-    make_file(path)
-    sinks: list[rr.FileSink | rr.GrpcSink] = [rr.FileSink(path)]
-    if address:
-        sinks.append(rr.GrpcSink(address))
-    blueprint = campaign_blueprint(content, is_live=True)
-    with rr.RecordingStream(APPLICATION, recording_id=f"campaign {campaign_id} live") as stream:
-        stream.set_sinks(*sinks, default_blueprint=blueprint)
-        stream.log("cell", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    blueprint = lay_out_campaign(content, is_live=True)
+    with open_recording(f"campaign {campaign_id} live", path, blueprint, address=address) as stream:
         timeline = send_campaign(stream, content)
-        try:
+        with suppress(KeyboardInterrupt):
             is_last = False
             while not is_last:
                 is_last = not is_running()  # asked first: what is written until then is still sent
@@ -82,11 +76,6 @@ def follow(
                 stream.flush()
                 if not is_last:
                     time.sleep(poll_s)
-        except KeyboardInterrupt:
-            pass
-        finally:
-            stream.flush()
-            stream.disconnect()
     return timeline.n_grasps
 
 
@@ -95,7 +84,7 @@ def send_campaign(recording: rr.RecordingStream, content: Content) -> BenchTimel
     document = rr.TextDocument(describe(content), media_type="text/markdown")
     recording.log("about", document, static=True)
     campaign_id = content.campaign.campaign_id
-    timeline = BenchTimeline(recording, content.lake, campaign_id, find_objects(content), full_force_n(content))
+    timeline = BenchTimeline(recording, content.lake, campaign_id, find_objects(content), choose_full_force_n(content))
     timeline.update()
     return timeline
 
@@ -109,19 +98,19 @@ def find_objects(content: Content) -> list[int]:
     return sorted(tomllib.loads(config_toml).get("objects", {}).get("ids", range(N_OBJECTS)))
 
 
-def full_force_n(content: Content) -> float:
+def choose_full_force_n(content: Content) -> float:
     """A round force that no grasp of the campaign exceeds so far; 40 N before the first."""
     found = content.lake.query(_PEAK.format(campaign=literal(content.campaign.campaign_id))).to_pylist()
     peak_n = found[0]["peak_n"] if found and found[0]["peak_n"] is not None else 40.0
     return next((full for full in FULL_FORCES_N if full >= peak_n), FULL_FORCES_N[-1])
 
 
-def campaign_blueprint(content: Content, is_live: bool = False) -> rrb.Blueprint:
+def lay_out_campaign(content: Content, is_live: bool = False) -> rrb.Blueprint:
     """The bench and its log on the left; force, tool quality, curves over lift and proposals on the right."""
     scene = rrb.Spatial3DView(
         origin="cell",
-        name=f"Bench; objects by the peak of their last grasp: dark 0, yellow {full_force_n(content):g} N",
-        eye_controls=bench_eye(BenchLayout(), find_objects(content)),
+        name=f"Bench; objects by the peak of their last grasp: dark 0, yellow {choose_full_force_n(content):g} N",
+        eye_controls=place_bench_eye(BenchLayout(), find_objects(content)),
         background=[255, 255, 255],
         line_grid=False,
     )
@@ -134,17 +123,15 @@ def campaign_blueprint(content: Content, is_live: bool = False) -> rrb.Blueprint
     left = rrb.Vertical(scene, notes, row_shares=[3, 1])
     right = rrb.Tabs(_results_tab(), _proposals_tab(), active_tab=0)
     playing: Literal["following", "playing"] = "following" if is_live else "playing"
-    return rrb.Blueprint(
+    return lay_out(
         rrb.Horizontal(left, right, column_shares=[3, 2]),
         rrb.TimePanel(timeline="bench", state="collapsed", play_state=playing, playback_speed=PLAYBACK_SPEED),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
     )
 
 
 def _results_tab() -> rrb.Vertical:
     return rrb.Vertical(
-        curves_view(),
+        view_curves(),
         rrb.TimeSeriesView(
             origin="force",
             contents=["force/load_cell"],
@@ -178,7 +165,7 @@ def _proposals_tab() -> rrb.Grid:
     views = [
         rrb.TimeSeriesView(
             origin=f"proposals/{name}",
-            name=f"{name.removesuffix('_' + (unit_of(name) or '')).replace('_', ' ')} ({unit_of(name) or 'count'})",
+            name=spell_name(name, with_unit=True),
             plot_legend=rrb.PlotLegend("LeftTop", visible=place == 0),
             axis_x=_whole_time(),
         )

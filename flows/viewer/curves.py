@@ -10,7 +10,7 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
 from flows.report.style import FAINT, INK, MUTED
-from flows.viewer.scene import object_words, rgb
+from flows.viewer.scene import name_object, rgb
 
 SHOWN_LIFT_MM = 60.0  # most objects have left the grip by then
 LIFT_STEP_MM = 10.0
@@ -57,7 +57,7 @@ class Curves:
     def _send_legend(self) -> None:
         """Names of the objects, in the colours of their lines."""
         places = [[LEGEND_X, -_FORCE_SIDE + k * _LEGEND_STEP - _RAISED] for k in range(len(self._colours))]
-        names = [object_words(number) for number in self._colours]
+        names = [name_object(number) for number in self._colours]
         legend = rr.Points2D(places, labels=names, colors=list(self._colours.values()), **_LABEL)
         self._stream.log("curves/legend", legend, static=True)
 
@@ -81,7 +81,7 @@ class Curves:
 _LABEL: dict[str, Any] = {"radii": 0.05, "show_labels": True}  # the point itself is not meant to be seen
 
 
-def curves_view() -> rrb.Spatial2DView:
+def view_curves() -> rrb.Spatial2DView:
     """The plane of the curves, with room for the labels."""
     bounds = rrb.VisualBounds2D(x_range=(-8.0, SHOWN_LIFT_MM + 28.0), y_range=(-_FORCE_SIDE - 6.0, 12.0))
     name = "Force (N) over lift (mm), the tool on the head"

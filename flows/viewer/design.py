@@ -8,20 +8,20 @@ import rerun.blueprint as rrb
 import trimesh
 
 from flows.report.style import BEST, COMPLIANT, FAINT, FIRST, INK, RIGID
-from flows.viewer.scene import finger_meshes, finger_translations, flat_mesh, rgb
-from flows.viewer.stream import eye_around, recording_to, stored_design
+from flows.viewer.scene import SIDES, build_fingers, flatten_mesh, rgb
+from flows.viewer.stream import fit_eye, lay_out, open_recording, read_design
 from lake.store import Lake
 from lake.tables.campaign import DesignRow, ToolRow
 from models.design.finger import FingerBodies, finger_bodies
 from models.design.space import PARAMETERS
 from models.design.tray import BED_MM, PrintItem, lying, tray_layout
 from models.ids import tool_label
-from models.records import Design, GraspSetup, MeshSettings, Trace
+from models.records import Design, GraspSetup, MeshSettings
 from models.simulation.body.shape_functions import HEXAHEDRON_EDGES, TETRAHEDRON_EDGES, WEDGE_EDGES
 from models.simulation.mesh.build import build_mesh
 from models.simulation.mesh.solid import SolidMesh
 from models.simulation.output.surface import skin_of
-from models.units import unit_of
+from models.units import spell_name
 
 _SIDE = (-0.3, -1.0, 0.2)  # from which the ribs are seen
 APART_MM = 25.0  # between the printed bodies in the view of the parts
@@ -36,31 +36,31 @@ def write_design_recording(lake: Lake, design_id: str, path: Path) -> Path:
     Raises:
         UsageError: there is no such design, or the file cannot be written.
     """
-    design = stored_design(lake, design_id)
+    design = read_design(lake, design_id)
     items, what = _tray_items(lake, design)
     mesh = build_mesh(design, MeshSettings(), full_width=True)
-    with recording_to(
+    with open_recording(
         f"design {design_id}", path, _blueprint(design, what, mesh), scenes=("cell", "parts", "mesh", "tray")
     ) as stream:
         stream.log("about", rr.TextDocument(_about(design, what, mesh), media_type="text/markdown"), static=True)
-        send_fingers_at_rest(stream, design, None)
+        _send_fingers(stream, design)
         _send_parts(stream, finger_bodies(design))
         _send_mesh(stream, mesh)
         _send_tray(stream, items, design)
     return path
 
 
-def send_fingers_at_rest(stream: rr.RecordingStream, design: Design, mark: str | None) -> None:
+def _send_fingers(stream: rr.RecordingStream, design: Design) -> None:
     """Both fingers, undeformed, at the open gap of the default setup."""
-    still = Trace(*(np.zeros(1) for _ in range(3)))
-    places = finger_translations(design, GraspSetup(closed_gap_mm=GraspSetup().open_gap_mm), still)
-    for side, place in places.items():
-        stream.log(f"cell/fingers/{side}", rr.Transform3D(translation=place[0]), static=True)
-    for name, mesh in finger_meshes(design, mark).items():
+    setup = GraspSetup()
+    for side, sign in SIDES.items():
+        place = [sign * setup.open_gap_mm / 2, 0.0, design.height_mm - setup.tip_below_mm]
+        stream.log(f"cell/fingers/{side}", rr.Transform3D(translation=place), static=True)
+    for name, mesh in build_fingers(design).items():
         stream.log(f"cell/fingers/{name}", mesh, static=True)
 
 
-def mesh_edges(mesh: SolidMesh) -> np.ndarray:
+def find_edges(mesh: SolidMesh) -> np.ndarray:
     """Edges (e, 2) of all elements as pairs of corner nodes, each once."""
     pairs = [block.connectivity[:, np.array(_EDGES[block.kind])].reshape(-1, 2) for block in mesh.blocks]
     return np.unique(np.sort(np.vstack(pairs), axis=1), axis=0)
@@ -80,18 +80,18 @@ def _tray_items(lake: Lake, design: Design) -> tuple[list[PrintItem], str]:
 
 def _send_parts(stream: rr.RecordingStream, bodies: FingerBodies) -> None:
     """Compliant and rigid body of one finger as they stand on a table, the rigid one drawn below."""
-    stream.log("parts/compliant", flat_mesh(bodies.compliant, COMPLIANT), static=True)
+    stream.log("parts/compliant", flatten_mesh(bodies.compliant, COMPLIANT), static=True)
     rigid = bodies.rigid.copy()
     rigid.apply_translation([0.0, 0.0, -APART_MM])
-    stream.log("parts/rigid", flat_mesh(rigid, RIGID), static=True)
+    stream.log("parts/rigid", flatten_mesh(rigid, RIGID), static=True)
 
 
 def _send_mesh(stream: rr.RecordingStream, mesh: SolidMesh) -> None:
     """Elements as lines over their surface, so that one sees which are in front."""
     skin = skin_of(mesh)
     surface = trimesh.Trimesh(skin.vertices(mesh.nodes), skin.triangles, process=False)
-    stream.log("mesh/surface", flat_mesh(surface, COMPLIANT), static=True)
-    lines, width = mesh.nodes[mesh_edges(mesh)], rr.Radius.ui_points(0.5)
+    stream.log("mesh/surface", flatten_mesh(surface, COMPLIANT), static=True)
+    lines, width = mesh.nodes[find_edges(mesh)], rr.Radius.ui_points(0.5)
     stream.log("mesh/elements", rr.LineStrips3D(lines, colors=rgb(INK), radii=width), static=True)
     held = mesh.nodes[mesh.base_nodes]
     stream.log("mesh/clamped", rr.Points3D(held, colors=rgb(FIRST), radii=0.7), static=True)
@@ -110,21 +110,15 @@ def _send_tray(stream: rr.RecordingStream, items: list[PrintItem], design: Desig
         for part, body, shade in (("compliant", finger.compliant, colour), ("rigid", finger.rigid, RIGID)):
             placed = body.copy()
             placed.apply_transform(lying(place))
-            stream.log(f"{name}_{part}", flat_mesh(placed, shade), static=True)
+            stream.log(f"{name}_{part}", flatten_mesh(placed, shade), static=True)
 
 
 def _about(design: Design, tray: str, mesh: SolidMesh) -> str:
-    rows = "\n".join(_parameter_row(name, getattr(design, name)) for name in PARAMETERS)
+    rows = "\n".join(f"| {spell_name(name, with_unit=True)} | {getattr(design, name):.4g} |" for name in PARAMETERS)
     return (
         f"# {design.design_id}\n\n| parameter | value |\n|---|---|\n{rows}\n\n{mesh.n_elements} solid elements of the "
         f"production tier, clamped at the orange dots. Tray: {tray}; fingers of this design are dark blue."
     )
-
-
-def _parameter_row(name: str, value: float) -> str:
-    unit = unit_of(name) or ""
-    words = name.removesuffix(f"_{unit}").replace("_", " ")
-    return f"| {words} | {value:.4g} {unit} |"
 
 
 def _blueprint(design: Design, tray: str, mesh: SolidMesh) -> rrb.Blueprint:
@@ -135,19 +129,17 @@ def _blueprint(design: Design, tray: str, mesh: SolidMesh) -> rrb.Blueprint:
     apart = ([0.0, -half, -APART_MM - 6.0], upright[1])
     hanging = ([-gap, -half, -5.0], [gap, half, height])
     views = (
-        ("cell", "Fingers, open (mm)", eye_around(*hanging, (0.25, -1.0, 0.15))),
-        ("parts", "Parts: compliant and rigid body (mm)", eye_around(*apart, (-0.45, -1.0, 0.3))),
-        ("mesh", f"Mesh: {mesh.n_elements} elements, clamped nodes as dots (mm)", eye_around(*upright, _SIDE)),
-        ("tray", f"Print tray: {tray} (mm)", eye_around(*plate, (0.0, -0.7, 1.0))),
+        ("cell", "Fingers, open (mm)", fit_eye(*hanging, (0.25, -1.0, 0.15))),
+        ("parts", "Parts: compliant and rigid body (mm)", fit_eye(*apart, (-0.45, -1.0, 0.3))),
+        ("mesh", f"Mesh: {mesh.n_elements} elements, clamped nodes as dots (mm)", fit_eye(*upright, _SIDE)),
+        ("tray", f"Print tray: {tray} (mm)", fit_eye(*plate, (0.0, -0.7, 1.0))),
     )
     shown = [
         rrb.Spatial3DView(origin=origin, name=name, eye_controls=eye, background=[255, 255, 255], line_grid=False)
         for origin, name, eye in views
     ]
     about = rrb.TextDocumentView(origin="about", name="About")
-    return rrb.Blueprint(
+    return lay_out(
         rrb.Horizontal(rrb.Grid(*shown, grid_columns=2), about, column_shares=[4, 1]),
         rrb.TimePanel(state="hidden"),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
     )

@@ -7,12 +7,11 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from flows.report.gap.figures import SIM_AFTER, SIM_BEFORE, chosen_cells
+from flows.report.gap.figures import SIM_AFTER, SIM_BEFORE, choose_cells, name_cell
 from flows.report.style import MUTED
 from flows.viewer.scene import rgb
-from flows.viewer.stream import recording_to
+from flows.viewer.stream import lay_out, open_recording
 from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation
-from models.objects.catalogue import get_object
 from models.traces.step_features import STEP_MM
 
 _N_CELLS = 6
@@ -26,9 +25,9 @@ def write_gap_recording(evaluation: Evaluation, path: Path, cells: Sequence[Sequ
     Raises:
         UsageError: the file cannot be written.
     """
-    chosen = list(cells) if cells is not None else chosen_cells(evaluation, _N_CELLS)
-    names = [_name(evaluation, rows[0]) for rows in chosen]
-    with recording_to("gap search", path, _blueprint(names)) as stream:
+    chosen = list(cells) if cells is not None else choose_cells(evaluation, _N_CELLS)
+    names = [name_cell(evaluation, rows[0]) for rows in chosen]
+    with open_recording("gap search", path, _blueprint(names)) as stream:
         stream.log("about", rr.TextDocument(_about(evaluation), media_type="text/markdown"), static=True)
         for place, rows in enumerate(chosen):
             _send_cell(stream, evaluation, place, rows)
@@ -61,18 +60,12 @@ def _blueprint(names: Sequence[str]) -> rrb.Blueprint:
         rrb.TimeSeriesView(origin=f"grasp_{place}", name=f"{name}: force (N)", plot_legend=rrb.PlotLegend("RightTop"))
         for place, name in enumerate(names)
     ]
-    return rrb.Blueprint(
+    return lay_out(
         rrb.Vertical(
             rrb.Grid(*views, grid_columns=2), rrb.TextDocumentView(origin="about", name="About"), row_shares=[6, 1]
         ),
         rrb.TimePanel(timeline="lift_um", state="collapsed", play_state="paused"),
-        rrb.SelectionPanel(state="collapsed"),
     )
-
-
-def _name(evaluation: Evaluation, row: int) -> str:
-    held_out = evaluation.held_out
-    return f"{held_out.tools[held_out.tool[row]]} on the {get_object(held_out.objects[held_out.obj[row]]).name}"
 
 
 def _about(evaluation: Evaluation) -> str:

@@ -1,7 +1,7 @@
 """Rerun recording of one measured grasp, beside its simulation: deforming fingers and both traces on one timeline."""
 
-import logging
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,16 +10,14 @@ import rerun as rr
 
 from flows.report.grasp_frames import GraspFrames, Simulated, simulate_again
 from flows.report.style import BEST, SIMULATED
-from flows.viewer.scene import finger_meshes, finger_translations, object_words
-from flows.viewer.simulation import describe_fingers, grasp_blueprint, send_fingers
-from flows.viewer.stream import recording_to, send_object, send_trace, stored_design, times
+from flows.viewer.scene import build_fingers, draw_object, move_fingers, name_object
+from flows.viewer.simulation import describe_fingers, lay_out_grasp, send_fingers
+from flows.viewer.stream import open_recording, read_design, send_trace, times
 from lake.store import Lake
 from lake.tables.campaign import GraspRow, SimTraceRow, SimulationRow
 from models.errors import UsageError
 from models.ids import tool_label
 from models.records import Design, GraspSetup, Trace
-
-_LOG = logging.getLogger(__name__)
 
 
 def write_grasp_recording(lake: Lake, grasp_id: str, path: Path, is_simulated: bool = True) -> Path:
@@ -34,15 +32,16 @@ def write_grasp_recording(lake: Lake, grasp_id: str, path: Path, is_simulated: b
     """
     grasp = _grasp(lake, grasp_id)
     trace = lake.trace(grasp_id)
-    design, setup = stored_design(lake, grasp.design_id), GraspSetup.model_validate_json(grasp.setup_json)
+    design, setup = read_design(lake, grasp.design_id), GraspSetup.model_validate_json(grasp.setup_json)
     label = tool_label(grasp.batch, grasp.slot) if grasp.batch is not None and grasp.slot is not None else grasp.tool_id
     simulated = simulate_again(lake, design, grasp.design_id, grasp.object_id, setup) if is_simulated else None
     frames = None if simulated is None else GraspFrames.of(simulated.recording)
-    name = object_words(grasp.object_id)
-    with recording_to(f"grasp {grasp_id}", path, grasp_blueprint(f"{label} on {name}")) as stream:
+    name = name_object(grasp.object_id)
+    with open_recording(f"grasp {grasp_id}", path, lay_out_grasp(f"{label} on {name}")) as stream:
         text = _about(f"{label} on {name}, repeat {grasp.repeat}", trace, simulated, frames)
         stream.log("about", rr.TextDocument(text, media_type="text/markdown"), static=True)
-        send_object(stream, "cell/object", grasp.object_id, (0.0, 0.0))
+        with suppress(UsageError):  # another lab's object, which the catalogue does not have
+            stream.log("cell/object", draw_object(grasp.object_id), static=True)
         send_trace(stream, "force/measured", "lift/measured", trace, grasp.started_at, "measured", BEST)
         stored = list(_stored_traces(lake, grasp))
         for number, (version_id, simulation) in enumerate(stored):
@@ -127,8 +126,8 @@ def _send_moving_fingers(
     stream: rr.RecordingStream, design: Design, setup: GraspSetup, label: str, trace: Trace
 ) -> None:
     """Both fingers, moved as the jaws and the head move."""
-    for name, mesh in finger_meshes(design, label).items():
+    for name, mesh in build_fingers(design, label).items():
         stream.log(f"cell/fingers/{name}", mesh, static=True)
-    for side, places in finger_translations(design, setup, trace).items():
+    for side, places in move_fingers(design, setup, trace).items():
         columns = rr.Transform3D.columns(translation=places)
         stream.send_columns(f"cell/fingers/{side}", times(trace, None), columns)

@@ -1,5 +1,7 @@
 """Meshes of fingers and objects as Rerun archetypes, in the object frame (mm, z up, x closing)."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import rerun as rr
 import trimesh
@@ -16,7 +18,7 @@ N_OBJECTS = 36
 SIDES = {"right": 1.0, "left": -1.0}
 
 
-def finger_meshes(design: Design, mark: str | None = None) -> dict[str, rr.Mesh3D]:
+def build_fingers(design: Design, mark: str | None = None) -> dict[str, rr.Mesh3D]:
     """Hanging fingers, tips down, faces in the plane x = 0, by entity name (`right/compliant`, ...)."""
     bodies = finger_bodies(design, mark)
     found = {}
@@ -25,11 +27,11 @@ def finger_meshes(design: Design, mark: str | None = None) -> dict[str, rr.Mesh3
             hanging = body.copy()
             # Turned tips down by half a turn about x; the left one by another half turn about z.
             hanging.apply_transform(np.diag([sign, -sign, -1.0, 1.0]))
-            found[f"{side}/{name}"] = flat_mesh(hanging, colour)
+            found[f"{side}/{name}"] = flatten_mesh(hanging, colour)
     return found
 
 
-def finger_translations(design: Design, setup: GraspSetup, trace: Trace) -> dict[str, np.ndarray]:
+def move_fingers(design: Design, setup: GraspSetup, trace: Trace) -> dict[str, np.ndarray]:
     """Where the undeformed fingers are at each of the n samples of a grasp, n x 3 in mm, by side.
 
     The jaws are taken to close evenly until the lift starts.
@@ -43,16 +45,7 @@ def finger_translations(design: Design, setup: GraspSetup, trace: Trace) -> dict
     return {side: np.column_stack([sign * half_gap, zero, height]) for side, sign in SIDES.items()}
 
 
-def mounted_object_mesh(object_id: int, shift_mm: tuple[float, float] = (0.0, 0.0)) -> rr.Mesh3D:
-    """A test object, moved in x and y, in the colour of objects.
-
-    Raises:
-        UsageError: the catalogue has no such object.
-    """
-    return object_mesh_at(object_id, (*shift_mm, 0.0), rgb(OBJECT))
-
-
-def object_mesh_at(object_id: int, place_mm: tuple[float, float, float], colour: list[int] | None = None) -> rr.Mesh3D:
+def draw_object(object_id: int, place_mm: Sequence[float] = (0.0, 0.0, 0.0), colour: str | None = OBJECT) -> rr.Mesh3D:
     """A test object with its bottom at a place; without a colour, another message may give it one.
 
     Raises:
@@ -63,11 +56,11 @@ def object_mesh_at(object_id: int, place_mm: tuple[float, float, float], colour:
         vertex_positions=np.asarray(mesh.vertices) + np.array(place_mm),
         vertex_normals=np.asarray(mesh.vertex_normals),
         triangle_indices=np.asarray(mesh.faces),
-        albedo_factor=colour,
+        albedo_factor=None if colour is None else rgb(colour),
     )
 
 
-def flat_mesh(mesh: trimesh.Trimesh, colour: str) -> rr.Mesh3D:
+def flatten_mesh(mesh: trimesh.Trimesh, colour: str) -> rr.Mesh3D:
     """Mesh with its own corners for every triangle, so that creases stay sharp."""
     corners = np.asarray(mesh.vertices)[np.asarray(mesh.faces)].reshape(-1, 3)
     return rr.Mesh3D(
@@ -78,7 +71,7 @@ def flat_mesh(mesh: trimesh.Trimesh, colour: str) -> rr.Mesh3D:
     )
 
 
-def object_words(object_id: int) -> str:
+def name_object(object_id: int) -> str:
     """Name and number of an object; the number alone where the catalogue does not have it."""
     known = 0 <= object_id < N_OBJECTS
     return f"{get_object(object_id).name} ({object_id})" if known else f"object {object_id}"

@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+import trimesh
 from matplotlib import colormaps
 
 from flows.report.grasp_frames import Frame, GraspFrames
 from flows.report.style import FIRST, SIMULATED
-from flows.viewer.scene import mounted_object_mesh, rgb
-from flows.viewer.stream import FRONT_EYE, recording_to, send_trace, times
+from flows.viewer.scene import draw_object, rgb
+from flows.viewer.stream import FRONT_EYE, lay_out, open_recording, send_trace, times
 from models.records import GraspSimulation, Trace
 from models.simulation.output.recording import GraspRecording, Snapshot
 
@@ -32,16 +33,16 @@ def write_simulation(
         UsageError: the file cannot be written.
     """
     frames = GraspFrames.of(recording)
-    with recording_to(title, path, grasp_blueprint(title, column_shares=(3, 2))) as stream:
+    with open_recording(title, path, lay_out_grasp(title, column_shares=(3, 2))) as stream:
         stream.log("about", rr.TextDocument(_about(title, result, frames), media_type="text/markdown"), static=True)
-        stream.log("cell/object", mounted_object_mesh(object_id), static=True)
+        stream.log("cell/object", draw_object(object_id), static=True)
         send_fingers(stream, frames, lambda snapshot: snapshot.time_s)
         send_trace(stream, "force/load_cell", "lift/head", result.trace, None, "on the load cell", SIMULATED)
         _send_closing_force(stream, recording.of("right"))
     return path
 
 
-def arrow_mm_per_n(frames: GraspFrames) -> float:
+def choose_arrow_mm_per_n(frames: GraspFrames) -> float:
     """Length of the arrows: 1, 2 or 5 times a power of ten, the longest at most `LONGEST_ARROW_MM`."""
     most = LONGEST_ARROW_MM / max(frames.largest_force_n, 1e-6)
     power = 10.0 ** np.floor(np.log10(most))
@@ -52,13 +53,13 @@ def describe_fingers(frames: GraspFrames) -> str:
     """Colours and arrows of the fingers in words."""
     return (
         f"coloured by displacement from the undeformed finger: dark 0, yellow {frames.furthest_mm:.1f} mm. Arrows: "
-        f"force of the object on them, {arrow_mm_per_n(frames):g} mm per N."
+        f"force of the object on them, {choose_arrow_mm_per_n(frames):g} mm per N."
     )
 
 
 def send_fingers(stream: rr.RecordingStream, frames: GraspFrames, clock: Callable[[Snapshot], float]) -> None:
     """Both fingers, coloured by displacement, with the forces on them; `clock` gives the time (s) of a snapshot."""
-    furthest_mm, mm_per_n = frames.furthest_mm, arrow_mm_per_n(frames)
+    furthest_mm, mm_per_n = frames.furthest_mm, choose_arrow_mm_per_n(frames)
     for side, of_side in frames.frames.items():
         entity = f"cell/fingers/{side}"
         _send_approach(stream, entity, of_side[0], clock)
@@ -73,10 +74,10 @@ def send_fingers(stream: rr.RecordingStream, frames: GraspFrames, clock: Callabl
         stream.reset_time()
 
 
-def grasp_blueprint(title: str, column_shares: tuple[int, int] | None = None) -> rrb.Blueprint:
+def lay_out_grasp(title: str, column_shares: tuple[int, int] | None = None) -> rrb.Blueprint:
     """The scene and its words on the left; force and lift, over the same stretch of time, on the right."""
     linked = rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
-    return rrb.Blueprint(
+    return lay_out(
         rrb.Horizontal(
             rrb.Vertical(
                 rrb.Spatial3DView(origin="cell", name=f"{title} (mm)", eye_controls=FRONT_EYE),
@@ -95,8 +96,6 @@ def grasp_blueprint(title: str, column_shares: tuple[int, int] | None = None) ->
             column_shares=column_shares,
         ),
         rrb.TimePanel(timeline="time", state="collapsed", play_state="playing", loop_mode="all"),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
     )
 
 
@@ -112,7 +111,7 @@ def _surface(frame: Frame, furthest_mm: float) -> rr.Mesh3D:
     colours = 255 * colormaps[DISPLACEMENT_COLOURS](frame.moved_mm / max(furthest_mm, 1e-9))
     return rr.Mesh3D(
         vertex_positions=vertices,
-        vertex_normals=_normals(vertices, triangles),
+        vertex_normals=trimesh.Trimesh(vertices, triangles, process=False).vertex_normals,
         vertex_colors=np.asarray(colours).astype(np.uint8),
         triangle_indices=triangles,
     )
@@ -145,11 +144,3 @@ def _send_closing_force(stream: rr.RecordingStream, snapshots: list[Snapshot]) -
     trace = Trace(np.array([s.time_s for s in snapshots]), np.array([s.lift_mm for s in snapshots]), force_n)
     stream.log("force/closing", rr.SeriesLines(names="of one finger on the object", colors=rgb(FIRST)), static=True)
     stream.send_columns("force/closing", times(trace, None), rr.Scalars.columns(scalars=force_n))
-
-
-def _normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Unit vertex normals (v, 3), averaged over the triangles by area."""
-    a, b, c = vertices[triangles].transpose(1, 0, 2)
-    normals = np.zeros_like(vertices)
-    np.add.at(normals, triangles.ravel(), np.repeat(np.cross(b - a, c - a), 3, axis=0))
-    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))

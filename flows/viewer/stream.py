@@ -5,8 +5,6 @@ Force and lift are sent as whole columns (150 times cheaper than sample by sampl
 happened.
 """
 
-import itertools
-import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import datetime
@@ -15,39 +13,42 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+import trimesh
 
-from flows.viewer.scene import mounted_object_mesh, rgb
+from flows.viewer.scene import rgb
 from lake.store import Lake
 from lake.tables.campaign import DesignRow
 from models.errors import UsageError
 from models.records import Design, Trace
 
-_LOG = logging.getLogger(__name__)
-
 APPLICATION = "fast"
 
 
-def make_file(path: Path) -> None:
-    """Make the file and its folder.
+@contextmanager
+def open_recording(
+    name: str,
+    path: Path,
+    blueprint: rrb.Blueprint,
+    scenes: Sequence[str] = ("cell",),
+    address: str | None = None,
+) -> Iterator[rr.RecordingStream]:
+    """A recording that is on disk when the context ends, and goes to the viewer at `address` meanwhile.
+
+    `scenes` are the origins of three-dimensional views.
 
     Raises:
-        UsageError: that cannot be done.
+        UsageError: the file cannot be written.
     """
     try:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        Path(path).touch()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
     except OSError as error:
         raise UsageError(f"The recording {path} cannot be written ({error}); give another file.") from error
-
-
-@contextmanager
-def recording_to(
-    name: str, path: Path, blueprint: rrb.Blueprint, scenes: Sequence[str] = ("cell",)
-) -> Iterator[rr.RecordingStream]:
-    """A recording that is on disk when the context ends; `scenes` are the origins of three-dimensional views."""
-    make_file(path)
+    sinks: list[rr.FileSink | rr.GrpcSink] = [rr.FileSink(path)]
+    if address:
+        sinks.append(rr.GrpcSink(address))
     with rr.RecordingStream(APPLICATION, recording_id=name) as recording:
-        recording.save(path, default_blueprint=blueprint)
+        recording.set_sinks(*sinks, default_blueprint=blueprint)
         for scene in scenes:
             recording.log(scene, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         try:
@@ -57,19 +58,26 @@ def recording_to(
             recording.disconnect()
 
 
-def eye_from(position: tuple[float, float, float], target: tuple[float, float, float]) -> rrb.EyeControls3D:
+def lay_out(content: rrb.Container, time_panel: rrb.TimePanel) -> rrb.Blueprint:
+    """A blueprint whose panels at the sides are closed at first."""
+    return rrb.Blueprint(
+        content, time_panel, rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed")
+    )
+
+
+def place_eye(position: tuple[float, float, float], target: tuple[float, float, float]) -> rrb.EyeControls3D:
     """The eye of a three-dimensional view at first, z up, mm."""
     return rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 0.0, 1.0))
 
 
-def eye_around(
+def fit_eye(
     low: Sequence[float], high: Sequence[float], back: tuple[float, float, float], aspect: float = 1.3
 ) -> rrb.EyeControls3D:
     """The nearest eye in the direction `back` that sees the whole box from `low` to `high`, mm.
 
     aspect: width over height of the view; with less, both sides are cut off.
     """
-    corners = np.array(list(itertools.product(*zip(low, high, strict=True))), dtype=float)
+    corners = trimesh.bounds.corners([low, high])
     target = corners.mean(axis=0)
     ahead = -np.array(back) / np.linalg.norm(back)
     right = np.cross(ahead, (0.0, 0.0, 1.0))
@@ -78,12 +86,12 @@ def eye_around(
     aside = np.maximum(np.abs(about @ right) / aspect, np.abs(about @ np.cross(right, ahead)))
     distance = _MARGIN * float((aside / _HALF_VIEW - about @ ahead).max())
     x, y, z = target - distance * ahead
-    return eye_from((x, y, z), (target[0], target[1], target[2]))
+    return place_eye((x, y, z), (target[0], target[1], target[2]))
 
 
 _HALF_VIEW = float(np.tan(np.radians(55.0) / 2))  # Rerun's field of view, upwards
 _MARGIN = 1.08
-FRONT_EYE = eye_from((48.0, -195.0, 95.0), (0.0, 0.0, 72.0))  # a grasp, with both fingers and the object
+FRONT_EYE = place_eye((48.0, -195.0, 95.0), (0.0, 0.0, 72.0))  # a grasp, with both fingers and the object
 
 
 def send_trace(
@@ -115,15 +123,7 @@ def times(trace: Trace, started_at: datetime | None) -> list[rr.TimeColumn]:
     return columns
 
 
-def send_object(recording: rr.RecordingStream, entity: str, object_id: int, place: tuple[float, float]) -> None:
-    """A test object at a place, mm; left out where the catalogue does not have it."""
-    try:
-        recording.log(entity, mounted_object_mesh(object_id, place), static=True)
-    except UsageError as error:
-        _LOG.info("object %d is left out of the scene: %s", object_id, error)
-
-
-def stored_design(lake: Lake, design_id: str) -> Design:
+def read_design(lake: Lake, design_id: str) -> Design:
     """A design of the lake.
 
     Raises:

@@ -1,6 +1,6 @@
 """The page of one calibration, and the newest calibration as a section of its campaign's report."""
 
-import logging
+from functools import partial
 from pathlib import Path
 
 from flows.report.calibration.data import Evidence, StoredCalibration, write_archive
@@ -19,14 +19,12 @@ from flows.report.calibration.sections import (
     warnings_of,
 )
 from flows.report.campaign.content import Content
-from flows.report.folder import Folder
-from flows.report.html import Markup, columns, moment, page, paragraph, section, text
-from flows.report.style import figure_style
+from flows.report.folder import Folder, write_page
+from flows.report.html import Markup, Page, columns, moment, paragraph, section
 from lake.store import Lake
 from models.calibration.means.predict import N_DRAWS
 from models.errors import UsageError
 
-_LOG = logging.getLogger(__name__)
 _N_SECTION_DRAWS = 60  # a campaign's report is written often; its page has all
 
 NAV = {
@@ -65,19 +63,22 @@ def write_calibration_report(
     folder = Folder(Path(out))
     data = calibration.evidence.fitted if calibration.evidence else None
     write_archive(folder.root / "data" / "posterior.nc", calibration.result, calibration_id, data)
-    with figure_style():
-        body = theta_section(calibration, folder, markers) + "".join(
-            build(calibration, folder)
-            for build in (agreement_section, supplement_section, chains_section, drift_section, provenance_section)
-        )
-        top = headline(calibration)
     row = calibration.row
-    footer = text(f"Calibration {calibration_id}, made {moment(calibration.made_at)} UTC. Units: mm, N, MPa.")
-    kicker = f"FAST campaign {row.campaign_id}" if row.campaign_id else "FAST, all measurements of the lake"
-    index = folder.root / "index.html"
-    index.write_text(page(f"Calibration {calibration_id}", kicker, top, NAV, body, footer), encoding="utf-8")
-    _LOG.info("report of %s written to %s", calibration_id, index)
-    return index
+    page = Page(
+        title=f"Calibration {calibration_id}",
+        kicker=f"FAST campaign {row.campaign_id}" if row.campaign_id else "FAST, all measurements of the lake",
+        footer=f"Calibration {calibration_id}, made {moment(calibration.made_at)} UTC. Units: mm, N, MPa.",
+        nav=NAV,
+    )
+    sections = (
+        partial(theta_section, markers=markers),
+        agreement_section,
+        supplement_section,
+        chains_section,
+        drift_section,
+        provenance_section,
+    )
+    return write_page(folder, calibration, page, headline, sections)
 
 
 def calibration_section(content: Content, folder: Folder) -> Markup:
@@ -98,7 +99,8 @@ def calibration_section(content: Content, folder: Folder) -> Markup:
     panels = calibration.held_out_panels or calibration.panels
     agreement = agreement_columns(panels, folder) + scores_table(panels) if panels else ""
     words = paragraph(
-        "Table 2 of the paper above, Fig. 4 on the left, Fig. 3 below: before (a) and after (b) the calibration. "
+        "Theta stands for the three constants of the simulator: Young's modulus, friction and Poisson's ratio. Table 2 "
+        "of the paper above, Fig. 4 on the left, Fig. 3 below: before (a) and after (b) the calibration. "
         f"Calibration {calibration_id} of {moment(calibration.made_at)} UTC, {calibration.row.n_designs} measured "
         f"designs and {calibration.simulations}. All of it: fast report {calibration_id}.", "note",
     )  # fmt: skip

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, WIDTH_IN, new_axes, new_figure
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.means.predict import Mixture, Scores, score_mixture
+from models.units import spell_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +115,7 @@ def sensitivity_figure(inputs: Sequence[str], relevance: np.ndarray, lengthscale
         axes.set_xlim(left=0.0)
         axes.set_xlabel(label)
         axes.tick_params(axis="y", length=0)
-    left.set_yticks(places, [input_label(name) for name in inputs])
+    left.set_yticks(places, [spell_name(name) for name in inputs])
     left.invert_yaxis()
     return figure
 
@@ -127,11 +128,6 @@ def emulator_inputs(result: CalibrationResult) -> list[str]:
 def lengthscales_of(result: CalibrationResult, kernel: str) -> np.ndarray:
     """Draws of the lengthscales of kernel `h` or `e`, n x inputs."""
     return result.flat(*(name for name in result.names if name.startswith(f"lengthscale_{kernel}.")))
-
-
-def input_label(name: str) -> str:
-    """An input in words, without its unit."""
-    return name.removesuffix("_mpa").removesuffix("_mm").removesuffix("_deg").replace("_", " ")
 
 
 SIMULATOR_COLOUR, DISCREPANCY_COLOUR = SIMULATED, BEST

@@ -7,10 +7,26 @@ from flows.report.campaign.content import NOT_MEASURED, Content
 from flows.report.campaign.facts import Tool
 from flows.report.campaign.queries import Result
 from flows.report.folder import Folder
-from flows.report.html import DASH, Markup, count, moment, number, paragraph, section, table, text
+from flows.report.html import (
+    DASH,
+    Column,
+    Markup,
+    count,
+    folded,
+    moment,
+    number,
+    paragraph,
+    record_table,
+    section,
+    table,
+    text,
+)
+from flows.report.lineage import lineage_text
+from lake.query.lineage import find_lineage
 
 PAPER = {"grasp_s": "15", "grasps_per_hour": "240, the most", "measured": "8,532", "simulated": "50,608"}  # Results
 
+N_PARENTS = 5  # more rows of one table beside a row are only counted
 _LOCKSTEP = Markup(
     "This virtual bench worked in lockstep: it does not wait, and the clock times below are the computer's. "
     "<code>fast gantry plan</code> says what the same batch takes on a bench."
@@ -22,29 +38,30 @@ _NO_PAIRS = "needs a measured design that was simulated with the same grasp setu
 _NO_BASELINE = "needs a second approach: fast compare, then fast report CAMPAIGN --against LAKE"
 _NO_FIT = "needs a fit of the surrogate or a calibration"
 
-# Figure, what it shows, anchor in the page, marks of which one must be in the page, what is missing where none is.
+# Figure, what it shows, anchor in the page, what is drawn or asked for it (one of these), what is missing without.
 _ROWS = (
-    ("Fig. 2a", "Tools found, against other approaches", "baselines", ("figures/approaches.svg",), _NO_BASELINE),
-    ("Fig. 2a", "Tool quality by batch", "progress", ("figures/quality_by_batch.svg",), _NO_MEASUREMENT),
-    ("Fig. 2b", "Closure and pull-up of a grasp", "moments", ("figures/moments/",), _NO_MEASUREMENT),
-    ("Fig. 2c", "Work to break the grasp, by object", "work", ("figures/work_by_object.svg",), _NO_MEASUREMENT),
-    ("Table 1", "Parameters of the best finger", "best", ("figures/profile.svg",), _NO_MEASUREMENT),
-    ("Fig. 3a", "Simulated against measured", "agreement", ("figures/agreement_designs.svg",), _NO_PAIRS),
-    ("Fig. 3b", "The same after calibration", "calibration", ("figures/calibration_agreement",), _NO_CALIBRATION),
-    ("Fig. 4", "Joint posterior of theta", "calibration", ("figures/calibration_pairs.svg",), _NO_CALIBRATION),
-    ("Table 2", "Statistics of the posterior", "calibration", ("figures/calibration_pairs.svg",), _NO_CALIBRATION),
-    ("Fig. 5a, b", "Traces of the first and the last batch", "traces", ("figures/traces/",), _NO_MEASUREMENT),
-    ("Fig. 5c-f", "Traces by shape", "shapes", ("figures/shapes/",), _NO_MEASUREMENT),
-    ("Fig. 5g", "Grasps lost too early", "shapes", ("early_losses.sql",), _NO_MEASUREMENT),
-    ("Suppl. 1, 2", "Noise and amplitude of the discrepancy", "supplement", ("calibration_noise.svg", "tool_sd.svg"),
+    ("Fig. 2a", "Tools found, against other approaches", "baselines", ("approaches",), _NO_BASELINE),
+    ("Fig. 2a", "Tool quality by batch", "progress", ("quality_by_batch",), _NO_MEASUREMENT),
+    ("Fig. 2b", "Closure and pull-up of a grasp", "moments", ("moments/1",), _NO_MEASUREMENT),
+    ("Fig. 2c", "Work to break the grasp, by object", "work", ("work_by_object",), _NO_MEASUREMENT),
+    ("Table 1", "Parameters of the best finger", "best", ("profile",), _NO_MEASUREMENT),
+    ("Fig. 3a", "Simulated against measured", "agreement", ("agreement_designs",), _NO_PAIRS),
+    ("Fig. 3b", "The same after calibration", "calibration", ("calibration_agreement",), _NO_CALIBRATION),
+    ("Fig. 4", "Posterior of theta, the simulator's constants", "calibration", ("calibration_pairs",), _NO_CALIBRATION),
+    ("Table 2", "Statistics of the posterior", "calibration", ("calibration_pairs",), _NO_CALIBRATION),
+    ("Fig. 5a, b", "Traces of the first and the last batch", "traces", ("traces/",), _NO_MEASUREMENT),
+    ("Fig. 5c-f", "Traces by shape", "shapes", ("shapes/",), _NO_MEASUREMENT),
+    ("Fig. 5g", "Grasps lost too early", "shapes", ("early_losses",), _NO_MEASUREMENT),
+    ("Suppl. 1, 2", "Noise and amplitude of the discrepancy", "supplement", ("calibration_noise",), _NO_CALIBRATION),
+    ("Suppl. 3, 4", "Sensitivities: discrepancy (k_eps), simulator (k_h)", "supplement",
+     ("calibration_sensitivity",),
      _NO_CALIBRATION),
-    ("Suppl. 3, 4", "Sensitivities: lengthscales of k_eps and k_h", "supplement", ("calibration_sensitivity",), ""),
-    ("Suppl. 3, 4", "The same, of the surrogate", "surrogate", ("figures/relevance.svg",), _NO_FIT),
-    ("Resource usage", "Throughput", "cost", ("throughput.sql",), _NO_MEASUREMENT),
+    ("Suppl. 3, 4", "The same, of the surrogate", "surrogate", ("relevance",), _NO_FIT),
+    ("Resource usage", "Throughput", "cost", ("throughput",), _NO_MEASUREMENT),
 )  # fmt: skip
 
 
-def tools_section(content: Content, folder: Folder) -> Markup:
+def write_tools(content: Content, folder: Folder) -> Markup:
     """Every tool, best first."""
     if not content.tools:
         return section("tools", "All tools", paragraph("No tool has been printed and mounted yet."))
@@ -93,21 +110,21 @@ def _bar(tool: Tool, top: float) -> Markup:
     return Markup(f'<span class="bar"><i class="{text(tool.kind)}" style="width:{share:.1f}%"></i></span>')
 
 
-def cost_section(content: Content, folder: Folder) -> Markup:
+def write_cost(content: Content, folder: Folder) -> Markup:
     """Batches, throughput, simulations and failures."""
     failures = content.result("failures", queries.FAILURES)
     pace, throughput_source = describe_throughput(content)
-    reasons = [(row["what"], row["reason"], row["n"]) for row in failures.rows]
+    reasons: dict[str, Column] = {"what failed": "what", "reason": "reason", "times": ("n", 0)}
     return section(
         "cost",
         "What it took",
         pace,
         "<h3>Bench</h3>",
-        _batches_table(content),
+        record_table(content.batches.rows, _BATCHES, "No batch has been chosen yet."),
         "<h3>Simulator</h3>",
-        _simulations_table(content),
+        record_table(content.cost.rows, _SIMULATIONS, "Nothing has been simulated yet."),
         "<h3>Failures</h3>",
-        table(("what failed", "reason", "times"), reasons, numeric=(2,), empty="Nothing failed."),
+        record_table(failures.rows, reasons, "Nothing failed."),
         folder.sources(content.batches, content.cost, failures, throughput_source),
     )
 
@@ -137,63 +154,44 @@ def describe_throughput(content: Content) -> tuple[Markup, Result]:
     return Markup(shown + (paragraph(_LOCKSTEP, "note") if is_lockstep else "")), result
 
 
-def _batches_table(content: Content) -> Markup:
-    headings = ("batch", "kind", "tools", "grasps", "failed", "first grasp (UTC)", "hours", "grasps per hour")
-    rows = [
-        (
-            f"B{row['batch']:02d}",
-            row["kind"],
-            row["n_tools"],
-            row["n_grasps"],
-            row["n_failed"],
-            moment(row["first_grasp_at"]),
-            number(row["duration_h"], 2),
-            number(_rate(row["n_grasps"] + row["n_failed"], row["duration_h"]), 0),
-        )
-        for row in content.batches.rows
-    ]
-    return table(headings, rows, numeric=(2, 3, 4, 6, 7), empty="No batch has been chosen yet.")
+_BATCHES: dict[str, Column] = {
+    "batch": lambda row: f"B{row['batch']:02d}",
+    "kind": "kind",
+    "tools": ("n_tools", 0),
+    "grasps": ("n_grasps", 0),
+    "failed": ("n_failed", 0),
+    "first grasp (UTC)": lambda row: moment(row["first_grasp_at"]),
+    "hours": ("duration_h", 2),
+    "grasps per hour": ("grasps_per_h", 0),
+}
+_SIMULATIONS: dict[str, Column] = {
+    "simulator version": "version_id",
+    "designs": ("n_designs", 0),
+    "simulated": ("n_ok", 0),
+    "failed": ("n_failed", 0),
+    "median CPU s": ("median_cpu_s", 2),
+    "total CPU h": ("total_cpu_h", 2),
+}
+_ROWS_OF: dict[str, Column] = {
+    "rows": "rows_of",
+    "code version": lambda row: f"{row['code_version']}{' with local changes' if row['code_dirty'] else ''}",
+    "config hash": "config_hash",
+    "bench": "bench",
+    "world hash": "world_hash",
+    "count": ("n", 0),
+}
+_SETUPS: dict[str, Column] = {
+    "grasp setup": "setup_id",
+    "values (mm, mm/s)": lambda row: Markup(f'<code class="wrap">{text(_pairs(row["setup_json"]))}</code>'),
+    "grasps": ("n_grasps", 0),
+}
 
 
-def _simulations_table(content: Content) -> Markup:
-    headings = ("simulator version", "designs", "simulated", "failed", "median CPU s", "total CPU h")
-    rows = [
-        (
-            row["version_id"],
-            row["n_designs"],
-            row["n_ok"],
-            row["n_failed"],
-            number(row["median_cpu_s"], 2),
-            number(row["total_cpu_h"], 2),
-        )
-        for row in content.cost.rows
-    ]
-    return table(headings, rows, numeric=(1, 2, 3, 4, 5), empty="Nothing has been simulated yet.")
-
-
-def _rate(count: int, duration_h: float | None) -> float | None:
-    return count / duration_h if duration_h else None
-
-
-def provenance_section(content: Content, folder: Folder) -> Markup:
+def write_provenance(content: Content, folder: Folder) -> Markup:
     """Where the rows came from, and how to make the page again."""
     setups = content.result("setups", queries.SETUPS)
-    rows = table(
-        ("rows", "code version", "config hash", "bench", "world hash", "count"),
-        [
-            (r["rows_of"], f"{r['code_version']}{' with local changes' if r['code_dirty'] else ''}", r["config_hash"],
-             r["bench"], r["world_hash"], number(r["n"], 0))
-            for r in content.provenance.rows
-        ], numeric=(5,),
-    )  # fmt: skip
-    setup = table(
-        ("grasp setup", "values (mm, mm/s)", "grasps"),
-        [(r["setup_id"], Markup(f"<code>{text(_pairs(r['setup_json']))}</code>"), r["n_grasps"]) for r in setups.rows],
-        numeric=(2,),
-        empty="No grasp has been measured yet.",
-    ).replace("<td><code>", '<td class="wrap"><code>')
     campaign = content.campaign
-    config = f"<details><summary>Config of the campaign</summary><pre>{text(campaign.config_toml)}</pre></details>"
+    config = folded("Config of the campaign", f"<pre>{text(campaign.config_toml)}</pre>")
     commands = (
         f"fast report {campaign.campaign_id}          # this page, from the lake as it is now\n"
         f"fast view {campaign.campaign_id}            # its grasps in the Rerun viewer\n"
@@ -203,61 +201,44 @@ def provenance_section(content: Content, folder: Folder) -> Markup:
         "Every figure and table is the answer of one query, kept beside its data in the folder data."
     ) + f"<pre>{text(commands)}</pre>"  # fmt: skip
     return section(
-        "provenance", "Where it came from", rows, setup, config, _lineage(content, folder), again,
+        "provenance",
+        "Where it came from",
+        record_table(content.provenance.rows, _ROWS_OF),
+        record_table(setups.rows, _SETUPS, "No grasp has been measured yet."),
+        config,
+        _lineage(content),
+        again,
         folder.sources(content.provenance, setups),
-    )  # fmt: skip
+    )
 
 
 def _pairs(setup_json: str) -> str:
     return ", ".join(f"{key} {value:g}" for key, value in json.loads(setup_json).items())
 
 
-def _lineage(content: Content, folder: Folder) -> str:
-    """The best tool, from proposal to quality."""
+def _lineage(content: Content) -> str:
+    """What the best tool was made from, as `fast lake lineage` tells it."""
     best = content.best
     if best is None:
         return paragraph(NOT_MEASURED)
-    result = content.result("lineage", queries.LINEAGE, best=best.tool_id)
-    row = result.rows[0]
-    measured = [
-        f"{wall} {row[f'measured_{wall}_thickness_mm']:.2f} mm"
-        for wall in ("front", "back", "rib")
-        if row[f"measured_{wall}_thickness_mm"] is not None
-    ]
-    if row["hardness_shore_a"] is not None:
-        measured.append(f"hardness {row['hardness_shore_a']:g} Shore A")
-    steps = [
-        f"Proposal {row['proposal_id'] or DASH} asked for design {row['design_id']}.",
-        f"Printed and mounted as {row['tool_id']}, confirmed by {_who(row)} on {moment(row['confirmed_at'])} UTC"
-        + (f", lot {row['material_lot']}" if row["material_lot"] else "") + ".",
-        f"Measured after printing: {', '.join(measured)}." if measured else "Walls and hardness were not measured.",
-        f"{row['n_grasps']} grasps from {moment(row['first_grasp_at'])} to {moment(row['last_grasp_at'])} UTC, each "
-        "with its raw trace.",
-        f"Peak of each trace, mean over repeats, mean over {count(best.n_objects, 'object')}: "
-        f"{number(best.quality_n, 2, 'N')}.",
-    ]  # fmt: skip
-    items = "".join(f"<li>{text(step)}</li>" for step in steps)
+    tree = lineage_text(find_lineage(content.lake, best.tool_id, forward=False, depth=None, limit=N_PARENTS))
+    words = paragraph(
+        f"Its quality, {number(best.quality_n, 2, 'N')}, is the peak of each of its {count(best.n_grasps, 'trace')}, "
+        f"mean over repeats, mean over {count(best.n_objects, 'object')}. Each row was made from those below it:"
+    )
     commands = (
-        f"fast lake lineage {best.tool_id}               # every row it came from, with code, config and seed\n"
+        f"fast lake lineage {best.tool_id}               # the same, for any row of the lake\n"
         f"fast lake lineage {best.tool_id} --children    # every grasp behind its quality"
     )
-    return (
-        f"<h3>From idea to number: {best.label}</h3><ol class='lineage'>{items}</ol><pre>{text(commands)}</pre>"
-        f"{folder.sources(result)}"
-    )
+    return f"<h3>From idea to number: {best.label}</h3>{words}<pre>{text(tree)}</pre><pre>{text(commands)}</pre>"
 
 
-def _who(row: dict) -> str:
-    return row["operator"] or {"person": "a person", "auto": "the campaign itself"}[row["confirmed_by"]]
-
-
-def paper_section(body: str) -> Markup:
-    """A table of the paper's figures with links into the page made so far."""
+def write_paper(content: Content, folder: Folder) -> Markup:
+    """A table of the paper's figures with links to what the sections before this one have drawn."""
     rows = []
     for figure, what, anchor, marks, missing in _ROWS:
-        is_there = any(mark in body for mark in marks)
-        where = Markup(f'<a href="#{anchor}">here</a>') if is_there else missing or _NO_CALIBRATION
-        rows.append((figure, what, where))
+        is_there = any(name.startswith(mark) for name in folder.written for mark in marks)
+        rows.append((figure, what, Markup(f'<a href="#{anchor}">here</a>') if is_there else missing))
     note = paragraph(
         "Fig. 1 shows the authors' platform. Fig. 2b: photographs there, drawn from the simulator here.", "note"
     )

@@ -7,11 +7,11 @@ from functools import cached_property
 from flows.report.campaign import queries
 from flows.report.campaign.facts import (
     Tool,
+    choose_versions,
     find_best_tool,
     find_first_batch,
     find_last_batch,
     read_tools,
-    versions_to_compare,
 )
 from flows.report.campaign.queries import Result, fetch
 from lake.store import Lake
@@ -24,6 +24,11 @@ from models.validation import closest
 NOT_MEASURED = (
     "No tool of this campaign has been measured on any object yet; this part fills itself with the first batch."
 )
+
+
+def _asked(name: str, sql: str) -> "cached_property[Result]":
+    """A query whose answer several sections share: asked when the first one needs it."""
+    return cached_property(lambda content: content.result(name, sql))
 
 
 @dataclass(frozen=True)
@@ -54,50 +59,15 @@ class Content:
         """One query for this campaign."""
         return fetch(self.lake, name, sql, self.campaign.campaign_id, values)
 
-    @cached_property
-    def quality(self) -> Result:
-        """One row per tool."""
-        return self.result("tool_quality", queries.TOOL_QUALITY)
-
-    @cached_property
-    def work(self) -> Result:
-        """One row per tool and object."""
-        return self.result("object_work", queries.OBJECT_WORK)
-
-    @cached_property
-    def object_classes(self) -> Result:
-        """Name and class of the objects."""
-        return self.result("objects", queries.OBJECTS)
-
-    @cached_property
-    def pairs(self) -> Result:
-        """Simulated against measured, one row per version, tool and object."""
-        return self.result("simulated_measured", queries.SIM_REAL_PAIRS)
-
-    @cached_property
-    def versions(self) -> Result:
-        """Simulator versions by age."""
-        return self.result("simulator_versions", queries.VERSIONS)
-
-    @cached_property
-    def batches(self) -> Result:
-        """One row per batch."""
-        return self.result("batches", queries.BATCHES)
-
-    @cached_property
-    def cost(self) -> Result:
-        """Simulations and their CPU time, per version."""
-        return self.result("simulations", queries.SIMULATION_COST)
-
-    @cached_property
-    def provenance(self) -> Result:
-        """Code versions, config hashes and benches of the rows."""
-        return self.result("provenance", queries.PROVENANCE)
-
-    @cached_property
-    def designs(self) -> Result:
-        """Designs of the mounted tools."""
-        return self.result("designs", queries.DESIGNS)
+    quality = _asked("tool_quality", queries.TOOL_QUALITY)  # one row per tool
+    work = _asked("object_work", queries.OBJECT_WORK)  # one row per tool and object
+    object_classes = _asked("objects", queries.OBJECTS)
+    pairs = _asked("simulated_measured", queries.SIM_REAL_PAIRS)  # one row per version, tool and object
+    versions = _asked("simulator_versions", queries.VERSIONS)  # by age
+    batches = _asked("batches", queries.BATCHES)
+    cost = _asked("simulations", queries.SIMULATION_COST)  # and their CPU time, per version
+    provenance = _asked("provenance", queries.PROVENANCE)  # code versions, config hashes and benches of the rows
+    designs = _asked("designs", queries.DESIGNS)  # of the mounted tools
 
     @cached_property
     def tools(self) -> list[Tool]:
@@ -122,7 +92,7 @@ class Content:
     @cached_property
     def compared(self) -> list[str]:
         """Simulator versions that are compared with measurements, oldest first."""
-        return versions_to_compare(self.pairs.rows, [row["version_id"] for row in self.versions.rows])
+        return choose_versions(self.pairs.rows, [row["version_id"] for row in self.versions.rows])
 
     def design_of(self, tool: Tool) -> Design:
         """Design of a mounted tool."""

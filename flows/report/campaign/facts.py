@@ -49,17 +49,6 @@ class Agreement:
     bias_n: float
 
 
-@dataclass(frozen=True)
-class Pair:
-    """Simulated and measured peak pull-off force of one design, on one object or averaged over `n_objects`."""
-
-    label: str
-    batch: int
-    simulated_n: float
-    measured_n: float
-    n_objects: int
-
-
 def read_tools(rows: Sequence[Mapping[str, Any]]) -> list[Tool]:
     """Tools in order of batch and slot; complete means measured on as many objects as the best covered tool."""
     most = max((row["n_objects"] for row in rows), default=0)
@@ -105,7 +94,7 @@ def find_last_batch(tools: Sequence[Tool]) -> list[Tool]:
     return [t for t in measured if t.batch == last]
 
 
-def mean_quality_n(tools: Sequence[Tool]) -> float:
+def average_quality_n(tools: Sequence[Tool]) -> float:
     """Mean tool quality of measured tools, in N."""
     return float(np.mean([_quality(t) for t in tools]))
 
@@ -122,36 +111,19 @@ def count_objects_won(work_rows: Sequence[Mapping[str, Any]], winner: Tool, othe
     return len(won), len(shared)
 
 
-def pair_objects(rows: Sequence[Mapping[str, Any]], version_id: str) -> list[Pair]:
-    """One pair per tool and object that a simulator version has simulated and the bench has measured."""
-    return [
-        Pair(tool_label(r["batch"], r["slot"]), r["batch"], r["simulated_n"], r["measured_n"], 1)
-        for r in rows
-        if r["version_id"] == version_id
-    ]
-
-
-def pair_designs(pairs: Sequence[Pair]) -> list[Pair]:
-    """One pair per tool: means over the objects it has in common with the simulation."""
-    grouped: dict[tuple[int, str], list[Pair]] = defaultdict(list)
+def average_objects(pairs: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Simulated and measured force of each tool, from those of tool and object: means over the objects with both."""
+    grouped: dict[tuple[int, int], list[tuple[float, float]]] = defaultdict(list)
     for pair in pairs:
-        grouped[pair.batch, pair.label].append(pair)
-    return [
-        Pair(
-            label,
-            batch,
-            float(np.mean([p.simulated_n for p in group])),
-            float(np.mean([p.measured_n for p in group])),
-            len(group),
-        )
-        for (batch, label), group in sorted(grouped.items())
-    ]
+        grouped[pair["batch"], pair["slot"]].append((pair["simulated_n"], pair["measured_n"]))
+    means = {tool: np.mean(values, axis=0) for tool, values in sorted(grouped.items())}
+    return [{"batch": batch, "simulated_n": s, "measured_n": m} for (batch, _), (s, m) in means.items()]
 
 
-def measure_agreement(pairs: Sequence[Pair]) -> Agreement:
+def measure_agreement(pairs: Sequence[Mapping[str, Any]]) -> Agreement:
     """Pearson and Spearman correlation, root mean square error and mean error (simulated - measured), in N."""
-    simulated = np.array([p.simulated_n for p in pairs])
-    measured = np.array([p.measured_n for p in pairs])
+    simulated = np.array([p["simulated_n"] for p in pairs])
+    measured = np.array([p["measured_n"] for p in pairs])
     error = simulated - measured
     has_spread = len(pairs) >= 3 and np.ptp(simulated) > 0 and np.ptp(measured) > 0
     return Agreement(
@@ -163,7 +135,7 @@ def measure_agreement(pairs: Sequence[Pair]) -> Agreement:
     )
 
 
-def versions_to_compare(rows: Sequence[Mapping[str, Any]], ordered: Sequence[str]) -> list[str]:
+def choose_versions(rows: Sequence[Mapping[str, Any]], ordered: Sequence[str]) -> list[str]:
     """Simulator versions to compare with measurements: the oldest and the newest that have pairs.
 
     Where any is of the production tier, only that tier is compared. `ordered` lists versions by age.

@@ -3,9 +3,8 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path as Outline
-from shapely.geometry import Polygon, box
+from shapely.geometry import box
+from shapely.plotting import plot_polygon
 
 from flows.report.campaign.content import NOT_MEASURED, Content
 from flows.report.folder import Folder
@@ -16,7 +15,7 @@ from models.design.finger import finger_bodies
 from models.design.profile import APEX_EXTRA_MM, BASE_HEIGHT_MM, planar_profile
 from models.design.space import BEST_PUBLISHED, LOWER, PARAMETERS, UPPER
 from models.records import Design
-from models.units import unit_of
+from models.units import spell_name
 
 PICTURE_PX = 1100
 PROFILE_SIZE_IN = (2.9, 5.0)
@@ -33,25 +32,23 @@ SYMBOLS = {
 }
 
 
-def best_section(content: Content, folder: Folder) -> Markup:
+def write_best(content: Content, folder: Folder) -> Markup:
     """The best finger: picture, profile, parameters next to the paper's."""
     best = content.best
     if best is None:
         return section("best", "The best finger", paragraph(NOT_MEASURED))
     design = content.design_of(best)
-    address = folder.image("finger", finger_picture(design, best.label))
+    address = folder.image("finger", draw_finger(design, best.label))
     seen = picture(address, f"Finger {best.label} in three dimensions",
                    "As printed: compliant body (blue) on its rigid base (grey), front wall on the left.")  # fmt: skip
-    profile = folder.figure("profile", profile_figure(design), f"Profile of finger {best.label} with dimensions",
+    profile = folder.figure("profile", draw_profile(design), f"Profile of finger {best.label} with dimensions",
                             f"Profile in mm; extruded to W {design.width_mm:.1f} mm.")  # fmt: skip
     rows = []
     for name, low, high in zip(PARAMETERS, LOWER, UPPER, strict=True):
         mine, published = design.model_dump()[name], BEST_PUBLISHED.model_dump()[name]
         digits = 0 if name == "rib_count" else 2
-        rows.append(
-            (Markup(f"{text(_words(name))} <i>{SYMBOLS[name]}</i>"), number(mine, digits), number(published, digits),
-             _range_mark(mine, published, low, high))
-        )  # fmt: skip
+        words = Markup(f"{text(spell_name(name, with_unit=True))} <i>{SYMBOLS[name]}</i>")
+        rows.append((words, number(mine, digits), number(published, digits), _range_mark(mine, published, low, high)))
     parameters = table(("parameter", best.label, "paper", "allowed range"), rows, numeric=(1, 2))
     note = paragraph(
         "Blue dot: this design; ring: the paper's best tool (Table 1, B07T8, 29.68 N on the authors' bench, whose "
@@ -64,19 +61,13 @@ def best_section(content: Content, folder: Folder) -> Markup:
     )  # fmt: skip
 
 
-def _words(name: str) -> str:
-    unit = unit_of(name)
-    words = name.rsplit("_", 1)[0] if unit else name
-    return words.replace("_", " ") + (f" ({unit})" if unit else "")
-
-
 def _range_mark(mine: float, published: float, low: float, high: float) -> Markup:
     places = [100 * (value - low) / (high - low) for value in (published, mine)]
     dots = f'<i class="paper" style="left:{places[0]:.1f}%"></i><i style="left:{places[1]:.1f}%"></i>'
     return Markup(f'{low:g} <span class="range">{dots}</span> {high:g}')
 
 
-def finger_picture(design: Design, mark: str) -> np.ndarray:
+def draw_finger(design: Design, mark: str) -> np.ndarray:
     """Shaded RGBA picture of the two bodies of a finger, seen past its ribs and half from above."""
     bodies = finger_bodies(design, mark)
     return render(
@@ -87,12 +78,12 @@ def finger_picture(design: Design, mark: str) -> np.ndarray:
     )
 
 
-def profile_figure(design: Design) -> Figure:
+def draw_profile(design: Design) -> Figure:
     """Planar profile in mm, front wall on the left, with the dimensions that make the design."""
     figure, axes = new_axes(*PROFILE_SIZE_IN, grid="")
     base = box(0, 0, design.length_mm, BASE_HEIGHT_MM)
-    axes.add_patch(PathPatch(_outline(base), facecolor=RIGID, edgecolor=INK, linewidth=0.8))
-    axes.add_patch(PathPatch(_outline(planar_profile(design)), facecolor=COMPLIANT, edgecolor=INK, linewidth=0.8))
+    for polygon, colour in ((base, RIGID), (planar_profile(design), COMPLIANT)):
+        plot_polygon(polygon, axes, add_points=False, facecolor=colour, edgecolor=INK, linewidth=0.8)
     _overall_dimensions(axes, design)
     _wall_labels(axes, design)
     axes.set_xlim(-17, design.length_mm + 26)
@@ -100,12 +91,6 @@ def profile_figure(design: Design) -> Figure:
     axes.set_aspect("equal")
     axes.axis("off")
     return figure
-
-
-def _outline(polygon: Polygon) -> Outline:
-    """Compound path of a polygon with its holes."""
-    rings = [polygon.exterior, *polygon.interiors]
-    return Outline.make_compound_path(*(Outline(np.asarray(ring.coords), closed=True) for ring in rings))
 
 
 def _overall_dimensions(axes: Axes, design: Design) -> None:

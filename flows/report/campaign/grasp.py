@@ -28,7 +28,7 @@ GRID_MM = 0.5
 N_SLICES = 41  # of the object along y
 
 
-def trace_figure(result: GraspSimulation, instants: Sequence[Instant], title: str) -> Figure:
+def draw_trace(result: GraspSimulation, instants: Sequence[Instant], title: str) -> Figure:
     """Force on the load cell over the time of closing and over lift; peak, work and the numbered instants marked."""
     figure = new_figure(8.6, 3.7)
     closing, lift = figure.subplots(1, 2, sharey=True, width_ratios=(1, 2.4))
@@ -130,7 +130,7 @@ class Stage:
         axes.tick_params(length=2)
 
 
-def instants_figure(obj: RigidObject, instants: Sequence[Instant], title: str) -> Figure:
+def draw_instants(obj: RigidObject, instants: Sequence[Instant], title: str) -> Figure:
     """The deformed fingers from the side at every instant, in one row, with the contact pressure on them."""
     stage = Stage.of(obj, instants)
     figure = new_figure(12.0, 12.0 / len(instants) * stage.height_over_width * 0.93 + 0.95)
@@ -145,7 +145,7 @@ def instants_figure(obj: RigidObject, instants: Sequence[Instant], title: str) -
     return figure
 
 
-def instant_figure(stage: Stage, number: int, instant: Instant) -> Figure:
+def draw_instant(stage: Stage, number: int, instant: Instant) -> Figure:
     """One instant on its own, for a page that sets several side by side."""
     figure = new_figure(PANEL_IN, PANEL_IN * stage.height_over_width + 0.6)
     axes = figure.subplots()

@@ -6,18 +6,17 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from flows.report.calibration.page import calibration_section
-from flows.report.campaign.account import cost_section, paper_section, provenance_section, tools_section
+from flows.report.campaign.account import write_cost, write_paper, write_provenance, write_tools
 from flows.report.campaign.content import Content
-from flows.report.campaign.finger import best_section
-from flows.report.campaign.quality import baselines_section, headline, progress_section
-from flows.report.campaign.shapes import shapes_section
-from flows.report.campaign.simulation import agreement_section, moments_section
-from flows.report.campaign.surrogate import surrogate_section
-from flows.report.campaign.traces import traces_section
-from flows.report.campaign.work import work_section
-from flows.report.folder import Folder
-from flows.report.html import moment, page, text
-from flows.report.style import figure_style
+from flows.report.campaign.finger import write_best
+from flows.report.campaign.quality import headline, write_baselines, write_progress
+from flows.report.campaign.shapes import write_shapes
+from flows.report.campaign.simulation import write_agreement, write_moments
+from flows.report.campaign.surrogate import write_surrogate
+from flows.report.campaign.traces import write_traces
+from flows.report.campaign.work import write_work
+from flows.report.folder import Folder, write_page
+from flows.report.html import Page, moment
 from lake.store import Lake
 from models.errors import UsageError
 from tasks.traces.anomalies import update_anomalies
@@ -43,6 +42,23 @@ NAV = {
     "provenance": "Provenance",
 }
 
+SECTIONS = (
+    write_best,
+    write_moments,
+    write_progress,
+    write_baselines,
+    write_traces,
+    write_shapes,
+    write_work,
+    write_agreement,
+    calibration_section,
+    write_tools,
+    write_surrogate,
+    write_cost,
+    write_paper,  # knows what the sections above have drawn
+    write_provenance,
+)
+
 
 def write_report(lake: Lake, campaign_id: str, out: Path, against: Sequence[Lake] = ()) -> Path:
     """Write the report of a campaign as it stands, finished or not, into the folder `out`.
@@ -54,36 +70,14 @@ def write_report(lake: Lake, campaign_id: str, out: Path, against: Sequence[Lake
         UsageError: there is no such campaign, or the folder cannot be written.
     """
     content = Content.load(lake, campaign_id, against)
-    folder = Folder(Path(out))
-    with figure_style():
-        body = "".join(
-            build(content, folder)
-            for build in (
-                best_section,
-                moments_section,
-                progress_section,
-                baselines_section,
-                traces_section,
-                shapes_section,
-                work_section,
-                agreement_section,
-                calibration_section,
-                tools_section,
-                surrogate_section,
-                cost_section,
-            )
-        )
-        body += paper_section(body) + provenance_section(content, folder)
-        top = headline(content)
     campaign = content.campaign
-    written = moment(datetime.now(UTC))
-    footer = text(f"Campaign {campaign.campaign_id}. Written {written} UTC from the lake. Units: mm, N, J, s, MPa.")
-    index = folder.root / "index.html"
-    title = campaign.name or campaign.campaign_id
-    nav = {anchor: name for anchor, name in NAV.items() if f'<section id="{anchor}"' in body}
-    index.write_text(page(title, f"FAST campaign {campaign.campaign_id}", top, nav, body, footer), encoding="utf-8")
-    _LOG.info("report of %s written to %s", campaign.campaign_id, index)
-    return index
+    page = Page(
+        title=campaign.name or campaign_id,
+        kicker=f"FAST campaign {campaign_id}",
+        footer=f"Campaign {campaign_id}. Written {moment(datetime.now(UTC))} UTC from the lake. In mm, N, J, s, MPa.",
+        nav=NAV,
+    )
+    return write_page(Folder(Path(out)), content, page, headline, SECTIONS)
 
 
 def add_features(lake: Lake, campaign_id: str) -> None:

@@ -6,20 +6,24 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from flows.report.campaign import queries
 from flows.report.campaign.content import NOT_MEASURED, Content
-from flows.report.campaign.facts import Tool, count_objects_won, mean_quality_n, read_tools
-from flows.report.campaign.figures import quality_figure
+from flows.report.campaign.facts import Tool, average_quality_n, count_objects_won, read_tools
 from flows.report.campaign.queries import Result, fetch
 from flows.report.folder import Folder
 from flows.report.html import Markup, columns, count, number, paragraph, section, table, tiles
+from flows.report.style import BEST, FAINT, FIRST, INK, MUTED, new_axes
 from lake.store import Lake
 from lake.tables.campaign import CampaignRow
 
 if TYPE_CHECKING:
     from flows.scientist.campaign_runs import StrategyRun
 
+BOX_FROM_N = 5
+MARKS = {"random": (FIRST, "o"), "guided": (BEST, "D"), "imported": (MUTED, "s")}  # colour and marker by kind of design
 _TITLE = "Against other approaches"
 _NO_OTHERS = Markup(
     "Fig. 2a needs a second approach with the same objects, and this lake has none; <code>fast compare</code> measures "
@@ -44,11 +48,12 @@ def headline(content: Content) -> Markup:
         return Markup(
             paragraph("No tool of this campaign has been measured on any object yet.", "lead") + tiles(numbers)
         )
-    reference = mean_quality_n(content.first)
+    value, _, spread = describe_quality(best, 1).partition(" ")
+    reference = average_quality_n(content.first)
     gain = (best.quality_n or 0.0) / reference - 1
     numbers = [
         (
-            Markup(f"{number(best.quality_n, 1)} <small>{_plus_minus(best)}</small>"),
+            Markup(f"{value} <small>{spread}</small>"),
             f"tool quality of {best.label}, mean over {count(best.n_objects, 'object')}",
         ),
         (number(reference, 1, "N"), f"mean of the first batch, {count(len(content.first), 'tool')}"),
@@ -58,19 +63,15 @@ def headline(content: Content) -> Markup:
     return Markup(paragraph(_verdict(content, best, reference, gain), "lead") + _caution(content) + tiles(numbers))
 
 
-def quality_text(tool: Tool) -> str:
+def describe_quality(tool: Tool, digits: int = 2) -> str:
     """Tool quality with the half width of its interval, where repeats gave one."""
     if tool.half_width_n is None:
-        return number(tool.quality_n, 2, "N")
-    return f"{number(tool.quality_n, 2)} ± {number(tool.half_width_n, 2, 'N')}"
-
-
-def _plus_minus(tool: Tool) -> str:
-    return "N" if tool.half_width_n is None else f"± {number(tool.half_width_n, 1, 'N')}"
+        return number(tool.quality_n, digits, "N")
+    return f"{number(tool.quality_n, digits)} ± {number(tool.half_width_n, digits, 'N')}"
 
 
 def _verdict(content: Content, best: Tool, reference: float, gain: float) -> str:
-    opening = f"{best.label} holds best: it takes {quality_text(best)} on average to pull an object out of its grip"
+    opening = f"{best.label} holds best: it takes {describe_quality(best)} on average to pull an object out of its grip"
     if best in content.first:
         if len(content.first) == 1:
             return f"{opening}. It is the only tool of the first batch; none beats it."
@@ -104,11 +105,11 @@ def _caution(content: Content) -> Markup:
     return paragraph(" ".join(notes), "note")
 
 
-def progress_section(content: Content, folder: Folder) -> Markup:
+def write_progress(content: Content, folder: Folder) -> Markup:
     """Tool quality per batch."""
     if content.best is None:
         return section("progress", "Tool quality by batch", paragraph(NOT_MEASURED))
-    shown = folder.figure("quality_by_batch", quality_figure(content.tools, content.best), "Tool quality by batch")
+    shown = folder.figure("quality_by_batch", draw_quality(content.tools, content.best), "Tool quality by batch")
     words = paragraph(
         "Every mark is a printed tool: the mean over objects of its peak pull-off force, with the interval from "
         f"repeats (often smaller than the mark). {_describe_marks(content.tools)} Hollow marks are tools not measured "
@@ -125,6 +126,56 @@ def progress_section(content: Content, folder: Folder) -> Markup:
     return section(
         "progress", "Tool quality by batch", columns(shown, words + summary), folder.sources(content.quality)
     )
+
+
+def draw_quality(tools: Sequence[Tool], best: Tool) -> Figure:
+    """Tool quality against batch: every tool, the spread of a batch, the best so far."""
+    measured = [t for t in tools if t.quality_n is not None]
+    batches = sorted({t.batch for t in measured})
+    figure, axes = new_axes()
+    for batch in batches:
+        values = np.array([t.quality_n for t in measured if t.batch == batch and t.is_complete], dtype=float)
+        _batch_box(axes, batch, values)
+        kind = next(t.kind for t in measured if t.batch == batch)
+        axes.text(batch, 0.005, kind, transform=axes.get_xaxis_transform(),
+                  ha="center", va="bottom", fontsize=7.5, color=MUTED)  # fmt: skip
+    for tool in measured:
+        colour, marker = MARKS.get(tool.kind, MARKS["imported"])
+        axes.errorbar(
+            tool.batch + _offset(tool.slot), tool.quality_n or 0.0, yerr=tool.half_width_n,
+            fmt=marker, color=colour, ecolor=colour, elinewidth=0.8,
+            markersize=4.2, markerfacecolor=colour if tool.is_complete else "white", markeredgewidth=0.9,
+        )  # fmt: skip
+    so_far = np.maximum.accumulate(
+        [max((t.quality_n or 0.0 for t in measured if t.batch == b and t.is_complete), default=0.0) for b in batches]
+    )
+    edges = [b + s for b in batches for s in (-0.5, 0.5)]
+    axes.plot(edges, np.repeat(so_far, 2), color=INK, linewidth=1.1, linestyle=(0, (4, 2)), label="best so far")
+    axes.annotate(
+        best.label, (best.batch + _offset(best.slot), best.quality_n or 0.0), xytext=(0, 9),
+        textcoords="offset points", ha="center", fontweight="bold", color=MARKS.get(best.kind, MARKS["imported"])[0],
+    )  # fmt: skip
+    axes.set_xticks(batches, [f"B{b:02d}" for b in batches])
+    axes.set_xlim(batches[0] - 0.6, batches[-1] + 0.6)
+    axes.margins(y=0.14)
+    axes.set_xlabel("batch")
+    axes.set_ylabel("tool quality (N)")
+    # Above the axes: the best tool, whose label lies highest, may be of any batch.
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, handlelength=2.2)
+    return figure
+
+
+def _batch_box(axes: Axes, batch: int, values: np.ndarray) -> None:
+    """Quartile box and median of a batch; only the median where the batch is small."""
+    if values.size >= BOX_FROM_N:
+        low, high = np.percentile(values, [25, 75])
+        axes.bar(batch, high - low, 0.8, bottom=low, color=FAINT, alpha=0.45, linewidth=0)
+    if values.size:
+        axes.hlines(np.median(values), batch - 0.4, batch + 0.4, color=MUTED, linewidth=1.4)
+
+
+def _offset(slot: int) -> float:
+    return (slot - 4.5) * 0.068
 
 
 def _describe_marks(tools: Sequence[Tool]) -> str:
@@ -174,7 +225,7 @@ class Approach:
         )
 
 
-def baselines_section(content: Content, folder: Folder) -> Markup:
+def write_baselines(content: Content, folder: Folder) -> Markup:
     """Best tool so far and tools of the last batch of each approach."""
     if content.best is None:
         return section("baselines", _TITLE, paragraph(_NO_OTHERS))

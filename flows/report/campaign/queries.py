@@ -99,7 +99,8 @@ ORDER BY n_objects DESC, s.version_id, contact_force_n, t.slot"""
 SHAPE_FEATURES = """
 SELECT object_class, count(*) AS n_grasps, median(hold_mm) AS hold_mm, median(hold_slope_n_per_mm / peak_force_n)
          AS relative_slope_per_mm, median(half_peak_lift_mm) AS half_peak_lift_mm, avg(n_peaks) AS n_peaks,
-       avg((positive_after_mm = 0)::INTEGER) AS holds_at_once
+       avg((positive_after_mm = 0)::INTEGER) AS holds_at_once,
+       100 * coalesce(relative_slope_per_mm, 0) AS percent_per_mm, 100 * holds_at_once AS percent_at_once
 FROM feature_summary
 WHERE campaign_id = {campaign} AND peak_force_n > 0
 GROUP BY object_class
@@ -157,7 +158,8 @@ SELECT b.batch, b.kind, b.n_tools,
        count(g.grasp_id) FILTER (g.status = 'ok') AS n_grasps,
        count(g.grasp_id) FILTER (g.status = 'failed') AS n_failed,
        min(g.started_at) AS first_grasp_at, max(g.started_at) AS last_grasp_at,
-       epoch(max(g.started_at) - min(g.started_at)) / 3600 AS duration_h
+       epoch(max(g.started_at) - min(g.started_at)) / 3600 AS duration_h,
+       count(g.grasp_id) / nullif(duration_h, 0) AS grasps_per_h
 FROM batches b
 LEFT JOIN grasps g ON g.campaign_id = b.campaign_id AND g.batch = b.batch
 WHERE b.campaign_id = {campaign}
@@ -229,19 +231,6 @@ ORDER BY rows_of, code_version, config_hash"""
 SETUPS = """
 SELECT setup_id, any_value(setup_json) AS setup_json, count(*) AS n_grasps
 FROM grasps WHERE campaign_id = {campaign} GROUP BY setup_id ORDER BY n_grasps DESC, setup_id"""
-
-# {best}: quoted tool id.
-LINEAGE = f"""
-WITH counted AS ({_VALID} AND tool_id = {{best}}),
-tool AS (SELECT * FROM tools WHERE tool_id = {{best}})
-SELECT (SELECT max(proposal_id) FROM proposals p JOIN tool t
-          ON p.campaign_id = t.campaign_id AND p.batch = t.batch AND p.slot = t.slot AND p.fidelity = 'real')
-         AS proposal_id,
-       tool.design_id, tool.tool_id, tool.confirmed_by, tool.operator, tool.material_lot,
-       tool.measured_front_thickness_mm, tool.measured_back_thickness_mm, tool.measured_rib_thickness_mm,
-       tool.hardness_shore_a, tool.created_at AS confirmed_at, (SELECT count(*) FROM counted) AS n_grasps,
-       (SELECT min(started_at) FROM counted) AS first_grasp_at, (SELECT max(started_at) FROM counted) AS last_grasp_at
-FROM tool"""
 
 
 @dataclass(frozen=True)

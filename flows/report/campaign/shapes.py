@@ -11,9 +11,9 @@ from flows.report.campaign import queries
 from flows.report.campaign.content import NOT_MEASURED, Content
 from flows.report.campaign.facts import Tool
 from flows.report.campaign.queries import Result
-from flows.report.campaign.traces import NO_TRACES, Curve, Window, curves_by, object_panel
+from flows.report.campaign.traces import NO_TRACES, Curve, Window, gather_curves, write_panel
 from flows.report.folder import Folder
-from flows.report.html import Markup, columns, number, paragraph, section, table
+from flows.report.html import Column, Markup, columns, number, paragraph, record_table, section
 from flows.report.style import BEST, FIRST, MUTED, SOFTEST, new_axes, new_figure
 from models.ids import tool_label
 
@@ -24,6 +24,10 @@ LEAST_N = 1.0  # grasps below are too weak to tell
 N_ROWS = 6
 N_FLAGS = 12
 NO_FEATURES = Markup("No features of these traces yet; <code>fast features</code> calculates them.")
+_WHICH: dict[str, Column] = {
+    "tool": lambda row: tool_label(row["batch"], row["slot"]),
+    "object": lambda row: f"{row['object_name']} ({row['object_id']})",
+}
 _DASHES = {"softest": (0, (1, 1)), "stiffest": (0, (4, 1.5)), "best": "-"}
 _COLOURS = {"softest": SOFTEST, "stiffest": FIRST, "best": BEST}
 
@@ -47,7 +51,7 @@ GROUPS = (
 STABLE_CLASSES = {name for group in GROUPS if group.is_stable for name in group.classes}
 
 
-def shapes_section(content: Content, folder: Folder) -> Markup:
+def write_shapes(content: Content, folder: Folder) -> Markup:
     """Panels by group of objects, their features, and the grasp that was lost too early."""
     title = "What shapes do to the force"
     if content.best is None:
@@ -59,7 +63,7 @@ def shapes_section(content: Content, folder: Folder) -> Markup:
     )
     features = content.result("shape_features", queries.SHAPE_FEATURES)
     classes = {row["object_id"]: (row["object_class"], row["object_name"]) for row in content.object_classes.rows}
-    drawn_tools = curves_by(traces.rows, "object_id", "tool_id")
+    drawn_tools = gather_curves(traces.rows, "object_id", "tool_id")
     curves: dict[int, dict[str, Curve]] = defaultdict(dict)
     for object_id, tool_id in sorted(drawn_tools):
         for what in (what for what, tool in tools.items() if tool.tool_id == tool_id):
@@ -67,21 +71,23 @@ def shapes_section(content: Content, folder: Folder) -> Markup:
     if not curves:
         return section("shapes", title, paragraph(NO_TRACES), folder.sources(traces))
     window = Window.of([curve for found in curves.values() for curve in found.values()])
-    parts = []
-    for group in GROUPS:
-        drawn = choose_objects(group, {o: classes[o][0] for o in curves if o in classes})
-        if drawn:
-            cells = (object_panel("shapes", o, classes[o][1], shape_figure(curves[o], window), folder) for o in drawn)
-            title_line = f"<h3>{group.letter}&ensp;{group.title}</h3>"
-            parts.append(f'<div class="group">{title_line}<div>{"".join(cells)}</div></div>')
+    known = {o: classes[o][0] for o in curves if o in classes}
+    panels = [
+        write_panel(
+            "shapes", o, classes[o][1], draw_shape(curves[o], window), folder, f"{group.letter}\u2002{group.title}"
+        )
+        for group in GROUPS
+        for o in choose_objects(group, known)
+    ]
     words = paragraph(
-        "Fig. 5c to g of the paper. Upper panels: force; lower panels: the same over its peak, so that the shape shows "
-        f"even of a weak tool. {_softness_words(softness)}", "note",
+        "As Fig. 5c to g of the paper, where one tool is softest, one stiffest and one the best: c to f are groups of "
+        "objects by shape, g is the grasp that was lost too early. Upper panels: force; lower panels: the same over "
+        f"its peak, so that the shape shows even of a weak tool. {_softness_words(softness)}", "note",
     )  # fmt: skip
-    loss, loss_sources = early_loss(content, folder)
+    loss, loss_sources = write_early_loss(content, folder)
     flags, flag_source = list_flagged_grasps(content)
     return section(
-        "shapes", title, _key(tools), words, f'<div class="groups">{"".join(parts)}</div>', _features_table(features),
+        "shapes", title, _key(tools), words, f'<div class="panels">{"".join(panels)}</div>', _features_table(features),
         "<h3>g&ensp;Lost too early, and other anomalies</h3>", loss, flags,
         folder.sources(traces, features, *([softness] if softness else []), *loss_sources, flag_source),
     )  # fmt: skip
@@ -115,7 +121,7 @@ def choose_objects(group: Group, classes: Mapping[int, str]) -> list[int]:
     return sorted(turns[:AT_MOST])
 
 
-def shape_figure(curves: Mapping[str, Curve], window: Window) -> Figure:
+def draw_shape(curves: Mapping[str, Curve], window: Window) -> Figure:
     """Force over lift of three tools, and below it the force over its peak."""
     figure = new_figure(WIDTH_IN, HEIGHT_IN)
     force, shape = figure.subplots(2, 1, sharex=True, height_ratios=(1.25, 1.0))
@@ -150,21 +156,22 @@ def _features_table(features: Result) -> Markup:
     """Medians of what the traces of each group look like; one line where they have not been calculated."""
     if not features.rows:
         return paragraph(NO_FEATURES, "note")
-    rows = []
-    for group in GROUPS:
-        for row in features.rows:
-            if row["object_class"] in group.classes:
-                rows.append(
-                    (group.letter, row["object_class"], row["n_grasps"], number(row["half_peak_lift_mm"], 1),
-                     number(row["hold_mm"], 1), number(100 * (row["relative_slope_per_mm"] or 0.0), 1),
-                     number(row["n_peaks"], 1), number(100 * row["holds_at_once"], 0))
-                )  # fmt: skip
-    headings = (Markup("&nbsp;"), "class", "grasps", "above half the peak (mm)", "plateau (mm)",
-                "slope of it (% of peak / mm)", "peaks", "no push before (%)")  # fmt: skip
-    return table(headings, rows, numeric=(2, 3, 4, 5, 6, 7))
+    letters = {name: group.letter for group in GROUPS for name in group.classes}
+    rows = sorted((r for r in features.rows if r["object_class"] in letters), key=lambda r: letters[r["object_class"]])
+    columns_of: dict[str, Column] = {
+        "group": lambda row: letters[row["object_class"]],
+        "class": "object_class",
+        "grasps": ("n_grasps", 0),
+        "above half the peak (mm)": ("half_peak_lift_mm", 1),
+        "plateau (mm)": ("hold_mm", 1),
+        "slope of it (% of peak / mm)": ("percent_per_mm", 1),
+        "peaks": ("n_peaks", 1),
+        "no push before (%)": ("percent_at_once", 0),
+    }
+    return record_table(rows, columns_of)
 
 
-def early_loss(content: Content, folder: Folder) -> tuple[Markup, list[Result]]:
+def write_early_loss(content: Content, folder: Folder) -> tuple[Markup, list[Result]]:
     """Fig. 5g: the shortest hold among stably grasped objects, between the other tools of its batch; and the next."""
     losses = content.result("early_losses", queries.EARLY_LOSSES)
     if not losses.rows:
@@ -182,8 +189,8 @@ def early_loss(content: Content, folder: Folder) -> tuple[Markup, list[Result]]:
         step=queries.TRACE_STEP_MM,
     )  # fmt: skip
     label = tool_label(worst["batch"], worst["slot"])
-    curves = {slot: curve for (slot,), curve in curves_by(traces.rows, "slot").items()}
-    figure = loss_figure(curves, worst["slot"], label)
+    curves = {slot: curve for (slot,), curve in gather_curves(traces.rows, "slot").items()}
+    figure = draw_loss(curves, worst["slot"], label)
     said = (
         f"{label} on the {worst['object_name']} ({worst['object_id']}): above half its peak for "
         f"{number(worst['held_mm'], 1, 'mm')}, where the middle tool of the campaign holds for "
@@ -191,12 +198,9 @@ def early_loss(content: Content, folder: Folder) -> tuple[Markup, list[Result]]:
         "twists or slips off; fast view shows the grasp."
     )
     short = [r for r in rows if r["part"] <= SHORT][:N_ROWS]
-    listed = table(
-        ("tool", "object", "held (mm)", "middle tool (mm)", "part (%)"),
-        [(tool_label(r["batch"], r["slot"]), f"{r['object_name']} ({r['object_id']})", number(r["held_mm"], 1),
-          number(r["median_mm"], 1), number(100 * r["part"], 0)) for r in short],
-        numeric=(2, 3, 4),
-    )  # fmt: skip
+    listed = record_table(
+        short, _WHICH | {"held (mm)": ("held_mm", 1), "middle tool (mm)": ("median_mm", 1), "part": ("part", 2)}
+    )
     shown = folder.figure("early_loss", figure, f"Force over lift of {label} and the others of its batch")
     return columns(shown, paragraph(said) + listed), [losses, traces]
 
@@ -206,19 +210,17 @@ def list_flagged_grasps(content: Content) -> tuple[Markup, Result]:
     result = content.result("anomalies", queries.ANOMALIES)
     if not result.rows:
         return paragraph(Markup("<code>fast features</code> has flagged no grasp of this campaign.")), result
-    rows = [
-        (r["kind"].replace("_", " "), tool_label(r["batch"], r["slot"]), f"{r['object_name']} ({r['object_id']})",
-         r["repeat"], f"{r['p_value']:.1g}", r["reason"])
-        for r in result.rows[:N_FLAGS]
-    ]  # fmt: skip
-    more = len(result.rows) - len(rows)
+    kind: dict[str, Column] = {"flag": lambda row: row["kind"].replace("_", " ")}
+    shown = record_table(
+        result.rows[:N_FLAGS],
+        kind | _WHICH | {"repeat": ("repeat", 0), "p": lambda row: f"{row['p_value']:.1g}", "why": "reason"},
+    )
+    more = len(result.rows) - N_FLAGS
     under = paragraph(f"{more} more are in data/anomalies.csv.", "note") if more > 0 else ""
-    headings = ("flag", "tool", "object", "repeat", "p", "why")
-    shown = table(headings, rows, numeric=(3, 4))
     return Markup(f'<div class="words">{shown}</div>{under}'), result
 
 
-def loss_figure(curves: Mapping[int, Curve], slot: int, label: str) -> Figure:
+def draw_loss(curves: Mapping[int, Curve], slot: int, label: str) -> Figure:
     """One tool's force over lift before those of the others of its batch."""
     figure, axes = new_axes(height_in=2.6)
     for other, curve in curves.items():

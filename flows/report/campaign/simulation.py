@@ -1,22 +1,27 @@
 """What the simulator says of the measured grasps: Fig. 2b, closure and pull-up; Fig. 3a, simulated against measured."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from matplotlib.figure import Figure
+
 from flows.report.campaign.content import Content
-from flows.report.campaign.facts import Tool, measure_agreement, pair_designs, pair_objects
-from flows.report.campaign.figures import agreement_figure
-from flows.report.campaign.grasp import Stage, instant_figure
+from flows.report.campaign.facts import Agreement, Tool, average_objects, measure_agreement
+from flows.report.campaign.grasp import Stage, draw_instant
 from flows.report.folder import Folder
 from flows.report.grasp_frames import five_instants, simulate_again
 from flows.report.html import Markup, columns, number, paragraph, section, text
+from flows.report.style import BEST, FIRST, SIMULATED, WIDTH_IN, new_axes
 from lake.tables.campaign import GraspRow
 from models.errors import UsageError
 from models.objects.catalogue import RigidObject, get_object
 from models.records import GraspSetup
 
+DENSE_PAIRS = 400
 
-def moments_section(content: Content, folder: Folder) -> Markup:
+
+def write_moments(content: Content, folder: Folder) -> Markup:
     """The best tool on the object that it holds best, at five instants; empty before the first measurement."""
     title = "A grasp: closure and pull-up"
     best, row = content.best, _find_best_held(content)
@@ -34,7 +39,7 @@ def moments_section(content: Content, folder: Folder) -> Markup:
     shown = "".join(
         folder.figure(
             f"moments/{place}",
-            instant_figure(stage, place, instant),
+            draw_instant(stage, place, instant),
             f"{best.label} on {obj.name}, {instant.name}: both fingers from the side",
         )
         for place, instant in enumerate(instants, start=1)
@@ -79,7 +84,7 @@ def _find_setup(content: Content, tool: Tool, object_id: int) -> GraspSetup:
     return GraspSetup.model_validate_json(grasps[-1].setup_json)
 
 
-def agreement_section(content: Content, folder: Folder) -> Markup:
+def write_agreement(content: Content, folder: Folder) -> Markup:
     """Simulated against measured, per design and per design and object."""
     title = "Simulated against measured"
     if not content.compared:
@@ -89,26 +94,57 @@ def agreement_section(content: Content, folder: Folder) -> Markup:
     parts: list[str] = []
     rows = {row["version_id"]: row for row in content.versions.rows}
     for place, version_id in enumerate(content.compared):
-        pairs = pair_objects(content.pairs.rows, version_id)
-        designs = pair_designs(pairs)
-        by_design, by_object = measure_agreement(designs), measure_agreement(pairs)
+        pairs = [row for row in content.pairs.rows if row["version_id"] == version_id]
+        designs = draw_agreement(average_objects(pairs), "mean over objects")
         suffix = "" if place == 0 else "_latest"
         when = "" if len(content.compared) == 1 else ("Oldest version: " if place == 0 else "Newest version: ")
         parts.append(paragraph(Markup(f"<b>{when}{text(_describe_version(rows[version_id]))}</b>")))
         parts.append(
             columns(
-                folder.figure(f"agreement_designs{suffix}", agreement_figure(designs, by_design, "mean over objects"),
+                folder.figure(f"agreement_designs{suffix}", designs,
                               "Simulated against measured, per design", "One mark per tool, mean over its objects."),
-                folder.figure(f"agreement_grasps{suffix}", agreement_figure(pairs, by_object, "per object"),
+                folder.figure(f"agreement_grasps{suffix}", draw_agreement(pairs, "per object"),
                               "Simulated against measured, per tool and object", "One mark per tool and object."),
             )
         )  # fmt: skip
     words = paragraph(
         "On the dashed line simulation and bench agree. r is Pearson's correlation, rank is Spearman's; the mean error "
-        "is simulated minus measured. A shifted or tilted cloud is absorbed by the surrogate (its scale rho and its "
-        "discrepancy, Eq. 1); scatter around it is not."
+        "is simulated minus measured. A cloud that is shifted or tilted does no harm: the surrogate, which predicts "
+        "the quality of tools, multiplies simulations by a scale, rho, and adds a discrepancy that it learns from "
+        "measurements (Eq. 1 of the paper: measured = rho times simulated, plus discrepancy). Scatter it cannot mend."
     )  # fmt: skip
     return section("agreement", title, words, *parts, folder.sources(content.pairs, content.versions))
+
+
+def draw_agreement(pairs: Sequence[Mapping[str, Any]], what: str) -> Figure:
+    """Simulated against measured peak pull-off force with the line of equality; `what` names a point."""
+    simulated = np.array([p["simulated_n"] for p in pairs])
+    measured = np.array([p["measured_n"] for p in pairs])
+    figure, axes = new_axes(WIDTH_IN, 4.2, grid="both")
+    is_dense = len(pairs) > DENSE_PAIRS
+    is_first = np.array([p["batch"] for p in pairs]) == min(p["batch"] for p in pairs)
+    for mask, colour, marker, label in ((is_first, FIRST, "o", "first batch"), (~is_first, BEST, "D", "later batches")):
+        axes.plot(
+            simulated[mask], measured[mask], marker, color=colour, markersize=2.2 if is_dense else 4.6,
+            alpha=0.35 if is_dense else 0.85, markeredgewidth=0, rasterized=is_dense,
+            label=label if mask.any() else None,
+        )  # fmt: skip
+    top = 1.06 * max(simulated.max(), measured.max(), 1e-3)
+    low = min(0.0, simulated.min(), measured.min())
+    axes.plot([low, top], [low, top], color=SIMULATED, linewidth=1.2, linestyle=(0, (4, 2)), label="equal")
+    axes.set_xlim(low, top)
+    axes.set_ylim(low, top)
+    axes.set_aspect("equal")
+    axes.set_xlabel(f"simulated peak pull-off force (N), {what}")
+    axes.set_ylabel("measured (N)")
+    axes.set_title(_statistics(measure_agreement(pairs)), loc="left", fontsize=8.5, linespacing=1.35)
+    axes.legend(loc="lower right", handletextpad=0.4)
+    return figure
+
+
+def _statistics(stated: Agreement) -> str:
+    correlations = f", r = {stated.pearson:.2f}, rank {stated.spearman:.2f}" if np.isfinite(stated.pearson) else ""
+    return f"n = {stated.n}{correlations}\nRMSE {stated.rmse_n:.2f} N, mean error {stated.bias_n:+.2f} N"
 
 
 def _describe_version(row: Mapping[str, Any]) -> str:

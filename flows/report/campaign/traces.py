@@ -42,7 +42,7 @@ class Curve:
     force_n: np.ndarray
 
 
-def curves_by(rows: Sequence[Mapping[str, Any]], *keys: str) -> dict[tuple[Any, ...], Curve]:
+def gather_curves(rows: Sequence[Mapping[str, Any]], *keys: str) -> dict[tuple[Any, ...], Curve]:
     """Curves by the values of these columns, from rows ordered by lift."""
     points: dict[tuple[Any, ...], list[tuple[float, float]]] = defaultdict(list)
     for row in rows:
@@ -84,25 +84,21 @@ class Window:
             axes.set_xlabel("lift (mm)", fontsize=8, labelpad=1)
 
 
-def object_panel(kind: str, object_id: int, name: str | None, figure: Figure, folder: Folder) -> str:
-    """A figure under the picture, name and number of its object; `kind` names the folder of the figures."""
+def write_panel(kind: str, object_id: int, name: str | None, figure: Figure, folder: Folder, over: str = "") -> str:
+    """A figure under the picture, name and number of its object; `kind` names the folder, `over` stands above."""
     label = name or "object"
     shown = folder.figure(f"{kind}/object_{object_id:02d}", figure, f"Force over lift, {label}")
-    title = f"{_object_image(object_id, folder)}<span>{text(label)} <i>{object_id}</i></span>"
-    return f'<div class="panel"><h3>{title}</h3>{shown}</div>'
-
-
-def _object_image(object_id: int, folder: Folder) -> Markup:
-    """The picture of an object; empty for one that the catalogue does not have."""
     try:
         address = folder.image(f"objects/object_{object_id:02d}", object_picture(object_id))
+        image = f'<img src="{address}" alt="">'
     except UsageError as error:
         _LOG.info("object %d is drawn without its picture: %s", object_id, error)
-        return Markup("")
-    return Markup(f'<img src="{address}" alt="">')
+        image = ""
+    title = f"{image}<span>{text(label)} <i>{object_id}</i></span>"
+    return f'<div class="panel">{paragraph(over, "note") if over else ""}<h3>{title}</h3>{shown}</div>'
 
 
-def traces_section(content: Content, folder: Folder) -> Markup:
+def write_traces(content: Content, folder: Folder) -> Markup:
     """All tools of two batches on every object, the best tool also as simulated."""
     title = "Force during the lift, object by object"
     best = content.best
@@ -111,7 +107,7 @@ def traces_section(content: Content, folder: Folder) -> Markup:
     first, last = content.first[0].batch, content.last[0].batch
     values: dict[str, str | float] = {"first": first, "last": last, "best": best.tool_id, "step": STEP_MM}
     measured = content.result("traces", queries.BATCH_TRACES, **values)
-    curves = curves_by(measured.rows, "object_id", "batch", "slot")
+    curves = gather_curves(measured.rows, "object_id", "batch", "slot")
     if not curves:
         return section("traces", title, paragraph(NO_TRACES), folder.sources(measured))
     shown, simulated = [measured], {}
@@ -122,7 +118,7 @@ def traces_section(content: Content, folder: Folder) -> Markup:
             "simulated_traces", queries.SIMULATED_TRACES, design=best.design_id, version=version, setup=setup
         )
         shown.append(result)
-        simulated = {object_id: curve for (object_id,), curve in curves_by(result.rows, "object_id").items()}
+        simulated = {object_id: curve for (object_id,), curve in gather_curves(result.rows, "object_id").items()}
     panels = BatchPanels(
         sorted({first, last}), best, content.tools, Window.of(list(curves.values()), list(simulated.values()))
     )
@@ -131,7 +127,7 @@ def traces_section(content: Content, folder: Folder) -> Markup:
     for object_id in sorted({key[0] for key in curves}):
         lines = {(batch, slot): curve for (of, batch, slot), curve in curves.items() if of == object_id}
         figure = panels.draw(lines, simulated.get(object_id))
-        cells.append(object_panel("traces", object_id, names.get(object_id), figure, folder))
+        cells.append(write_panel("traces", object_id, names.get(object_id), figure, folder))
     batches = (
         f"left the tools of B{first:02d}, right those of B{last:02d}" if first != last else f"tools of B{first:02d}"
     )
@@ -190,11 +186,8 @@ def describe_specialists(rows: Sequence[Mapping[str, Any]], batches: tuple[int, 
     """In words: how many tools of a batch are the strongest on at least one object."""
     told = []
     for batch in sorted(set(batches)):
-        peaks: dict[int, dict[int, float]] = defaultdict(dict)
-        for row in rows:
-            if row["batch"] == batch:
-                peaks[row["object_id"]][row["slot"]] = row["peak_force_n"]
-        tools = {slot for slots in peaks.values() for slot in slots}
-        winners = {max(slots, key=lambda slot: slots[slot]) for slots in peaks.values() if slots}
-        told.append(f"In B{batch:02d}, {len(winners)} of {len(tools)} tools are the strongest on at least one object.")
+        own = sorted((row for row in rows if row["batch"] == batch), key=lambda row: row["peak_force_n"])
+        strongest = {row["object_id"]: row["slot"] for row in own}  # the last of each object stays
+        n_winners, n_tools = len(set(strongest.values())), len({row["slot"] for row in own})
+        told.append(f"In B{batch:02d}, {n_winners} of {n_tools} tools are the strongest on at least one object.")
     return " ".join(told)

@@ -1,17 +1,22 @@
 """Fig. 2c: work to break a grasp, the tools of the first batch against those of the last, object by object."""
 
-from typing import NamedTuple
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from flows.report.campaign.content import NOT_MEASURED, Content
-from flows.report.campaign.figures import work_figure
 from flows.report.folder import Folder
 from flows.report.html import Markup, columns, count, number, paragraph, section, table
+from flows.report.style import BEST, FIRST, MUTED, WIDTH_IN, new_axes
 from models.traces.quality import Interval, difference_of_tools, mean_of_tools
 
 TITLE = "Grasp work by object"
 N_EXTREMES = 6
+ROW_IN = 0.2
 
 
 class WorkChange(NamedTuple):
@@ -24,12 +29,12 @@ class WorkChange(NamedTuple):
     change: Interval
 
 
-def work_section(content: Content, folder: Folder) -> Markup:
+def write_work(content: Content, folder: Folder) -> Markup:
     """Distributions per object, and what changed from the first batch to the last."""
     if not content.first:
         return section("work", TITLE, paragraph(NOT_MEASURED))
     first, last = content.first[0].batch, content.last[0].batch
-    shown = folder.figure("work_by_object", work_figure(content.work.rows, first, last), "Work per object")
+    shown = folder.figure("work_by_object", draw_work(content.work.rows, first, last), "Work per object")
     words = paragraph(
         "Fig. 2c of the paper. The area under force over lift, in joule, is the work that it takes to break a grasp: a "
         "grasp that holds long counts for more than one that is strong for a moment. Each dot is a tool, each bar the "
@@ -45,14 +50,50 @@ def work_section(content: Content, folder: Folder) -> Markup:
 def compare_work(content: Content, first: int, last: int) -> list[WorkChange]:
     """Changes on the objects that tools of both batches have met, the largest first."""
     found = []
-    for object_id in sorted({row["object_id"] for row in content.work.rows}):
-        rows = [r for r in content.work.rows if r["object_id"] == object_id and r["work_j"] is not None]
-        before, after = (np.array([r["work_j"] for r in rows if r["batch"] == batch]) for batch in (first, last))
-        if before.size and after.size:
+    for (object_id, name), works in sorted(group_work(content.work.rows).items()):
+        if works[first] and works[last]:
+            before, after = np.array(works[first]), np.array(works[last])
             change = difference_of_tools(before, after)
-            name = rows[0]["object_name"] or "object"
             found.append(WorkChange(object_id, name, mean_of_tools(before), mean_of_tools(after), change))
     return sorted(found, key=lambda row: -row.change.mean)
+
+
+def group_work(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[int, str], dict[int, list[float]]]:
+    """Work of the tools of each batch, in J, by number and name of the object."""
+    found: dict[tuple[int, str], dict[int, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for row in rows:
+        if row["work_j"] is not None:
+            found[row["object_id"], row["object_name"] or "object"][row["batch"]].append(row["work_j"])
+    return found
+
+
+def draw_work(rows: Sequence[Mapping[str, Any]], first: int, last: int) -> Figure:
+    """Work to break the grasp, per object: tools of the first batch over those of the last one, sorted by the last."""
+    works = group_work(rows)
+    order = sorted(works, key=lambda o: float(np.median(works[o][last] or works[o][first] or [0.0])))
+    figure, axes = new_axes(WIDTH_IN, 0.9 + ROW_IN * len(order), grid="both")
+    groups = [(first, FIRST, "o", 0.16), (last, BEST, "D", -0.16)] if first != last else [(first, FIRST, "o", 0.0)]
+    for place, obj in enumerate(order):
+        for batch, colour, marker, shift in groups:
+            _work_row(axes, np.array(works[obj][batch]), place + shift, colour, marker)
+    for batch, colour, marker, _ in groups:
+        axes.plot([], [], marker=marker, color=colour, markersize=4, linestyle="", label=f"batch B{batch:02d}")
+    axes.axvline(0, color=MUTED, linewidth=0.8)
+    axes.set_yticks(range(len(order)), [f"{name}  {object_id:>2d}" for object_id, name in order], fontsize=7.8)
+    axes.set_ylim(-0.6, len(order) - 0.4)
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlabel("work to break the grasp (J), mean over repeats")
+    axes.legend(loc="lower right", handletextpad=0.2)
+    return figure
+
+
+def _work_row(axes: Axes, values: np.ndarray, height: float, colour: str, marker: str) -> None:
+    """Dots of the tools on a line from the least to the most, and the median as a bar."""
+    if not values.size:
+        return
+    axes.hlines(height, values.min(), values.max(), color=colour, linewidth=1.0, alpha=0.5)
+    axes.plot(values, np.full(values.size, height), marker, color=colour, markersize=2.6, alpha=0.7, markeredgewidth=0)
+    axes.vlines(np.median(values), height - 0.17, height + 0.17, color=colour, linewidth=2.0)
 
 
 def _changes_table(changes: list[WorkChange], first: int, last: int) -> Markup:

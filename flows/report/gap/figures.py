@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.stats import binned_statistic_2d
 
 from flows.report.gap.answer import describe_effect, describe_probability
 from flows.report.style import BEST, FAINT, FIRST, INK, MUTED, SIMULATED, WIDTH_IN, new_axes
@@ -24,7 +25,7 @@ _FEWEST_NAMES, _MOST_NAMES = 4, 8
 _LEAST_SHARE = 2.0  # per cent that the colours of a map always span
 
 
-def error_figure(evaluation: Evaluation) -> Figure:
+def draw_errors(evaluation: Evaluation) -> Figure:
     """Bars of the held-out error: before, after, what peers without a name reach, and the floor as a line."""
     labels = [p.label for p in evaluation.predictions]
     values = [evaluation.of(label).rmse_n for label in labels]
@@ -45,7 +46,7 @@ def error_figure(evaluation: Evaluation) -> Figure:
     return figure
 
 
-def map_figure(residuals: Residuals, phase: str) -> Figure:
+def draw_map(residuals: Residuals, phase: str) -> Figure:
     """Tools by objects: how much force is missing in a phase, in per cent of the predicted peak."""
     table, tools, objects = _table(residuals, PHASES.index(phase))
     rows, columns = _by_mean(table)
@@ -70,10 +71,8 @@ def _table(residuals: Residuals, place: int) -> tuple[np.ndarray, list[str], lis
     t, o = len(residuals.tools), len(residuals.objects)
     u = residuals.relative[:, place]
     is_there = np.isfinite(u)
-    cell = residuals.tool[is_there] * o + residuals.obj[is_there]
-    counts = np.bincount(cell, minlength=t * o)
-    table = np.where(counts > 0, np.bincount(cell, u[is_there], minlength=t * o) / np.maximum(counts, 1), np.nan)
-    table = table.reshape(t, o)
+    places, bins = (residuals.tool[is_there], residuals.obj[is_there]), (np.arange(t + 1), np.arange(o + 1))
+    table = binned_statistic_2d(*places, u[is_there], "mean", bins).statistic
     rows, columns = (np.flatnonzero(np.isfinite(table).any(axis=axis)) for axis in (1, 0))
     names = [residuals.tools[r] for r in rows], [residuals.objects[c] for c in columns]
     return table[np.ix_(rows, columns)], *names
@@ -84,7 +83,7 @@ def _by_mean(table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.argsort(np.nanmean(table, axis=1)), np.argsort(np.nanmean(table, axis=0))
 
 
-def components_figure(components: Sequence[PhaseComponents]) -> Figure:
+def draw_components(components: Sequence[PhaseComponents]) -> Figure:
     """What the squares of the gap go with, phase by phase, as bars of root mean squares."""
     figure, axes = new_axes(WIDTH_IN, 1.5 + 0.36 * len(components), grid="x")
     places = np.arange(len(components))
@@ -107,7 +106,7 @@ def components_figure(components: Sequence[PhaseComponents]) -> Figure:
     return figure
 
 
-def names_figure(candidates: Sequence[Candidate], named: Decision) -> Figure:
+def draw_names(candidates: Sequence[Candidate], named: Decision) -> Figure:
     """Probabilities of names, the answer's in blue; `none` and `unknown` are among them."""
     ranked = sorted(candidates, key=lambda c: -c.probability)
     n_likely = sum(c.probability >= 0.005 or c.effect in named.effects for c in ranked)
@@ -127,7 +126,7 @@ def names_figure(candidates: Sequence[Candidate], named: Decision) -> Figure:
     return figure
 
 
-def separability_figure(separability: Separability) -> Figure:
+def draw_separability(separability: Separability) -> Figure:
     """Which effects these designs and objects could tell apart: dark is sure, white is not at all."""
     n = len(separability.effects)
     apart = np.minimum(separability.nats, separability.nats.T)
@@ -146,7 +145,7 @@ def separability_figure(separability: Separability) -> Figure:
     return figure
 
 
-def trace_figure(evaluation: Evaluation, rows: Sequence[int], title: str) -> Figure:
+def draw_trace(evaluation: Evaluation, rows: Sequence[int], title: str) -> Figure:
     """One held-out tool on one object: measured repeats, and the simulator before and after with its 90 % interval."""
     figure, axes = new_axes(WIDTH_IN, 2.5, grid="both")
     by_label = {p.label: p for p in evaluation.predictions}
@@ -171,7 +170,7 @@ def trace_figure(evaluation: Evaluation, rows: Sequence[int], title: str) -> Fig
     return figure
 
 
-def class_figure(evaluation: Evaluation) -> Figure:
+def draw_classes(evaluation: Evaluation) -> Figure:
     """Held-out error by class of the object, before and after."""
     before, after = evaluation.by_class[BEFORE], evaluation.by_class[AFTER]
     names = sorted(before, key=lambda name: before[name])
@@ -188,7 +187,13 @@ def class_figure(evaluation: Evaluation) -> Figure:
     return figure
 
 
-def chosen_cells(evaluation: Evaluation, n: int = 6) -> list[list[int]]:
+def name_cell(evaluation: Evaluation, row: int) -> str:
+    """Tool and object of a held-out grasp."""
+    held_out = evaluation.held_out
+    return f"{held_out.tools[held_out.tool[row]]} on the {get_object(held_out.objects[held_out.obj[row]]).name}"
+
+
+def choose_cells(evaluation: Evaluation, n: int = 6) -> list[list[int]]:
     """Rows of n held-out cells to show: of other objects and tools in turn, from the middle of the errors before."""
     held_out = evaluation.held_out
     before = next(p for p in evaluation.predictions if p.label == BEFORE)

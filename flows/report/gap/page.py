@@ -4,13 +4,12 @@ It is written from the answer (`Findings`) and, as far as it is there, from what
 `findings.json`, the same for machines.
 """
 
-import logging
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from flows.report.folder import Folder
+from flows.report.folder import Folder, write_page
 from flows.report.gap.answer import (
     OLD,
     GapPage,
@@ -22,25 +21,36 @@ from flows.report.gap.answer import (
     shorten_answer,
 )
 from flows.report.gap.figures import (
-    chosen_cells,
-    class_figure,
-    components_figure,
-    error_figure,
-    map_figure,
-    names_figure,
-    separability_figure,
-    trace_figure,
+    choose_cells,
+    draw_classes,
+    draw_components,
+    draw_errors,
+    draw_map,
+    draw_names,
+    draw_separability,
+    draw_trace,
+    name_cell,
 )
-from flows.report.html import Markup, columns, number, page, paragraph, section, table, text, tiles
-from flows.report.style import figure_style
+from flows.report.html import (
+    Column,
+    Markup,
+    Page,
+    columns,
+    folded,
+    number,
+    paragraph,
+    record_table,
+    section,
+    table,
+    text,
+    tiles,
+)
 from models.gap.evaluation.evaluate import Evaluation
 from models.gap.findings import Decision, Findings, RoundFindings
 from models.gap.where.permutation_tests import Q
 from models.gap.where.residuals import PHASES
-from models.objects.catalogue import get_object
-from models.units import unit_of
+from models.units import spell_name
 
-_LOG = logging.getLogger(__name__)
 PAGE, FINDINGS = "report.html", "findings.json"
 
 NAV = {
@@ -80,17 +90,16 @@ def write_gap_report(content: GapPage, out: Path, name: str, of: str = "") -> Pa
         UsageError: the folder cannot be written.
     """
     folder = Folder(Path(out))
-    with figure_style():
-        parts = (where_section, name_section, show_section, theta_section, next_section, assumed_section)
-        body = "".join(build(content, folder) for build in parts)
-        top = headline(content)
     write_findings(content.findings, folder.root)
-    footer = text(f"Gap search {name}. Units: mm, N, MPa. For machines: {FINDINGS}.")
-    path = folder.root / PAGE
-    document = page("What the simulator misses", of or f"FAST gap search {name}", top, NAV, body, footer)
-    path.write_text(document, encoding="utf-8")
-    _LOG.info("page of gap search %s written to %s", name, path)
-    return path
+    page = Page(
+        title="What the simulator misses",
+        kicker=of or f"FAST gap search {name}",
+        footer=f"Gap search {name}. Units: mm, N, MPa. For machines: {FINDINGS}.",
+        nav=NAV,
+        file=PAGE,
+    )
+    sections = (write_where, write_name, write_show, write_theta, write_next, write_assumed)
+    return write_page(folder, content, page, headline, sections)
 
 
 def headline(content: GapPage) -> Markup:
@@ -115,7 +124,7 @@ def headline(content: GapPage) -> Markup:
     return Markup(paragraph(describe_answer(findings), "lead") + tiles(shown) + warnings)
 
 
-def where_section(content: GapPage, folder: Folder) -> Markup:
+def write_where(content: GapPage, folder: Folder) -> Markup:
     """Sentences, the map of the phase that they are about, and what the gap goes with."""
     rounds = content.findings.rounds
     parts = [_sentences(found, place, len(rounds)) for place, found in enumerate(rounds)]
@@ -125,7 +134,7 @@ def where_section(content: GapPage, folder: Folder) -> Markup:
         phases = [phase for phase in PHASES if phase == lead or any(s.phase == phase for s in where.components)]
         maps = {
             phase: folder.figure(
-                f"gap_map_{phase}", map_figure(content.residuals, phase), f"Gap by tool, object: {phase}"
+                f"gap_map_{phase}", draw_map(content.residuals, phase), f"Gap by tool, object: {phase}"
             )
             for phase in phases
         }
@@ -134,17 +143,16 @@ def where_section(content: GapPage, folder: Folder) -> Markup:
             "so that what belongs together lies together. A gap that is one colour per column is a print, not physics.",
             "note",
         )
-        shares = folder.figure("gap_shares", components_figure(where.components), "What the gap goes with")
+        shares = folder.figure("gap_shares", draw_components(where.components), "What the gap goes with")
         clues = [t.sentence for t in where.trends if t.is_clue]
         parts.append(columns(maps[lead] + note, shares + _components_note() + _clues(clues)))
         others = "".join(picture for phase, picture in maps.items() if phase != lead)
-        folded = f'<summary>Maps of the other phases</summary><div class="two">{others}</div>'
-        parts.append(Markup(f"<details>{folded}</details>"))
+        parts.append(folded("Maps of the other phases", f'<div class="two">{others}</div>'))
         parts.append(_components_table(content, folder))
     return section("where", "Where they disagree", *parts)
 
 
-def name_section(content: GapPage, folder: Folder) -> Markup:
+def write_name(content: GapPage, folder: Folder) -> Markup:
     """Probabilities of names round by round, parameters, and what could not be told apart."""
     rounds = content.findings.rounds
     parts: list[str] = []
@@ -155,7 +163,7 @@ def name_section(content: GapPage, folder: Folder) -> Markup:
             else describe_decision(found.named)
         )
         figure = folder.figure(
-            f"gap_names_{place + 1}", names_figure(found.candidates, found.named), "Probabilities of names"
+            f"gap_names_{place + 1}", draw_names(found.candidates, found.named), "Probabilities of names"
         )
         told = Markup(f"<h3>{text(title)}</h3>") + paragraph(found.named.sentence) + _parameters(found.named)
         if note := describe_reserve(found):
@@ -166,7 +174,7 @@ def name_section(content: GapPage, folder: Folder) -> Markup:
         parts.append(columns(Markup(told + (paragraph(dropped) if dropped else "")), figure))
     if content.separability is not None and len(content.separability.effects) > 1:
         figure = folder.figure(
-            "gap_isolability", separability_figure(content.separability), "Which effects could be told apart"
+            "gap_isolability", draw_separability(content.separability), "Which effects could be told apart"
         )
         note = paragraph(
             "What these designs, objects and repeats could tell apart at all, computed before looking at the gap: each "
@@ -178,18 +186,18 @@ def name_section(content: GapPage, folder: Folder) -> Markup:
     return section("name", "What is missing", *parts)
 
 
-def show_section(content: GapPage, folder: Folder) -> Markup:
+def write_show(content: GapPage, folder: Folder) -> Markup:
     """Errors beside peers and floor, held-out traces, classes of objects, and all metrics."""
     evaluation = content.evaluation
     if evaluation is None:
         return section("show", "Before and after", paragraph(OLD))
-    errors = folder.figure("gap_errors", error_figure(evaluation), "Held-out errors")
+    errors = folder.figure("gap_errors", draw_errors(evaluation), "Held-out errors")
     note = paragraph(
         "Designs and objects that were put aside before the search. Gaussian process and black box learn the same "
         "residual without a name for it. The floor is what repeats scatter, or what a finer mesh changes.", "note",
     )  # fmt: skip
-    classes = folder.figure("gap_classes", class_figure(evaluation), "Held-out error by class of object")
-    panels = [_trace(evaluation, rows, place, folder) for place, rows in enumerate(chosen_cells(evaluation))]
+    classes = folder.figure("gap_classes", draw_classes(evaluation), "Held-out error by class of object")
+    panels = [_trace(evaluation, rows, place, folder) for place, rows in enumerate(choose_cells(evaluation))]
     pairs = [columns(*panels[i : i + 2]) for i in range(0, len(panels), 2)]
     return section(
         "show",
@@ -202,7 +210,7 @@ def show_section(content: GapPage, folder: Folder) -> Markup:
     )
 
 
-def next_section(content: GapPage, folder: Folder) -> Markup:
+def write_next(content: GapPage, folder: Folder) -> Markup:
     """The experiment that separates a set, and aliases with what would tell."""
     findings = content.findings
     asked = findings.next_experiment
@@ -213,17 +221,17 @@ def next_section(content: GapPage, folder: Folder) -> Markup:
         else paragraph("Nothing is left ambiguous that an experiment of the bench would separate.")
     )
     rows = [(describe_effect(a.effect), a.of, a.experiment) for a in findings.aliases]
-    wrapped = [tuple(Markup(f'<span style="white-space:normal">{text(cell)}</span>') for cell in row) for row in rows]
+    listed = table(("effect", "cannot be told from", "what would tell"), rows)
     return section(
         "next",
         "What to measure next",
         told,
         Markup("<h3>What these data cannot tell from something else</h3>"),
-        table(("effect", "cannot be told from", "what would tell"), wrapped),
+        f'<div class="words">{listed}</div>',
     )
 
 
-def assumed_section(content: GapPage, folder: Folder) -> Markup:
+def write_assumed(content: GapPage, folder: Folder) -> Markup:
     """What the answer rests on, and what it cost."""
     findings = content.findings
     budget = [
@@ -246,7 +254,7 @@ def assumed_section(content: GapPage, folder: Folder) -> Markup:
     )
 
 
-def theta_section(content: GapPage, folder: Folder) -> Markup:
+def write_theta(content: GapPage, folder: Folder) -> Markup:
     """Whether the constants moved towards what other instruments say."""
     is_known = any(row.independent is not None for row in content.theta)
     headings = ("constant", "before", "with what was named", "tensile bars of the paper", "")[: 5 if is_known else 3]
@@ -310,10 +318,10 @@ def _components_table(content: GapPage, folder: Folder) -> Markup:
 
 def _parameters(named: Decision) -> Markup:
     rows = [
-        (name.replace("_", " "), f"{p.median:.3g}", f"{p.ci90[0]:.3g} to {p.ci90[1]:.3g}", unit_of(name) or "")
+        (spell_name(name, with_unit=True), f"{p.median:.3g}", f"{p.ci90[0]:.3g} to {p.ci90[1]:.3g}")
         for name, p in named.parameters.items()
     ]
-    return table(("parameter", "median", "90 % interval", "unit"), rows, (1,)) if rows else Markup("")
+    return table(("parameter", "median", "90 % interval"), rows, (1,)) if rows else Markup("")
 
 
 def _candidates(rounds: tuple[RoundFindings, ...], folder: Folder) -> Markup:
@@ -326,33 +334,35 @@ def _candidates(rounds: tuple[RoundFindings, ...], folder: Folder) -> Markup:
 def _trace(evaluation: Evaluation, rows: list[int], place: int, folder: Folder) -> Markup:
     held_out = evaluation.held_out
     row = rows[0]
-    obj = get_object(held_out.objects[held_out.obj[row]])
     fresh = [
         word
         for word, is_new in (("design", held_out.is_new_tool[row]), ("object", held_out.is_new_object[row]))
         if is_new
     ]
-    title = f"{held_out.tools[held_out.tool[row]]} on the {obj.name} (new {' and '.join(fresh)})"
-    return folder.figure(f"gap_trace_{place + 1}", trace_figure(evaluation, rows, title), title)
+    title = f"{name_cell(evaluation, row)} (new {' and '.join(fresh)})"
+    return folder.figure(f"gap_trace_{place + 1}", draw_trace(evaluation, rows, title), title)
 
 
 def _metrics(evaluation: Evaluation, folder: Folder) -> Markup:
-    headings = ("model", "of", "RMSE (N)", "peak bias (%)", "peak MAE (N)", "rank, designs", "rank, per object",
-                "work (J)", "in 90 %", "width (N)")  # fmt: skip
-    rows = [
-        (m.label, m.block, number(m.rmse_n, 2), number(100 * m.peak_bias_share, 1), number(m.peak_mae_n, 2),
-         number(m.rank_by_design, 2), number(m.rank_by_object, 2), number(m.work_error_j, 3), number(m.coverage_90, 2),
-         number(m.width_90_n, 2))
-        for m in evaluation.metrics
-    ]  # fmt: skip
+    rows = [m.model_dump() for m in evaluation.metrics]
+    columns_of: dict[str, Column] = {
+        "model": "label",
+        "of": "block",
+        "RMSE (N)": ("rmse_n", 2),
+        "peak bias (%)": lambda row: number(100 * row["peak_bias_share"], 1),
+        "peak MAE (N)": ("peak_mae_n", 2),
+        "rank, designs": ("rank_by_design", 2),
+        "rank, per object": ("rank_by_object", 2),
+        "work (J)": ("work_error_j", 3),
+        "in 90 %": ("coverage_90", 2),
+        "width (N)": ("width_90_n", 2),
+    }
     note = paragraph(
         "Bias: measured less simulated. Rank: Spearman, of mean peaks over designs, and over designs within an object.",
         "note",
     )
-    folded = Markup(
-        f"<details><summary>All figures of merit</summary>{table(headings, rows, range(2, 10))}{note}</details>"
-    )
-    return Markup(folded + folder.numbers("gap_metrics", [m.model_dump() for m in evaluation.metrics]))
+    shown = folded("All figures of merit", record_table(rows, columns_of) + note)
+    return Markup(shown + folder.numbers("gap_metrics", rows))
 
 
 def _median(of: tuple[float, float, float]) -> str:

@@ -51,7 +51,7 @@ def test_the_report_of_a_tiny_import_has_every_section(lake, tmp_path):
     page = write_report(lake, IMPORTED, tmp_path / "report")
     text = text_of(page.read_text(encoding="utf-8"))
     assert "B02T4 holds best: it takes 8.00 N" in text
-    assert "confirmed by import of their-lab" in text
+    assert "operator import of their-lab" in text
     assert 'kind = "imported"' in text
     assert "E 9.5 MPa, friction 0.6" in text
 

@@ -12,7 +12,7 @@ from rerun.chunk import RrdReader
 from flows.cli.main import run
 from flows.cli.simulate_output import write_outputs
 from flows.report.grasp_frames import GraspFrames, five_instants
-from flows.viewer.simulation import LONGEST_ARROW_MM, arrow_mm_per_n
+from flows.viewer.simulation import LONGEST_ARROW_MM, choose_arrow_mm_per_n
 from models.design.space import BEST_PUBLISHED
 from models.objects.catalogue import get_object
 from models.records import GraspSimulation, MeshSettings, SimulatorVersion
@@ -53,7 +53,7 @@ def test_cells_sum_to_the_contact_force(grasp: tuple[GraspSimulation, GraspRecor
 def test_longest_arrow_is_neither_lost_nor_larger_than_the_scene(grasp: tuple[GraspSimulation, GraspRecording]) -> None:
     frames = GraspFrames.of(grasp[1])
     forces = [frame.forces[1] for frame in frames.frames["right"] if frame.pressure_kpa.size]
-    longest = arrow_mm_per_n(frames) * max(float(np.linalg.norm(force, axis=1).max()) for force in forces)
+    longest = choose_arrow_mm_per_n(frames) * max(float(np.linalg.norm(force, axis=1).max()) for force in forces)
     assert 0.4 * LONGEST_ARROW_MM <= longest <= LONGEST_ARROW_MM
 
 

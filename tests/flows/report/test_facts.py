@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from flows.report.campaign.facts import (
-    Pair,
     Tool,
+    average_objects,
+    choose_versions,
     count_objects_won,
     find_best_tool,
     find_first_batch,
     measure_agreement,
-    pair_designs,
-    versions_to_compare,
 )
 
 TOOL = Tool(
@@ -48,7 +47,7 @@ def test_objects_won_counts_only_shared_objects():
 
 
 def test_agreement_of_known_numbers():
-    pairs = [Pair("a", 1, s, m, 1) for s, m in ((1.0, 2.0), (2.0, 4.0), (3.0, 9.0))]
+    pairs = [{"simulated_n": s, "measured_n": m} for s, m in ((1.0, 2.0), (2.0, 4.0), (3.0, 9.0))]
     found = measure_agreement(pairs)
     assert found.bias_n == pytest.approx(-3.0)
     assert found.rmse_n == pytest.approx(np.sqrt((1 + 4 + 36) / 3))
@@ -58,13 +57,17 @@ def test_agreement_of_known_numbers():
 
 
 def test_design_pairs_average_over_objects():
-    found = pair_designs([Pair("B01T0", 1, 1, 3, 1), Pair("B01T0", 1, 3, 5, 1), Pair("B02T0", 2, 7, 8, 1)])
-    assert found == [Pair("B01T0", 1, 2, 4, 2), Pair("B02T0", 2, 7, 8, 1)]
+    forces = ((1, 0, 1, 3), (1, 0, 3, 5), (2, 0, 7, 8))
+    found = average_objects([dict(zip(("batch", "slot", "simulated_n", "measured_n"), f, strict=True)) for f in forces])
+    assert found == [
+        {"batch": 1, "simulated_n": 2, "measured_n": 4},
+        {"batch": 2, "simulated_n": 7, "measured_n": 8},
+    ]
 
 
 def test_only_production_versions_are_compared_where_there_are_any():
     rows = [{"version_id": v, "tier": t} for v, t in (("s", "screening"), ("a", "production"), ("b", "production"))]
-    assert versions_to_compare(rows, ["s", "a", "b"]) == ["a", "b"]
-    assert versions_to_compare(rows[:1], ["s", "a", "b"]) == ["s"]
-    assert versions_to_compare([*rows, {"version_id": "c", "tier": "production"}], ["s", "a", "b", "c"]) == ["a", "c"]
-    assert versions_to_compare([], ["a"]) == []
+    assert choose_versions(rows, ["s", "a", "b"]) == ["a", "b"]
+    assert choose_versions(rows[:1], ["s", "a", "b"]) == ["s"]
+    assert choose_versions([*rows, {"version_id": "c", "tier": "production"}], ["s", "a", "b", "c"]) == ["a", "c"]
+    assert choose_versions([], ["a"]) == []

@@ -9,20 +9,19 @@ import numpy as np
 import pytest
 
 from flows.report.campaign import shapes as shapes_module
-from flows.report.campaign.account import describe_throughput, paper_section
+from flows.report.campaign.account import describe_throughput, write_paper
 from flows.report.campaign.content import Content
-from flows.report.campaign.figures import quality_figure
 from flows.report.campaign.page import add_features
-from flows.report.campaign.quality import baselines_section, headline, progress_section
-from flows.report.campaign.shapes import GROUPS, choose_objects, choose_tools, early_loss, shapes_section
-from flows.report.campaign.simulation import moments_section
+from flows.report.campaign.quality import draw_quality, headline, write_baselines, write_progress
+from flows.report.campaign.shapes import GROUPS, choose_objects, choose_tools, write_early_loss, write_shapes
+from flows.report.campaign.simulation import write_moments
 from flows.report.campaign.traces import (
     BatchPanels,
     Curve,
     Window,
-    curves_by,
     describe_specialists,
-    traces_section,
+    gather_curves,
+    write_traces,
 )
 from flows.report.campaign.work import compare_work
 from flows.report.folder import Folder
@@ -57,9 +56,9 @@ def numbers(folder: Folder, name: str) -> list[dict[str, str]]:
 
 
 def test_batches_show_every_tool_of_the_first_and_the_last(content, folder):
-    html = traces_section(content, folder)
+    html = write_traces(content, folder)
     assert html.count('<div class="panel">') == 4
-    drawn = curves_by(
+    drawn = gather_curves(
         content.result("x", (folder.root / "data" / "traces.sql").read_text()).rows, "object_id", "batch", "slot"
     )
     lines = {key[1:]: curve for key, curve in drawn.items() if key[0] == 0}
@@ -75,14 +74,14 @@ def test_the_best_tool_is_drawn_even_if_it_is_of_neither_batch(tmp_path, folder)
     )
     middle = next(tool for tool in content.tools if tool.batch == 2)
     content.__dict__["best"] = middle
-    traces_section(content, folder)
+    write_traces(content, folder)
     assert {(row["batch"], row["slot"]) for row in numbers(folder, "traces") if row["batch"] == "2"} == {
         ("2", str(middle.slot))
     }
 
 
 def test_binned_traces_are_means_over_the_repeats(lake, content, folder):
-    traces_section(content, folder)
+    write_traces(content, folder)
     row = next(r for r in numbers(folder, "traces") if (r["batch"], r["slot"], r["object_id"]) == ("2", "1", "2"))
     grasps = [g for g in lake.records(GraspRow, batch=2, slot=1, object_id=2) if g.status == "ok"]
     low = float(row["lift_mm"]) - 0.5
@@ -92,7 +91,7 @@ def test_binned_traces_are_means_over_the_repeats(lake, content, folder):
 
 
 def test_closure_and_pull_up_are_drawn_at_five_instants(content, folder):
-    html = moments_section(content, folder)
+    html = write_moments(content, folder)
     assert [f"figures/moments/{k}.svg" in html for k in range(1, 7)] == [True] * 5 + [False]
     won = [row for row in content.work.rows if (row["batch"], row["slot"]) == (content.best.batch, content.best.slot)]
     held = max(won, key=lambda row: row["peak_force_n"])
@@ -102,7 +101,7 @@ def test_closure_and_pull_up_are_drawn_at_five_instants(content, folder):
 
 def test_a_grasp_that_the_simulator_does_not_get_through_is_said(content, folder, monkeypatch):
     monkeypatch.setattr("flows.report.campaign.simulation.simulate_again", lambda *_: None)
-    assert "The simulator has no such grasp to draw" in moments_section(content, folder)
+    assert "The simulator has no such grasp to draw" in write_moments(content, folder)
 
 
 def test_specialists_are_the_strongest_on_something():
@@ -149,7 +148,7 @@ def test_without_simulations_softest_and_stiffest_are_told_by_quality(tmp_path):
 
 
 def test_shapes_without_known_classes_still_list_their_features(content, folder):
-    html = shapes_section(content, folder)
+    html = write_shapes(content, folder)
     assert "Nothing yet." in html  # the made-up class belongs to no group
     assert len(numbers(folder, "shape_features")) == 1
 
@@ -157,7 +156,7 @@ def test_shapes_without_known_classes_still_list_their_features(content, folder)
 def test_a_tool_that_lets_go_early_is_drawn_between_the_others(content, folder, monkeypatch):
     monkeypatch.setattr(shapes_module, "SHORT", 1.0)
     monkeypatch.setattr(shapes_module, "STABLE_CLASSES", {"made up"})
-    html, sources = early_loss(content, folder)
+    html, sources = write_early_loss(content, folder)
     folder.sources(*sources)
     strong = [r for r in numbers(folder, "early_losses") if float(r["peak_force_n"]) > 1.0]
     least = min(strong, key=lambda r: float(r["part"]))
@@ -168,7 +167,7 @@ def test_a_tool_that_lets_go_early_is_drawn_between_the_others(content, folder, 
 def test_no_tool_lets_go_early_is_one_line(content, folder, monkeypatch):
     monkeypatch.setattr(shapes_module, "SHORT", 0.0)
     monkeypatch.setattr(shapes_module, "STABLE_CLASSES", {"made up"})
-    html, _ = early_loss(content, folder)
+    html, _ = write_early_loss(content, folder)
     assert re.fullmatch(
         r"<p>No tool holds a stably grasped object for less than 0 %.*\(the shortest: \d+ %\)\.</p>", html
     )
@@ -186,7 +185,7 @@ def test_change_of_work_is_the_difference_of_the_means(content):
 
 def test_other_lakes_are_drawn_as_other_approaches(lake, folder, tmp_path):
     other = build(Lake.open(tmp_path / "measured-only-7", create=True), Campaign(seed=5, with_simulations=False))
-    html = baselines_section(Content.load(lake, "demo", [other]), folder)
+    html = write_baselines(Content.load(lake, "demo", [other]), folder)
     rows = numbers(folder, "approaches")
     assert {(row["approach"], row["seed"]) for row in rows} == {("data", "0"), ("measured only", "7")}
     assert len(rows) == 12
@@ -195,7 +194,7 @@ def test_other_lakes_are_drawn_as_other_approaches(lake, folder, tmp_path):
 
 
 def test_no_other_approach_is_one_line(content, folder):
-    html = baselines_section(content, folder)
+    html = write_baselines(content, folder)
     assert "this lake has none" in html
     assert "<img" not in html
 
@@ -208,8 +207,9 @@ def test_throughput_counts_every_attempt(lake, content):
     assert "8,532" in html
 
 
-def test_what_is_missing_is_said_in_the_table_of_figures():
-    html = paper_section('<img src="figures/quality_by_batch.svg">')
+def test_what_is_missing_is_said_in_the_table_of_figures(content, folder):
+    write_progress(content, folder)
+    html = write_paper(content, folder)
     assert html.count("here</a>") == 1
     assert "needs a calibration: fast calibrate" in html
 
@@ -240,10 +240,10 @@ def _add_simulation(lake: Lake, grasp: GraspRow, lasting_s: float, ends_s: float
 
 def test_imported_tools_are_squares_that_no_scientist_chose(content, folder):
     content.__dict__["tools"] = [dataclasses.replace(tool, kind="imported") for tool in content.tools]
-    html = progress_section(content, folder)
+    html = write_progress(content, folder)
     assert "Squares were imported." in html
     assert "scientist" not in html
-    figure = quality_figure(content.tools, content.best)
+    figure = draw_quality(content.tools, content.best)
     assert {line.lines[0].get_marker() for line in figure.axes[0].containers if line.lines} == {"s"}
 
 

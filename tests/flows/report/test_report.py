@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from flows.report.campaign.content import Content
-from flows.report.campaign.facts import measure_agreement, pair_objects
-from flows.report.campaign.figures import agreement_figure, quality_figure
 from flows.report.campaign.page import write_report
+from flows.report.campaign.quality import draw_quality
+from flows.report.campaign.simulation import draw_agreement
 from lake.provenance import Provenance
 from lake.query.sql import csv_bytes, run_sql
 from lake.store import Lake
@@ -125,7 +125,7 @@ def test_tool_quality_is_that_of_the_lake(lake):
 
 def test_quality_figure_draws_the_table(lake):
     content = Content.load(lake, "demo")
-    axes = quality_figure(content.tools, content.best).axes[0]
+    axes = draw_quality(content.tools, content.best).axes[0]
     drawn = sorted(float(container.lines[0].get_ydata()[0]) for container in axes.containers if container.lines)
     assert drawn == pytest.approx(sorted(t.quality_n for t in content.tools))
     assert [label.get_text() for label in axes.get_xticklabels()] == ["B01", "B02"]
@@ -133,10 +133,10 @@ def test_quality_figure_draws_the_table(lake):
 
 def test_agreement_figure_draws_the_pairs(lake):
     content = Content.load(lake, "demo")
-    pairs = pair_objects(content.pairs.rows, content.compared[0])
-    axes = agreement_figure(pairs, measure_agreement(pairs), "per object").axes[0]
+    pairs = [row for row in content.pairs.rows if row["version_id"] == content.compared[0]]
+    axes = draw_agreement(pairs, "per object").axes[0]
     drawn = [(x, y) for line in axes.lines[:2] for x, y in zip(*line.get_data(), strict=True)]
-    expected = sorted((p.simulated_n, p.measured_n) for p in pairs)
+    expected = sorted((p["simulated_n"], p["measured_n"]) for p in pairs)
     np.testing.assert_allclose(sorted(drawn), expected)
     assert axes.get_xlim() == axes.get_ylim()
 

@@ -8,11 +8,11 @@ import pytest
 from rerun.chunk import RrdReader
 
 from flows.report.campaign.content import Content
-from flows.viewer.bench import bench_eye
-from flows.viewer.campaign import choose_tools, find_objects, follow, full_force_n, write_recording
-from flows.viewer.design import mesh_edges, write_design_recording
+from flows.viewer.bench import place_bench_eye
+from flows.viewer.campaign import choose_full_force_n, choose_tools, find_objects, follow, write_recording
+from flows.viewer.design import find_edges, write_design_recording
 from flows.viewer.grasp import Clock, write_grasp_recording
-from flows.viewer.scene import finger_meshes, finger_translations
+from flows.viewer.scene import build_fingers, move_fingers
 from hardware.cell.layout import BenchLayout
 from lake.store import Lake
 from lake.tables.campaign import GraspRow
@@ -152,7 +152,7 @@ def test_design_shows_parts_mesh_and_the_tray_of_its_batch(lake, tmp_path):
 
 
 def test_edges_of_a_mesh_are_those_of_its_elements():
-    edges = mesh_edges(build_mesh(BEST_PUBLISHED, MeshSettings(edge_mm=10), full_width=True))
+    edges = find_edges(build_mesh(BEST_PUBLISHED, MeshSettings(edge_mm=10), full_width=True))
     assert len(np.unique(edges, axis=0)) == len(edges)
     assert (edges[:, 0] < edges[:, 1]).all()
 
@@ -164,7 +164,7 @@ def test_unwritable_file_is_one_sentence(lake, tmp_path):
 
 
 def test_fingers_hang_tips_down_with_their_faces_to_the_object():
-    meshes = finger_meshes(BEST_PUBLISHED)
+    meshes = build_fingers(BEST_PUBLISHED)
     for side, sign in (("right", 1), ("left", -1)):
         corners = np.array(meshes[f"{side}/compliant"].vertex_positions.as_arrow_array().to_pylist())
         assert corners[:, 2].min() == pytest.approx(-BEST_PUBLISHED.height_mm, abs=1e-4)
@@ -175,7 +175,7 @@ def test_fingers_hang_tips_down_with_their_faces_to_the_object():
 def test_fingers_close_then_rise():
     setup = GraspSetup()
     trace = Trace(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 0.0, 0.0, 5.0]), np.zeros(4))
-    places = finger_translations(BEST_PUBLISHED, setup, trace)
+    places = move_fingers(BEST_PUBLISHED, setup, trace)
     # Design.md 5.1: the base hangs at H - 5, faces 70 mm apart when open and 16 mm when closed.
     np.testing.assert_allclose(places["right"][0], [35.0, 0.0, BEST_PUBLISHED.height_mm - 5.0])
     np.testing.assert_allclose(places["right"][-1], [8.0, 0.0, BEST_PUBLISHED.height_mm])
@@ -186,7 +186,7 @@ def test_campaign_knows_its_objects_its_forces_and_its_leading_tools(lake):
     content = Content.load(lake, "demo")
     assert find_objects(content) == [0, 1, 2, 3]
     peak_n = max(g.peak_force_n for g in lake.records(GraspRow) if g.status == "ok")
-    assert peak_n <= full_force_n(content) <= max(5.0, 2.0 * peak_n)
+    assert peak_n <= choose_full_force_n(content) <= max(5.0, 2.0 * peak_n)
     assert [t.batch for t in choose_tools(content)] == [2, 1]
     assert choose_tools(content)[0] is content.best
 
@@ -194,7 +194,7 @@ def test_campaign_knows_its_objects_its_forces_and_its_leading_tools(lake):
 @pytest.mark.parametrize("objects", [[0], [2, 6, 14, 18, 24, 28, 30, 32], list(range(36))])
 def test_all_objects_are_in_view(objects):
     layout = BenchLayout()
-    eye = bench_eye(layout, objects)
+    eye = place_bench_eye(layout, objects)
     place, target = (
         np.array(getattr(eye, name).as_arrow_array().to_pylist()[0]) for name in ("position", "look_target")
     )

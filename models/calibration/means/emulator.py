@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from models.calibration.inference.optimise import climb, climb_scaled, find_laplace_covariance
-from models.calibration.means.parameters import LENGTHSCALE, NUGGET, SD_H, ParameterVector, Phi
+from models.calibration.means.parameters import LENGTHSCALE, NUGGET, SD_H, Parameters, Phi
 from models.calibration.means.problem import Standardised
 from models.gaussian_process.density import half_weights, lengthscale_gradient, log_normal
 from models.gaussian_process.matern import matern52_with_slope
@@ -46,7 +46,7 @@ def factorise(phi: Phi, data: Standardised) -> Factor | None:
     return Factor(phi, found.factor, found.alpha, found.value) if found else None
 
 
-def log_posterior(values: np.ndarray, data: Standardised, parameters: ParameterVector) -> tuple[float, np.ndarray]:
+def log_posterior(values: np.ndarray, data: Standardised, parameters: Parameters) -> tuple[float, np.ndarray]:
     """Log density log p(y_S | phi) + log p(phi) at the vector form of phi, and its gradient (n_phi).
 
     Minus infinity (gradient zero) where the covariance is numerically singular.
@@ -68,7 +68,7 @@ def log_posterior(values: np.ndarray, data: Standardised, parameters: ParameterV
 
 
 def find_mode(
-    data: Standardised, parameters: ParameterVector, seed: int, progress: Callable[[str], None] | None = None
+    data: Standardised, parameters: Parameters, seed: int, progress: Callable[[str], None] | None = None
 ) -> EmulatorMode:
     """Phi of the largest posterior density given the simulations alone.
 

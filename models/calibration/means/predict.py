@@ -316,7 +316,7 @@ def count_emulator_parameters(result: CalibrationResult) -> int:
 
 
 def _psi(row: np.ndarray, force_scale_n: float) -> Psi:
-    """Psi of constrained values in the order of `ParameterVector.names`; sd and noise in N become standardised."""
+    """Psi of constrained values in the order of `Parameters.names`; sd and noise in N become standardised."""
     rho = float(row[N_DESIGN + 2]) if len(row) == N_DESIGN + 6 else 1.0
     sd, noise = row[N_DESIGN] / force_scale_n, row[N_DESIGN + 1] / force_scale_n
     return Psi(row[:N_DESIGN], float(sd), float(noise), rho, row[-3:])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.joint_nuts import calibrate_joint
+from models.calibration.means.joint import calibrate_joint
 from models.calibration.means.problem import THETA
 from models.calibration.means.synthetic import Truth, make_up_problem
 

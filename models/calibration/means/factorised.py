@@ -20,7 +20,8 @@ from models.calibration.inference.optimise import Optimum, climb, climb_scaled, 
 from models.calibration.inference.parallel_chains import Progress, Samples, sample
 from models.calibration.inference.result import K_HAT_LIMIT, WEIGHTED, CalibrationResult, make_result
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means import emulator, psi_density
+from models.calibration.means import psi_density
+from models.calibration.means.emulator import TOLERANCE, Emulator, factorise, find_mode
 from models.calibration.means.joint import JointDensity, guess_starts
 from models.calibration.means.parameters import Parameters
 from models.calibration.means.problem import CalibrationProblem, Standardised
@@ -65,7 +66,7 @@ class _Peak:
     """Mode of the joint posterior: vector (n_phi + n_psi), covariance of psi there given phi (n_psi x n_psi)."""
 
     vector: np.ndarray
-    factor: emulator.Factor
+    emulator: Emulator
     psi_covariance: np.ndarray
     optima: list[Optimum]  # of psi, given phi
 
@@ -100,37 +101,37 @@ def _find_peak(measured: Measurements, settings: CalibrationSettings, steps: _St
     """Mode of the joint posterior, found from those of phi alone and of psi given phi."""
     data, parameters = measured.data, measured.parameters
     with steps("emulator"):
-        phi = emulator.find_mode(data, parameters, settings.seed, steps.tell)
+        phi = find_mode(data, parameters, settings.seed, steps.tell)
     with steps("optimum"):
-        factor = factorise_at(phi.values, measured)
+        emulator = factorise_at(phi.values, measured)
         guesses = [guess[parameters.n_phi :] for guess in guess_starts(parameters)]
-        optima = climb(lambda v: psi_density.log_posterior(v, factor, measured), guesses, tolerance=1e-7)
+        optima = climb(lambda v: psi_density.log_posterior(v, emulator, measured), guesses, tolerance=1e-7)
         psi = optima[0].vector
-        covariance = find_laplace_covariance(lambda v: psi_density.log_posterior(v, factor, measured), psi)
+        covariance = find_laplace_covariance(lambda v: psi_density.log_posterior(v, emulator, measured), psi)
         root = np.zeros((parameters.n_phi + parameters.n_psi,) * 2)
         root[: parameters.n_phi, : parameters.n_phi] = phi.root
         root[parameters.n_phi :, parameters.n_phi :] = np.linalg.cholesky(covariance)
         start = np.concatenate([phi.values, psi])
-        vector = climb_scaled(JointDensity(data, parameters), start, root, 40, emulator.TOLERANCE).vector
-        factor = factorise_at(vector[: parameters.n_phi], measured)
+        vector = climb_scaled(JointDensity(data, parameters), start, root, 40, TOLERANCE).vector
+        emulator = factorise_at(vector[: parameters.n_phi], measured)
         covariance = find_laplace_covariance(
-            lambda v: psi_density.log_posterior(v, factor, measured), vector[parameters.n_phi :]
+            lambda v: psi_density.log_posterior(v, emulator, measured), vector[parameters.n_phi :]
         )
-    return _Peak(vector, factor, covariance, optima)
+    return _Peak(vector, emulator, covariance, optima)
 
 
-def factorise_at(phi: np.ndarray, measured: Measurements) -> emulator.Factor:
-    """Factor of the emulator at a phi in vector form.
+def factorise_at(phi: np.ndarray, measured: Measurements) -> Emulator:
+    """The emulator at a phi in vector form.
 
     Raises:
         FastError: the covariance is singular there.
     """
-    factor = emulator.factorise(measured.parameters.phi(phi), measured.data)
-    if factor is None:
+    emulator = factorise(measured.parameters.phi(phi), measured.data)
+    if emulator is None:
         raise FastError(
             "the covariance of the simulations is singular at the emulator's best fit; look for repeated designs."
         )
-    return factor
+    return emulator
 
 
 def _sample_psi(
@@ -146,7 +147,7 @@ def _sample_psi(
     box = find_first_box(measured, psi, peak.psi_covariance)
     for attempt in range(MAX_GROWTH + 1):
         with steps("theta surrogate"):
-            surrogate = build_accurate_surrogate(peak.factor, measured, box, psi, peak.psi_covariance, rng)
+            surrogate = build_accurate_surrogate(peak.emulator, measured, box, psi, peak.psi_covariance, rng)
             orders = " x ".join(str(n) for n in surrogate.orders)
             steps.tell(f"theta surrogate: {orders} nodes, {len(surrogate.basis)} matrices, error {surrogate.error:.3f}")
         with steps("passes of the ridge"):

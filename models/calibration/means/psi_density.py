@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
-from models.calibration.means.emulator import Factor
+from models.calibration.means.emulator import Emulator
 from models.calibration.means.parameters import Parameters, Psi
 from models.calibration.means.problem import Standardised, unit_theta, unit_theta_slopes
 from models.gaussian_process.matern import matern52, matern52_cross_with_slope
@@ -156,33 +156,33 @@ def _matern(r: np.ndarray, sd: float) -> tuple[np.ndarray, np.ndarray]:
     return kernel, slope
 
 
-def log_likelihood(values: np.ndarray, factor: Factor, measured: Measurements) -> float:
+def log_likelihood(values: np.ndarray, emulator: Emulator, measured: Measurements) -> float:
     """Log density log p(y_R | psi, phi) at the vector form of psi (n_psi), without a prior."""
     psi = measured.parameters.psi(values)
     points = _points(measured, psi.theta)
-    mean, covariance = _moments(points, factor, measured.data)
+    mean, covariance = _moments(points, emulator, measured.data)
     amplitude = measured.data.amplitude(psi.theta, psi.rho)
     return measured.log_likelihood(psi, amplitude, mean, measured.pack(covariance))
 
 
-def log_posterior(values: np.ndarray, factor: Factor, measured: Measurements) -> tuple[float, np.ndarray]:
+def log_posterior(values: np.ndarray, emulator: Emulator, measured: Measurements) -> tuple[float, np.ndarray]:
     """Log density log p(y_R | psi, phi) + log p(psi) at the vector form of psi, and its gradient (n_psi).
 
     Minus infinity (gradient zero) where the covariance is numerically singular.
     """
-    psi, phi = measured.parameters.psi(values), factor.phi
+    psi, phi = measured.parameters.psi(values), emulator.phi
     points = _points(measured, psi.theta)
     cross, slope = matern52_cross_with_slope(measured.data.z_sim, points, phi.lengthscales, phi.sd)
     cross *= measured.data.trend_real
     slope *= measured.data.trend_real
-    half = _half(factor, cross)
-    mean, covariance = cross.T @ factor.alpha, _covariance(points, half, factor, measured.data)
+    half = _half(emulator, cross)
+    mean, covariance = cross.T @ emulator.alpha, _covariance(points, half, emulator, measured.data)
     amplitude = measured.data.amplitude(psi.theta, psi.rho)
     slopes = measured.slopes(psi, amplitude, mean, measured.pack(covariance))
     if slopes is None:
         return -np.inf, np.zeros_like(values)
-    A = solve_triangular(factor.lower, half, lower=True, trans="T", check_finite=False, overwrite_b=True)
-    Y = np.outer(factor.alpha, slopes.mean)
+    A = solve_triangular(emulator.lower, half, lower=True, trans="T", check_finite=False, overwrite_b=True)
+    Y = np.outer(emulator.alpha, slopes.mean)
     Y -= 2.0 * (A @ measured.unpack_slopes(slopes.covariance))
     Y *= slope
     t = measured.inputs(psi.theta)
@@ -192,9 +192,9 @@ def log_posterior(values: np.ndarray, factor: Factor, measured: Measurements) ->
     return slopes.value + prior, gradient + measured.psi_gradient(slopes, by_inputs, psi.theta, psi.rho)
 
 
-def predict(t: np.ndarray, factor: Factor, measured: Measurements) -> tuple[np.ndarray, np.ndarray]:
+def predict(t: np.ndarray, emulator: Emulator, measured: Measurements) -> tuple[np.ndarray, np.ndarray]:
     """Mean m (n) and packed covariance V (p) of the emulator at the measured designs and inputs t."""
-    mean, covariance = _moments(_at(measured, t), factor, measured.data)
+    mean, covariance = _moments(_at(measured, t), emulator, measured.data)
     return mean, measured.pack(covariance)
 
 
@@ -208,18 +208,18 @@ def _at(measured: Measurements, t: np.ndarray) -> np.ndarray:
     return np.column_stack([x, np.broadcast_to(t, (len(x), len(t)))])
 
 
-def _half(factor: Factor, cross: np.ndarray) -> np.ndarray:
+def _half(emulator: Emulator, cross: np.ndarray) -> np.ndarray:
     """L^-1 K_SR."""
-    return np.asarray(solve_triangular(factor.lower, cross, lower=True, check_finite=False))
+    return np.asarray(solve_triangular(emulator.lower, cross, lower=True, check_finite=False))
 
 
-def _moments(points: np.ndarray, factor: Factor, data: Standardised) -> tuple[np.ndarray, np.ndarray]:
+def _moments(points: np.ndarray, emulator: Emulator, data: Standardised) -> tuple[np.ndarray, np.ndarray]:
     """Mean m, n, and V, n x n."""
-    cross = matern52(data.z_sim, points, factor.phi.lengthscales, factor.phi.sd) * data.trend_real
-    return cross.T @ factor.alpha, _covariance(points, _half(factor, cross), factor, data)
+    cross = matern52(data.z_sim, points, emulator.phi.lengthscales, emulator.phi.sd) * data.trend_real
+    return cross.T @ emulator.alpha, _covariance(points, _half(emulator, cross), emulator, data)
 
 
-def _covariance(points: np.ndarray, half: np.ndarray, factor: Factor, data: Standardised) -> np.ndarray:
+def _covariance(points: np.ndarray, half: np.ndarray, emulator: Emulator, data: Standardised) -> np.ndarray:
     """V, n x n."""
-    prior = matern52(points, points, factor.phi.lengthscales, factor.phi.sd)
+    prior = matern52(points, points, emulator.phi.lengthscales, emulator.phi.sd)
     return np.asarray(prior * np.outer(data.trend_real, data.trend_real) - half.T @ half)

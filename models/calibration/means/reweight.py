@@ -113,11 +113,11 @@ def thin(chains: np.ndarray, n: int) -> np.ndarray:
 def compute_exact_log_density(measured: Measurements, job: _Job) -> np.ndarray:
     """Log p(phi) p(y_S | phi) p(y_R | psi, phi) of one phi and its group of psi, PSI_PER_PHI."""
     phi, group = job
-    factor = factorise(measured.parameters.phi(phi), measured.data)
-    if factor is None:
+    emulator = factorise(measured.parameters.phi(phi), measured.data)
+    if emulator is None:
         return np.full(len(group), -np.inf)
-    own = factor.log_density + measured.parameters.log_prior_phi(phi)[0]
-    return own + np.array([psi_density.log_likelihood(psi, factor, measured) for psi in group])
+    own = emulator.log_density + measured.parameters.log_prior_phi(phi)[0]
+    return own + np.array([psi_density.log_likelihood(psi, emulator, measured) for psi in group])
 
 
 def smooth_weights(log_weights: np.ndarray) -> tuple[np.ndarray, float]:

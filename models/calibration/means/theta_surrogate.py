@@ -14,7 +14,7 @@ from numpy.polynomial import chebyshev
 from scipy.linalg import eigh, solve_triangular
 
 from models.calibration.means import psi_density
-from models.calibration.means.emulator import Factor
+from models.calibration.means.emulator import Emulator
 from models.calibration.means.psi_density import Measurements
 
 MARGIN = 0.15  # of the box's width, on either side: the room t is bent into
@@ -106,7 +106,7 @@ class ThetaSurrogate:
 
 
 def build_accurate_surrogate(
-    factor: Factor,
+    emulator: Emulator,
     measured: Measurements,
     box: Box,
     mode: np.ndarray,
@@ -121,11 +121,11 @@ def build_accurate_surrogate(
     draws = [
         psi for psi in drawn if not box.is_outside(measured.inputs(measured.parameters.theta(psi[-3:]))[None]).any()
     ]
-    exact = np.array([psi_density.log_likelihood(psi, factor, measured) for psi in draws])
-    width = 2.0 * _half_width(box) / factor.phi.lengthscales[-len(box.lower) :]
+    exact = np.array([psi_density.log_likelihood(psi, emulator, measured) for psi in draws])
+    width = 2.0 * _half_width(box) / emulator.phi.lengthscales[-len(box.lower) :]
     orders = np.clip(np.ceil(FIRST_NODES + NODES_PER_LENGTHSCALE * width).astype(int), FIRST_NODES, MAX_NODES)
     while True:
-        found = build_surrogate(factor, measured, box, tuple(orders.tolist()), mode)
+        found = build_surrogate(emulator, measured, box, tuple(orders.tolist()), mode)
         error = _spread([found.log_likelihood(psi) for psi in draws] - exact)
         if error <= MAX_ERROR or orders.min() >= MAX_NODES:
             return replace(found, error=error)
@@ -140,13 +140,13 @@ def _spread(errors: np.ndarray) -> float:
 
 
 def build_surrogate(
-    factor: Factor, measured: Measurements, box: Box, orders: tuple[int, ...], typical: np.ndarray
+    emulator: Emulator, measured: Measurements, box: Box, orders: tuple[int, ...], typical: np.ndarray
 ) -> ThetaSurrogate:
     """Interpolate m and V in `box` with `orders` nodes by input; `typical` (n_psi) sets what may be dropped of V."""
     nodes = [chebyshev.chebpts1(n) for n in orders]
     center, half = 0.5 * (box.lower + box.upper), _half_width(box)
     grid = center + half * np.array(list(product(*nodes)))
-    pairs = [psi_density.predict(t, factor, measured) for t in grid]
+    pairs = [psi_density.predict(t, emulator, measured) for t in grid]
     means, covariances = np.array([mean for mean, _ in pairs]), np.array([V for _, V in pairs])
     middle = covariances.mean(axis=0)
     covariances -= middle

@@ -81,7 +81,7 @@ def test_mode_of_the_emulator_is_flat_and_beats_the_prior_mode() -> None:
     assert value > emulator.log_posterior(np.zeros(parameters.n_phi), data, parameters)[0] + 10.0
 
 
-def _prepared(case: _Case) -> tuple[emulator.Factor, Measurements]:
+def _prepared(case: _Case) -> tuple[emulator.Emulator, Measurements]:
     factor = emulator.factorise(case.parameters.phi(case.phi), case.data)
     assert factor is not None
     return factor, Measurements(case.data, case.parameters)

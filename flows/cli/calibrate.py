@@ -11,9 +11,9 @@ from cyclopts.validators import Number
 from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell
 
 if TYPE_CHECKING:
-    from flows.calibration.calibrate import CalibrationOutcome
     from lake.tables.campaign import CalibrationRow
     from models.calibration.means.hypercube import HypercubePlan
+    from tasks.calibration.calibrate import CalibrationOutcome
 
 AT_LEAST_ONE = Number(gte=1)
 _COLUMNS = ("mean", "sd", "q05", "median", "q95", "mode")

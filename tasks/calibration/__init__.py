@@ -1,6 +1,6 @@
 """Calibration on the lake's data.
 
-`calibrate.infer` infers theta from a source and keeps calibration, draws and simulator version. `means` is the source
-of mean forces, of what `mean_data` reads; `tasks.gap.theta` that of traces. `verify` simulates held-out designs with
-the new theta, `drift` compares it with earlier ones.
+`calibrate.calibrate_once` infers theta from `CalibrationData` and keeps calibration, draws and simulator version.
+`means` is the kind of mean forces, of what `mean_data` reads, and verifies theta on held-out designs; `tasks.gap.theta`
+is the kind of traces. `drift` compares theta with earlier ones.
 """

@@ -1,7 +1,7 @@
 """Infer theta from what a calibration compares, and write what was found: calibration, draws, simulator version."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -22,37 +22,19 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Learned:
-    """What a calibration found: draws, the simulator to build on them, and columns of `calibrations` of its own."""
+class CalibrationData(ABC):
+    """Everything that decides a calibration but its settings, of whatever kind of data.
 
-    result: CalibrationResult
-    version: SimulatorVersion | None
-    columns: Mapping[str, Any]
+    `grasp_ids`, `simulation_ids`: of what went in. `warnings`: what was left out or is doubtful.
+    """
 
-
-@dataclass(frozen=True, eq=False)
-class CalibrationSource(ABC):
-    """Everything that decides a calibration but its settings, of whatever kind of data."""
-
-    data: ClassVar[Literal["design_mean", "trace"]]
+    kind: ClassVar[Literal["design_mean", "trace"]]
 
     campaign_id: str | None
     base: SimulatorVersion
-
-    @property
-    @abstractmethod
-    def grasp_ids(self) -> tuple[str, ...]:
-        """Ids of the grasps that went in."""
-
-    @property
-    @abstractmethod
-    def simulation_ids(self) -> tuple[str, ...]:
-        """Ids of the simulations that went in."""
-
-    @property
-    @abstractmethod
-    def warnings(self) -> tuple[str, ...]:
-        """What was left out."""
+    grasp_ids: tuple[str, ...]
+    simulation_ids: tuple[str, ...]
+    warnings: tuple[str, ...]
 
     @property
     @abstractmethod
@@ -60,8 +42,10 @@ class CalibrationSource(ABC):
         """How much there is to learn from."""
 
     @abstractmethod
-    def learn(self, settings: CalibrationSettings, progress: Progress | None) -> Learned:
-        """Infer theta.
+    def learn(
+        self, settings: CalibrationSettings, progress: Progress | None
+    ) -> tuple[CalibrationResult, SimulatorVersion | None, dict[str, Any]]:
+        """Draws of theta, the simulator to build on them, and the columns of `calibrations` that this kind fills.
 
         Raises:
             UsageError: there is too little to learn from.
@@ -72,10 +56,54 @@ class CalibrationSource(ABC):
         """Ids of the grasps and simulations that went in."""
         return [*self.grasp_ids, *self.simulation_ids]
 
+    def describe(self, settings: CalibrationSettings) -> str:
+        """What decides the result besides simulator, rows and seed."""
+        return write_settings(settings)
+
     def calibration_id(self, settings: CalibrationSettings) -> str:
         """Id of the calibration of these data with these settings."""
-        text = write_settings(settings)
-        return CalibrationRow.make_id(self.base.version_id, self.data, self.row_ids, text, settings.seed)
+        return CalibrationRow.make_id(
+            self.base.version_id, self.kind, self.row_ids, self.describe(settings), settings.seed
+        )
+
+
+@dataclass(frozen=True)
+class CalibrationOutcome:
+    """The calibration of some data; `is_new`: it was made just now."""
+
+    row: CalibrationRow
+    is_new: bool
+    n_grasps: int
+
+    @property
+    def sentence(self) -> str:
+        """What happened, for people and for the state of a flow run."""
+        row = self.row
+        made = "simulated grasps" if row.data == "trace" else "simulated designs"
+        what = f"{self.n_grasps} grasps of {row.n_designs} tools and {row.n_simulations} {made}"
+        if row.version_id is None:
+            return f"calibration {row.calibration_id} of {what} gave no simulator version: {row.reason}"
+        if not self.is_new:
+            return f"nothing new since calibration {row.calibration_id}: the same {what}"
+        return f"calibration {row.calibration_id} of {what} gave simulator version {row.version_id}"
+
+
+def calibrate_once(
+    lake: Lake, data: CalibrationData, settings: CalibrationSettings, progress: Progress | None = None
+) -> CalibrationOutcome:
+    """The calibration of these data with these settings: the lake's, else a new one, which `infer` writes.
+
+    Raises:
+        UsageError: there is too little to learn from.
+    """
+    calibration_id = data.calibration_id(settings)
+    known = lake.records(CalibrationRow, calibration_id=calibration_id)
+    if known:
+        return CalibrationOutcome(known[-1], False, len(data.grasp_ids))
+    if progress is not None:
+        progress(f"{data.summary}; {settings.chains} chains of {settings.tune} + {settings.draws} draws")
+    row, _ = infer(lake, data, settings, progress)
+    return CalibrationOutcome(row, True, len(data.grasp_ids))
 
 
 def write_settings(settings: CalibrationSettings) -> str:
@@ -83,14 +111,8 @@ def write_settings(settings: CalibrationSettings) -> str:
     return canonical_json(settings.model_dump(mode="json", exclude={"workers", "seed"}))
 
 
-def find_calibration(lake: Lake, calibration_id: str) -> CalibrationRow | None:
-    """The calibration with this id, if the lake has it."""
-    found = lake.records(CalibrationRow, calibration_id=calibration_id)
-    return found[-1] if found else None
-
-
 def infer(
-    lake: Lake, data: CalibrationSource, settings: CalibrationSettings, progress: Progress | None = None
+    lake: Lake, data: CalibrationData, settings: CalibrationSettings, progress: Progress | None = None
 ) -> tuple[CalibrationRow, CalibrationResult]:
     """Infer theta and write calibration, draws and, if the draws can be trusted, a simulator version.
 
@@ -101,8 +123,7 @@ def infer(
     Raises:
         UsageError: there is too little to learn from.
     """
-    learned = data.learn(settings, progress)
-    result, version = learned.result, learned.version
+    result, version, columns = data.learn(settings, progress)
     calibration_id = data.calibration_id(settings)
     provenance = current_provenance(content_id("H", write_settings(settings)), settings.seed)
     lake.append(make_draw_rows(calibration_id, result), provenance)
@@ -110,10 +131,23 @@ def infer(
         version_rows = missing_version_rows(lake, version)
         if version_rows:
             lake.append(version_rows, _with_parents(provenance, [calibration_id]))
-    history = read_theta_history(lake, data.base.version_id, data.campaign_id, data.data)
+    history = read_theta_history(lake, data.base.version_id, data.campaign_id, data.kind)
     can_drift = version is not None and result.method != WITH_EFFECTS
     drift = find_drift(history, summarise_theta(result)) if can_drift else ()
-    row = _row(calibration_id, data, settings, learned, drift)
+    row = CalibrationRow(
+        calibration_id=calibration_id,
+        campaign_id=data.campaign_id,
+        base_version_id=data.base.version_id,
+        version_id=version.version_id if version is not None else None,
+        data=data.kind,
+        status="ok" if version is not None else "failed",
+        settings_json=write_settings(settings),
+        n_tune=settings.tune,
+        **_describe_draws(result),
+        **columns,
+        warnings=(*data.warnings, *result.warnings, *drift),
+        cpu_s=result.cpu_s,
+    )
     lake.append([row], _with_parents(provenance, data.row_ids))
     return row, result
 
@@ -138,14 +172,8 @@ def _with_parents(provenance: Provenance, parents: list[str]) -> Provenance:
     return provenance.model_copy(update={"parents": tuple(parents)})
 
 
-def _row(
-    calibration_id: str,
-    data: CalibrationSource,
-    settings: CalibrationSettings,
-    learned: Learned,
-    drift: tuple[str, ...],
-) -> CalibrationRow:
-    result, version = learned.result, learned.version
+def _describe_draws(result: CalibrationResult) -> dict[str, Any]:
+    """Columns of `calibrations` about the draws: Table 2, and how far they can be trusted."""
     summary = summarise_theta(result)
     r_hat, ess = find_worst(result)
     unit = {"young_modulus_mpa": "_mpa"}
@@ -154,25 +182,14 @@ def _row(
         for name in THETA
         for column in ("mean", "sd", "q05", "median", "q95", "mode")
     }
-    return CalibrationRow(
-        calibration_id=calibration_id,
-        campaign_id=data.campaign_id,
-        base_version_id=data.base.version_id,
-        version_id=version.version_id if version is not None else None,
-        data=data.data,
-        status="ok" if version is not None else "failed",
-        reason=check_quality(result),
-        n_chains=result.draws.shape[0],
-        n_draws=result.draws.shape[1],
-        n_tune=settings.tune,
-        sampler=result.method,
-        settings_json=write_settings(settings),
+    return {
         **table_2,
-        r_hat_max=r_hat,
-        ess_bulk_min=ess,
-        n_divergences=result.n_divergences,
-        k_hat=result.k_hat,
-        **learned.columns,
-        warnings=(*data.warnings, *result.warnings, *drift),
-        cpu_s=result.cpu_s,
-    )
+        "reason": check_quality(result),
+        "n_chains": result.draws.shape[0],
+        "n_draws": result.draws.shape[1],
+        "sampler": result.method,
+        "r_hat_max": r_hat,
+        "ess_bulk_min": ess,
+        "n_divergences": result.n_divergences,
+        "k_hat": result.k_hat,
+    }

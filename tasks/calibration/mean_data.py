@@ -9,6 +9,7 @@ import numpy as np
 from lake.handoff.campaign import is_imported
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, CampaignRow, SimulatorVersionRow, ToolRow
+from models.calibration.means.hypercube import HypercubePlan, draw_hypercube
 from models.calibration.means.problem import MIN_DESIGNS, CalibrationProblem
 from models.calibration.traces.theta_grid import ThetaGrid
 from models.design.space import to_unit
@@ -21,6 +22,7 @@ from models.simulation.effects.scaling import scales_with_modulus
 from models.validation import closest, load_record
 from tasks.campaign.config import CampaignConfig
 from tasks.campaign.state import THICKNESSES, ProposedTool, load_designs, tuples
+from tasks.simulation.plan import SimulationPlan
 
 LEAST_SHARE = 0.5  # of the objects a tool must have been measured on to count
 
@@ -37,6 +39,7 @@ class MeasuredTools:
     repeats, NaN where there is none. `design_ids`: m, what each tool was printed from.
     """
 
+    campaign_id: str | None  # that was asked for; None: all that are in the lake
     campaign_ids: tuple[str, ...]
     setup: GraspSetup
     object_ids: tuple[int, ...]
@@ -96,6 +99,7 @@ def read_measured_tools(lake: Lake, campaign_id: str | None, only: Collection[st
             f"{where} has {len(kept)} measured tools, a calibration needs at least {MIN_DESIGNS}; measure more."
         )
     return MeasuredTools(
+        campaign_id=campaign_id,
         campaign_ids=tuple(dict.fromkeys(campaigns)),
         setup=GraspSetup.model_validate_json(setup_texts[0]),
         object_ids=object_ids,
@@ -177,6 +181,12 @@ def read_simulated_points(
         forces_n=forces_n[has_value],
         simulation_ids=tuple(simulation_ids),
     )
+
+
+def plan_hypercube(plan: HypercubePlan, base: SimulatorVersion, measured: MeasuredTools) -> SimulationPlan:
+    """The points of a plan as simulations by the family of `base`, grasped as the measured tools were."""
+    points = tuple((p.design, base.model_copy(update={"theta": p.theta})) for p in draw_hypercube(plan))
+    return SimulationPlan(points, measured.object_ids, measured.setup, plan.plan_id, plan.seed)
 
 
 def make_problem(

@@ -1,4 +1,7 @@
-"""Calibration on mean forces of what the lake has: what it compares, and how well it predicts held-out designs."""
+"""Calibration on mean forces of what the lake has: what it compares, and how well it predicts held-out designs.
+
+The emulator predicts them at once; `verify` simulates them with theta before and after, and scores both.
+"""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -7,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from lake.provenance import current_provenance
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, SimulatorVersionRow
 from models.calibration.inference.result import CalibrationResult
@@ -14,8 +18,10 @@ from models.calibration.inference.settings import CalibrationSettings, read_sett
 from models.calibration.means.checks import Score, emulate, is_held_out, score
 from models.calibration.means.problem import CalibrationProblem
 from models.errors import UsageError
+from models.ids import content_id
 from models.records import SimulatorVersion
-from tasks.calibration.calibrate import CalibrationSource, Learned, Progress, make_version
+from models.scientist.surrogate.imputation import mean_over_objects
+from tasks.calibration.calibrate import CalibrationData, Progress, make_version
 from tasks.calibration.mean_data import (
     MeasuredTools,
     SimulatedPoints,
@@ -24,13 +30,15 @@ from tasks.calibration.mean_data import (
     read_measured_tools,
     read_simulated_points,
 )
+from tasks.campaign.state import tuples
+from tasks.simulation.plan import SimulationPlan
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationData(CalibrationSource):
+class MeanData(CalibrationData):
     """Mean forces of measured tools and simulated designs; the seed of the settings draws the held-out designs."""
 
-    data = "design_mean"
+    kind = "design_mean"
 
     measured: MeasuredTools
     simulated: SimulatedPoints
@@ -47,21 +55,6 @@ class CalibrationData(CalibrationSource):
         return self.problem.take_real(~self.held_out)
 
     @property
-    def grasp_ids(self) -> tuple[str, ...]:
-        """Ids of the grasps that went in."""
-        return self.measured.grasp_ids
-
-    @property
-    def simulation_ids(self) -> tuple[str, ...]:
-        """Ids of the simulations that went in."""
-        return self.simulated.simulation_ids
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Tools that were left out."""
-        return self.measured.warnings
-
-    @property
     def summary(self) -> str:
         """How much there is to learn from."""
         return (
@@ -69,7 +62,9 @@ class CalibrationData(CalibrationSource):
             f"{int(self.held_out.sum())} held out"
         )
 
-    def learn(self, settings: CalibrationSettings, progress: Progress | None) -> Learned:
+    def learn(
+        self, settings: CalibrationSettings, progress: Progress | None
+    ) -> tuple[CalibrationResult, SimulatorVersion | None, dict[str, Any]]:
         """Infer theta, and score it on the held-out designs.
 
         Raises:
@@ -87,7 +82,7 @@ class CalibrationData(CalibrationSource):
             "noise_sd_n": float(np.median(result.of("noise_sd_n"))),
             **_held_out_columns(self, result, version),
         }
-        return Learned(result, version, columns)
+        return result, version, columns
 
 
 def gather(
@@ -97,7 +92,7 @@ def gather(
     seed: int,
     only: Collection[str] | None = None,
     print_scatter: float = 0.0,
-) -> CalibrationData:
+) -> MeanData:
     """Read what a calibration compares; `only` are ids of the grasps and simulations that count, by default all.
 
     `print_scatter` as in `CalibrationSettings`.
@@ -108,17 +103,16 @@ def gather(
     measured = read_measured_tools(lake, campaign_id, only)
     base = find_base_version(lake, measured.campaign_ids, version_id)
     simulated = read_simulated_points(lake, base, measured, only)
-    return compare_means(campaign_id, base, measured, simulated, seed, print_scatter)
+    return compare_means(base, measured, simulated, seed, print_scatter)
 
 
 def compare_means(
-    campaign_id: str | None,
     base: SimulatorVersion,
     measured: MeasuredTools,
     simulated: SimulatedPoints,
     seed: int,
     print_scatter: float = 0.0,
-) -> CalibrationData:
+) -> MeanData:
     """What a calibration compares, of what was measured and simulated; `seed` draws the held-out designs.
 
     Raises:
@@ -126,13 +120,23 @@ def compare_means(
     """
     problem = make_problem(measured, simulated, base, print_scatter)
     held_out = is_held_out(list(measured.design_ids), seed)
-    return CalibrationData(campaign_id, base, measured, simulated, problem, held_out)
+    return MeanData(
+        measured.campaign_id,
+        base,
+        measured.grasp_ids,
+        simulated.simulation_ids,
+        measured.warnings,
+        measured=measured,
+        simulated=simulated,
+        problem=problem,
+        held_out=held_out,
+    )
 
 
-def regather(lake: Lake, calibration_id: str) -> CalibrationData | None:
+def regather(lake: Lake, calibration_id: str) -> MeanData | None:
     """What a stored calibration compared, whatever the lake has learned since; None where it cannot be found again."""
     rows = lake.rows(CalibrationRow, calibration_id=calibration_id)
-    if not rows or rows[-1]["data"] != CalibrationData.data:
+    if not rows or rows[-1]["data"] != MeanData.kind:
         return None
     row = rows[-1]
     # A simulator that no campaign consults and nothing was simulated with is the program's own, and in no lake.
@@ -142,13 +146,11 @@ def regather(lake: Lake, calibration_id: str) -> CalibrationData | None:
         data = gather(lake, row["campaign_id"], base, row["seed"], set(row["parents"]), print_scatter)
     except UsageError:
         return None
-    again = CalibrationRow.make_id(data.base.version_id, data.data, data.row_ids, row["settings_json"], row["seed"])
+    again = CalibrationRow.make_id(data.base.version_id, data.kind, data.row_ids, row["settings_json"], row["seed"])
     return data if again == calibration_id else None
 
 
-def _held_out_columns(
-    data: CalibrationData, result: CalibrationResult, version: SimulatorVersion | None
-) -> dict[str, Any]:
+def _held_out_columns(data: MeanData, result: CalibrationResult, version: SimulatorVersion | None) -> dict[str, Any]:
     """How well the simulator predicts the held-out designs, by the emulator."""
     if version is None or not data.held_out.any():
         return {"n_held_out": int(data.held_out.sum())}
@@ -157,10 +159,10 @@ def _held_out_columns(
         score(emulate(data.fitted, result, x, np.array(list(v.theta.model_dump().values()))), y)
         for v in (data.base, version)
     )
-    return make_held_out_columns(before, after, len(y), "emulator")
+    return _make_held_out_columns(before, after, len(y), "emulator")
 
 
-def make_held_out_columns(before: Score, after: Score, n: int, by: str) -> dict[str, Any]:
+def _make_held_out_columns(before: Score, after: Score, n: int, by: str) -> dict[str, Any]:
     """Columns of `calibrations` about the held-out designs."""
     return {
         "correlation_before": before.correlation,
@@ -170,3 +172,49 @@ def make_held_out_columns(before: Score, after: Score, n: int, by: str) -> dict[
         "n_held_out": n,
         "held_out_by": by,
     }
+
+
+def plan_verification(lake: Lake, data: MeanData, row: CalibrationRow) -> SimulationPlan | None:
+    """The held-out designs, as they were asked for, with both versions; None where there is nothing to verify."""
+    if row.version_id is None or not data.held_out.any():
+        return None
+    designs = {d.design_id: d for d, is_out in zip(data.measured.designs, data.held_out, strict=True) if is_out}
+    after = lake.records(SimulatorVersionRow, version_id=row.version_id)[0].version
+    return SimulationPlan(
+        points=tuple((design, version) for version in (data.base, after) for design in designs.values()),
+        object_ids=data.measured.object_ids,
+        setup=data.measured.setup,
+        config_hash=content_id("H", {"verified": row.calibration_id}),
+    )
+
+
+def verify(lake: Lake, data: MeanData, row: CalibrationRow, plan: SimulationPlan) -> CalibrationRow:
+    """Score the simulated held-out designs, once the plan is simulated; the row with the scores replaces the old one.
+
+    Objects that failed are imputed by the paper's rule.
+    """
+    versions = list(dict.fromkeys(version.version_id for _, version in plan.points))
+    before, after = (_score(lake, data, plan, version_id) for version_id in versions)
+    if before is None or after is None:
+        return row
+    columns = _make_held_out_columns(before, after, int(data.held_out.sum()), "simulator")
+    verified = row.model_copy(update=columns)
+    if verified != row:
+        lake.append([verified], current_provenance(plan.config_hash, parents=data.row_ids))
+    return verified
+
+
+def _score(lake: Lake, data: MeanData, plan: SimulationPlan, version_id: str) -> Score | None:
+    """None when every simulation failed."""
+    place = {object_id: i for i, object_id in enumerate(plan.object_ids)}
+    forces: dict[str, np.ndarray] = {}
+    sql = """SELECT design_id, object_id, peak_force_n FROM simulations
+        WHERE status = 'ok' AND version_id = ? AND setup_id = ?"""
+    for design_id, object_id, force_n in tuples(lake, sql, version_id, plan.setup.setup_id):
+        if object_id in place:
+            forces.setdefault(design_id, np.full(len(place), np.nan))[place[object_id]] = force_n
+    known = [i for i in np.flatnonzero(data.held_out) if data.measured.design_ids[i] in forces]
+    if not known:
+        return None
+    predicted, _ = mean_over_objects(np.array([forces[data.measured.design_ids[i]] for i in known]))
+    return score(predicted, data.problem.y_real[known])

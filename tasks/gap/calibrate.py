@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lake.store import Lake
-from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow, SimulationRow, SimulatorVersionRow
+from lake.tables.campaign import PosteriorDrawsRow, SimulationRow, SimulatorVersionRow
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.inference.summary import check_quality, find_theta, summarise_theta
@@ -19,7 +19,7 @@ from models.gap.data import GapData
 from models.gap.findings import ParameterEstimate
 from models.ids import canonical_json
 from models.records import EffectValue, SimulatorVersion
-from tasks.calibration.calibrate import CalibrationSource, Learned, Progress, find_calibration, infer, write_settings
+from tasks.calibration.calibrate import CalibrationData, Progress, calibrate_once, write_settings
 from tasks.gap.bank import list_bank_ids
 
 
@@ -79,66 +79,46 @@ def calibrate_simulator(search: SearchInputs, effects: Sequence[EffectValue]) ->
     Raises:
         FastError: no simulator may be built on the draws.
     """
-    lake, settings = search.lake, search.settings
-    source = make_source(search, effects)
-    calibration_id = source.calibration_id(settings)
-    row = find_calibration(lake, calibration_id)
-    if row is None:
-        row, _ = infer(lake, source, settings, search.progress)
+    lake, data = search.lake, gather_effects(search, effects)
+    row = calibrate_once(lake, data, search.settings, search.progress).row
     if row.version_id is None:
-        raise FastError(f"calibration {calibration_id} with {', '.join(source.names) or 'theta alone'}: {row.reason}")
+        raise FastError(f"calibration {row.calibration_id} with {', '.join(data.names) or 'theta alone'}: {row.reason}")
     (version,) = lake.records(SimulatorVersionRow, version_id=row.version_id)
-    names, draws = _read_draws(lake, calibration_id)
-    return CalibratedSimulator(version.version, calibration_id, names, draws, row.warnings)
+    names, draws = _read_draws(lake, row.calibration_id)
+    return CalibratedSimulator(version.version, row.calibration_id, names, draws, row.warnings)
 
 
 @dataclass(frozen=True, eq=False)
-class EffectCalibrationSource(CalibrationSource):
+class EffectData(CalibrationData):
     """Grasps that may be learnt from, the bank around them, and the effects whose parameters are inferred with theta.
 
     `training`: of `GapData.training`. `effects`: with the values at which a fit may begin; without any,
-    theta alone is inferred. `known_ids`: simulations of the bank that the lake has.
+    theta alone is inferred.
     """
 
-    data = "trace"
+    kind = "trace"
 
     training: Surrogate
     effects: tuple[EffectValue, ...]
-    known_ids: tuple[str, ...]
-
-    @property
-    def grasp_ids(self) -> tuple[str, ...]:
-        """Ids of the grasps that went in; held-out ones are not among them."""
-        return self.training.grasps.grasp_ids
-
-    @property
-    def simulation_ids(self) -> tuple[str, ...]:
-        """Ids of the simulations that went in."""
-        return self.known_ids
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Simulations that failed."""
-        share = self.training.bank.failed_share
-        return (f"{100 * share:.1f} % of the simulations of the bank failed.",) if share > 0 else ()
 
     @property
     def summary(self) -> str:
         """How much there is to learn from."""
         names = ", ".join(self.names) or "no effect"
-        return f"{len(self.grasp_ids)} traces, {len(self.known_ids)} simulated grasps, theta with {names}"
+        return f"{len(self.grasp_ids)} traces, {len(self.simulation_ids)} simulated grasps, theta with {names}"
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the effects."""
         return tuple(value.effect for value in self.effects)
 
-    def calibration_id(self, settings: CalibrationSettings) -> str:
-        """Id of the calibration of these data with these effects and settings."""
-        text = canonical_json([write_settings(settings), list(self.names)])
-        return CalibrationRow.make_id(self.base.version_id, self.data, self.row_ids, text, settings.seed)
+    def describe(self, settings: CalibrationSettings) -> str:
+        """Settings and effects: what decides the result besides simulator, rows and seed."""
+        return canonical_json([write_settings(settings), list(self.names)])
 
-    def learn(self, settings: CalibrationSettings, progress: Progress | None) -> Learned:
+    def learn(
+        self, settings: CalibrationSettings, progress: Progress | None
+    ) -> tuple[CalibrationResult, SimulatorVersion | None, dict[str, Any]]:
         """Infer theta and the parameters of the effects.
 
         Raises:
@@ -148,13 +128,13 @@ class EffectCalibrationSource(CalibrationSource):
 
         result = sample_posterior(self._fit, settings, progress)
         grasps = self.training.grasps
-        columns: dict[str, Any] = {
+        columns = {
             "n_designs": len(np.unique(grasps.tool)),
             "n_objects": len(np.unique(grasps.obj)),
-            "n_simulations": len(self.known_ids),
+            "n_simulations": len(self.simulation_ids),
             "n_held_out": len(grasps.tools) - len(np.unique(grasps.tool)),
         }
-        return Learned(result, make_version(self.base, result), columns)
+        return result, make_version(self.base, result), columns
 
     @cached_property
     def _fit(self) -> Any:
@@ -163,13 +143,16 @@ class EffectCalibrationSource(CalibrationSource):
         return recalibrate(self.training, self.effects)
 
 
-def make_source(search: SearchInputs, effects: Sequence[EffectValue]) -> EffectCalibrationSource:
+def gather_effects(search: SearchInputs, effects: Sequence[EffectValue]) -> EffectData:
     """What a calibration with effects is made of; without any, of theta alone."""
     training = search.data.training
     grasps = training.grasps
     wanted = list_bank_ids(search.base, grasps.designs, grasps.objects, grasps.setup)
     known = tuple(sorted(search.lake.ids(SimulationRow, simulation_id=wanted, status="ok")))
-    return EffectCalibrationSource(search.campaign_id, search.base, training, tuple(effects), known)
+    share = training.bank.failed_share
+    warnings = (f"{100 * share:.1f} % of the simulations of the bank failed.",) if share > 0 else ()
+    ids = training.grasps.grasp_ids
+    return EffectData(search.campaign_id, search.base, ids, known, warnings, training=training, effects=tuple(effects))
 
 
 def make_version(base: SimulatorVersion, result: CalibrationResult) -> SimulatorVersion | None:

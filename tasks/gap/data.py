@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from lake.store import Lake
 from lake.tables.campaign import GraspRow, ToolRow, TraceRow
-from models.calibration.inference.diagnostics import find_unit_warnings
+from models.calibration.inference.result import find_unit_warnings
 from models.calibration.inference.settings import ThetaPriors
 from models.errors import UsageError
 from models.gap.bank.bank import Bank

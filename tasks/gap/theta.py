@@ -5,47 +5,32 @@ medians of theta of the simulator: with it this simulator, on its own mesh, answ
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from lake.store import Lake
 from lake.tables.campaign import SimulationRow
+from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
 from models.errors import UsageError
 from models.gap.bank.surrogate import Surrogate
 from models.gap.data import GapData
 from models.records import SimulatorVersion
 from models.simulation.effects.catalogue import CATALOGUE, build_effects
-from tasks.calibration.calibrate import CalibrationSource, Learned, Progress, make_version
+from tasks.calibration.calibrate import CalibrationData, Progress, make_version
 from tasks.gap.bank import list_plan_ids, plan_theta_grid, read_grid_bank
 from tasks.gap.data import MeasuredGrasps, check_units
 from tasks.simulation.plan import SimulationPlan
 
 
 @dataclass(frozen=True, eq=False)
-class TraceCalibrationData(CalibrationSource):
+class TraceData(CalibrationData):
     """Traces by tool and object with the simulations around them; nothing is held out."""
 
-    data = "trace"
+    kind = "trace"
 
     training: Surrogate
-    known_ids: tuple[str, ...]
-    sentences: tuple[str, ...]
-
-    @property
-    def grasp_ids(self) -> tuple[str, ...]:
-        """Ids of the grasps that went in."""
-        return self.training.grasps.grasp_ids
-
-    @property
-    def simulation_ids(self) -> tuple[str, ...]:
-        """Ids of the simulations that went in."""
-        return self.known_ids
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Grasps that were left out, and what is doubtful about the rest."""
-        return self.sentences
 
     @property
     def summary(self) -> str:
@@ -53,10 +38,12 @@ class TraceCalibrationData(CalibrationSource):
         grasps = self.training.grasps
         return (
             f"{len(grasps.grasp_ids)} traces of {len(np.unique(grasps.tool))} tools on {len(np.unique(grasps.obj))} "
-            f"objects, {len(self.known_ids)} simulated grasps around them"
+            f"objects, {len(self.simulation_ids)} simulated grasps around them"
         )
 
-    def learn(self, settings: CalibrationSettings, progress: Progress | None) -> Learned:
+    def learn(
+        self, settings: CalibrationSettings, progress: Progress | None
+    ) -> tuple[CalibrationResult, SimulatorVersion | None, dict[str, Any]]:
         """Infer theta.
 
         Raises:
@@ -69,10 +56,10 @@ class TraceCalibrationData(CalibrationSource):
         columns = {
             "n_designs": len(np.unique(grasps.tool)),
             "n_objects": len(np.unique(grasps.obj)),
-            "n_simulations": len(self.known_ids),
+            "n_simulations": len(self.simulation_ids),
             "n_held_out": 0,
         }
-        return Learned(of_bench(result, self.training.bank.grid), make_version(self.base, result), columns)
+        return of_bench(result, self.training.bank.grid), make_version(self.base, result), columns
 
 
 def plan_grid(measured: MeasuredGrasps, base: SimulatorVersion) -> SimulationPlan:
@@ -92,9 +79,7 @@ def plan_grid(measured: MeasuredGrasps, base: SimulatorVersion) -> SimulationPla
     return plan_theta_grid(base, grasps.designs, grasps.objects, grasps.setup)
 
 
-def gather_traces(
-    lake: Lake, measured: MeasuredGrasps, base: SimulatorVersion, campaign_id: str | None
-) -> TraceCalibrationData:
+def gather_traces(lake: Lake, measured: MeasuredGrasps, base: SimulatorVersion, campaign_id: str | None) -> TraceData:
     """What a calibration on traces compares: measured grasps with what the lake has of their simulations.
 
     Raises:
@@ -110,4 +95,4 @@ def gather_traces(
     sentences = [*measured.trace_warnings, *check_units(data)]
     if n_lost := len(grasps.grasp_ids) - len(kept.grasps.grasp_ids):
         sentences.append(f"{n_lost} of {len(grasps.grasp_ids)} grasps have too few simulations around them; left out.")
-    return TraceCalibrationData(campaign_id, base, kept, known, tuple(sentences))
+    return TraceData(campaign_id, base, kept.grasps.grasp_ids, known, tuple(sentences), training=kept)

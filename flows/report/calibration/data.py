@@ -13,12 +13,11 @@ from flows.report.calibration.prediction_figures import Cloud, Panel
 from flows.report.campaign.queries import Result, fetch
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow, SimulatorVersionRow
-from models.calibration.inference.diagnostics import measure_convergence
-from models.calibration.inference.result import CalibrationResult
+from models.calibration.inference.result import CalibrationResult, measure_convergence
 from models.calibration.inference.settings import CalibrationSettings, read_settings
 from models.calibration.inference.summary import ParameterSummary, summarise_all
 from models.calibration.means.checks import CalibrationChecks, check_calibration
-from models.calibration.means.parameters import ParameterVector
+from models.calibration.means.parameters import Parameters
 from models.calibration.means.predict import N_DRAWS, predict_measured, predict_simulated
 from models.calibration.means.problem import THETA, CalibrationProblem, Standardised
 from models.design.space import PARAMETERS
@@ -210,10 +209,10 @@ def _result(lake: Lake, row: CalibrationRow) -> CalibrationResult:
 
 
 def _ordered(parameters: set[str]) -> tuple[str, ...]:
-    """The order of `ParameterVector.names`; parameters that it does not know follow by name."""
+    """The order of `Parameters.names`; parameters that it does not know follow by name."""
     settings = CalibrationSettings()
     n_inputs = len(PARAMETERS) + (3 if "lengthscale_h.young_modulus_mpa" in parameters else 2)
-    known = ParameterVector(n_inputs, "rho" in parameters, settings.priors).names
+    known = Parameters(n_inputs, "rho" in parameters, settings.priors).names
     return (*(name for name in known if name in parameters), *sorted(parameters.difference(known)))
 
 

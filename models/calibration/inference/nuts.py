@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from models.blas import one_blas_thread
+from models.calibration.inference.optimise import LogDensity
 from models.calibration.inference.settings import CalibrationSettings
 
 with warnings.catch_warnings():
@@ -20,7 +21,6 @@ from pytensor.graph.basic import Apply
 from pytensor.graph.op import Op
 from pytensor.tensor import TensorType
 
-LogDensity = Callable[[np.ndarray], tuple[float, np.ndarray]]
 _FIRST_WINDOW, _WINDOW_GROWTH = 50, 2.0
 _PYTHON = Mode(linker="py", optimizer="fast_run")  # the density is Python: a C compiler would gain nothing
 

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from models.calibration.inference.optimise import LogDensity
 from models.calibration.inference.settings import CalibrationSettings
 from models.errors import FastError, UsageError
 
 if TYPE_CHECKING:
     from models.calibration.inference.nuts import Chain
 
-LogDensity = Callable[[np.ndarray], tuple[float, np.ndarray]]
 Progress = Callable[[str], None]
 _REPORT_S = 5.0
 _WORKER_REPORT_S = 1.0

@@ -6,7 +6,7 @@ from models.calibration.inference.parallel_chains import Progress
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.inference.summary import check_convergence, has_good_weights
-from models.calibration.means.joint_nuts import calibrate_joint
+from models.calibration.means.joint import calibrate_joint
 from models.calibration.means.problem import CalibrationProblem, drop_repeats
 
 JOINT_LIMIT = 600  # simulations and designs that full joint NUTS samples in minutes

@@ -20,8 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.calibration.inference.result import CalibrationResult
+from models.calibration.means.emulator import Emulator
 from models.calibration.means.parameters import Phi
-from models.calibration.means.predict import N_DRAWS, DrawnModel, Emulator, Mixture, condition_models
+from models.calibration.means.predict import N_DRAWS, DrawnModel, Mixture, condition_models
 from models.calibration.means.problem import CalibrationProblem, Standardised
 from models.calibration.means.reweight import smooth_weights
 from models.ids import seed_from

@@ -9,26 +9,71 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from models.calibration.inference.optimise import climb, climb_scaled, find_laplace_covariance
-from models.calibration.means.parameters import LENGTHSCALE, NUGGET, SD_H, ParameterVector, Phi
-from models.calibration.means.problem import Standardised
+from models.calibration.means.parameters import LENGTHSCALE, NUGGET, SD_H, Parameters, Phi
+from models.calibration.means.problem import Standardised, unit_theta
+from models.errors import FastError
 from models.gaussian_process.density import half_weights, lengthscale_gradient, log_normal
-from models.gaussian_process.matern import matern52_with_slope
+from models.gaussian_process.matern import matern52, matern52_with_slope
 
 SUBSET_SIZE = 350  # simulations of the first search
 SEARCH_ITERATIONS, POLISH_ITERATIONS = 60, 40
+_JITTERS = (0.0, 1e-10, 1e-8)
 TOLERANCE = 1e-7  # of the log density, relative: its optimum to some hundredths of a posterior standard deviation
 
 
 @dataclass(frozen=True, eq=False)
-class Factor:
-    """Phi with the lower Cholesky factor L of K_SS (n x n, the upper triangle is rubbish) and alpha (n)."""
+class Emulator:
+    """The simulator's process g at one phi, conditioned on the simulations.
 
+    lower: lower Cholesky factor L of K_SS, n x n; its upper triangle is rubbish. alpha: K_SS^-1 y_S, n. log_density: of
+    y_S given phi, without a prior; known where `factorise` made it.
+    """
+
+    data: Standardised
     phi: Phi
     lower: np.ndarray
     alpha: np.ndarray
-    log_density: float  # of y_S given phi, without a prior
+    log_density: float = np.nan
+
+    @staticmethod
+    def condition(data: Standardised, phi: Phi) -> "Emulator":
+        """Condition on the simulations of `data`.
+
+        Raises:
+            FastError: the covariance stays singular even with jitter.
+        """
+        K = matern52(data.z_sim, data.z_sim, phi.lengthscales, phi.sd)
+        diagonal = np.diag_indices_from(K)
+        K[diagonal] += data.variance_sim + phi.nugget**2
+        lower = find_root(K, "simulations")
+        return Emulator(data, phi, lower, cho_solve((lower, True), data.y_sim, check_finite=False))
+
+    def inputs(self, x: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Inputs z of designs x (m x 9, unit cube) at theta (3, or m x 3, physical), m x d."""
+        every = np.broadcast_to(theta, (len(x), 3))
+        return np.column_stack([x, unit_theta(every, self.data.scales_with_modulus)])
+
+    def mean(self, z: np.ndarray) -> np.ndarray:
+        """Posterior mean of g at z (m x d), m."""
+        return np.asarray(matern52(z, self.data.z_sim, self.phi.lengthscales, self.phi.sd) @ self.alpha)
+
+    def whitened(self, z: np.ndarray) -> np.ndarray:
+        """L^-1 k_h(Z, z), n x m: its Gram matrix is the covariance that the simulations explain."""
+        cross = matern52(self.data.z_sim, z, self.phi.lengthscales, self.phi.sd)
+        return np.asarray(solve_triangular(self.lower, cross, lower=True, check_finite=False))
+
+    def simulated(self, x: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (N) and variance (N^2) of the simulator's force for designs x (m x 9, unit cube) at theta (3, physical).
+
+        Learned from the simulations alone, without rho; the nugget is part of the variance.
+        """
+        z = self.inputs(x, theta)
+        a = self.data.amplitude(theta, 1.0) * self.data.trend.of_designs(x)
+        variance = a**2 * (self.phi.sd**2 - sum_squares(self.whitened(z)) + self.phi.nugget**2)
+        return self.data.to_newton(a * (self.data.mean + self.mean(z)), variance)
 
 
 class EmulatorMode(NamedTuple):
@@ -38,15 +83,15 @@ class EmulatorMode(NamedTuple):
     root: np.ndarray
 
 
-def factorise(phi: Phi, data: Standardised) -> Factor | None:
-    """Factor of the simulations' covariance at phi; None where it is numerically singular."""
+def factorise(phi: Phi, data: Standardised) -> Emulator | None:
+    """The emulator at phi, fast and without jitter; None where it is numerically singular."""
     K = matern52_with_slope(data.z_sim, phi.lengthscales, phi.sd).covariance.T  # faster than the covariance alone
     K[np.diag_indices_from(K)] += data.variance_sim + phi.nugget**2
     found = log_normal(K, data.y_sim)
-    return Factor(phi, found.factor, found.alpha, found.value) if found else None
+    return Emulator(data, phi, found.factor, found.alpha, found.value) if found else None
 
 
-def log_posterior(values: np.ndarray, data: Standardised, parameters: ParameterVector) -> tuple[float, np.ndarray]:
+def log_posterior(values: np.ndarray, data: Standardised, parameters: Parameters) -> tuple[float, np.ndarray]:
     """Log density log p(y_S | phi) + log p(phi) at the vector form of phi, and its gradient (n_phi).
 
     Minus infinity (gradient zero) where the covariance is numerically singular.
@@ -68,7 +113,7 @@ def log_posterior(values: np.ndarray, data: Standardised, parameters: ParameterV
 
 
 def find_mode(
-    data: Standardised, parameters: ParameterVector, seed: int, progress: Callable[[str], None] | None = None
+    data: Standardised, parameters: Parameters, seed: int, progress: Callable[[str], None] | None = None
 ) -> EmulatorMode:
     """Phi of the largest posterior density given the simulations alone.
 
@@ -100,3 +145,26 @@ def _subset(data: Standardised, rng: np.random.Generator) -> Standardised:
         return data
     rows = np.sort(rng.choice(len(data.y_sim), SUBSET_SIZE, replace=False))
     return data.take_sim(rows)
+
+
+def find_root(K: np.ndarray, what: str) -> np.ndarray:
+    """Lower Cholesky factor of a covariance of so many simulations or measurements, with jitter where it needs some.
+
+    Raises:
+        FastError: the covariance stays singular even with jitter.
+    """
+    largest = float(np.diagonal(K).max())
+    for jitter in _JITTERS:
+        try:
+            return np.asarray(cholesky(K + jitter * largest * np.eye(len(K)), lower=True, check_finite=False))
+        except np.linalg.LinAlgError:
+            continue
+    raise FastError(
+        f"The covariance of {len(K)} {what} at a posterior draw is singular even with jitter {_JITTERS[-1]:g}; "
+        "look for duplicated designs with different forces."
+    )
+
+
+def sum_squares(columns: np.ndarray) -> np.ndarray:
+    """Sum of the squares of each column (n x m), m."""
+    return np.asarray(np.einsum("ij,ij->j", columns, columns))

@@ -12,22 +12,22 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 from scipy.stats import gamma, norm
 
 from models.blas import one_blas_thread
-from models.calibration.inference.diagnostics import diagnose
 from models.calibration.inference.optimise import Optimum, climb, climb_scaled, draw_starts, find_laplace_covariance
 from models.calibration.inference.parallel_chains import Progress, Samples, sample
-from models.calibration.inference.result import K_HAT_LIMIT, CalibrationResult
+from models.calibration.inference.result import K_HAT_LIMIT, WEIGHTED, CalibrationResult, make_result
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means import emulator, psi_density
-from models.calibration.means.joint_density import JointDensity
-from models.calibration.means.joint_nuts import guess_starts
-from models.calibration.means.parameters import ParameterVector
+from models.calibration.means import psi_density
+from models.calibration.means.emulator import TOLERANCE, Emulator, factorise, find_mode
+from models.calibration.means.joint import JointDensity, guess_starts
+from models.calibration.means.parameters import Parameters
 from models.calibration.means.problem import CalibrationProblem, Standardised
-from models.calibration.means.psi_density import Setting
+from models.calibration.means.psi_density import Measurements
 from models.calibration.means.reweight import Weighted, approximate_phi, find_effective_size, resample, weigh
-from models.calibration.means.ridge import ReparameterisedDensity, RidgeTempering, temper_ridge
+from models.calibration.means.ridge import RidgeDensity, temper_ridge
 from models.calibration.means.theta_surrogate import Box, ThetaSurrogate, build_accurate_surrogate
 from models.errors import FastError
 
@@ -66,7 +66,7 @@ class _Peak:
     """Mode of the joint posterior: vector (n_phi + n_psi), covariance of psi there given phi (n_psi x n_psi)."""
 
     vector: np.ndarray
-    factor: emulator.Factor
+    emulator: Emulator
     psi_covariance: np.ndarray
     optima: list[Optimum]  # of psi, given phi
 
@@ -81,77 +81,77 @@ def calibrate_factorised(
     `K_HAT_LIMIT`, or the result must not be used.
     """
     data = Standardised.of(problem)
-    setting = Setting.of(data, ParameterVector.of(data, settings))
+    measured = Measurements(data, Parameters.of(data, settings))
     steps = _Steps(progress or (lambda line: None))
     rng = np.random.default_rng([settings.seed, 2])
     with one_blas_thread():
-        peak = _find_peak(setting, settings, steps)
+        peak = _find_peak(measured, settings, steps)
         with steps("curvature"):
-            density = JointDensity(data, setting.parameters)
+            density = JointDensity(data, measured.parameters)
             normal_phi, cpu_s = approximate_phi(density, peak.vector, settings.workers, progress)
             steps.add("curvature", cpu_s)
-        sampled, samples = _sample_psi(setting, settings, peak, steps, rng, length)
+        sampled, samples = _sample_psi(measured, settings, peak, steps, rng, length)
         with steps("weights"):
             weighted = weigh(samples.draws, sampled, normal_phi, length * N_WEIGHTED, settings.workers, rng, progress)
             steps.add("weights", weighted.cpu_s)
-    return _result(problem, setting, settings, samples, weighted, steps, rng)
+    return _result(problem, measured, settings, samples, weighted, steps, rng)
 
 
-def _find_peak(setting: Setting, settings: CalibrationSettings, steps: _Steps) -> _Peak:
+def _find_peak(measured: Measurements, settings: CalibrationSettings, steps: _Steps) -> _Peak:
     """Mode of the joint posterior, found from those of phi alone and of psi given phi."""
-    data, parameters = setting.data, setting.parameters
+    data, parameters = measured.data, measured.parameters
     with steps("emulator"):
-        phi = emulator.find_mode(data, parameters, settings.seed, steps.tell)
+        phi = find_mode(data, parameters, settings.seed, steps.tell)
     with steps("optimum"):
-        factor = factorise_at(phi.values, setting)
+        emulator = factorise_at(phi.values, measured)
         guesses = [guess[parameters.n_phi :] for guess in guess_starts(parameters)]
-        optima = climb(lambda v: psi_density.log_posterior(v, factor, setting), guesses, tolerance=1e-7)
+        optima = climb(lambda v: psi_density.log_posterior(v, emulator, measured), guesses, tolerance=1e-7)
         psi = optima[0].vector
-        covariance = find_laplace_covariance(lambda v: psi_density.log_posterior(v, factor, setting), psi)
+        covariance = find_laplace_covariance(lambda v: psi_density.log_posterior(v, emulator, measured), psi)
         root = np.zeros((parameters.n_phi + parameters.n_psi,) * 2)
         root[: parameters.n_phi, : parameters.n_phi] = phi.root
         root[parameters.n_phi :, parameters.n_phi :] = np.linalg.cholesky(covariance)
         start = np.concatenate([phi.values, psi])
-        vector = climb_scaled(JointDensity(data, parameters), start, root, 40, emulator.TOLERANCE).vector
-        factor = factorise_at(vector[: parameters.n_phi], setting)
+        vector = climb_scaled(JointDensity(data, parameters), start, root, 40, TOLERANCE).vector
+        emulator = factorise_at(vector[: parameters.n_phi], measured)
         covariance = find_laplace_covariance(
-            lambda v: psi_density.log_posterior(v, factor, setting), vector[parameters.n_phi :]
+            lambda v: psi_density.log_posterior(v, emulator, measured), vector[parameters.n_phi :]
         )
-    return _Peak(vector, factor, covariance, optima)
+    return _Peak(vector, emulator, covariance, optima)
 
 
-def factorise_at(phi: np.ndarray, setting: Setting) -> emulator.Factor:
-    """Factor of the emulator at a phi in vector form.
+def factorise_at(phi: np.ndarray, measured: Measurements) -> Emulator:
+    """The emulator at a phi in vector form.
 
     Raises:
         FastError: the covariance is singular there.
     """
-    factor = emulator.factorise(setting.parameters.phi(phi), setting.data)
-    if factor is None:
+    emulator = factorise(measured.parameters.phi(phi), measured.data)
+    if emulator is None:
         raise FastError(
             "the covariance of the simulations is singular at the emulator's best fit; look for repeated designs."
         )
-    return factor
+    return emulator
 
 
 def _sample_psi(
-    setting: Setting,
+    measured: Measurements,
     settings: CalibrationSettings,
     peak: _Peak,
     steps: _Steps,
     rng: np.random.Generator,
     length: int = 1,
-) -> tuple[ReparameterisedDensity, Samples]:
+) -> tuple[RidgeDensity, Samples]:
     """NUTS on psi at the mode's phi, in a box of theta that grows until short trial chains stay inside."""
-    psi = peak.vector[setting.parameters.n_phi :]
-    box = find_first_box(setting, psi, peak.psi_covariance)
+    psi = peak.vector[measured.parameters.n_phi :]
+    box = find_first_box(measured, psi, peak.psi_covariance)
     for attempt in range(MAX_GROWTH + 1):
         with steps("theta surrogate"):
-            surrogate = build_accurate_surrogate(peak.factor, setting, box, psi, peak.psi_covariance, rng)
+            surrogate = build_accurate_surrogate(peak.emulator, measured, box, psi, peak.psi_covariance, rng)
             orders = " x ".join(str(n) for n in surrogate.orders)
             steps.tell(f"theta surrogate: {orders} nodes, {len(surrogate.basis)} matrices, error {surrogate.error:.3f}")
         with steps("passes of the ridge"):
-            density = ReparameterisedDensity(surrogate, _temper(surrogate, psi))
+            density = RidgeDensity(surrogate, _temper(surrogate, psi))
         starts = draw_starts(surrogate, [Optimum(psi, surrogate(psi)[0])], peak.psi_covariance, settings.chains, rng)
         covariance = density.covariance(peak.psi_covariance, psi)
         fewer = _at_most(settings, TRIAL_DRAWS, TRIAL_TUNE)
@@ -171,16 +171,16 @@ def _sample_psi(
     return density, replace(samples, draws=draws, n_gradients=samples.n_gradients + trial.n_gradients)
 
 
-def _temper(surrogate: ThetaSurrogate, psi: np.ndarray) -> RidgeTempering | None:
+def _temper(surrogate: ThetaSurrogate, psi: np.ndarray) -> PchipInterpolator | None:
     """What is taken off along friction, where E is a factor and the ridge has summits with deep passes."""
-    if not surrogate.setting.data.scales_with_modulus:
+    if not surrogate.measured.data.scales_with_modulus:
         return None
-    low, high = _prior_range(surrogate.setting, _RIDGE_TAIL)
+    low, high = _prior_range(surrogate.measured, _RIDGE_TAIL)
     return temper_ridge(surrogate, psi, (float(low[1]), float(high[1])))
 
 
 def _run(
-    density: ReparameterisedDensity,
+    density: RidgeDensity,
     starts: np.ndarray,
     covariance: np.ndarray,
     settings: CalibrationSettings,
@@ -199,12 +199,12 @@ def _at_most(settings: CalibrationSettings, draws: int, tune: int) -> Calibratio
 
 def _outside(draws: np.ndarray, surrogate: ThetaSurrogate) -> np.ndarray:
     """Share of draws (n x n_psi) outside the box by side and input, 2 x k."""
-    setting = surrogate.setting
-    t = np.array([setting.inputs(theta) for theta in setting.parameters.theta(draws[:, -3:])])
+    measured = surrogate.measured
+    t = np.array([measured.inputs(theta) for theta in measured.parameters.theta(draws[:, -3:])])
     return np.asarray(surrogate.box.is_outside(t).mean(axis=0))
 
 
-def find_first_box(setting: Setting, psi: np.ndarray, covariance: np.ndarray) -> Box:
+def find_first_box(measured: Measurements, psi: np.ndarray, covariance: np.ndarray) -> Box:
     """Box of the inputs t around the mode, within what the prior of theta allows.
 
     The Poisson ratio keeps its whole range: it is short, and posteriors lean against its ends. Where E is a factor,
@@ -212,18 +212,18 @@ def find_first_box(setting: Setting, psi: np.ndarray, covariance: np.ndarray) ->
     """
     reach = BOX_SD * np.sqrt(np.diag(covariance)[-3:])
     reach[-1] = np.inf
-    lower, upper = _prior_range(setting, _PRIOR_TAIL)
+    lower, upper = _prior_range(measured, _PRIOR_TAIL)
     ends = (np.maximum(psi[-3:] - reach, lower), np.minimum(psi[-3:] + reach, upper))
-    if setting.data.scales_with_modulus:
-        for end, likely in zip(ends, _prior_range(setting, _RIDGE_TAIL), strict=True):
+    if measured.data.scales_with_modulus:
+        for end, likely in zip(ends, _prior_range(measured, _RIDGE_TAIL), strict=True):
             end[1] = likely[1]
-    low, high = (setting.inputs(theta) for theta in setting.parameters.theta(np.array(ends)))
+    low, high = (measured.inputs(theta) for theta in measured.parameters.theta(np.array(ends)))
     return Box(low, high)
 
 
-def _prior_range(setting: Setting, tail: float) -> tuple[np.ndarray, np.ndarray]:
+def _prior_range(measured: Measurements, tail: float) -> tuple[np.ndarray, np.ndarray]:
     """Unconstrained theta (3) between which the prior has all but `tail` of its mass on either side."""
-    priors = setting.parameters.priors
+    priors = measured.parameters.priors
     reach = norm.isf(tail) * priors.young_modulus_log_sd
     modulus = np.log(priors.young_modulus_median_mpa)
     friction = np.log(gamma.ppf([tail, 1.0 - tail], priors.friction_shape) / priors.friction_rate)
@@ -233,36 +233,31 @@ def _prior_range(setting: Setting, tail: float) -> tuple[np.ndarray, np.ndarray]
 
 def _result(
     problem: CalibrationProblem,
-    setting: Setting,
+    measured: Measurements,
     settings: CalibrationSettings,
     samples: Samples,
     weighted: Weighted,
     steps: _Steps,
     rng: np.random.Generator,
 ) -> CalibrationResult:
-    parameters, weights = setting.parameters, weighted.weights
+    parameters, weights = measured.parameters, weighted.weights
     with steps("diagnosis"):
         rows = resample(weights, len(weights) // settings.chains * settings.chains, rng)
-        draws = parameters.constrain(weighted.draws[rows], setting.data.force_scale_n)
+        draws = parameters.constrain(weighted.draws[rows], measured.data.force_scale_n)
         draws = draws.reshape(settings.chains, -1, draws.shape[1])
-        found = diagnose(problem, parameters.names, draws, settings, samples.n_divergences, samples.n_deepest)
-    k_hat = weighted.k_hat
-    steps.tell(
-        f"k-hat {k_hat:.2f} (limit {K_HAT_LIMIT:g}), {find_effective_size(weights):.0f} effective of {len(weights)} "
-        f"weighted draws, {samples.n_gradients:,} gradients, {samples.n_divergences} divergences"
-    )
-    return CalibrationResult(
-        names=parameters.names,
-        draws=draws,
-        settings=settings,
-        method="factorised",
-        r_hat=found.r_hat,
-        ess_bulk=found.ess_bulk,
-        ess_tail=found.ess_tail,
-        n_divergences=samples.n_divergences,
-        n_gradients=samples.n_gradients,
-        k_hat=k_hat,
-        warnings=found.warnings,
-        cpu_s=sum(steps.cpu_s.values()),
-        steps=steps.cpu_s,
-    )
+        steps.tell(
+            f"k-hat {weighted.k_hat:.2f} (limit {K_HAT_LIMIT:g}), {find_effective_size(weights):.0f} effective of "
+            f"{len(weights)} weighted draws, {samples.n_gradients:,} gradients, {samples.n_divergences} divergences"
+        )
+        result = make_result(
+            problem,
+            parameters.names,
+            draws,
+            settings,
+            WEIGHTED,
+            samples.n_divergences,
+            samples.n_deepest,
+            samples.n_gradients,
+            weighted.k_hat,
+        )
+    return replace(result, cpu_s=sum(steps.cpu_s.values()), steps=steps.cpu_s)

@@ -45,7 +45,7 @@ class Psi:
 
 
 @dataclass(frozen=True)
-class ParameterVector:
+class Parameters:
     """Order of the vector: phi (`n_inputs` + 2), then psi (9 + 2, rho where free, 3)."""
 
     n_inputs: int
@@ -53,9 +53,9 @@ class ParameterVector:
     priors: ThetaPriors
 
     @staticmethod
-    def of(data: Standardised, settings: CalibrationSettings) -> "ParameterVector":
-        """ParameterVector of a problem."""
-        return ParameterVector(data.n_inputs, settings.rho == "free", settings.priors)
+    def of(data: Standardised, settings: CalibrationSettings) -> "Parameters":
+        """Parameters of a problem."""
+        return Parameters(data.n_inputs, settings.rho == "free", settings.priors)
 
     @property
     def n_phi(self) -> int:

@@ -15,19 +15,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 from scipy.special import ndtr
 
 from models.blas import one_blas_thread
 from models.calibration.inference.result import CalibrationResult
+from models.calibration.means.emulator import Emulator, find_root, sum_squares
 from models.calibration.means.parameters import N_DESIGN, Phi, Psi
-from models.calibration.means.problem import CalibrationProblem, Standardised, unit_theta
-from models.errors import FastError
+from models.calibration.means.problem import CalibrationProblem, Standardised
 from models.gaussian_process.matern import matern52
 from models.records import Record
 
 N_DRAWS = 200  # enough for a 5 % quantile to 1.5 %; each costs a Cholesky factor of the simulations
-_JITTERS = (0.0, 1e-10, 1e-8)
 _BISECTIONS = 60
 _BRACKET_SD = 10.0
 _ROWS_AT_ONCE = 16  # of the pairwise term of the score, which is designs x draws x draws
@@ -136,56 +135,6 @@ def _absolute_mean(mean: np.ndarray, sd: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Emulator:
-    """The simulator's process g at one phi, conditioned on the simulations.
-
-    factor: lower Cholesky factor of K_SS, n x n. weights: K_SS^-1 y_S, n.
-    """
-
-    data: Standardised
-    phi: Phi
-    factor: np.ndarray
-    weights: np.ndarray
-
-    @staticmethod
-    def condition(data: Standardised, phi: Phi) -> "Emulator":
-        """Condition on the simulations of `data`.
-
-        Raises:
-            FastError: the covariance stays singular even with jitter.
-        """
-        K = matern52(data.z_sim, data.z_sim, phi.lengthscales, phi.sd)
-        diagonal = np.diag_indices_from(K)
-        K[diagonal] += data.variance_sim + phi.nugget**2
-        factor = _factor(K, "simulations")
-        return Emulator(data, phi, factor, cho_solve((factor, True), data.y_sim, check_finite=False))
-
-    def inputs(self, x: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Inputs z of designs x (m x 9, unit cube) at theta (3, or m x 3, physical), m x d."""
-        every = np.broadcast_to(theta, (len(x), 3))
-        return np.column_stack([x, unit_theta(every, self.data.scales_with_modulus)])
-
-    def mean(self, z: np.ndarray) -> np.ndarray:
-        """Posterior mean of g at z (m x d), m."""
-        return np.asarray(matern52(z, self.data.z_sim, self.phi.lengthscales, self.phi.sd) @ self.weights)
-
-    def whitened(self, z: np.ndarray) -> np.ndarray:
-        """L^-1 k_h(Z, z), n x m: its Gram matrix is the covariance that the simulations explain."""
-        cross = matern52(self.data.z_sim, z, self.phi.lengthscales, self.phi.sd)
-        return np.asarray(solve_triangular(self.factor, cross, lower=True, check_finite=False))
-
-    def simulated(self, x: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (N) and variance (N^2) of the simulator's force for designs x (m x 9, unit cube) at theta (3, physical).
-
-        Learned from the simulations alone, without rho; the nugget is part of the variance.
-        """
-        z = self.inputs(x, theta)
-        a = self.data.amplitude(theta, 1.0) * self.data.trend.of_designs(x)
-        variance = a**2 * (self.phi.sd**2 - _squares(self.whitened(z)) + self.phi.nugget**2)
-        return _in_newton(self.data, a * (self.data.mean + self.mean(z)), variance)
-
-
-@dataclass(frozen=True, eq=False)
 class DrawnModel:
     """All processes at one joint draw, conditioned on all data. Public results are in N and N^2.
 
@@ -214,7 +163,7 @@ class DrawnModel:
         Q = np.outer(a, a) * (matern52(z, z, phi.lengthscales, phi.sd) - whitened.T @ whitened)
         Q += matern52(data.x_real, data.x_real, psi.lengthscales, psi.sd)
         Q[np.diag_indices_from(Q)] += data.variance_real + psi.noise_sd**2
-        factor = _factor(Q, "measurements")
+        factor = find_root(Q, "measurements")
         residual = data.y_real - a * (data.mean + emulator.mean(z))
         return DrawnModel(emulator, psi, z, whitened, factor, cho_solve((factor, True), residual, check_finite=False))
 
@@ -229,8 +178,8 @@ class DrawnModel:
         cross *= matern52(z, self.z_real, phi.lengthscales, phi.sd) - A.T @ self.whitened_real
         cross += matern52(x, data.x_real, psi.lengthscales, psi.sd)
         mean = a * (data.mean + self.emulator.mean(z)) + cross @ self.weights
-        prior = a**2 * (phi.sd**2 - _squares(A)) + psi.sd**2 + psi.noise_sd**2
-        return _in_newton(self.emulator.data, mean, prior - self._explained(cross), variance)
+        prior = a**2 * (phi.sd**2 - sum_squares(A)) + psi.sd**2 + psi.noise_sd**2
+        return self.emulator.data.to_newton(mean, prior - self._explained(cross), variance)
 
     def simulated(self, x: np.ndarray, theta: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """`Emulator.simulated` at theta (3) or at the draw's own."""
@@ -250,11 +199,11 @@ class DrawnModel:
         """Mean and variance of each measurement given all others and this draw (Rasmussen and Williams, Eq. 5.12)."""
         inverse = cho_solve((self.factor, True), np.eye(len(self.weights)), check_finite=False)
         precision = np.diagonal(inverse)
-        return _in_newton(self.emulator.data, self.emulator.data.y_real - self.weights / precision, 1.0 / precision)
+        return self.emulator.data.to_newton(self.emulator.data.y_real - self.weights / precision, 1.0 / precision)
 
     def _explained(self, cross: np.ndarray) -> np.ndarray:
         """Diagonal of C Q^-1 C' for cross covariances C (p x m), p."""
-        return _squares(solve_triangular(self.factor, cross.T, lower=True, check_finite=False))
+        return sum_squares(solve_triangular(self.factor, cross.T, lower=True, check_finite=False))
 
 
 def condition_models(problem: CalibrationProblem, result: CalibrationResult, n: int = N_DRAWS) -> Iterator[DrawnModel]:
@@ -316,7 +265,7 @@ def count_emulator_parameters(result: CalibrationResult) -> int:
 
 
 def _psi(row: np.ndarray, force_scale_n: float) -> Psi:
-    """Psi of constrained values in the order of `ParameterVector.names`; sd and noise in N become standardised."""
+    """Psi of constrained values in the order of `Parameters.names`; sd and noise in N become standardised."""
     rho = float(row[N_DESIGN + 2]) if len(row) == N_DESIGN + 6 else 1.0
     sd, noise = row[N_DESIGN] / force_scale_n, row[N_DESIGN + 1] / force_scale_n
     return Psi(row[:N_DESIGN], float(sd), float(noise), rho, row[-3:])
@@ -325,26 +274,3 @@ def _psi(row: np.ndarray, force_scale_n: float) -> Psi:
 def _stacked(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
     means, variances = zip(*parts, strict=True)
     return np.array(means), np.array(variances)
-
-
-def _in_newton(
-    data: Standardised, mean: np.ndarray, variance: np.ndarray, extra: np.ndarray | float = 0.0
-) -> tuple[np.ndarray, np.ndarray]:
-    return data.center_n + data.force_scale_n * mean, data.force_scale_n**2 * variance + extra
-
-
-def _factor(K: np.ndarray, what: str) -> np.ndarray:
-    largest = float(np.diagonal(K).max())
-    for jitter in _JITTERS:
-        try:
-            return np.asarray(cholesky(K + jitter * largest * np.eye(len(K)), lower=True, check_finite=False))
-        except np.linalg.LinAlgError:
-            continue
-    raise FastError(
-        f"The covariance of {len(K)} {what} at a posterior draw is singular even with jitter {_JITTERS[-1]:g}; "
-        "look for duplicated designs with different forces."
-    )
-
-
-def _squares(columns: np.ndarray) -> np.ndarray:
-    return np.asarray(np.einsum("ij,ij->j", columns, columns))

@@ -181,6 +181,12 @@ class Standardised:
         """The same measurements with some of the simulations (row numbers or a mask), in the same units."""
         return replace(self, z_sim=self.z_sim[rows], y_sim=self.y_sim[rows], variance_sim=self.variance_sim[rows])
 
+    def to_newton(
+        self, mean: np.ndarray, variance: np.ndarray, extra: np.ndarray | float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Means (N) and variances (N^2) of standardised measured forces; `extra` is added to the variance, N^2."""
+        return self.center_n + self.force_scale_n * mean, self.force_scale_n**2 * variance + extra
+
     def amplitude(self, theta: np.ndarray, rho: float) -> float:
         """Factor a between the emulated process and measured forces at theta (3, physical)."""
         if not self.scales_with_modulus:

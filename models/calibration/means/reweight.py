@@ -16,9 +16,9 @@ from models.calibration.inference.optimise import invert_hessian
 from models.calibration.inference.processes import spread
 from models.calibration.means import psi_density
 from models.calibration.means.emulator import factorise
-from models.calibration.means.joint_density import JointDensity
-from models.calibration.means.psi_density import Setting
-from models.calibration.means.ridge import ReparameterisedDensity
+from models.calibration.means.joint import JointDensity
+from models.calibration.means.psi_density import Measurements
+from models.calibration.means.ridge import RidgeDensity
 
 PSI_PER_PHI = 2  # neighbours of a chain that share a phi: a factor costs as much as five likelihoods
 _STEP = 0.02  # of the central differences, in logarithms: a fifth of a typical posterior standard deviation
@@ -76,7 +76,7 @@ class Weighted:
 
 def weigh(
     chains: np.ndarray,
-    sampled: ReparameterisedDensity,
+    sampled: RidgeDensity,
     normal_phi: NormalPhi,
     n: int,
     n_workers: int,
@@ -87,14 +87,14 @@ def weigh(
 
     The chains are draws of psi from the density `sampled`.
     """
-    surrogate, tempering = sampled.surrogate, sampled.tempering or (lambda values: 0.0)
-    setting = surrogate.setting
+    surrogate = sampled.surrogate
+    measured = surrogate.measured
     psi = thin(chains, n)  # phis x PSI_PER_PHI x n_psi
     phi, log_q = normal_phi.draw(len(psi), rng)
     jobs = list(zip(phi, psi, strict=True))
-    exact, cpu_s = spread(compute_exact_log_density, setting, jobs, n_workers, progress, "exact weights")
+    exact, cpu_s = spread(compute_exact_log_density, measured, jobs, n_workers, progress, "exact weights")
     approximate = np.array(
-        [[surrogate.log_likelihood(values) - tempering(values) for values in group] for group in psi]
+        [[surrogate.log_likelihood(values) - sampled.taken_off(values) for values in group] for group in psi]
     )
     log_weights = np.array(exact) - log_q[:, None] - approximate
     draws = np.concatenate([np.repeat(phi[:, None], PSI_PER_PHI, axis=1), psi], axis=2)
@@ -110,14 +110,14 @@ def thin(chains: np.ndarray, n: int) -> np.ndarray:
     return chains[:, rows].reshape(n_chains * n_groups, PSI_PER_PHI, k)
 
 
-def compute_exact_log_density(setting: Setting, job: _Job) -> np.ndarray:
+def compute_exact_log_density(measured: Measurements, job: _Job) -> np.ndarray:
     """Log p(phi) p(y_S | phi) p(y_R | psi, phi) of one phi and its group of psi, PSI_PER_PHI."""
     phi, group = job
-    factor = factorise(setting.parameters.phi(phi), setting.data)
-    if factor is None:
+    emulator = factorise(measured.parameters.phi(phi), measured.data)
+    if emulator is None:
         return np.full(len(group), -np.inf)
-    own = factor.log_density + setting.parameters.log_prior_phi(phi)[0]
-    return own + np.array([psi_density.log_likelihood(psi, factor, setting) for psi in group])
+    own = emulator.log_density + measured.parameters.log_prior_phi(phi)[0]
+    return own + np.array([psi_density.log_likelihood(psi, emulator, measured) for psi in group])
 
 
 def smooth_weights(log_weights: np.ndarray) -> tuple[np.ndarray, float]:

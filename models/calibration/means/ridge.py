@@ -26,27 +26,8 @@ _FRICTION = -2  # place of ln friction in the vector of psi
 _FLOOR = 0.05  # of the mean force: keeps g smooth and finite where the emulated mean is near zero
 
 
-@dataclass(frozen=True, eq=False)
-class RidgeTempering:
-    """What is taken off a log density: `profile`, of ln friction, between the ends of its grid."""
-
-    profile: PchipInterpolator
-
-    def __call__(self, psi: np.ndarray) -> float:
-        """Nats taken off at a vector of psi (n_psi)."""
-        return float(self.profile(self._inside(psi)))
-
-    def slope(self, psi: np.ndarray) -> float:
-        """Its slope by ln friction."""
-        inside = self._inside(psi)
-        return float(self.profile(inside, 1)) if inside == psi[_FRICTION] else 0.0
-
-    def _inside(self, psi: np.ndarray) -> float:
-        return float(np.clip(psi[_FRICTION], self.profile.x[0], self.profile.x[-1]))
-
-
-def temper_ridge(log_density: LogDensity, mode: np.ndarray, ends: tuple[float, float]) -> RidgeTempering | None:
-    """What to take off a density of psi (n_psi), from its profile over ln friction between `ends`.
+def temper_ridge(log_density: LogDensity, mode: np.ndarray, ends: tuple[float, float]) -> PchipInterpolator | None:
+    """Nats to take off a density of psi (n_psi), a curve of ln friction, from its profile between `ends`.
 
     None where there is one summit, or the passes between them are low enough.
     """
@@ -54,7 +35,7 @@ def temper_ridge(log_density: LogDensity, mode: np.ndarray, ends: tuple[float, f
     share, floor = find_share_taken_off(values := find_profile(log_density, mode, grid))
     if share == 0.0:
         return None
-    return RidgeTempering(PchipInterpolator(grid, share * (np.maximum(values, floor) - values.max())))
+    return PchipInterpolator(grid, share * (np.maximum(values, floor) - values.max()))
 
 
 def find_profile(log_density: LogDensity, mode: np.ndarray, grid: np.ndarray) -> np.ndarray:
@@ -93,19 +74,27 @@ def _held(log_density: LogDensity, log_friction: float) -> LogDensity:
 
 
 @dataclass(frozen=True, eq=False)
-class ReparameterisedDensity:
-    """The stand-in's density over reparameterised vectors (n_psi); where E is an input, over psi itself."""
+class RidgeDensity:
+    """The stand-in's density over reparameterised vectors (n_psi); where E is an input, over psi itself.
+
+    tempering: taken off, so that chains cross from one summit of the ridge to another; level beyond its ends.
+    """
 
     surrogate: ThetaSurrogate
-    tempering: RidgeTempering | None = None  # taken off, so that chains cross from one summit of the ridge to another
+    tempering: PchipInterpolator | None = None
 
     def __call__(self, values: np.ndarray) -> tuple[float, np.ndarray]:
         """Value and gradient, as those of the stand-in less `tempering`."""
         value, gradient = self._of_stand_in(values)
         if self.tempering is not None:
-            value -= self.tempering(values)
-            gradient[-2] -= self.tempering.slope(values)
+            value -= self.taken_off(values)
+            inside = _inside(self.tempering, values)
+            gradient[_FRICTION] -= float(self.tempering(inside, 1)) if inside == values[_FRICTION] else 0.0
         return value, gradient
+
+    def taken_off(self, psi: np.ndarray) -> float:
+        """Nats taken off at a vector of psi (n_psi), reparameterised or not."""
+        return 0.0 if self.tempering is None else float(self.tempering(_inside(self.tempering, psi)))
 
     def _of_stand_in(self, values: np.ndarray) -> tuple[float, np.ndarray]:
         if not self._is_sheared:
@@ -134,7 +123,7 @@ class ReparameterisedDensity:
 
     @property
     def _is_sheared(self) -> bool:
-        return self.surrogate.setting.data.scales_with_modulus
+        return self.surrogate.measured.data.scales_with_modulus
 
     def _moved(self, vectors: np.ndarray, sign: float) -> np.ndarray:
         moved = np.array(vectors, dtype=float)
@@ -145,11 +134,16 @@ class ReparameterisedDensity:
 
     def _log_mean(self, values: np.ndarray) -> tuple[float, np.ndarray]:
         """G at the friction and Poisson ratio of a vector, and its slopes by their unconstrained forms (2)."""
-        setting = self.surrogate.setting
-        theta = setting.parameters.theta(values[-3:])
-        mean, by_inputs = self.surrogate.mean_force(setting.inputs(theta))
-        floor = _FLOOR * max(abs(setting.data.mean), 1.0)
+        measured = self.surrogate.measured
+        theta = measured.parameters.theta(values[-3:])
+        mean, by_inputs = self.surrogate.mean_force(measured.inputs(theta))
+        floor = _FLOOR * max(abs(measured.data.mean), 1.0)
         squared = mean**2 + floor**2
-        slopes = mean / squared * by_inputs * setting.input_slopes(theta)
-        slopes += (setting.data.amplitude_slopes(theta) * setting.parameters.theta_slopes(theta))[1:]
-        return 0.5 * float(np.log(squared)) + float(np.log(setting.data.amplitude(theta, 1.0) / theta[0])), slopes
+        slopes = mean / squared * by_inputs * measured.input_slopes(theta)
+        slopes += (measured.data.amplitude_slopes(theta) * measured.parameters.theta_slopes(theta))[1:]
+        return 0.5 * float(np.log(squared)) + float(np.log(measured.data.amplitude(theta, 1.0) / theta[0])), slopes
+
+
+def _inside(profile: PchipInterpolator, psi: np.ndarray) -> float:
+    """Ln friction of a vector of psi, kept between the ends of a profile."""
+    return float(np.clip(psi[_FRICTION], profile.x[0], profile.x[-1]))

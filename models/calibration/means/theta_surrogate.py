@@ -14,8 +14,8 @@ from numpy.polynomial import chebyshev
 from scipy.linalg import eigh, solve_triangular
 
 from models.calibration.means import psi_density
-from models.calibration.means.emulator import Factor
-from models.calibration.means.psi_density import Setting
+from models.calibration.means.emulator import Emulator
+from models.calibration.means.psi_density import Measurements
 
 MARGIN = 0.15  # of the box's width, on either side: the room t is bent into
 TOLERANCE = 0.001  # root mean square over the grid of the whitened norm of what is dropped of V
@@ -61,7 +61,7 @@ class ThetaSurrogate:
     error of the log density at draws like the posterior's, where that was looked at.
     """
 
-    setting: Setting
+    measured: Measurements
     box: Box
     orders: tuple[int, ...]
     coefficients: np.ndarray
@@ -71,28 +71,28 @@ class ThetaSurrogate:
 
     def __call__(self, values: np.ndarray) -> tuple[float, np.ndarray]:
         """Value and gradient; minus infinity and zero where the covariance is numerically singular."""
-        psi = self.setting.parameters.psi(values)
-        terms, term_slopes = self._terms(self.setting.inputs(psi.theta))
+        psi = self.measured.parameters.psi(values)
+        terms, term_slopes = self._terms(self.measured.inputs(psi.theta))
         weights = self.coefficients @ terms
-        n = self.setting.likelihood.n
-        amplitude = self.setting.data.amplitude(psi.theta, psi.rho)
-        slopes = self.setting.likelihood.slopes(psi, amplitude, weights[:n], self.center + weights[n:] @ self.basis)
+        n = self.measured.n
+        amplitude = self.measured.data.amplitude(psi.theta, psi.rho)
+        slopes = self.measured.slopes(psi, amplitude, weights[:n], self.center + weights[n:] @ self.basis)
         if slopes is None:
             return -np.inf, np.zeros_like(values)
         by_weights = np.concatenate([slopes.mean, self.basis @ slopes.covariance])
         by_inputs = term_slopes @ (by_weights @ self.coefficients)
-        prior, gradient = self.setting.parameters.log_prior_psi(values)
-        return slopes.value + prior, gradient + self.setting.psi_gradient(slopes, by_inputs, psi.theta, psi.rho)
+        prior, gradient = self.measured.parameters.log_prior_psi(values)
+        return slopes.value + prior, gradient + self.measured.psi_gradient(slopes, by_inputs, psi.theta, psi.rho)
 
     def log_likelihood(self, values: np.ndarray) -> float:
         """Value without the prior."""
-        return self(values)[0] - self.setting.parameters.log_prior_psi(values)[0]
+        return self(values)[0] - self.measured.parameters.log_prior_psi(values)[0]
 
     def mean_force(self, t: np.ndarray) -> tuple[float, np.ndarray]:
         """Mean over the measured designs of tau mean + m(t), standardised, and its derivatives by t (k)."""
         terms, slopes = self._terms(t)
-        average = self.coefficients[: self.setting.likelihood.n].mean(axis=0)
-        data = self.setting.data
+        average = self.coefficients[: self.measured.n].mean(axis=0)
+        data = self.measured.data
         return float(data.mean * data.trend_real.mean() + average @ terms), slopes @ average
 
     def _terms(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -106,8 +106,8 @@ class ThetaSurrogate:
 
 
 def build_accurate_surrogate(
-    factor: Factor,
-    setting: Setting,
+    emulator: Emulator,
+    measured: Measurements,
     box: Box,
     mode: np.ndarray,
     covariance: np.ndarray,
@@ -118,12 +118,14 @@ def build_accurate_surrogate(
     Its error is measured at draws of psi (n_psi) from a normal around `mode`, as far as they are inside the box.
     """
     drawn = rng.multivariate_normal(mode, covariance, N_TEST, method="cholesky")
-    draws = [psi for psi in drawn if not box.is_outside(setting.inputs(setting.parameters.theta(psi[-3:]))[None]).any()]
-    exact = np.array([psi_density.log_likelihood(psi, factor, setting) for psi in draws])
-    width = 2.0 * _half_width(box) / factor.phi.lengthscales[-len(box.lower) :]
+    draws = [
+        psi for psi in drawn if not box.is_outside(measured.inputs(measured.parameters.theta(psi[-3:]))[None]).any()
+    ]
+    exact = np.array([psi_density.log_likelihood(psi, emulator, measured) for psi in draws])
+    width = 2.0 * _half_width(box) / emulator.phi.lengthscales[-len(box.lower) :]
     orders = np.clip(np.ceil(FIRST_NODES + NODES_PER_LENGTHSCALE * width).astype(int), FIRST_NODES, MAX_NODES)
     while True:
-        found = build_surrogate(factor, setting, box, tuple(orders.tolist()), mode)
+        found = build_surrogate(emulator, measured, box, tuple(orders.tolist()), mode)
         error = _spread([found.log_likelihood(psi) for psi in draws] - exact)
         if error <= MAX_ERROR or orders.min() >= MAX_NODES:
             return replace(found, error=error)
@@ -138,30 +140,30 @@ def _spread(errors: np.ndarray) -> float:
 
 
 def build_surrogate(
-    factor: Factor, setting: Setting, box: Box, orders: tuple[int, ...], typical: np.ndarray
+    emulator: Emulator, measured: Measurements, box: Box, orders: tuple[int, ...], typical: np.ndarray
 ) -> ThetaSurrogate:
     """Interpolate m and V in `box` with `orders` nodes by input; `typical` (n_psi) sets what may be dropped of V."""
     nodes = [chebyshev.chebpts1(n) for n in orders]
     center, half = 0.5 * (box.lower + box.upper), _half_width(box)
     grid = center + half * np.array(list(product(*nodes)))
-    pairs = [psi_density.predict(t, factor, setting) for t in grid]
+    pairs = [psi_density.predict(t, emulator, measured) for t in grid]
     means, covariances = np.array([mean for mean, _ in pairs]), np.array([V for _, V in pairs])
     middle = covariances.mean(axis=0)
     covariances -= middle
-    directions = _directions(covariances, middle, setting, typical)
+    directions = _directions(covariances, middle, measured, typical)
     to_coefficients = _interpolation(orders)
     values = np.column_stack([means, directions])
     return ThetaSurrogate(
-        setting, box, orders, np.ascontiguousarray((to_coefficients @ values).T), middle, directions.T @ covariances
+        measured, box, orders, np.ascontiguousarray((to_coefficients @ values).T), middle, directions.T @ covariances
     )
 
 
-def _directions(covariances: np.ndarray, middle: np.ndarray, setting: Setting, typical: np.ndarray) -> np.ndarray:
+def _directions(covariances: np.ndarray, middle: np.ndarray, measured: Measurements, typical: np.ndarray) -> np.ndarray:
     """Orthonormal combinations of the grid's covariances (nodes x p) that matter, nodes x rank."""
-    psi = setting.parameters.psi(typical)
-    amplitude = setting.data.amplitude(psi.theta, psi.rho)
-    root = setting.likelihood.root(psi, amplitude, middle)
-    whitened = np.array([_whiten(amplitude**2 * setting.likelihood.unpack(row), root) for row in covariances])
+    psi = measured.parameters.psi(typical)
+    amplitude = measured.data.amplitude(psi.theta, psi.rho)
+    root = measured.root(psi, amplitude, middle)
+    whitened = np.array([_whiten(amplitude**2 * measured.unpack(row), root) for row in covariances])
     whitened = whitened.reshape(len(covariances), -1)
     energy, vectors = eigh(whitened @ whitened.T)
     dropped = np.cumsum(np.maximum(energy, 0.0)) / len(energy)  # mean square norm when the first are dropped

@@ -16,10 +16,9 @@ from itertools import combinations
 import numpy as np
 from scipy.special import expit
 
-from models.calibration.inference.diagnostics import measure_convergence
 from models.calibration.inference.optimise import approximate_at_mode
 from models.calibration.inference.parallel_chains import sample
-from models.calibration.inference.result import CalibrationResult
+from models.calibration.inference.result import CalibrationResult, measure_convergence
 from models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings, ThetaPriors
 from models.calibration.means.problem import THETA
 from models.gap.fit.fit import HELD, Axis, Fit, axes_of

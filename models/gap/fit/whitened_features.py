@@ -14,13 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.calibration.traces.feature_errors import (
+from models.calibration.traces.response_surface import (
     LEAST_AMPLITUDE,
+    ResponseSurfaces,
     are_lifts,
     error_correlation,
     units_of,
 )
-from models.calibration.traces.response_surface import ResponseSurfaces
 from models.gap.bank.bank import Bank
 from models.gap.bank.sensor_effects import N_LEAD, apply_sensor_effect
 from models.gap.bank.surrogate import FEATURES, Surrogate, features_of_steps

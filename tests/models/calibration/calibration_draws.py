@@ -4,7 +4,7 @@ import numpy as np
 
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.parameters import ParameterVector
+from models.calibration.means.parameters import Parameters
 from models.calibration.means.problem import CalibrationProblem, Standardised
 
 _THETA = (9.0, 0.55, 0.34)
@@ -17,7 +17,7 @@ def made_up_result(
     rng = np.random.default_rng(5)
     settings = CalibrationSettings(rho=rho)
     data = Standardised.of(problem)
-    parameters = ParameterVector.of(data, settings)
+    parameters = Parameters.of(data, settings)
     middle = {"sd_h": 1.0, "nugget": 0.01, "sd_e_n": 0.25 * data.force_scale_n, "noise_sd_n": 0.02 * data.force_scale_n}
     middle |= {"rho": 1.0, "young_modulus_mpa": _THETA[0], "friction": _THETA[1], "poisson_ratio": _THETA[2]}
     center = np.array([middle.get(name, 1.5) for name in parameters.names])

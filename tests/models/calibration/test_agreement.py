@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.calibration.inference.diagnostics import measure_convergence
-from models.calibration.inference.result import K_HAT_LIMIT
+from models.calibration.inference.result import K_HAT_LIMIT, measure_convergence
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.means.factorised import calibrate_factorised
-from models.calibration.means.joint_nuts import calibrate_joint
+from models.calibration.means.joint import calibrate_joint
 from models.calibration.means.problem import THETA
 from models.calibration.means.synthetic import make_up_problem
 

@@ -6,13 +6,12 @@ import re
 import numpy as np
 import pytest
 
-from models.calibration.inference.diagnostics import diagnose, measure_overlap
-from models.calibration.inference.result import CalibrationResult
+from models.calibration.inference.result import CalibrationResult, make_result, measure_overlap
 from models.calibration.inference.settings import CalibrationSettings, read_settings
 from models.calibration.inference.summary import check_convergence, check_quality
 from models.calibration.means import calibrate as choice
 from models.calibration.means.calibrate import calibrate
-from models.calibration.means.parameters import ParameterVector
+from models.calibration.means.parameters import Parameters
 from models.calibration.means.problem import THETA, Standardised, drop_repeats
 from models.calibration.means.synthetic import make_up_problem
 from models.errors import UsageError
@@ -158,7 +157,7 @@ def some_draws(seed=0, **columns):
 
 
 def test_sound_draws_raise_no_doubt():
-    found = diagnose(PROBLEM, NAMES, some_draws(), SETTINGS, 0)
+    found = make_result(PROBLEM, NAMES, some_draws(), SETTINGS, "joint", 0)
     assert found.warnings == ()
     assert all(0.99 < r_hat < 1.01 for r_hat in found.r_hat.values())
     assert all(2000 < size < 4500 for size in found.ess_bulk.values())
@@ -184,14 +183,14 @@ def test_sound_draws_raise_no_doubt():
 )  # fmt: skip
 def test_every_problem_of_the_draws_is_said(columns, n_divergences, sentence):
 
-    found = diagnose(PROBLEM, NAMES, some_draws(**columns), SETTINGS, n_divergences)
+    found = make_result(PROBLEM, NAMES, some_draws(**columns), SETTINGS, "joint", n_divergences)
     assert any(re.search(sentence, said) for said in found.warnings), found.warnings
 
 
 def test_the_range_of_a_factor_is_no_range():
     problem = make_up_problem(40, 10, seed=0, scales_with_modulus=True)
     draws = some_draws(young_modulus_mpa=lambda rng, found: 1.5 + 0.05 * rng.standard_normal(3000))
-    assert diagnose(problem, NAMES, draws, SETTINGS, 0).warnings == ()
+    assert make_result(problem, NAMES, draws, SETTINGS, "joint", 0).warnings == ()
 
 
 def test_overlap_is_one_for_equal_and_zero_for_distant_draws():
@@ -205,7 +204,7 @@ def test_overlap_is_one_for_equal_and_zero_for_distant_draws():
 @pytest.mark.parametrize("rho", ["fixed", "free"])
 def test_vectors_become_parameters_in_their_units(rho):
     data = Standardised.of(PROBLEM)
-    parameters = ParameterVector.of(data, CalibrationSettings(rho=rho))
+    parameters = Parameters.of(data, CalibrationSettings(rho=rho))
     vector = parameters.draw_prior(np.random.default_rng(0))
     row = dict(zip(parameters.names, parameters.constrain(vector, data.force_scale_n), strict=True))
     phi, psi = parameters.phi(vector[: parameters.n_phi]), parameters.psi(vector[parameters.n_phi :])

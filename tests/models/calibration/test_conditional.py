@@ -9,9 +9,9 @@ from scipy.stats import multivariate_normal
 
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.means import emulator, psi_density
-from models.calibration.means.parameters import ParameterVector
+from models.calibration.means.parameters import Parameters
 from models.calibration.means.problem import Standardised
-from models.calibration.means.psi_density import Setting
+from models.calibration.means.psi_density import Measurements
 from models.calibration.means.synthetic import make_up_problem
 from models.gaussian_process.matern import matern52
 
@@ -19,7 +19,7 @@ from models.gaussian_process.matern import matern52
 @dataclass(frozen=True)
 class _Case:
     data: Standardised
-    parameters: ParameterVector
+    parameters: Parameters
     phi: np.ndarray
     psi: np.ndarray
 
@@ -28,7 +28,7 @@ class _Case:
 def case(request: pytest.FixtureRequest) -> _Case:
     rho, scales = request.param
     data = Standardised.of(make_up_problem(50, 15, 0, scales_with_modulus=scales))
-    parameters, rng = ParameterVector.of(data, CalibrationSettings(rho=rho)), np.random.default_rng(1)
+    parameters, rng = Parameters.of(data, CalibrationSettings(rho=rho)), np.random.default_rng(1)
     phi, psi = rng.normal(0.0, 0.3, parameters.n_phi), rng.normal(0.0, 0.3, parameters.n_psi)
     phi[-1], psi[10], psi[-3] = np.log(0.1), np.log(0.1), np.log(8.0)
     if parameters.has_rho:
@@ -43,24 +43,24 @@ def test_gradient_of_the_emulators_density_is_its_slope(case: _Case) -> None:
 
 
 def test_gradient_of_the_measurements_density_is_its_slope(case: _Case) -> None:
-    factor, setting = _prepared(case)
-    gradient = psi_density.log_posterior(case.psi, factor, setting)[1]
-    slopes = _differences(lambda v: psi_density.log_posterior(v, factor, setting)[0], case.psi)
+    factor, measured = _prepared(case)
+    gradient = psi_density.log_posterior(case.psi, factor, measured)[1]
+    slopes = _differences(lambda v: psi_density.log_posterior(v, factor, measured)[0], case.psi)
     np.testing.assert_allclose(gradient, slopes, rtol=1e-5, atol=1e-6)
 
 
 def test_value_without_gradient_is_the_same(case: _Case) -> None:
-    factor, setting = _prepared(case)
-    with_prior = psi_density.log_posterior(case.psi, factor, setting)[0]
-    alone = psi_density.log_likelihood(case.psi, factor, setting)
+    factor, measured = _prepared(case)
+    with_prior = psi_density.log_posterior(case.psi, factor, measured)[0]
+    alone = psi_density.log_likelihood(case.psi, factor, measured)
     assert with_prior == pytest.approx(alone + case.parameters.log_prior_psi(case.psi)[0], abs=1e-10)
 
 
 def test_both_parts_multiply_to_the_joint_density_of_all_forces(case: _Case) -> None:
     """Eq. 12 of the FAST paper: one normal density with the covariance written out."""
     data, phi, psi = case.data, case.parameters.phi(case.phi), case.parameters.psi(case.psi)
-    factor, setting = _prepared(case)
-    t = np.broadcast_to(setting.inputs(psi.theta), (15, data.n_inputs - 9))
+    factor, measured = _prepared(case)
+    t = np.broadcast_to(measured.inputs(psi.theta), (15, data.n_inputs - 9))
     z = np.vstack([data.z_sim, np.column_stack([data.x_real, t])])
     a = data.amplitude(psi.theta, psi.rho) * data.trend_real
     c = np.concatenate([np.ones(50), a])
@@ -69,22 +69,22 @@ def test_both_parts_multiply_to_the_joint_density_of_all_forces(case: _Case) -> 
     K += np.diag(np.concatenate([data.variance_sim + phi.nugget**2, data.variance_real + psi.noise_sd**2]))
     y = np.concatenate([data.y_sim, data.y_real - a * data.mean])
     joint = multivariate_normal.logpdf(y, np.zeros(65), K)
-    assert factor.log_density + psi_density.log_likelihood(case.psi, factor, setting) == pytest.approx(joint, abs=1e-8)
+    assert factor.log_density + psi_density.log_likelihood(case.psi, factor, measured) == pytest.approx(joint, abs=1e-8)
 
 
 def test_mode_of_the_emulator_is_flat_and_beats_the_prior_mode() -> None:
     data = Standardised.of(make_up_problem(120, 10, 0))
-    parameters = ParameterVector.of(data, CalibrationSettings())
+    parameters = Parameters.of(data, CalibrationSettings())
     mode = emulator.find_mode(data, parameters, seed=0).values
     value, gradient = emulator.log_posterior(mode, data, parameters)
     assert np.abs(gradient).max() < 0.1
     assert value > emulator.log_posterior(np.zeros(parameters.n_phi), data, parameters)[0] + 10.0
 
 
-def _prepared(case: _Case) -> tuple[emulator.Factor, Setting]:
+def _prepared(case: _Case) -> tuple[emulator.Emulator, Measurements]:
     factor = emulator.factorise(case.parameters.phi(case.phi), case.data)
     assert factor is not None
-    return factor, Setting.of(case.data, case.parameters)
+    return factor, Measurements(case.data, case.parameters)
 
 
 def _differences(function: Callable[[np.ndarray], float], at: np.ndarray) -> np.ndarray:

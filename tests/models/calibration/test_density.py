@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.joint_density import JointDensity
-from models.calibration.means.parameters import ParameterVector
+from models.calibration.means.joint import JointDensity
+from models.calibration.means.parameters import Parameters
 from models.calibration.means.problem import Standardised, unit_theta
 from models.calibration.means.synthetic import make_up_problem
 
@@ -16,7 +16,7 @@ CASES = [(scales, rho) for scales in (False, True) for rho in ("fixed", "free")]
 def estimate_density(scales, rho, n_sim=25, n_real=8):
     problem = make_up_problem(n_sim, n_real, seed=2, scales_with_modulus=scales)
     data = Standardised.of(problem)
-    return JointDensity(data, ParameterVector.of(data, CalibrationSettings(rho=rho)))
+    return JointDensity(data, Parameters.of(data, CalibrationSettings(rho=rho)))
 
 
 def some_vector(density, seed=0):

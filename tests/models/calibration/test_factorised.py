@@ -6,11 +6,10 @@ import pytest
 from models.calibration.inference.result import K_HAT_LIMIT, CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.means.factorised import calibrate_factorised, find_first_box
-from models.calibration.means.joint_density import JointDensity
-from models.calibration.means.joint_nuts import calibrate_joint, guess_starts
-from models.calibration.means.parameters import ParameterVector
+from models.calibration.means.joint import JointDensity, calibrate_joint, guess_starts
+from models.calibration.means.parameters import Parameters
 from models.calibration.means.problem import THETA, Standardised
-from models.calibration.means.psi_density import Setting
+from models.calibration.means.psi_density import Measurements
 from models.calibration.means.reweight import PSI_PER_PHI, NormalPhi, approximate_phi, compute_exact_log_density, thin
 from models.calibration.means.synthetic import make_up_problem
 
@@ -19,34 +18,34 @@ SHORT = CalibrationSettings(chains=2, draws=50, tune=50, target_accept=0.8, work
 
 
 @pytest.fixture(scope="module")
-def setting() -> Setting:
+def measured() -> Measurements:
     data = Standardised.of(PROBLEM)
-    return Setting.of(data, ParameterVector.of(data, SHORT))
+    return Measurements(data, Parameters.of(data, SHORT))
 
 
 @pytest.fixture(scope="module")
-def psi(setting: Setting) -> np.ndarray:
-    return guess_starts(setting.parameters)[1][setting.parameters.n_phi :]
+def psi(measured: Measurements) -> np.ndarray:
+    return guess_starts(measured.parameters)[1][measured.parameters.n_phi :]
 
 
 @pytest.fixture(scope="module")
-def normal_phi(setting: Setting) -> NormalPhi:
-    mean = np.concatenate([np.full(setting.parameters.n_inputs, 0.7), [0.3, np.log(0.03)]])
+def normal_phi(measured: Measurements) -> NormalPhi:
+    mean = np.concatenate([np.full(measured.parameters.n_inputs, 0.7), [0.3, np.log(0.03)]])
     return NormalPhi(mean, 0.1 * np.eye(len(mean)))
 
 
-def test_weights_are_of_the_joint_density(setting: Setting, normal_phi: NormalPhi, psi: np.ndarray) -> None:
+def test_weights_are_of_the_joint_density(measured: Measurements, normal_phi: NormalPhi, psi: np.ndarray) -> None:
     group = np.array([psi, psi + 0.1])
-    exact = compute_exact_log_density(setting, (normal_phi.mean, group))
-    joint = JointDensity(setting.data, setting.parameters)
+    exact = compute_exact_log_density(measured, (normal_phi.mean, group))
+    joint = JointDensity(measured.data, measured.parameters)
     for value, row in zip(exact, group, strict=True):
-        prior = setting.parameters.log_prior_psi(row)[0]
+        prior = measured.parameters.log_prior_psi(row)[0]
         assert value + prior == pytest.approx(joint(np.concatenate([normal_phi.mean, row]))[0], abs=1e-7)
 
 
-def test_normal_approximation_of_phi_has_the_joint_curvature(setting: Setting, psi: np.ndarray) -> None:
-    density = JointDensity(setting.data, setting.parameters)
-    mode = np.concatenate([np.full(setting.parameters.n_inputs, 0.5), [0.3, np.log(0.03)], psi])
+def test_normal_approximation_of_phi_has_the_joint_curvature(measured: Measurements, psi: np.ndarray) -> None:
+    density = JointDensity(measured.data, measured.parameters)
+    mode = np.concatenate([np.full(measured.parameters.n_inputs, 0.5), [0.3, np.log(0.03)], psi])
     normal, _ = approximate_phi(density, mode, 1)
     draws, log_density = normal.draw(4000, np.random.default_rng(0))
     covariance = normal.root @ normal.root.T
@@ -70,8 +69,10 @@ def test_the_recipe_runs_and_says_how_good_it_is() -> None:
     assert any("box of theta" in line or "nodes" in line for line in lines)
 
 
-def test_the_box_holds_the_whole_poisson_ratio_and_stays_within_the_prior(setting: Setting, psi: np.ndarray) -> None:
-    box = find_first_box(setting, psi, 100.0 * np.eye(len(psi)))
+def test_the_box_holds_the_whole_poisson_ratio_and_stays_within_the_prior(
+    measured: Measurements, psi: np.ndarray
+) -> None:
+    box = find_first_box(measured, psi, 100.0 * np.eye(len(psi)))
     friction, poisson = zip(box.lower, box.upper, strict=True)
     assert -0.02 < friction[0] < friction[1] < 2.0
     assert poisson == pytest.approx((0.0, 1.0), abs=1e-5)

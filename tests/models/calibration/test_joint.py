@@ -8,7 +8,7 @@ from scipy import stats
 
 from models.calibration.inference.optimise import climb, find_laplace_covariance
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.joint_nuts import calibrate_joint
+from models.calibration.means.joint import calibrate_joint
 from models.calibration.means.synthetic import make_up_problem
 from models.errors import FastError
 

@@ -5,42 +5,44 @@ import pytest
 
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.means import psi_density
-from models.calibration.means.emulator import Factor, factorise
-from models.calibration.means.parameters import ParameterVector
+from models.calibration.means.emulator import Emulator, factorise
+from models.calibration.means.parameters import Parameters
 from models.calibration.means.problem import Standardised
-from models.calibration.means.psi_density import Setting
+from models.calibration.means.psi_density import Measurements
 from models.calibration.means.synthetic import make_up_problem
 from models.calibration.means.theta_surrogate import MAX_ERROR, Box, ThetaSurrogate, build_surrogate
 
 
-@pytest.fixture(scope="module", params=[False, True], ids=["E an input", "E a factor"])
-def prepared(request: pytest.FixtureRequest) -> tuple[Setting, Factor, ThetaSurrogate, np.ndarray]:
+@pytest.fixture(scope="module", params=[False, True], ids=["E an input", "E a emulator"])
+def prepared(request: pytest.FixtureRequest) -> tuple[Measurements, Emulator, ThetaSurrogate, np.ndarray]:
     data = Standardised.of(make_up_problem(80, 15, 0, scales_with_modulus=request.param))
-    parameters = ParameterVector.of(data, CalibrationSettings())
+    parameters = Parameters.of(data, CalibrationSettings())
     phi = np.concatenate([np.full(data.n_inputs, 0.5), [0.3, np.log(0.03)]])
-    factor = factorise(parameters.phi(phi), data)
-    assert factor is not None
-    setting = Setting.of(data, parameters)
+    emulator = factorise(parameters.phi(phi), data)
+    assert emulator is not None
+    measured = Measurements(data, parameters)
     psi = np.concatenate(
         [np.full(9, 0.5), np.log([0.3, 0.05]), parameters.unconstrained_theta(np.array([9.0, 0.55, 0.34]))]
     )
     ends = parameters.theta(psi[-3:] + np.array([[-0.5], [0.5]]))
-    box = Box(setting.inputs(ends[0]), setting.inputs(ends[1]))
-    return setting, factor, build_surrogate(factor, setting, box, (8,) * len(box.lower), psi), psi
+    box = Box(measured.inputs(ends[0]), measured.inputs(ends[1]))
+    return measured, emulator, build_surrogate(emulator, measured, box, (8,) * len(box.lower), psi), psi
 
 
-def test_inside_the_box_it_is_the_likelihood(prepared: tuple[Setting, Factor, ThetaSurrogate, np.ndarray]) -> None:
+def test_inside_the_box_it_is_the_likelihood(
+    prepared: tuple[Measurements, Emulator, ThetaSurrogate, np.ndarray],
+) -> None:
     """As near as `build_accurate_surrogate` asks for: a constant error moves no draw."""
-    setting, factor, surrogate, psi = prepared
+    measured, emulator, surrogate, psi = prepared
     rng = np.random.default_rng(1)
     errors = []
     for _ in range(10):
         values = psi + np.concatenate([0.3 * rng.normal(size=11), rng.uniform(-0.45, 0.45, 3)])
         value, gradient = surrogate(values)
-        exact, exact_gradient = psi_density.log_posterior(values, factor, setting)
+        exact, exact_gradient = psi_density.log_posterior(values, emulator, measured)
         errors.append(value - exact)
         np.testing.assert_allclose(gradient, exact_gradient, rtol=5e-3, atol=0.15)
-        without_prior = psi_density.log_likelihood(values, factor, setting)
+        without_prior = psi_density.log_likelihood(values, emulator, measured)
         assert surrogate.log_likelihood(values) - without_prior == pytest.approx(errors[-1], abs=1e-8)
     assert np.std(errors) < MAX_ERROR
     assert np.abs(errors).max() < 0.1
@@ -48,7 +50,7 @@ def test_inside_the_box_it_is_the_likelihood(prepared: tuple[Setting, Factor, Th
 
 @pytest.mark.parametrize("shift", [0.2, 0.75, 3.0])
 def test_gradient_is_its_slope_inside_and_outside(
-    prepared: tuple[Setting, Factor, ThetaSurrogate, np.ndarray], shift: float
+    prepared: tuple[Measurements, Emulator, ThetaSurrogate, np.ndarray], shift: float
 ) -> None:
     *_, surrogate, psi = prepared
     values = psi.copy()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.joint_nuts import calibrate_joint
+from models.calibration.means.joint import calibrate_joint
 from models.calibration.means.problem import THETA
 from models.calibration.means.synthetic import Truth, make_up_problem
 
@@ -28,9 +28,12 @@ def test_the_truth_lies_within_the_posterior(seed, theta):
 def test_a_factor_e_gives_the_theta_that_an_input_e_gives_and_more_sharply():
     as_factor = make_up_problem(35, 12, seed=4, scales_with_modulus=True)
     as_input = dataclasses.replace(as_factor, scales_with_modulus=False)
-    factor, found = (calibrate_joint(problem, SETTINGS) for problem in (as_factor, as_input))
+    settings = SETTINGS.model_copy(update={"draws": 200})
+    factor, found = (calibrate_joint(problem, settings) for problem in (as_factor, as_input))
     assert len(factor.names) == len(found.names) - 1
     for name in THETA:
         a, b = (np.log(result.of(name)) for result in (factor, found))
         assert abs(a.mean() - b.mean()) < 1.5 * max(a.std(), b.std()), name
-        assert a.std() < 1.3 * b.std(), name
+        # The simulations say more of E as a factor. Friction and Poisson ratio are about as wide in both: 0.96 to 1.16
+        # times, from seed to seed of the chains.
+        assert a.std() < (0.7 if name == "young_modulus_mpa" else 1.5) * b.std(), name

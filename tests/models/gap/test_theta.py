@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.calibration.inference.diagnostics import find_unit_warnings
 from models.calibration.inference.optimise import approximate_at_mode
+from models.calibration.inference.result import find_unit_warnings
 from models.calibration.inference.settings import CalibrationSettings, ThetaPriors
 from models.calibration.inference.summary import check_quality
 from models.calibration.means.problem import THETA

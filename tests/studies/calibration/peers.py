@@ -203,7 +203,7 @@ def _physical(theta: np.ndarray) -> np.ndarray:
 
 
 def _least_ess(draws: np.ndarray) -> float:
-    from models.calibration.inference.diagnostics import measure_convergence
+    from models.calibration.inference.result import measure_convergence
 
     parts = draws[: len(draws) // 4 * 4].reshape(4, -1, len(THETA))  # as if they were chains
     _, ess_bulk, _ = measure_convergence(THETA, parts)

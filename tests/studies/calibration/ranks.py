@@ -105,10 +105,9 @@ def calibrate_world(kind: Kind, world: int) -> WorldOutcome:
 
 
 def _calibrate_world(kind: Kind, world: int) -> WorldOutcome:
-    from models.calibration.inference.diagnostics import measure_convergence
-    from models.calibration.means.joint_density import JointDensity
-    from models.calibration.means.joint_nuts import sample_joint
-    from models.calibration.means.parameters import ParameterVector
+    from models.calibration.inference.result import measure_convergence
+    from models.calibration.means.joint import JointDensity, sample_joint
+    from models.calibration.means.parameters import Parameters
     from models.calibration.means.problem import Standardised
     from models.calibration.means.synthetic import Truth, make_up_problem
 
@@ -116,7 +115,7 @@ def _calibrate_world(kind: Kind, world: int) -> WorldOutcome:
     theta, rng = _true_theta(kind, settings.priors, world)
     truth = Truth(theta=tuple(theta.tolist()))
     data = Standardised.of(make_up_problem(N_SIM, N_REAL, world, truth, scales_with_modulus=kind == "factor"))
-    parameters = ParameterVector.of(data, settings)
+    parameters = Parameters.of(data, settings)
     if kind == "model":
         true_values = parameters.draw_prior(rng)
         data = JointDensity(data, parameters).draw_outputs(true_values, rng)

@@ -116,10 +116,10 @@ def calibration_lake(root: Path, n_tools: int = 15, n_points: int = 40) -> Lake:
 
 def made_up_result(problem, settings: CalibrationSettings, theta: Theta = TRUTH, **changes) -> CalibrationResult:
     """Draws around a theta, as a calibration might find them."""
-    from models.calibration.means.parameters import ParameterVector
+    from models.calibration.means.parameters import Parameters
     from models.calibration.means.problem import Standardised
 
-    names = ParameterVector.of(Standardised.of(problem), settings).names
+    names = Parameters.of(Standardised.of(problem), settings).names
     rng = np.random.default_rng(settings.seed)
     draws = rng.lognormal(0.0, 0.1, (settings.chains, settings.draws, len(names)))
     centers = dict(theta.model_dump(), nugget=0.02, noise_sd_n=0.1, sd_e_n=0.3, sd_h=1.5)

@@ -18,7 +18,7 @@ from lake.tables.campaign import (
 from lake.tables.catalogue_rows import missing_version_rows
 from models.errors import UsageError
 from models.records import EffectValue, SimulatorVersion
-from tasks.calibration.calibrate import find_calibration, infer
+from tasks.calibration.calibrate import calibrate_once, infer
 from tasks.calibration.mean_data import find_base_version, make_problem, read_measured_tools, read_simulated_points
 from tasks.calibration.means import gather, regather
 from tasks.gap.bank import plan_theta_grid
@@ -168,7 +168,8 @@ def test_the_same_data_and_settings_are_the_same_calibration(tmp_path, calibrate
     lake = calibration_lake(tmp_path / "lake")
     row, _ = infer_new(lake)
     data = gather(lake, None, None, SETTINGS.seed)
-    assert find_calibration(lake, data.calibration_id(SETTINGS)) == row
+    once = calibrate_once(lake, data, SETTINGS)
+    assert (once.row, once.is_new) == (row, False)
     more_workers = SETTINGS.model_copy(update={"workers": 7})
     assert data.calibration_id(more_workers) == row.calibration_id
     for change in ({"seed": 1}, {"rho": "free"}, {"draws": 300}):

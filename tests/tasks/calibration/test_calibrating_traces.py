@@ -25,11 +25,11 @@ from models.errors import UsageError
 from models.gap.fit import posterior, theta
 from models.gap.fit.theta import MODULUS_SHIFT, calibrate_theta
 from models.records import EffectValue, GraspSetup, SimulatorVersion, Theta
-from tasks.calibration.calibrate import find_calibration, infer
+from tasks.calibration.calibrate import calibrate_once, infer
 from tasks.calibration.drift import read_theta_history
 from tasks.calibration.means import regather
 from tasks.gap.data import read_grasps
-from tasks.gap.theta import TraceCalibrationData, gather_traces, plan_grid
+from tasks.gap.theta import TraceData, gather_traces, plan_grid
 from tasks.simulation.plan import missing_objects
 from tests.tasks.calibration.trace_lake import (
     BASE,
@@ -48,7 +48,7 @@ from tests.tasks.calibration.trace_lake import (
 SETTINGS = CalibrationSettings(chains=2, draws=250, tune=150, workers=1)
 
 
-def gathered(lake: Lake, campaign_id: str | None = None) -> TraceCalibrationData:
+def gathered(lake: Lake, campaign_id: str | None = None) -> TraceData:
     return gather_traces(lake, read_grasps(lake, campaign_id), BASE, campaign_id)
 
 
@@ -56,7 +56,7 @@ class Inferred(NamedTuple):
     """A lake with a calibration, and what the sampler found of the simulator's theta."""
 
     lake: Lake
-    data: TraceCalibrationData
+    data: TraceData
     row: CalibrationRow
     result: CalibrationResult
     of_simulator: CalibrationResult
@@ -111,7 +111,8 @@ def test_the_version_gets_theta_of_the_simulator_and_the_draws_that_of_the_bench
 def test_the_same_data_and_settings_are_the_same_calibration(inferred: Inferred) -> None:
     lake, _, row, _, _ = inferred
     again = gathered(lake)
-    assert find_calibration(lake, again.calibration_id(SETTINGS)) == row
+    once = calibrate_once(lake, again, SETTINGS)
+    assert (once.row, once.is_new) == (row, False)
     other = SETTINGS.model_copy(update={"seed": 1})
     assert again.calibration_id(other) != row.calibration_id
 

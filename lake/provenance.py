@@ -4,7 +4,6 @@ import subprocess
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from threading import Lock
 
@@ -93,6 +92,8 @@ def _git(folder: Path, *arguments: str) -> str | None:
 
 
 def _package_version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
     try:
         return version(PACKAGE)
     except PackageNotFoundError:

@@ -172,6 +172,7 @@ class Lake:
     def reading(self, sql: str) -> Iterator[Engine]:
         """What answers this query, in step with the tables that it reads; others wait until it is given back."""
         with self._synced(tables_used(sql)) as engine:
+            engine.define_views()  # people ask what there is, and for what is nearly its name
             yield engine
 
     def mark(self, table: type[Row]) -> Mark:

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from models.errors import UsageError
 from models.ids import content_id
+from models.validation import closest
 
 BENCH_FAULT = "bench_fault"  # how a measured grasp ended that the bench could not go on with; says nothing of the tool
 
@@ -112,6 +113,18 @@ TIERS = {
     "production": SimulatorVersion(),
     "reference": SimulatorVersion(tier="reference", mesh=REFERENCE_MESH),
 }
+
+
+def find_tier(name: str) -> SimulatorVersion:
+    """The simulator version of a tier.
+
+    Raises:
+        UsageError: the tier was removed, or there is none of this name.
+    """
+    check_tier(name)
+    if name not in TIERS:
+        raise UsageError(f"there is no tier `{name}`; {closest(name, list(TIERS))}")
+    return TIERS[name]
 
 
 def check_tier(tier: str) -> None:

@@ -7,8 +7,6 @@ from flows.benchmarks.calibration import measure_calibration
 from flows.benchmarks.grasp import measure_grasp
 from flows.benchmarks.lake import measure_lake
 from flows.benchmarks.overhead import measure_overhead
-from flows.benchmarks.robustness import measure_robustness
-from flows.benchmarks.scale import measure_scale
 from flows.benchmarks.scientist import measure_scientist
 
 _SIMULATED = ("designs", "objects", "results", "limit_minutes", "workers", "tiers")
@@ -16,11 +14,9 @@ _SIMULATED = ("designs", "objects", "results", "limit_minutes", "workers", "tier
 BENCHMARKS: dict[str, Benchmark] = {
     "grasp": benchmark(measure_grasp, *_SIMULATED),
     "accuracy": benchmark(measure_accuracy, *_SIMULATED),
-    "robustness": benchmark(measure_robustness, *_SIMULATED),
     "scientist": benchmark(measure_scientist),
     "calibration": benchmark(measure_calibration, "n_sim", "n_real", "workers"),
     "bench": benchmark(measure_bench, "designs", "objects"),
     "lake": benchmark(measure_lake, "grasps"),
     "overhead": benchmark(measure_overhead),
-    "scale": benchmark(measure_scale, "workers"),
 }

@@ -10,12 +10,9 @@ from itertools import groupby
 
 from flows.benchmarks.base import Options
 from flows.benchmarks.outcomes import Outcome, RecordFile, read_outcomes
-from flows.benchmarks.tiers import WEDGE_REFINEMENT, version_of
-from flows.benchmarks.wedges import wedge_mesh
 from lake.tables.campaign import SimulationRow
 from models.design.space import BEST_PUBLISHED, numbered_design
-from models.objects.catalogue import get_object
-from models.records import GraspSetup
+from models.records import GraspSetup, find_tier
 from models.solver_code import solver_id
 from tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
 from tasks.simulation.pool import Worker
@@ -36,16 +33,12 @@ class Case:
     @property
     def job(self) -> GraspJob:
         """What a worker is told."""
-        design, mesh = numbered_design(self.design), None
-        if self.tier in WEDGE_REFINEMENT:
-            full_width = not get_object(self.object_id).mirror_y
-            mesh = wedge_mesh(design, refine=WEDGE_REFINEMENT[self.tier], full_width=full_width)
-        return GraspJob(design, self.object_id, version_of(self.tier), SETUP, DEADLINE_S, mesh=mesh)
+        return GraspJob(numbered_design(self.design), self.object_id, find_tier(self.tier), SETUP, DEADLINE_S)
 
     @property
     def simulation_id(self) -> str:
         """The id that a lake would give this simulation."""
-        version_id = version_of(self.tier).version_id
+        version_id = find_tier(self.tier).version_id
         design_id = numbered_design(self.design).design_id
         return SimulationRow.make_id(design_id, self.object_id, version_id, SETUP.setup_id)
 
@@ -105,7 +98,7 @@ class _Part:
 
     def _warm(self, worker: Worker) -> None:
         for tier in self._tiers:
-            job = GraspJob(BEST_PUBLISHED, WARM_OBJECT, version_of(tier), WARM_SETUP, DEADLINE_S)
+            job = GraspJob(BEST_PUBLISHED, WARM_OBJECT, find_tier(tier), WARM_SETUP, DEADLINE_S)
             answer(worker, job, worker.submit(attempt_grasp, job))
 
     def _use(self, worker: Worker) -> None:

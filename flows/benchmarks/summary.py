@@ -40,19 +40,3 @@ def failures_by_reason(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
         row = {"tier": tier, "reason": reason, "grasps": len(same), "designs": len({o.design for o in same})}
         rows.append({**row, "cpu_s": sum(o.cpu_s for o in same)})
     return rows
-
-
-def failed_grasps(outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
-    """Every failure with its id, its cost, and the command that repeats it."""
-    return [
-        {
-            "simulation_id": o.simulation_id,
-            "design": o.design,
-            "object_id": o.object_id,
-            "reason": o.reason,
-            "cpu_s": o.cpu_s,
-            "repeat": f"fast simulate --design random-{o.design} --object {o.object_id} --tier {o.tier}",
-        }
-        for o in outcomes
-        if not o.is_ok
-    ]

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flows.cli.dependencies import CAMPAIGN, require
+from flows.dependencies import CAMPAIGN, require
 from flows.progress import ProgressReporter
 from flows.server.crashed_runs import end_crashed_runs
 from flows.server.server import configure_client, server

@@ -129,8 +129,8 @@ _PARSERS: dict[str, Callable[[str], tuple[Any, ...]]] = {"objects": _object_ids,
 
 
 def _check_options(name: str, benchmark: "Benchmark", given: dict[str, Any]) -> None:
-    from flows.benchmarks.tiers import version_of
     from models.errors import UsageError
+    from models.records import find_tier
 
     for option, value in given.items():
         if option not in benchmark.options:
@@ -139,7 +139,7 @@ def _check_options(name: str, benchmark: "Benchmark", given: dict[str, Any]) -> 
         if option in ("designs", "workers", "n", "worlds", "n_sim", "n_real") and value < 1:
             raise UsageError(f"--{option} is {value}, at least 1 is needed.")
     for tier in given.get("tiers", ()):
-        version_of(tier)
+        find_tier(tier)
 
 
 def _rounded(tables: "Tables") -> "Tables":

@@ -77,7 +77,7 @@ def _python() -> Check:
 
 
 def _packages() -> Check:
-    from flows.cli.dependencies import ALL, is_installed, missing_sentence
+    from flows.dependencies import ALL, is_installed, missing_sentence
 
     missing = [name for name in ALL if not is_installed(name)]
     return Check("packages", not missing, missing_sentence(missing) if missing else f"all {len(ALL)} are installed")

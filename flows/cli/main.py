@@ -105,7 +105,7 @@ def _usage_sentence(error: CycloptsError, program: str) -> str:
 
 
 def _missing(error: ModuleNotFoundError) -> int:
-    from flows.cli.dependencies import OWN, missing_sentence
+    from flows.dependencies import OWN, missing_sentence
 
     name = (error.name or "").partition(".")[0]
     if not name or name in OWN:

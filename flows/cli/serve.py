@@ -34,8 +34,8 @@ def serve(
     Campaigns on the same lake show there and can be started there. A server named by PREFECT_API_URL is used instead
     of one of its own. With FAST_PASSWORD set, pages and programs need it (user `fast`).
     """
-    from flows.cli.dependencies import require
     from flows.cli.virtual import watch_signals
+    from flows.dependencies import require
     from flows.server.lab import LabPlan, open_lab
     from flows.server.server import find_server
     from lake.store import Lake

@@ -152,17 +152,12 @@ def refuse_beside(option: str, others: dict[str, Any]) -> None:
 
 
 def _base_version(lake: Path, version_id: str | None, tier: str | None) -> "SimulatorVersion":
-    from models.errors import UsageError
-    from models.records import TIERS, check_tier
-    from models.validation import closest
+    from models.records import find_tier
 
     if tier is None:
         return read_version(lake, version_id)
     refuse_beside("tier", {"version": version_id})
-    check_tier(tier)
-    if tier not in TIERS:
-        raise UsageError(f"there is no tier `{tier}`; {closest(tier, list(TIERS))}")
-    return TIERS[tier]
+    return find_tier(tier)
 
 
 def read_version(lake: Path, version_id: str | None) -> "SimulatorVersion":

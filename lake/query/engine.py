@@ -75,6 +75,7 @@ class Engine:
         self._upgrades = Upgrades(root)
         self._files = {row_type.table: _TableFiles() for row_type in TABLES}
         self._old_views: set[str] = set()  # tables whose view does not show all that was read
+        self._defined = set(_TIMES_VIEW.values())  # names of `views.sql` that the connection has
         self._n_loose = 0  # rows held that are not compressed yet
         self.connection = duckdb.connect(":memory:")
         self.connection.execute("ATTACH ':memory:' AS held (COMPRESS)")
@@ -83,11 +84,13 @@ class Engine:
         self.connection.execute("SET parquet_metadata_cache = true")
         self.connection.execute(f"SET memory_limit = '{_MEMORY_LIMIT}'")
         self.connection.execute(f"SET temp_directory = {_quote(self._upgrades.temporary / 'spilled')}")
+        self.connection.execute("BEGIN TRANSACTION")  # one for all: each would take as long as its statements
         for row_type in TABLES:
             self._create_table(row_type)
-        load_views(self.connection)
         for row_type in TABLES:
-            self._point_views(row_type)
+            if row_type.table in _TIMES_VIEW:
+                self._point_views(row_type)
+        self.connection.execute("COMMIT")
         self.connection.execute(f"SET allowed_directories = {_quoted_list([root.resolve(), self._upgrades.temporary])}")
         self.connection.execute("SET enable_external_access = false")
         self.connection.execute("SET lock_configuration = true")
@@ -105,8 +108,19 @@ class Engine:
             if row_type.table in tables:
                 self._sync_table(row_type, row_type.table in views)
 
+    def define_views(self, names: Collection[str] | None = None) -> None:
+        """Create the views and macros of `views.sql` with these names, or all of them, unless they are there.
+
+        All take as long as a dozen queries, and most queries use none.
+        """
+        for name, statement in _view_statements().items():
+            if (names is None or name in names) and name not in self._defined:
+                self.connection.execute(statement)
+                self._defined.add(name)
+
     def read(self, sql: str, params: Sequence[Any] | dict[str, Any] | None = None) -> pa.Table:
         """Result of a query over what was last synced, in a read-only transaction."""
+        self.define_views(_names_used(sql))
         self.connection.execute("BEGIN TRANSACTION READ ONLY")
         try:
             return self.connection.sql(sql, params=params).to_arrow_table()
@@ -154,7 +168,8 @@ class Engine:
             f"empty_{table}": columns,
         }.items():
             self.connection.execute(create_table(name, own))
-        self.connection.execute(f"CREATE VIEW {table} AS SELECT * FROM empty_{table}")  # for views.sql to look at
+        rows = f"* FROM empty_{table}" if has_samples(row_type) else f"* EXCLUDE (_file, _row) FROM raw_{table}"
+        self.connection.execute(f"CREATE VIEW {table} AS SELECT {rows}")
 
     def _point_views(self, row_type: type[Row]) -> None:
         """Define what queries see of a table: the rows read, but for those that are superseded."""
@@ -227,8 +242,8 @@ class Engine:
         numbers = {name: known.next_number + place for place, name in enumerate(changed)}
         table, key = row_type.table, row_type.id_column()
         gone = f"FROM raw_{table} WHERE _file IN (SELECT unnest(?))"
-        self.connection.execute(f"CREATE OR REPLACE TEMP TABLE touched AS SELECT {key} AS _id {gone}", [stale])
         if stale:
+            self.connection.execute(f"CREATE OR REPLACE TEMP TABLE touched AS SELECT {key} AS _id {gone}", [stale])
             self.connection.execute(f"DELETE {gone}", [stale])
         kept = {name: number for name, number in known.numbers.items() if name in found}
         copies = {name: copy for name, copy in known.copies.items() if name in found and name not in numbers}
@@ -286,10 +301,13 @@ class Engine:
     def _find_superseded(self, row_type: type[Row], known: _TableFiles) -> None:
         """Bring the list of superseded rows up to date: it can have changed for ids of rows that came or went."""
         table, key = row_type.table, row_type.id_column()
-        came = f"SELECT {key} FROM raw_{table} WHERE _file >= ?"
-        if self._files[table].n_losses == known.n_losses and self._are_new(row_type, known):
+        came = f"SELECT {key} AS _id FROM raw_{table} WHERE _file >= ?"
+        if self._files[table].n_losses > known.n_losses:
+            self.connection.execute(f"INSERT INTO touched {came}", [known.next_number])
+        elif self._are_new(row_type, known):
             return
-        self.connection.execute(f"INSERT INTO touched {came}", [known.next_number])
+        else:
+            self.connection.execute(f"CREATE OR REPLACE TEMP TABLE touched AS {came}", [known.next_number])
         self.connection.execute(f"DELETE FROM superseded_{table} WHERE _id IN (SELECT _id FROM touched)")
         self._hold_numbers(self._files[table].numbers)
         repeated = (
@@ -341,12 +359,7 @@ def load_views(connection: duckdb.DuckDBPyConnection) -> None:
 
 def tables_used(sql: str) -> set[str]:
     """Tables that a query may read, directly or through a view: every table whose name is a word of it."""
-    used: set[str] = set()
-    words = _words(sql)
-    while words:
-        used |= words & set(TABLE_BY_NAME)
-        words = set().union(*(_view_words()[name] for name in words & set(_view_words())))
-    return used
+    return _names_used(sql) & set(TABLE_BY_NAME)
 
 
 def views_used(sql: str) -> set[str]:
@@ -359,15 +372,27 @@ def _view_text() -> str:
     return files("lake").joinpath("views.sql").read_text(encoding="utf-8")
 
 
+def _names_used(sql: str) -> set[str]:
+    """Words of a query, and of the views and macros that it uses directly or through others."""
+    used: set[str] = set()
+    words = _words(sql)
+    while words:
+        used |= words
+        words = set().union(*(_view_words()[name] for name in words & set(_view_words()))) - used
+    return used
+
+
+@cache
+def _view_statements() -> dict[str, str]:
+    """Statement of each view and macro, in the order of `views.sql`."""
+    statements = re.findall(r"^CREATE (?:VIEW|MACRO) \w+.*?;$", _view_text(), flags=re.DOTALL | re.MULTILINE)
+    return {statement.split(maxsplit=2)[2].partition("(")[0].split()[0]: statement for statement in statements}
+
+
 @cache
 def _view_words() -> dict[str, set[str]]:
     """Words in the definition of each view and macro."""
-    found = {}
-    for statement in _view_text().split(";"):
-        match = re.search(r"CREATE (?:VIEW|MACRO) (\w+)", statement)
-        if match:
-            found[match[1]] = _words(statement) - {match[1]}
-    return found
+    return {name: _words(statement) - {name} for name, statement in _view_statements().items()}
 
 
 def _words(sql: str) -> set[str]:

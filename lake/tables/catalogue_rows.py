@@ -6,7 +6,6 @@ from lake.tables.row import Row
 from models.ids import canonical_json
 from models.objects.catalogue import OBJECTS
 from models.records import EffectValue, SimulatorVersion
-from models.simulation.effects.catalogue import CATALOGUE, build_effects
 
 
 def version_rows(version: SimulatorVersion) -> list[Row]:
@@ -15,6 +14,8 @@ def version_rows(version: SimulatorVersion) -> list[Row]:
     Raises:
         ConfigError: an effect or parameter is unknown, or a value is out of bounds.
     """
+    from models.simulation.effects.catalogue import build_effects  # all effects: no question to a lake needs them
+
     build_effects(version.effects)  # names the effect or parameter that is wrong
     effects = [_effect_row(version.version_id, place, value) for place, value in enumerate(version.effects)]
     return [*effects, SimulatorVersionRow.of(version)]
@@ -27,6 +28,8 @@ def missing_version_rows(lake: Lake, version: SimulatorVersion) -> list[Row]:
 
 def _effect_row(version_id: str, place: int, value: EffectValue) -> EffectRow:
     """Row of one effect, with the neutral value of every parameter that the version leaves out."""
+    from models.simulation.effects.catalogue import CATALOGUE
+
     spec = CATALOGUE[value.effect]
     parameters = spec.neutral.parameters | value.parameters
     return EffectRow(

@@ -36,10 +36,7 @@ MESHES_KEPT = 4  # half and full width of a design, for two designs
 
 @dataclass(frozen=True)
 class GraspJob:
-    """A grasp to simulate; `deadline_s` is wall time.
-
-    Meshes are cached beside the lake at `lake_root` if given; `mesh` replaces that of the version.
-    """
+    """A grasp to simulate; `deadline_s` is wall time. Meshes are cached beside the lake at `lake_root` if given."""
 
     design: Design
     object_id: int
@@ -47,7 +44,6 @@ class GraspJob:
     setup: GraspSetup
     deadline_s: float
     lake_root: Path | None = None
-    mesh: SolidMesh | None = None
 
 
 @dataclass(frozen=True)
@@ -84,10 +80,8 @@ def attempt_grasp(job: GraspJob) -> Attempt:
         _load_kernels()
         wall, started = time.perf_counter(), time.process_time()
         obj = get_object(job.object_id)
-        mesh = job.mesh
-        if mesh is None:
-            version_json = canonical_json(job.version.model_dump())
-            mesh = _mesh_of(job.design, version_json, not obj.mirror_y, job.lake_root)
+        version_json = canonical_json(job.version.model_dump())
+        mesh = _mesh_of(job.design, version_json, not obj.mirror_y, job.lake_root)
         meshed = time.process_time()
         result = simulate_grasp(job.design, obj, job.version, job.setup, mesh=mesh, deadline_s=job.deadline_s)
     except (SimulationFailed, MeshingFailed) as error:

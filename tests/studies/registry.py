@@ -11,6 +11,8 @@ from tests.studies.gap.sealed import measure_gap_sealed
 from tests.studies.gap.truth import measure_gap_truth
 from tests.studies.platform.day import measure_day
 from tests.studies.scientist.peers import measure_scientist_peers
+from tests.studies.simulation.robustness import measure_robustness
+from tests.studies.simulation.scale import measure_scale
 from tests.studies.traces.anomalies import measure_anomalies
 from tests.studies.traces.figure import measure_traces
 from tests.studies.traces.identification import measure_identification
@@ -18,6 +20,8 @@ from tests.studies.traces.identification import measure_identification
 _KEPT = ("designs", "objects", "results", "limit_minutes")
 
 STUDIES: dict[str, Benchmark] = {
+    "robustness": benchmark(measure_robustness, *_KEPT, "workers"),
+    "scale": benchmark(measure_scale, "workers"),
     "gap-truth": benchmark(measure_gap_truth, *_KEPT, "workers"),
     "gap": benchmark(measure_gap, *_KEPT, "worlds"),
     "gap-sealed": benchmark(measure_gap_sealed, *_KEPT, "worlds"),

@@ -129,6 +129,6 @@ def test_without_git_the_package_version_is_the_code_version(monkeypatch):
     monkeypatch.setenv("PATH", "")
     _cached = current_provenance.__globals__["_code_version"]
     _cached.cache_clear()
-    monkeypatch.setattr("lake.provenance.version", lambda name: "9.9")
+    monkeypatch.setattr("importlib.metadata.version", lambda name: "9.9")
     assert current_provenance().code_version == "9.9"
     _cached.cache_clear()

@@ -10,7 +10,6 @@ from pathlib import Path
 import psutil
 import pytest
 
-from flows.benchmarks.dask_cluster import Cluster, cluster
 from lake.store import Lake
 from lake.tables.campaign import SimulationRow
 from models.design.space import BEST_PUBLISHED, numbered_design
@@ -19,6 +18,7 @@ from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
 from tasks.simulation.engine import check_engine, open_engine
 from tasks.simulation.simulate import simulate_design
+from tests.studies.simulation.dask_cluster import Cluster, cluster
 from tests.tasks.traces.made_up_grasps import made_up, pid_after, slowly_made_up
 
 pytest.importorskip("distributed", reason="the extra `scale` is not installed")

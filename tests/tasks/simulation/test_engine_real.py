@@ -4,7 +4,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from flows.benchmarks.dask_cluster import cluster
 from lake.store import Lake
 from lake.tables.campaign import SimTraceRow, SimulationRow
 from models.design.space import BEST_PUBLISHED, numbered_design
@@ -13,6 +12,7 @@ from tasks.campaign.config import CampaignConfig
 from tasks.simulation.engine import Engine, open_engine
 from tasks.simulation.simulate import simulate_design
 from tests.lake.storage.object_server import BUCKET, ObjectServer
+from tests.studies.simulation.dask_cluster import cluster
 
 pytest.importorskip("distributed", reason="the extra `scale` is not installed")
 OBJECTS = (0, 14, 30)

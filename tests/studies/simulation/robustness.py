@@ -1,18 +1,19 @@
 """Whether grasps complete: many random designs on all objects, every failure with its cost and its repetition."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 
 from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.outcomes import Outcome
 from flows.benchmarks.study import cases_of, run_study
-from flows.benchmarks.summary import failed_grasps, failures_by_reason, spread
+from flows.benchmarks.summary import failures_by_reason, spread
 from models.objects.catalogue import OBJECTS
 
-TIERS = ("production",)
+TIER = "production"
 N_DESIGNS = 300
 SETTLED_GRASPS = 50  # a worker has loaded all code and met large meshes by then
 
@@ -20,11 +21,10 @@ SETTLED_GRASPS = 50  # a worker has loaded all code and met large meshes by then
 def measure_robustness(options: Options) -> Tables:
     """Share of completed grasps, failures by reason, their cost, memory and use of the cores; can be continued."""
     objects = options.objects or tuple(o.object_id for o in OBJECTS)
-    tiers = options.tiers or TIERS
-    cases = cases_of(range(options.designs or N_DESIGNS), tiers, objects)
+    cases = cases_of(range(options.designs or N_DESIGNS), [TIER], objects)
     outcomes = run_study(cases, options, n_workers=2)
     return {
-        "completed": [_completed_row(outcomes, tier, len(cases) // len(tiers)) for tier in tiers],
+        "completed": [_completed_row(outcomes, len(cases))],
         "failures": failures_by_reason(outcomes),
         "failed grasps": failed_grasps(outcomes),
         "parts": parts(outcomes),
@@ -32,20 +32,35 @@ def measure_robustness(options: Options) -> Tables:
     }
 
 
-def _completed_row(outcomes: Sequence[Outcome], tier: str, n_wanted: int) -> dict[str, object]:
-    own = [o for o in outcomes if o.tier == tier]
-    if not own:
-        return {"tier": tier, "grasps": 0}
-    failed = [o for o in own if not o.is_ok]
-    cpu_s = sum(o.cpu_s for o in own)
+def _completed_row(outcomes: Sequence[Outcome], n_wanted: int) -> dict[str, object]:
+    if not outcomes:
+        return {"tier": TIER, "grasps": 0}
+    failed = [o for o in outcomes if not o.is_ok]
+    cpu_s = sum(o.cpu_s for o in outcomes)
     return {
-        "tier": tier,
-        "grasps": len(own),
-        "not_yet_run": n_wanted - len(own),
-        "completed_percent": 100.0 * (len(own) - len(failed)) / len(own),
+        "tier": TIER,
+        "grasps": len(outcomes),
+        "not_yet_run": n_wanted - len(outcomes),
+        "completed_percent": 100.0 * (len(outcomes) - len(failed)) / len(outcomes),
         "cpu_on_failures_percent": 100.0 * sum(o.cpu_s for o in failed) / cpu_s,
-        **spread([o.cpu_s for o in own], "cpu_s"),
+        **spread([o.cpu_s for o in outcomes], "cpu_s"),
     }
+
+
+def failed_grasps(outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
+    """Every failure with its id, its cost, and the command that repeats it."""
+    return [
+        {
+            "simulation_id": o.simulation_id,
+            "design": o.design,
+            "object_id": o.object_id,
+            "reason": o.reason,
+            "cpu_s": o.cpu_s,
+            "repeat": f"fast simulate --design random-{o.design} --object {o.object_id} --tier {o.tier}",
+        }
+        for o in outcomes
+        if not o.is_ok
+    ]
 
 
 def parts(outcomes: Sequence[Outcome]) -> Rows:

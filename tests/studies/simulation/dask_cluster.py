@@ -13,7 +13,7 @@ from models.errors import FastError
 
 START_LIMIT_S = 60.0
 _ONE_MORE_TRY = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"}  # a call that kills its worker twice has failed
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 class Cluster:

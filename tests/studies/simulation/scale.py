@@ -17,7 +17,6 @@ from typing import Any
 import psutil
 
 from flows.benchmarks.base import Options, Rows, Tables
-from flows.benchmarks.dask_cluster import cluster
 from flows.benchmarks.made_up_campaign import made_up_attempt
 from lake.store import Lake
 from lake.tables.campaign import SimulationRow
@@ -27,6 +26,7 @@ from tasks.campaign.config import CampaignConfig
 from tasks.simulation import simulate as simulating
 from tasks.simulation.attempt import Attempt, GraspJob, attempt_grasp
 from tasks.simulation.engine import LOCAL, Engine, open_engine
+from tests.studies.simulation.dask_cluster import cluster
 
 N_WORKERS = 2
 GRASP_CPU_S = (0.02, 0.08, 0.36)  # the last two: a short and a production grasp on the machine of docs/benchmarks

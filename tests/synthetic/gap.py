@@ -8,6 +8,7 @@ and those with a memory are the catalogue's own.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -77,7 +78,13 @@ def made_up_gap(
         setup=GraspSetup(),
     )
     masks = [np.arange(n) >= n - left for n, left in zip((n_tools, n_objects), held_out, strict=True)]
-    return GapData(grasps, made_up_bank(shapes), *masks)
+    return GapData(grasps, _bank_of(designs, objects), *masks)
+
+
+@lru_cache(maxsize=8)
+def _bank_of(designs: tuple[Design, ...], objects: tuple[int, ...]) -> Bank:
+    """The same for every truth, so made once; nobody may write into it."""
+    return made_up_bank(_shapes(designs, objects))
 
 
 def made_up_bank(shapes: np.ndarray) -> Bank:

@@ -44,7 +44,7 @@ def test_readers_see_whole_appends_while_others_write_and_merge(tmp_path):
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["lake.maintenance"])
     stop = context.Event()
-    n_writers, n_appends = 2, 25
+    n_writers, n_appends = 2, 12
     writers = [context.Process(target=write, args=(root, w, n_appends)) for w in range(n_writers)]
     mergers = [context.Process(target=merge, args=(root, stop)) for _ in range(2)]
     for process in (*writers, *mergers):

@@ -22,7 +22,7 @@ from tests.lake.storage.test_concurrency import ROWS_PER_APPEND, rows_of
 from tests.lake.storage.test_crash_kills import N_FIRST, N_LAST, acknowledged, kill_often, look
 
 PROVENANCE = Provenance(code_version="x", code_dirty=False)
-N_WRITERS, N_APPENDS = 2, 12
+N_WRITERS, N_APPENDS = 2, 6
 
 
 @pytest.fixture(scope="module")

@@ -23,18 +23,22 @@ def true_trace(tool: int, object_id: int) -> Trace:
     return Trace(time_s, lift, np.where(lift > 0, pulled - 2.0 * np.exp(-lift), -2.0 * time_s / 1.55))
 
 
-def grasps(kind: str | None = None) -> tuple[TraceFeatures, Labels]:
-    """All tools on all objects, with noise and scatter of repeats; one grasp spoiled."""
+def measured(true: Trace, force_n: np.ndarray, rng: np.random.Generator) -> Trace:
+    """With noise and scatter of repeats."""
+    noisy = force_n * rng.lognormal(0.0, 0.01) + rng.normal(0.0, 0.12, force_n.size)
+    return Trace(true.time_s, true.lift_mm, noisy)
+
+
+@pytest.fixture(scope="module")
+def sound() -> list[Trace]:
+    """All tools on all objects."""
     rng = np.random.default_rng(4)
-    cases = [(t, o, r) for t in range(N_TOOLS) for o in range(N_OBJECTS) for r in range(N_REPEATS)]
-    traces = []
-    for tool, object_id, repeat in cases:
-        true = true_trace(tool, object_id)
-        is_odd = kind is not None and (tool, object_id, repeat) == ODD
-        force_n = PLANTS[kind](true, rng) if is_odd else true.force_n
-        noisy = force_n * rng.lognormal(0.0, 0.01) + rng.normal(0.0, 0.12, force_n.size)
-        traces.append(Trace(true.time_s, true.lift_mm, noisy))
-    tool, object_id, _ = (np.array(column) for column in zip(*cases, strict=True))
+    trues = [true_trace(*cell) for cell in np.ndindex(N_TOOLS, N_OBJECTS) for _ in range(N_REPEATS)]
+    return [measured(true, true.force_n, rng) for true in trues]
+
+
+def grasps(traces: list[Trace]) -> tuple[TraceFeatures, Labels]:
+    tool, object_id, _ = (part.ravel() for part in np.indices((N_TOOLS, N_OBJECTS, N_REPEATS)))
     return features_of(traces), Labels(tool, object_id, object_id >= 4)
 
 
@@ -66,14 +70,17 @@ def test_p_values_of_chance_are_not_smaller_than_they_should_be() -> None:
     assert np.isnan(p_values(shortfalls[:20], level[:20], 0.01)).all()  # too few to know chance
 
 
-def test_nothing_is_flagged_when_nothing_is_wrong() -> None:
-    assert find_anomalies(*grasps()) == []
+def test_nothing_is_flagged_when_nothing_is_wrong(sound) -> None:
+    assert find_anomalies(*grasps(sound)) == []
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_is_planted_is_found_and_named(kind) -> None:
-    (anomaly,) = find_anomalies(*grasps(kind))
+def test_what_is_planted_is_found_and_named(sound, kind) -> None:
+    """One of the sound grasps is spoiled."""
     place = (ODD[0] * N_OBJECTS + ODD[1]) * N_REPEATS + ODD[2]
+    true, rng = true_trace(*ODD[:2]), np.random.default_rng(5)
+    spoiled = measured(true, PLANTS[kind](true, rng), rng)
+    (anomaly,) = find_anomalies(*grasps([*sound[:place], spoiled, *sound[place + 1 :]]))
     assert (anomaly.place, anomaly.kind) == (place, kind)
     assert anomaly.p_value < 3e-4
     assert anomaly.compared == ("zero" if kind == "drifting_cell" else "repeats")

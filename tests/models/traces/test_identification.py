@@ -74,6 +74,11 @@ def test_folds_never_split_a_tool() -> None:
         list(folds_of(np.ones(5)))
 
 
+@pytest.fixture
+def few_trees(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("models.traces.identification.classifier.N_TREES", 30)
+
+
 def made_up(noise: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Inputs of 6 tools, 4 objects and 3 repeats: the object's place, a shift of the tool, noise."""
     rng = np.random.default_rng(0)
@@ -82,6 +87,7 @@ def made_up(noise: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return places[object_id] + shifts[tool] + noise * rng.normal(size=(72, 5)), object_id, tool
 
 
+@pytest.mark.usefixtures("few_trees")
 def test_what_is_apart_is_recognised_by_unseen_tools() -> None:
     inputs, object_id, tool = made_up(noise=0.1)
     beliefs = beliefs_of_unseen(inputs, object_id, tool)
@@ -91,6 +97,7 @@ def test_what_is_apart_is_recognised_by_unseen_tools() -> None:
     assert np.trace(counts) > 68
 
 
+@pytest.mark.usefixtures("few_trees")
 def test_more_grasps_recognise_better_and_noise_is_chance() -> None:
     inputs, object_id, tool = made_up(noise=4.0)
     beliefs = beliefs_of_unseen(inputs, object_id, tool)

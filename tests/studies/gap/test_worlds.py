@@ -199,6 +199,7 @@ def test_effects_without_simulations_cannot_be_named(small: tuple[Panels, Bank])
     assert "static_kinetic_friction" in known
 
 
+@pytest.mark.study
 def test_a_tiny_null_world_is_answered_with_nothing(worlds: Worlds) -> None:
     """No single name out of numerical error, whatever the lines: the best effect predicts next to nothing."""
     from models.gap.naming.thresholds import Thresholds
@@ -218,6 +219,7 @@ def test_a_tiny_world_with_another_friction_law_is_named(worlds: Worlds) -> None
     assert said.statistics["effect_r2"] > 0.05
 
 
+@pytest.mark.study
 def test_a_tiny_world_with_a_slow_transmitter_is_seen(worlds: Worlds) -> None:
     """S4 with a moving average: an alarm, the lag among the candidates, and no other effect named in its place.
 

@@ -85,6 +85,11 @@ def simulated(campaign: Campaign) -> dict[bytes, tuple[float, float]]:
     return {data.x[i].tobytes(): (data.y[i], data.noise_variance[i]) for i in np.flatnonzero(data.s == 0)}
 
 
+def versions_used(campaign: Campaign) -> set[str]:
+    used = set(observed_rows(campaign, campaign.state(), [1]))
+    return {row["version_id"] for row in campaign.lake.rows(SimulationRow) if row["simulation_id"] in used}
+
+
 def events(campaign: Campaign, kind: str) -> list[dict]:
     return [json.loads(row["payload_json"]) for row in campaign.lake.rows(EventRow, kind=kind)]
 
@@ -167,8 +172,7 @@ def test_rerun_lets_only_the_new_version_speak(campaign):
         for object_id in now.object_ids:
             append_simulation(now, design, object_id, 7.0)
     assert list(simulated(now).values()) == [(7.0, 0.0)] * 5
-    assert {r["version_id"] for r in now.lake.rows(SimulationRow) if r["simulation_id"] in
-            observed_rows(now, now.state(), [1])} == {OTHER.version_id}  # fmt: skip
+    assert versions_used(now) == {OTHER.version_id}
     calibrate(campaign, OTHER, THIRD)
     restarted = Campaign(Lake.open(campaign.lake.root), campaign.config)
     assert list_reruns(at_stage(restarted, 1), 1) == designs
@@ -180,12 +184,12 @@ def test_older_simulations_are_mapped_by_designs_of_both_with_their_error(campai
     calibrate(campaign, BASE, OTHER)
     now = at_stage(campaign, 1)
     rng = np.random.default_rng(3)
-    designs = list_reruns(now, 1)
-    for place, design in enumerate(designs):
+    numbered = all_designs(now)
+    for place, design in enumerate(list_reruns(now, 1)):
         if place == LEAST_SHARED - 1:
             assert len(simulated(now)) == place  # one design of both too few: the rest is left out
             note_older_simulations(now, 2)
-        old_n = 4.0 + 0.5 * all_designs(now).index(design)
+        old_n = 4.0 + 0.5 * numbered.index(design)
         for object_id in now.object_ids:
             append_simulation(now, design, object_id, 1.0 + 1.5 * old_n + rng.normal(0, 0.1))
     found = simulated(now)
@@ -201,24 +205,21 @@ def test_older_simulations_are_mapped_by_designs_of_both_with_their_error(campai
     assert (left_out["n_shared"], left_out["n_mapped"], left_out["n_left_out"]) == (LEAST_SHARED - 1, 0, 9)
     assert (used["n_shared"], used["n_mapped"], used["n_left_out"]) == (LEAST_SHARED, 8, 0)
     assert used["rho"] == pytest.approx(1.5, abs=0.1)
-    used_versions = {r["version_id"] for r in now.lake.rows(SimulationRow)
-                     if r["simulation_id"] in observed_rows(now, now.state(), [1])}  # fmt: skip
-    assert used_versions == {BASE.version_id, OTHER.version_id}
+    assert versions_used(now) == {BASE.version_id, OTHER.version_id}
 
 
 def test_a_design_of_two_older_versions_counts_once_by_the_newer(campaign):
     campaign = following(campaign, reruns=16)
     calibrate(campaign, BASE, OTHER)
-    second = at_stage(campaign, 1)
+    second, numbered = at_stage(campaign, 1), all_designs(campaign)
     for design in list_reruns(second, 1):
         for object_id in second.object_ids:
-            append_simulation(second, design, object_id, 8.0 + all_designs(second).index(design))
+            append_simulation(second, design, object_id, 8.0 + numbered.index(design))
     calibrate(campaign, OTHER, THIRD)
     third = at_stage(campaign, 2)
     for design in list_reruns(third, 2)[:10]:
         for object_id in third.object_ids:
-            append_simulation(third, design, object_id, 20.0 + all_designs(third).index(design))
+            append_simulation(third, design, object_id, 20.0 + numbered.index(design))
     assert len(simulated(third)) == 16
-    points = {d.design_id: number for number, d in enumerate(all_designs(third))}
-    assert sorted(y for y, _ in simulated(third).values()) == pytest.approx([20.0 + n for n in points.values()])
+    assert sorted(y for y, _ in simulated(third).values()) == pytest.approx([20.0 + n for n in range(len(numbered))])
     assert third.older_versions == (OTHER, BASE)

@@ -12,7 +12,6 @@ from lake.tables.campaign import (
     SimTraceRow,
     SimulationRow,
     SimulatorVersionRow,
-    TraceRow,
     setup_columns,
 )
 from lake.tables.row import Row
@@ -96,7 +95,6 @@ def plan_rows(plans: Sequence[SimulationPlan], fail: Collection[tuple[int, str]]
 
 def gap_lake(
     root: Path,
-    force_factor: float = 1.0,
     hidden: Sequence[EffectValue] = (),
     bench: str = "virtual",
     has_bank: bool = True,
@@ -109,8 +107,6 @@ def gap_lake(
         for object_id in OBJECTS:
             for repeat in range(N_REPEATS):
                 for row in measured_rows(design, f"demo/B01T{number}", object_id, repeat, hidden=hidden):
-                    if isinstance(row, TraceRow):
-                        row = row.model_copy(update={"force_n": force_factor * row.force_n})
                     if isinstance(row, GraspRow):
                         row = row.model_copy(update={"bench": bench, "peak_force_n": 5.0})
                     rows.append(row)

@@ -1,5 +1,6 @@
 """From rows of the lake to what gap discovery works on."""
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -189,8 +190,9 @@ def test_too_little_is_refused_before_anything_is_simulated(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(("factor", "said"), [(1 / 9.81, "9.81 is suspected"), (1000.0, "1000"), (0.001, "1000")])
-def test_the_unit_of_forces_is_suspected(tmp_path: Path, factor: float, said: str) -> None:
-    data = read_data(gap_lake(tmp_path / "lake", force_factor=factor))
+def test_the_unit_of_forces_is_suspected(lake: Lake, factor: float, said: str) -> None:
+    data = read_data(lake)
+    data = replace(data, grasps=replace(data.grasps, steps_n=factor * data.grasps.steps_n))
     if said == "1000":
         with pytest.raises(UsageError, match="factor of about 1000"):
             check_units(data)

@@ -31,6 +31,7 @@ def campaign_at(root: Path, deadline_s: float = 60.0) -> Campaign:
         "name": "scale",
         "objects": {"ids": [0, 14]},
         "simulator": {"mesh": {"edge_mm": 12}, "grasp_deadline_s": deadline_s},
+        "grasp": {"max_lift_mm": 2},
         "bench": {"world": ""},
     }
     return Campaign(Lake.open(root, create=True), CampaignConfig.model_validate(data))

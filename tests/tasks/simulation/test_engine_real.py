@@ -49,7 +49,7 @@ def numbers_of(campaign: Campaign) -> list[tuple[object, ...]]:
     return sorted(tuple(row[name] for name in NUMBERS) for row in campaign.lake.rows(SimulationRow))
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.timeout(1800)
 def test_a_cluster_and_an_object_store_give_the_numbers_of_this_machine(object_store, tmp_path):
     here, there = campaign_at(str(tmp_path / "here")), campaign_at(object_store)

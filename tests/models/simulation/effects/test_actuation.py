@@ -3,21 +3,22 @@ import pytest
 
 from models.design.space import BEST_PUBLISHED
 from models.objects.catalogue import get_object
-from models.records import EffectValue, GraspSetup, SimulatorVersion, Theta
+from models.records import EffectValue, GraspSetup, MeshSettings, SimulatorVersion, Theta
 from models.simulation.actuation import ClosingStall, Jaw
 from models.simulation.effects.actuation import BaseCompliance
 from models.simulation.grasp import simulate_grasp
 from models.simulation.solver.stepping import Step
 
 SHORT_LIFT = GraspSetup(max_lift_mm=4)
+COARSE = MeshSettings(edge_mm=12)  # jaws and springs are the same on every mesh
 
 
 def grasp(max_force_n: float | None, young_modulus_mpa: float = 11.5):
     effects = ()
     if max_force_n is not None:
         effects = (EffectValue(effect="force_limited_closing", parameters={"max_force_n": max_force_n}),)
-    theta = Theta(young_modulus_mpa=young_modulus_mpa)
-    return simulate_grasp(BEST_PUBLISHED, get_object(2), SimulatorVersion(theta=theta, effects=effects), SHORT_LIFT)
+    version = SimulatorVersion(theta=Theta(young_modulus_mpa=young_modulus_mpa), effects=effects, mesh=COARSE)
+    return simulate_grasp(BEST_PUBLISHED, get_object(2), version, SHORT_LIFT)
 
 
 def test_jaws_that_do_not_stall_change_nothing():
@@ -46,6 +47,7 @@ def on_a_spring(compliance_mm_per_n, **setup):
     return simulate_grasp(
         BEST_PUBLISHED,
         get_object(2),
+        SimulatorVersion(mesh=COARSE),
         setup=SHORT_LIFT.model_copy(update=setup),
         effects=effects if compliance_mm_per_n else [],
     )

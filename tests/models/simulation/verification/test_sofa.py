@@ -16,7 +16,7 @@ def test_meshes_are_of_the_class_of_the_reference(size: str) -> None:
 
 @pytest.fixture(scope="module")
 def coarse() -> tuple[sofa.Curve, sofa.Curve]:
-    return sofa.press_and_pull(sofa.linear_mesh(3.0), at_nodes=True)
+    return sofa.press_and_pull(sofa.linear_mesh(3.0), at_nodes=True, step_mm=1.0)
 
 
 def test_press_follows_sofa(coarse: tuple[sofa.Curve, sofa.Curve]) -> None:
@@ -47,7 +47,9 @@ def test_peak_agrees_with_sofa(coarse: tuple[sofa.Curve, sofa.Curve]) -> None:
 def test_sofa_lies_between_our_two_laws(coarse: tuple[sofa.Curve, sofa.Curve]) -> None:
     """The corotated law softens less under compression than St.Venant-Kirchhoff and stiffens less than neo-Hooke."""
     stiff, _ = coarse
-    soft, _ = sofa.press_and_pull(sofa.linear_mesh(3.0), law="st_venant_kirchhoff", at_nodes=True, pull_mm=0.1)
+    soft, _ = sofa.press_and_pull(
+        sofa.linear_mesh(3.0), law="st_venant_kirchhoff", at_nodes=True, step_mm=1.0, pull_mm=0.1
+    )
     _, force_x, force_z = sofa.SOFA_PRESS[-1]
     assert soft.force_x_n[-1] < force_x < stiff.force_x_n[-1]
     assert stiff.force_z_n[-1] < force_z < soft.force_z_n[-1]

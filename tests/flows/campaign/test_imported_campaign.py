@@ -8,6 +8,7 @@ import pytest
 
 from flows.campaign.status import format_status, read_status
 from flows.report.campaign.page import write_report
+from flows.report.folder import Folder
 from flows.viewer.campaign import write_recording
 from lake.handoff.export_folder import export_handoff
 from lake.handoff.import_folder import import_handoff
@@ -36,6 +37,13 @@ def lake(tmp_path):
     return lake
 
 
+@pytest.fixture
+def no_figures(monkeypatch):
+    """Reports without drawings on disk, where the claim is about words and numbers."""
+    monkeypatch.setattr("flows.report.folder.save_svg", lambda figure, path: None)
+    monkeypatch.setattr(Folder, "print_figure", Folder.figure)
+
+
 def text_of(html: str) -> str:
     return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]+>", " ", html)))
 
@@ -56,7 +64,7 @@ def test_the_report_of_a_tiny_import_has_every_section(lake, tmp_path):
     assert "E 9.5 MPa, friction 0.6" in text
 
 
-def test_a_report_says_the_same_of_a_campaign_in_another_lake(tmp_path):
+def test_a_report_says_the_same_of_a_campaign_in_another_lake(tmp_path, no_figures):
     ours = build(Lake.open(tmp_path / "ours", create=True), Synthetic())
     export_handoff(ours, tmp_path / "their-lab", campaign_id="demo")
     theirs = Lake.open(tmp_path / "theirs", create=True)

@@ -49,8 +49,7 @@ def test_a_run_tells_people_what_it_found_and_the_next_one_has_nothing_new(lake,
 
 
 def test_the_deployment_is_scheduled_and_a_new_calibration_triggers_it(lake, url):
-    worker(url, lake.root, "pool")
-    python(url, lake.root, "-m", "prefect", "--no-prompt", "deploy", "--name", "close_gap")
+    worker(url, lake.root, "pool", "deploy")
     (deployment,) = asked(url, "/deployments/filter")
     assert [s["schedule"]["cron"] for s in deployment["schedules"]] == ["0 8 * * *"]
     worker(url, lake.root, "announce")

@@ -23,6 +23,7 @@ SHORT = RunSchedule(
     simulations_per_round=4,
     simulations_at_once=2,
 )
+SHORTEST = SHORT.model_copy(update={"rounds": 1, "tools_per_round": 1, "simulations_per_round": 2})
 
 
 @pytest.fixture
@@ -79,10 +80,12 @@ def test_every_strategy_keeps_to_the_budget(strategy):
 
 
 def test_strategies_begin_alike_and_runs_repeat():
-    first, second = (run_strategy(synthetic_landscape(1), STRATEGIES[name], SHORT, 1) for name in ("random", REFERENCE))
+    first, second = (
+        run_strategy(synthetic_landscape(1), STRATEGIES[name], SHORTEST, 1) for name in ("random", REFERENCE)
+    )
     assert first.best_n[0] == second.best_n[0]
-    assert run_strategy(synthetic_landscape(1), STRATEGIES[REFERENCE], SHORT, 1) == second
-    assert run_strategy(synthetic_landscape(2), STRATEGIES[REFERENCE], SHORT, 2).best_n != second.best_n
+    assert run_strategy(synthetic_landscape(1), STRATEGIES[REFERENCE], SHORTEST, 1) == second
+    assert run_strategy(synthetic_landscape(2), STRATEGIES[REFERENCE], SHORTEST, 2).best_n != second.best_n
 
 
 def test_the_table_counts_regret_rounds_and_wins():
@@ -107,7 +110,7 @@ def test_a_strategy_that_measures_once_is_paired_by_what_it_reached():
 
 
 def test_a_killed_comparison_is_continued(tmp_path, monkeypatch):
-    path, plan = tmp_path / "races.jsonl", [PlannedRun(name, 1, SHORT) for name in ("random", REFERENCE)]
+    path, plan = tmp_path / "races.jsonl", [PlannedRun(name, 1, SHORTEST) for name in ("random", REFERENCE)]
     said: list[str] = []
     whole = run_planned(plan, path, 1, said.append)
     lines = path.read_text().splitlines(keepends=True)

@@ -16,6 +16,7 @@ VARIABLE = "PREFECT_API_DATABASE_CONNECTION_URL"
 pytestmark = [
     pytest.mark.skipif(bool(postgres_server.WHY_NOT), reason=postgres_server.WHY_NOT),
     pytest.mark.timeout(3600),
+    pytest.mark.study,  # it needs a real PostgreSQL server
 ]
 
 
@@ -40,7 +41,6 @@ def rows_of(url: str, sql: str) -> list:
     return asyncio.run(fetch())
 
 
-@pytest.mark.slow
 def test_runs_are_kept_in_the_database_and_survive_the_server(tmp_path, database):
     root = Lake.open(tmp_path / "lake", create=True).root
     with server(root) as url:
@@ -54,7 +54,6 @@ def test_runs_are_kept_in_the_database_and_survive_the_server(tmp_path, database
         assert ask_server(url, f"/flow_runs/{run['id']}")["state"]["message"] == "kept"
 
 
-@pytest.mark.study
 def test_a_campaign_runs_on_it(tmp_path, database):
     (tmp_path / "tiny.toml").write_text(CONFIG)
     (tmp_path / "world.toml").write_text((ROOT / "worlds" / "quick.toml").read_text().replace("5.0", "8.0"))

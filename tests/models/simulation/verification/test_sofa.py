@@ -16,7 +16,7 @@ def test_meshes_are_of_the_class_of_the_reference(size: str) -> None:
 
 @pytest.fixture(scope="module")
 def coarse() -> tuple[sofa.Curve, sofa.Curve]:
-    return sofa.press_and_pull(sofa.linear_mesh(3.0), at_nodes=True, step_mm=1.0)
+    return sofa.press_and_pull(sofa.linear_mesh(3.0), at_nodes=True)
 
 
 def test_press_follows_sofa(coarse: tuple[sofa.Curve, sofa.Curve]) -> None:

@@ -165,7 +165,8 @@ def estimate_density(draws: np.ndarray) -> Density:
         return Density(values[:1], np.ones(1))
     with warnings.catch_warnings():  # ArviZ announces its next version on import
         warnings.simplefilter("ignore", FutureWarning)
-        from arviz import kde
+        from arviz import Numba, kde
+    Numba.disable_numba()  # to compile its histogram takes seconds, numpy's takes milliseconds
     grid, density = kde(values, bound_correction=True)
     return Density(np.asarray(grid), np.asarray(density))
 

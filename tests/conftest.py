@@ -5,10 +5,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 from flows.cli.main import leave
 
 _STATUS: list[int] = []
+settings.register_profile("quick", max_examples=40)  # a test that needs more says so
+settings.load_profile("quick")
 # Wire logs of benches moved by hand go to the user's state folder: not to that of whoever runs the tests.
 _STATE = tempfile.TemporaryDirectory(prefix="fast-tests-")
 os.environ["XDG_STATE_HOME"] = _STATE.name

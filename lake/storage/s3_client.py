@@ -24,6 +24,7 @@ _DENIED = frozenset(
         "UNRECOGNIZED_CLIENT",
     }
 )
+_GONE = frozenset({"NO_SUCH_KEY", "RESOURCE_NOT_FOUND"})
 _SILENT = frozenset({"NETWORK_CONNECTION", "REQUEST_TIMEOUT", "SERVICE_UNAVAILABLE"})
 
 
@@ -45,8 +46,13 @@ class Connection:
 
     def get(self, path: str) -> bytes:
         """All of an object."""
-        with self.files.open_input_stream(path) as stream:
-            return bytes(stream.read())
+        try:
+            with self.files.open_input_stream(path) as stream:
+                return bytes(stream.read())
+        except OSError as error:
+            if _code(str(error)) in _GONE:  # it went after it was opened; pyarrow then tells no kind of error
+                raise FileNotFoundError(path) from error
+            raise
 
     def put(self, path: str, data: bytes) -> None:
         """Write an object, visible whole when this returns, or not at all.

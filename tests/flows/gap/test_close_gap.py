@@ -48,6 +48,7 @@ def test_a_run_tells_people_what_it_found_and_the_next_one_has_nothing_new(lake,
     assert list((lake.root / "outputs").glob("A*/findings.json"))
 
 
+@pytest.mark.study
 def test_the_deployment_is_scheduled_and_a_new_calibration_triggers_it(lake, url):
     worker(url, lake.root, "pool", "deploy")
     (deployment,) = asked(url, "/deployments/filter")

@@ -18,7 +18,7 @@ from tests.flows.cli.cli_lakes import ROOT
 from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, gap_lake
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.4})
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.study, pytest.mark.timeout(1200)]
 
 
 def search(root: Path, dies_at: str = "") -> int:
@@ -35,9 +35,7 @@ def answer(lake: Lake) -> GapRun:
     return run.model_copy(update={"findings": run.findings.model_copy(update={"budget": {}})})
 
 
-@pytest.mark.parametrize(
-    "moments", [("chains",), pytest.param(("bank", "chains", "show"), marks=pytest.mark.study)], ids=", ".join
-)
+@pytest.mark.parametrize("moments", [("chains",), ("bank", "chains", "show")], ids=", ".join)
 def test_a_killed_search_goes_on_and_says_the_same(tmp_path: Path, moments: tuple[str, ...]) -> None:
     killed = gap_lake(tmp_path / "killed", hidden=[LAG], has_bank=False)
     shutil.copytree(tmp_path / "killed", tmp_path / "whole")

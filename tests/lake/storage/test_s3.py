@@ -1,5 +1,6 @@
 """A lake on a real S3-compatible server: what works in a folder works there, and what fails is one sentence."""
 
+import io
 import multiprocessing
 import os
 import signal
@@ -396,3 +397,20 @@ def test_an_append_costs_little_more_than_one_into_a_folder(lake, make_grasp, tm
     assert there < 8 * here
     assert len(lake.ids(GraspRow)) == len({row[0].grasp_id for row in rows})
     assert {row.table for row in stats(lake) if row.n_rows} == {"grasps", "traces"} <= {row.table for row in TABLES}
+
+
+class _GoesWhileRead:
+    """A store whose object is removed between the opening and the reading of it, as pyarrow reports that."""
+
+    def open_input_stream(self, path: str) -> io.BytesIO:
+        class Stream(io.BytesIO):
+            def read(self, size: int | None = -1) -> bytes:
+                raise OSError("AWS Error RESOURCE_NOT_FOUND during GetObject operation: ")
+
+        return Stream()
+
+
+def test_an_object_that_goes_while_it_is_read_is_not_there(monkeypatch):
+    monkeypatch.setattr(Connection, "files", _GoesWhileRead())
+    with pytest.raises(FileNotFoundError, match="lab/one"):
+        Connection("lab").get("lab/one")

@@ -3,17 +3,23 @@
 import atexit
 import os
 import sys
-from importlib.metadata import version
 
 from cyclopts import App
 from cyclopts.exceptions import CycloptsError, MissingArgumentError
+
+
+def _read_version() -> str:
+    from importlib.metadata import version  # a hundredth of a second that other commands do not need
+
+    return version("fast-gripper-lab")
+
 
 app = App(
     name="fast",
     help="FAST: design soft grippers with simulations, a printer and a gantry.",
     help_epilogue="Exit status: 0 done, 1 failed, 2 wrong use (then nothing was written). "
     "`fast COMMAND --help` explains a command.",
-    version=lambda: version("fast-gripper-lab"),
+    version=_read_version,
     version_flags=["--version"],
     suppress_keyboard_interrupt=False,
 )

@@ -141,10 +141,18 @@ def check_tier(tier: str) -> None:
 
 
 class Placement(Record):
-    """Where the object really sits, against its nominal place (mounting scatter)."""
+    """Where the object really sits between the fingers, against its nominal place (mounting scatter).
+
+    The object is turned about its vertical axis by `yaw_deg` (counter-clockwise seen from above), then shifted. Each
+    finger is turned about its own long axis by `roll_deg` (the tool sits askew in its changer; both fingers turn the
+    same way seen from above).
+    """
 
     offset_x_mm: float = 0.0
+    offset_y_mm: float = 0.0
     offset_z_mm: float = 0.0
+    yaw_deg: float = 0.0
+    roll_deg: float = 0.0
 
 
 class GraspContext(Record):
@@ -187,7 +195,8 @@ class GraspSimulation:
     """Result of one simulated grasp, both fingers.
 
     `contact_force_n` is the closing-direction force on one side at the end of closing, the paper's
-    proxy; `work_j` the area under force over lift. `setup_cpu_s` is the part of `cpu_s` before the first step.
+    proxy; `work_j` the area under force over lift. `flag` says why the numbers are not converged as others are, in one
+    word; empty if they are. `setup_cpu_s` is the part of `cpu_s` before the first step.
     `mesh_id` names the content of the mesh: not every mesher makes the same one twice.
     """
 
@@ -202,3 +211,4 @@ class GraspSimulation:
     n_factorisations: int = 0
     setup_cpu_s: float = 0.0
     mesh_id: str = ""
+    flag: str = ""

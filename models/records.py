@@ -101,7 +101,7 @@ class SimulatorVersion(Record):
     effects: tuple[EffectValue, ...] = ()
     mesh: MeshSettings = MeshSettings()
     tier: Tier = "production"
-    fem_version: str = "2"
+    fem_version: str = "3"
 
     @property
     def version_id(self) -> str:

@@ -21,7 +21,8 @@ class Outcome(Record):
     `design` is the number of a `models.design.space.numbered_design`. `cpu_s` includes `setup_cpu_s`, the mesh and
     the preparation of the solver. `worker` is a process id, `max_rss_mb` the most memory that process had held.
     `ended_s` counts from `part`, the time (s since 1970) at which this part of the benchmark began. `solver` is the
-    `solver_id` of the code.
+    `solver_id` of the code. `step_means_n`: mean pull over every half millimetre of the lift, N
+    (`models.traces.step_features`). `flag`: see `GraspSimulation`.
     """
 
     simulation_id: str
@@ -38,6 +39,8 @@ class Outcome(Record):
     n_steps: int | None = None
     n_newton: int | None = None
     n_factorisations: int | None = None
+    step_means_n: tuple[float, ...] = ()
+    flag: str = ""
     cpu_s: float
     setup_cpu_s: float
     wall_s: float

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import groupby
+from typing import Any
 
 from flows.benchmarks.base import Options
 from flows.benchmarks.outcomes import Outcome, RecordFile, read_outcomes
@@ -14,6 +15,7 @@ from lake.tables.campaign import SimulationRow
 from models.design.space import BEST_PUBLISHED, numbered_design
 from models.records import GraspSetup, find_tier
 from models.solver_code import solver_id
+from models.traces.step_features import step_means
 from tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
 from tasks.simulation.pool import Worker
 
@@ -126,7 +128,10 @@ class _Part:
 
     def _outcome(self, case: Case, attempt: Attempt) -> Outcome:
         result = attempt.result
-        numbers = {} if result is None else {name: getattr(result, name) for name in _RESULT_COLUMNS}
+        numbers: dict[str, Any] = {}
+        if result is not None:
+            numbers = {name: getattr(result, name) for name in _RESULT_COLUMNS}
+            numbers["step_means_n"] = tuple(step_means(result.trace).round(4).tolist())
         return Outcome(
             simulation_id=case.simulation_id,
             tier=case.tier,
@@ -155,4 +160,4 @@ class _Part:
         )
 
 
-_RESULT_COLUMNS = ("peak_force_n", "contact_force_n", "work_j", "n_dof", "n_steps", "n_newton", "n_factorisations")
+_RESULT_COLUMNS = ("peak_force_n", "contact_force_n", "work_j", "n_dof", "n_steps", "n_newton", "n_factorisations", "flag")

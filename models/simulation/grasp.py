@@ -26,7 +26,7 @@ from models.simulation.finger import FingerState, FingerStep
 from models.simulation.mesh.build import build_mesh
 from models.simulation.mesh.solid import SolidMesh
 from models.simulation.output.recording import SIDES, Camera, Recorder, Side
-from models.simulation.problem import FingerProblem, Numerics
+from models.simulation.problem import TIER_NUMERICS, FingerProblem, Numerics
 from models.simulation.solver.newton import NewtonSolver
 from models.simulation.solver.stepping import (
     FingerRecord,
@@ -42,6 +42,7 @@ __all__ = ["FingerProblem", "FingerResult", "Numerics", "simulate_finger", "simu
 
 INWARD, UPWARD = np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 FREE_STEPS = 2  # steps without contact before the end of the lift is considered
+CLOSING_EVENT_MM = 0.5  # the closing is no part of what is compared; its steps change the lift by less than the mesh
 RESIDUAL_FORCE_N = 0.05  # at the reference modulus: what may be left of the force when the lift ends
 
 
@@ -74,7 +75,7 @@ def simulate_grasp(
     context: GraspContext = GraspContext(),  # noqa: B008 - frozen record
     effects: Sequence[Effect] | None = None,
     mesh: SolidMesh | None = None,
-    numerics: Numerics = Numerics(),  # noqa: B008 - frozen record
+    numerics: Numerics | None = None,
     deadline_s: float | None = None,
     recorder: Recorder | None = None,
 ) -> GraspSimulation:
@@ -86,7 +87,7 @@ def simulate_grasp(
 
     `context` is what came before, for effects with a memory. `effects` default to those of the version. `mesh`
     replaces the mesh of the design (half width only for objects symmetric in y). `numerics` is for convergence studies
-    and for worlds that must not share the simulator's regularisation. `deadline_s` is a wall-clock limit. `recorder` is
+    and for worlds that must not share the simulator's regularisation; by default it is that of the version's tier. `deadline_s` is a wall-clock limit. `recorder` is
     called with every converged step (see `models.simulation.output.recording`).
 
     Raises:
@@ -108,7 +109,7 @@ def simulate_grasp(
     if mesh is None:
         mesh = build_mesh(design, version.mesh, full_width=not obj.mirror_y, effects=active)
     meshed = time.process_time()
-    problem = FingerProblem(mesh, design, theta, setup, active, numerics)
+    problem = FingerProblem(mesh, design, theta, setup, active, numerics or TIER_NUMERICS[version.tier])
     is_symmetric = obj.mirror_x and placement.offset_x_mm == 0.0
     fingers = [
         simulate_finger(problem, ObjectObstacle(obj, placement, is_mirrored=side == "left"), deadline, recorder, side)
@@ -197,7 +198,15 @@ def _close_and_lift(
     if camera is not None:
         camera.take("closing", time_s, free, state, np.zeros(3))
     stall = ClosingStall(problem.jaw, stroke - free, limits.closing_mm)
-    closing = Path(state.base, INWARD, stroke - free, setup.close_speed_mm_per_s, stall.longest_step_mm)
+    closing = Path(
+        state.base,
+        INWARD,
+        stroke - free,
+        setup.close_speed_mm_per_s,
+        stall.longest_step_mm,
+        stall.longest_step_mm(0.0),
+        CLOSING_EVENT_MM,
+    )
     for step in stepper.walk(state, closing):
         state = step.state
         record.add(time_s + step.travel_mm / setup.close_speed_mm_per_s, 0.0, step.clamp_n)
@@ -210,7 +219,15 @@ def _close_and_lift(
         record.add(time_s, 0.0, record.force_n[-1])
     n_closing = len(record.time_s)
     state.v[:] = 0.0
-    lift = Path(state.base, UPWARD, setup.max_lift_mm, setup.lift_speed_mm_per_s, lift_step_mm(limits))
+    lift = Path(
+        state.base,
+        UPWARD,
+        setup.max_lift_mm,
+        setup.lift_speed_mm_per_s,
+        lift_step_mm(limits),
+        limits.first_lift_mm,
+        limits.event_mm,
+    )
     n_free = 0
     for step in stepper.walk(state, lift):
         record.add(time_s + step.travel_mm / setup.lift_speed_mm_per_s, step.travel_mm, step.clamp_n)

@@ -14,7 +14,7 @@ from models.simulation.mesh.build import IN_SECTION
 from models.simulation.mesh.solid import SolidMesh
 from models.simulation.model import FingerModel, finger_model
 from models.simulation.solver.newton import NewtonSettings
-from models.simulation.solver.stepping import StepLimits
+from models.simulation.solver.stepping import REFERENCE_LIMITS, StepLimits
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,10 @@ class Numerics:
     limits: StepLimits = StepLimits()
     newton: NewtonSettings = NewtonSettings()
     material_law: MaterialLaw = "neo_hookean"
+
+
+# Production takes steps that a campaign can afford; the reference locates events more finely and never takes long ones.
+TIER_NUMERICS = {"production": Numerics(), "reference": Numerics(limits=REFERENCE_LIMITS)}
 
 
 @dataclass(frozen=True)

@@ -16,33 +16,54 @@ FINE_LIFT_MM = 3.0
 CUT, GROW, EASY_ITERATIONS = 0.4, 1.5, 14
 # A point that sinks a millimetre in one step, or five in all, may have passed through something thin.
 MAX_SINKING_MM, MAX_DEPTH_MM = 1.0, 5.0
-# Step times the jump of the force, in shares of the largest force so far, from which a step of the lift is repeated in
-# shorter ones. Half of it is the error of the trace's area, which is about 20 mm times the largest force.
-MAX_JUMP_MM = 0.5
+SMOOTH_SHARE = 0.25  # of the distance from a straight line that is the error of a smooth curve, generously (1/6 is)
+LOCATED = 1.5  # times `event_mm`: a stretch this short is not halved again
+AFTER_EVENT = 2.0  # growth of the first step behind an event
+# A drop of the pull within an event, in shares of the largest so far, that is a snap if the finger still touches.
+SNAP_SHARE = 0.1
 # A node this much faster than the base has just snapped; where it was is a better guess than where it was going.
 MAX_SPEED_RATIO = 3.0
 
 
 @dataclass(frozen=True)
 class StepLimits:
-    """Longest steps of the two phases in mm, the shortest allowed, and how many in all."""
+    """Longest steps of the two phases in mm, how finely events are located in the lift, the shortest step, the most.
+
+    `first_lift_mm`: the first step of the lift, where the pull changes its sign. `missed_mm`: a step whose area under
+    the pull may be off by more than this times the largest pull so far holds an event; the whole area is about 20 mm
+    times the largest pull.
+    """
 
     closing_mm: float = 2.0
     fine_lift_mm: float = 0.5
     lift_mm: float = 2.0
+    first_lift_mm: float = 0.1
+    event_mm: float = 0.04
+    missed_mm: float = 0.1
     shortest_mm: float = 1e-3
-    max_steps: int = 600
+    max_steps: int = 1200
+
+
+# Of the reference tier: so short that halving every length changes no trace of a grasp without two branches.
+REFERENCE_LIMITS = StepLimits(
+    closing_mm=1.0, fine_lift_mm=0.25, lift_mm=0.5, first_lift_mm=0.05, event_mm=0.02, missed_mm=0.02, max_steps=4000
+)
 
 
 @dataclass(frozen=True)
 class Path:
-    """A straight motion of the base: `length_mm` along `direction` (3) from `start` (3) at `speed_mm_per_s`."""
+    """A straight motion of the base: `length_mm` along `direction` (3) from `start` (3) at `speed_mm_per_s`.
+
+    `event_mm`: how finely events are located.
+    """
 
     start: np.ndarray
     direction: np.ndarray
     length_mm: float
     speed_mm_per_s: float
     longest_step_mm: Callable[[float], float]
+    first_step_mm: float
+    event_mm: float
 
     def at(self, travel_mm: float) -> np.ndarray:
         """Base position after a travel."""
@@ -59,23 +80,39 @@ class Step:
 
 
 @dataclass
-class _ForceSlope:
-    """The clamp force along a path so far: the last two travels in mm and forces (3) in N."""
+class _PullHistory:
+    """The pull along a path so far: the last three travels in mm and forces in N."""
 
     travel_mm: list[float] = field(default_factory=list)
-    force_n: list[np.ndarray] = field(default_factory=list)
+    force_n: list[float] = field(default_factory=list)
 
-    def add(self, travel_mm: float, force_n: np.ndarray) -> None:
-        """Append a step and forget all but the last two."""
-        self.travel_mm = [*self.travel_mm[-1:], travel_mm]
-        self.force_n = [*self.force_n[-1:], force_n]
+    def add(self, travel_mm: float, force_n: float) -> None:
+        """Append a step and forget all but the last three."""
+        self.travel_mm = [*self.travel_mm[-2:], travel_mm]
+        self.force_n = [*self.force_n[-2:], force_n]
 
-    def jump_n(self, travel_mm: float, force_n: np.ndarray) -> float:
-        """Distance of a force from the straight continuation of the last two; 0 before there are two."""
+    def missed_n_mm(self, travel_mm: float, force_n: float) -> float:
+        """How far the trapezium under a step to this force may be off, in N mm; 0 before there are two steps.
+
+        A force that jumps somewhere in a step h to one that is J from where it was going gives an error of at most
+        h J / 2. Where the force follows the parabola through the last three points, the curve is smooth, and the error
+        is h / 6 of the distance from the straight continuation.
+        """
         if len(self.force_n) < 2:
             return 0.0
-        slope = (self.force_n[1] - self.force_n[0]) / (self.travel_mm[1] - self.travel_mm[0])
-        return float(np.linalg.norm(force_n - self.force_n[1] - (travel_mm - self.travel_mm[1]) * slope))
+        step_mm = travel_mm - self.travel_mm[-1]
+        slope = self._slope(-1)
+        straight_n = abs(force_n - self.force_n[-1] - step_mm * slope)
+        if len(self.force_n) < 3:
+            return 0.5 * step_mm * straight_n
+        bend = (slope - self._slope(-2)) / (self.travel_mm[-1] - self.travel_mm[-3])
+        ahead_n = slope * step_mm + bend * step_mm * (travel_mm - self.travel_mm[-2])
+        curved_n = abs(force_n - self.force_n[-1] - ahead_n)
+        return 0.5 * step_mm * max(min(curved_n, straight_n), SMOOTH_SHARE * straight_n)
+
+    def _slope(self, place: int) -> float:
+        rise_n = self.force_n[place] - self.force_n[place - 1]
+        return rise_n / (self.travel_mm[place] - self.travel_mm[place - 1])
 
 
 @dataclass
@@ -95,7 +132,10 @@ class FingerRecord:
 
 @dataclass
 class Stepper:
-    """Walks a finger along paths with step control; counts steps."""
+    """Walks a finger along paths with step control; counts steps, and snaps: events in which the finger keeps touching.
+
+    Events are what a straight line between two steps would get wrong: loss of contact, a snap, a rim that is crossed.
+    """
 
     finger: FingerStep
     newton: NewtonSolver
@@ -103,19 +143,23 @@ class Stepper:
     friction: Callable[[FingerState], np.ndarray]
     n_steps: int = 0
     n_cuts: int = 0
+    n_snaps: int = 0
     largest_n: float = 0.0
 
     def walk(self, state: FingerState, path: Path) -> Iterator[Step]:
         """Yield every converged step of a path.
 
+        A step that holds an event is not taken: the event lies before its end, and the way there is halved until the
+        event is located to `event_mm`.
+
         Raises:
             SimulationFailed: with the reason of the last failed step when the step became too short, `max_steps`
                 or `time_out`.
         """
-        travel, proposed = 0.0, path.longest_step_mm(0.0)
-        slope = _ForceSlope()
+        travel, proposed, event_end = 0.0, path.first_step_mm, np.inf
+        history = _PullHistory()
         while travel < path.length_mm - 1e-9:
-            longest = path.longest_step_mm(travel)
+            longest = min(path.longest_step_mm(travel), _half_way(event_end - travel, path.event_mm))
             step = min(proposed, longest, path.length_mm - travel)
             before = self.newton.n_iterations
             outcome, new = self._try(state, path, travel + step, step / path.speed_mm_per_s)
@@ -124,22 +168,35 @@ class Stepper:
                 proposed = CUT * step
                 continue
             self._count(travel)
-            if self._skips_an_event(step, slope.jump_n(travel + step, new[1])):
-                proposed = max(CUT * step, self.limits.fine_lift_mm)
+            pull_n = float(new[1][2])
+            has_event = self._has_event(state, new[0], history.missed_n_mm(travel + step, pull_n))
+            if has_event and step > LOCATED * path.event_mm:
+                event_end = travel + step
                 continue
+            if has_event:
+                self._note_snap(new[0], pull_n - history.force_n[-1])
+                history = _PullHistory()
             travel += step
-            state, clamp = new
-            slope.add(travel, clamp)
-            self.largest_n = max(self.largest_n, float(np.linalg.norm(clamp)))
-            if self.newton.n_iterations - before <= EASY_ITERATIONS:
+            state = new[0]
+            history.add(travel, pull_n)
+            self.largest_n = max(self.largest_n, abs(pull_n))
+            if travel >= event_end - 1e-9:
+                proposed, event_end = AFTER_EVENT * step, np.inf
+            elif self.newton.n_iterations - before <= EASY_ITERATIONS:
                 proposed = max(proposed, step) * GROW
             else:
                 proposed = step
-            yield Step(travel, state, clamp)
+            yield Step(travel, state, new[1])
 
-    def _skips_an_event(self, step: float, jump_n: float) -> bool:
-        """True if the force changed its slope within a step that can be shorter by more than the trace may miss."""
-        return step > self.limits.fine_lift_mm and step * jump_n > MAX_JUMP_MM * self.largest_n
+    def _has_event(self, state: FingerState, new: FingerState, missed_n_mm: float) -> bool:
+        """True if the step from one state to the next lets go of the object, or misses too much of the pull."""
+        if missed_n_mm > self.limits.missed_mm * self.largest_n:
+            return True
+        return self.finger.is_touching(state) and not self.finger.is_touching(new)
+
+    def _note_snap(self, state: FingerState, change_n: float) -> None:
+        if abs(change_n) > SNAP_SHARE * self.largest_n and self.finger.is_touching(state):
+            self.n_snaps += 1
 
     def _try(
         self, state: FingerState, path: Path, travel: float, dt_s: float
@@ -179,6 +236,11 @@ class Stepper:
                 f"Stopped after {self.limits.max_steps} steps at {travel:.3f} mm of travel; the grasp does not settle.",
                 reason="max_steps",
             )
+
+
+def _half_way(rest_mm: float, event_mm: float) -> float:
+    """Next step towards the end of a stretch that holds an event: half of it, and what is left when that is short."""
+    return rest_mm if rest_mm <= LOCATED * event_mm else 0.5 * rest_mm
 
 
 def lift_step_mm(limits: StepLimits) -> Callable[[float], float]:

@@ -40,7 +40,7 @@ def test_the_papers_lot_is_what_the_paper_states(lake: Lake) -> None:
         "dynamic_friction": (0.99, "1", None, None),
         "hardness": (85.0, "Shore A", None, None),
     }
-    assert all("FAST paper, Materials and Methods" in row["source"] for row in rows.values())
+    assert all("FAST paper, Methods, " in row["source"] for row in rows.values())
 
 
 def test_a_lot_is_stored_once_and_a_correction_replaces(lake: Lake, tmp_path: Path) -> None:

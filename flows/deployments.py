@@ -79,10 +79,12 @@ def recalibrate(
     tune: int = 1000,
     workers: int = 2,
     print_scatter: float = 0.0,
+    lot: str | None = None,
 ) -> State[Any]:
     """Calibrate the simulator of a lake again if anything is new; the state of the run says what was done.
 
     `simulate`: points of the Latin hypercube, simulated once. `campaign`: None is all measurements of the lake.
+    `lot`: the material lot of the priors; None is the one that the campaigns name.
     """
     from flows.calibration.calibrate import CalibrationOrder
     from flows.calibration.scheduled import recalibrate_lake
@@ -92,7 +94,7 @@ def recalibrate(
     from models.calibration.means.hypercube import HypercubePlan
 
     settings = CalibrationSettings(chains=chains, draws=draws, tune=tune, workers=workers, print_scatter=print_scatter)
-    order = CalibrationOrder(settings, campaign, hypercube=HypercubePlan(n=simulate) if simulate else None)
+    order = CalibrationOrder(settings, campaign, hypercube=HypercubePlan(n=simulate) if simulate else None, lot=lot)
     reporter = ProgressReporter(progress=logger.info, announce=logger.warning)
     return ended(lambda: recalibrate_lake(Lake.open(lake), order, str(flow_run.get_id()), reporter))
 

@@ -15,6 +15,7 @@ PREFIXES = {
     "G": "a grasp setup",
     "H": "the settings of a run",
     "K": "a measured grasp",
+    "L": "a quantity of a material lot",
     "M": "a mesh",
     "N": "a finding of gap discovery",
     "P": "a proposal",

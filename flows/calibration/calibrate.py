@@ -1,6 +1,6 @@
 """Calibrate the simulator of a lake: simulate the hypercube, infer theta, verify; what exists is not made again."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -12,6 +12,7 @@ from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.means.hypercube import HypercubePlan
 from models.errors import UsageError
 from tasks.calibration.calibrate import CalibrationOutcome, calibrate_once
+from tasks.calibration.lot import describe_lot, take_lot
 from tasks.calibration.mean_data import find_base_version, plan_hypercube, read_measured_tools, read_simulated_points
 from tasks.calibration.means import compare_means, plan_verification, verify
 from tasks.campaign.requests import exclusive
@@ -25,7 +26,8 @@ class CalibrationOrder:
 
     `hypercube`: points to simulate first. `verify`: simulate the held-out designs with the theta found. `data`: what is
     compared; with "trace" what is missing of the grid around the measured designs is always simulated first, and there
-    is neither a hypercube nor a held-out design.
+    is neither a hypercube nor a held-out design. `lot`: name or file of the material lot that gives the priors; "none":
+    Table 3; None: the one that the campaigns name.
     """
 
     settings: CalibrationSettings
@@ -34,6 +36,7 @@ class CalibrationOrder:
     hypercube: HypercubePlan | None = None
     verify: bool = False
     data: Literal["mean", "trace"] = "mean"
+    lot: str | None = None
 
     def __post_init__(self) -> None:
         """Refuse what only a calibration on means has.
@@ -75,14 +78,15 @@ def run_calibration(
 def _calibrate_means(
     lake: Lake, order: CalibrationOrder, reporter: ProgressReporter, should_stop: Callable[[], bool]
 ) -> CalibrationOutcome:
-    settings = order.settings
     measured = read_measured_tools(lake, order.campaign_id)
+    settings, material_ids = _take_lot(lake, order, measured.campaign_ids, reporter)
     base = find_base_version(lake, measured.campaign_ids, order.version_id)
     if order.hypercube is not None:
         plan = plan_hypercube(order.hypercube, base, measured)
         simulate_missing(lake, [plan], settings.workers, reporter, should_stop)
     simulated = read_simulated_points(lake, base, measured)
     data = compare_means(base, measured, simulated, settings.seed, settings.print_scatter)
+    data = replace(data, material_ids=material_ids)
     outcome = calibrate_once(lake, data, settings, reporter.progress)
     if not order.verify:
         return outcome
@@ -97,14 +101,26 @@ def _calibrate_means(
 def _calibrate_traces(
     lake: Lake, order: CalibrationOrder, reporter: ProgressReporter, should_stop: Callable[[], bool]
 ) -> CalibrationOutcome:
-    measured, settings = read_grasps(lake, order.campaign_id), order.settings
+    measured = read_grasps(lake, order.campaign_id)
+    settings, material_ids = _take_lot(lake, order, measured.campaigns, reporter)
     base = find_base_version(lake, measured.campaigns, order.version_id)
     plan = plan_grid(measured, base)
     if n_grasps := n_missing(lake, [plan]):
         reporter.progress(f"{n_grasps} of {plan.n_grasps} grasps of the grid around the measured designs are missing")
     simulate_missing(lake, [plan], settings.workers, reporter, should_stop)
-    data = gather_traces(lake, measured, base, order.campaign_id)
+    data = replace(gather_traces(lake, measured, base, order.campaign_id), material_ids=material_ids)
     return calibrate_once(lake, data, settings, reporter.progress)
+
+
+def _take_lot(
+    lake: Lake, order: CalibrationOrder, campaign_ids: Collection[str], reporter: ProgressReporter
+) -> tuple[CalibrationSettings, tuple[str, ...]]:
+    """Settings with the priors of the lot, if there is one, and the ids of what was measured of it."""
+    settings, lot = take_lot(lake, order.settings, order.lot, campaign_ids)
+    if lot is None:
+        return settings, ()
+    reporter.progress(describe_lot(settings, lot))
+    return settings, lot.material_ids
 
 
 def write_page(lake: Lake, outcome: CalibrationOutcome, out: Path | None = None) -> Path:

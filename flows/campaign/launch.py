@@ -16,7 +16,7 @@ from models.errors import ConfigError
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig, load_config, relative_to
 from tasks.campaign.requests import append_event, exclusive, require_acknowledgement
-from tasks.campaign.setup import read_bench, read_world, register
+from tasks.campaign.setup import enter, read_bench, read_world
 
 if TYPE_CHECKING:
     from flows.campaign.process import CampaignOutcome
@@ -52,7 +52,7 @@ def run_campaign(
         busy = f"campaign {name} is already being run"
         stack.enter_context(exclusive(campaign.lake, f"campaign-{name}", busy))
         require_acknowledgement(campaign.lake, name, is_acknowledged)
-        register(campaign, config_path.read_text(encoding="utf-8"))
+        enter(campaign, config_path)
         append_event(campaign.lake, name, "started", "started or continued")
         reporter.progress("starting the Prefect server (ten seconds the first time, a minute on a busy machine)")
         api_url = stack.enter_context(server(campaign.lake.root))

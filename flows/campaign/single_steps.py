@@ -12,7 +12,7 @@ from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import load_config, relative_to
 from tasks.campaign.prefect_tasks import unmapped
 from tasks.campaign.requests import exclusive, require_acknowledgement
-from tasks.campaign.setup import read_world, register
+from tasks.campaign.setup import enter, read_world
 from tasks.campaign.simulator_versions import at_present
 from tasks.scientist.observe import proposed_designs, unfinished_tools
 from tasks.simulation.pool import WorkerPool
@@ -85,5 +85,5 @@ def _held_campaign(config_path: Path, lake: str) -> Iterator[Campaign]:
     name = campaign.campaign_id
     with exclusive(campaign.lake, f"campaign-{name}", f"campaign {name} is being run"):
         require_acknowledgement(campaign.lake, name, False)
-        register(campaign, config_path.read_text(encoding="utf-8"))
+        enter(campaign, config_path)
         yield at_present(campaign)

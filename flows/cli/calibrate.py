@@ -52,6 +52,13 @@ class Compared:
             "paper: uniform."
         ),
     ] = "log-uniform"
+    lot: Annotated[
+        str | None,
+        Parameter(
+            help="Material lot whose measurements become priors of Young's modulus and friction: its name, or the "
+            "path of its file, which is read into the lake; `none`: Table 3. Default: the lot that the campaigns name."
+        ),
+    ] = None
     verify: Annotated[
         bool, Parameter(negative="", help="Simulate the held-out designs with theta before and after; of means alone.")
     ] = False
@@ -108,7 +115,7 @@ def calibrate(
     plan = _hypercube_plan(compared, sampling.seed)
     found = open_lake(lake)
     name = resolve_campaign(found, compared.campaign) if compared.campaign is not None else None
-    order = CalibrationOrder(settings, name, compared.version, plan, compared.verify, compared.data)
+    order = CalibrationOrder(settings, name, compared.version, plan, compared.verify, compared.data, compared.lot)
     outcome = run_calibration(found, order, ProgressReporter(tell, tell))
     page = str(write_page(found, outcome, out)) if out is not None else None
     show(_data(outcome) | {"report": page}, _text(outcome, page), json)

@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 
 from lake.tables.features import AnomalyFlagRow, TraceFeaturesRow
 from lake.tables.inference import CalibrationRow, EffectRow, GapFindingRow, PosteriorDrawsRow
+from lake.tables.material import MaterialRow
 from lake.tables.row import Channel, Row, Status
 from models.design.space import PARAMETERS
 from models.ids import canonical_json, content_id
@@ -362,6 +363,7 @@ TABLES: tuple[type[Row], ...] = (
     PosteriorDrawsRow,
     CampaignRow,
     ObjectRow,
+    MaterialRow,
     DesignRow,
     EffectRow,
     SimulatorVersionRow,

@@ -84,6 +84,12 @@ _WRITTEN_OUT = (
         "WHERE fidelity = 'real'",
     ),
     Link(
+        "tools",
+        "materials",
+        "material_lot",
+        "SELECT tool_id AS child, material_id AS parent FROM tools JOIN materials ON material_lot = lot",
+    ),
+    Link(
         "simulations",
         "campaigns",
         "config_hash",
@@ -120,6 +126,7 @@ _SUMMARY: Mapping[str, tuple[str, ...]] = {
     "trace_features": ("feature_version", "peak_force_n", "work_j", "hold_mm", "n_peaks", "separation_lift_mm"),
     "anomaly_flags": ("kind", "is_flagged", "p_value", "compared", "reason"),
     "diagnostics": ("tool_id", "kind", "parameters_json", "object_id", "repeat", "bench", "status", "reason"),
+    "materials": ("lot", "quantity", "value", "unit", "sd", "n"),
     "fits": ("batch", "n_real", "n_sim", "rho", "noise_sd_n", "loo_rmse_n"),
     "gap_findings": ("gap_id", "round", "kind", "effect", "answer", "probability", "sentence"),
     "events": ("kind", "message"),

@@ -10,11 +10,12 @@ from pydantic import Field
 
 from hardware.cell.layout import N_SLOTS
 from lake.store import Lake
-from lake.tables.campaign import BatchRow, ProposalRow, ToolRow
+from lake.tables.campaign import BatchRow, CampaignRow, ProposalRow, ToolRow
 from models.errors import UsageError
 from models.ids import tool_label
 from models.records import Record
 from tasks.campaign.campaign import stored_provenance
+from tasks.campaign.material import name_campaign_lot
 from tasks.campaign.requests import append_event
 from tasks.campaign.state import load_designs
 
@@ -129,7 +130,8 @@ def confirm_print(lake: Lake, campaign_id: str, batch: int, confirmation: PrintC
     _check_open(BatchRow.make_id(campaign_id, batch), rows, before, confirmation)
     said = [row for row in rows if row["slot"] not in before and row["slot"] not in confirmation.again]
     _check_rack([row["slot"] for row in said], before, confirmation)
-    tools = [_tool_row(campaign_id, batch, r["slot"], r["design_id"], confirmation) for r in said]
+    lot = confirmation.material_lot or _campaign_lot(lake, campaign_id)
+    tools = [_tool_row(campaign_id, batch, r["slot"], r["design_id"], lot, confirmation) for r in said]
     lake.append(tools, stored_provenance(lake, campaign_id, [r["proposal_id"] for r in said]))
     n_mounted = sum(tool.status == "printed" for tool in tools)
     again = tuple(sorted(confirmation.again))
@@ -173,7 +175,9 @@ def _check_open(
         raise UsageError(f"slot {slot} of batch {name} is already confirmed; leave it out.")
 
 
-def _tool_row(campaign_id: str, batch: int, slot: int, design_id: str, confirmation: PrintConfirmation) -> ToolRow:
+def _tool_row(
+    campaign_id: str, batch: int, slot: int, design_id: str, lot: str, confirmation: PrintConfirmation
+) -> ToolRow:
     reason = confirmation.rejected.get(slot)
     measured = confirmation.measured.get(slot, MeasuredTool())
     return ToolRow(
@@ -185,11 +189,17 @@ def _tool_row(campaign_id: str, batch: int, slot: int, design_id: str, confirmat
         status="printed" if reason is None else "rejected",
         reason=reason or "",
         operator=confirmation.operator,
-        material_lot=confirmation.material_lot,
+        material_lot=lot,
         confirmed_by=confirmation.confirmed_by,
         rack_slot=confirmation.mounted.get(slot),
         **measured.model_dump(),
     )
+
+
+def _campaign_lot(lake: Lake, campaign_id: str) -> str:
+    """The lot that the config of the campaign names: what its tools are printed of unless a person says otherwise."""
+    stored = lake.rows(CampaignRow, campaign_id=campaign_id)
+    return name_campaign_lot(stored[-1]["config_toml"]) if stored else ""
 
 
 def _check_rack(slots: list[int], before: Mapping[int, dict[str, Any]], confirmation: PrintConfirmation) -> None:

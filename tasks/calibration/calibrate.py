@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 from lake.provenance import Provenance, current_provenance
@@ -25,7 +25,8 @@ Progress = Callable[[str], None]
 class CalibrationData(ABC):
     """Everything that decides a calibration but its settings, of whatever kind of data.
 
-    `grasp_ids`, `simulation_ids`: of what went in. `warnings`: what was left out or is doubtful.
+    `grasp_ids`, `simulation_ids`: of what went in. `warnings`: what was left out or is doubtful. `material_ids`: the
+    measured quantities of a material lot behind the priors of the settings.
     """
 
     kind: ClassVar[Literal["design_mean", "trace"]]
@@ -35,6 +36,7 @@ class CalibrationData(ABC):
     grasp_ids: tuple[str, ...]
     simulation_ids: tuple[str, ...]
     warnings: tuple[str, ...]
+    material_ids: tuple[str, ...] = field(default=(), kw_only=True)
 
     @property
     @abstractmethod
@@ -55,6 +57,11 @@ class CalibrationData(ABC):
     def row_ids(self) -> list[str]:
         """Ids of the grasps and simulations that went in."""
         return [*self.grasp_ids, *self.simulation_ids]
+
+    @property
+    def parents(self) -> list[str]:
+        """Ids of all rows that the calibration is made from."""
+        return [*self.row_ids, *self.material_ids]
 
     def describe(self, settings: CalibrationSettings) -> str:
         """What decides the result besides simulator, rows and seed."""
@@ -148,7 +155,7 @@ def infer(
         warnings=(*data.warnings, *result.warnings, *drift),
         cpu_s=result.cpu_s,
     )
-    lake.append([row], _with_parents(provenance, data.row_ids))
+    lake.append([row], _with_parents(provenance, data.parents))
     return row, result
 
 

@@ -200,7 +200,7 @@ def verify(lake: Lake, data: MeanData, row: CalibrationRow, plan: SimulationPlan
     columns = _make_held_out_columns(before, after, int(data.held_out.sum()), "simulator")
     verified = row.model_copy(update=columns)
     if verified != row:
-        lake.append([verified], current_provenance(plan.config_hash, parents=data.row_ids))
+        lake.append([verified], current_provenance(plan.config_hash, parents=data.parents))
     return verified
 
 

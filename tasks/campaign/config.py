@@ -1,5 +1,6 @@
 """A campaign's config file: TOML, composed from the sections that the layers own."""
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,13 @@ from pydantic import Field, model_validator
 from hardware.cell.diagnostics import DiagnosticPlan
 from models.errors import ConfigError, UsageError
 from models.ids import canonical_json, content_id
+from models.material import TABLE_3, MaterialLot
 from models.records import GraspSetup, Record, check_tier
 from models.validation import load_record
 from tasks.campaign.settings import REMOVED_RULES, Execution, ObjectPlan, Schedule, ScientistSettings, SimulatorSettings
+
+LOT_SUFFIX = ".toml"
+_LOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,60}")
 
 
 class BenchChoice(Record):
@@ -26,6 +31,9 @@ class CampaignConfig(Record):
 
     name: str = Field(pattern=r"^[a-z0-9][a-z0-9-]{0,40}$", description="lower-case letters, digits, hyphens")
     seed: int = Field(default=0, ge=0)
+    material: str | None = Field(
+        default=None, description="path of the file of the material lot, relative to the config"
+    )
     schedule: Schedule = Schedule()
     objects: ObjectPlan = ObjectPlan()
     grasp: GraspSetup = GraspSetup()
@@ -48,7 +56,9 @@ class CampaignConfig(Record):
     @property
     def science(self) -> dict[str, Any]:
         """The part that decides results, as JSON data."""
-        return self.model_dump(mode="json", exclude={"execution"})
+        # A config that names no lot keeps the hash that it had before configs could.
+        unused = {"execution"} if self.material else {"execution", "material"}
+        return self.model_dump(mode="json", exclude=unused)
 
     @property
     def config_hash(self) -> str:
@@ -68,7 +78,26 @@ def load_config(path: Path) -> CampaignConfig:
     world = relative_to(path, config.bench.world)
     if not world.is_file():
         raise ConfigError(f"{path}: world file `{world}` does not exist; set bench.world to an existing file.")
+    if config.material is not None:
+        read_lot(relative_to(path, config.material))
     return config
+
+
+def read_lot(path: Path) -> MaterialLot:
+    """Read and check the file of a lot, whose name is the name of the lot.
+
+    Raises:
+        ConfigError: the file is missing, has a wrong value, key or name, or measures nothing.
+    """
+    lot = load_record(MaterialLot, read_toml(path, "material lot"), str(path))
+    if path.suffix != LOT_SUFFIX or not _LOT_NAME.fullmatch(path.stem) or path.stem == TABLE_3:
+        raise ConfigError(
+            f"{path}: the name of a lot is that of its file, here `{path.name}`; it must be letters, digits, spaces, "
+            f"`.`, `_` or `-`, end in {LOT_SUFFIX}, and not be `{TABLE_3}`; rename the file."
+        )
+    if not lot.measured:
+        raise ConfigError(f"{path}: nothing is measured; add a table such as [young_modulus].")
+    return lot
 
 
 def relative_to(config_path: Path, name: str) -> Path:

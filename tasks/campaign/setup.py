@@ -11,7 +11,8 @@ from lake.tables.catalogue_rows import object_rows
 from models.errors import ConfigError
 from models.validation import load_record
 from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import CampaignConfig, differences, read_toml
+from tasks.campaign.config import CampaignConfig, differences, read_toml, relative_to
+from tasks.campaign.material import store_lot
 
 GROWABLE = "schedule.guided_batches"  # a campaign may be made longer while it runs
 
@@ -39,6 +40,17 @@ def read_world(path: Path) -> World:
         raise ConfigError(f"world file `{path}` cannot be read: {error.strerror}; give an existing file.") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"world file `{path}` is not a text file; give a TOML file.") from error
+
+
+def enter(campaign: Campaign, config_path: Path) -> None:
+    """Write campaign, objects and material lot of a config file to the lake; what is there is not written again.
+
+    Raises:
+        ConfigError: the lake has a campaign of this name with another config, or the lot's file cannot be used.
+    """
+    register(campaign, config_path.read_text(encoding="utf-8"))
+    if campaign.config.material is not None:
+        store_lot(campaign.lake, relative_to(config_path, campaign.config.material))
 
 
 def register(campaign: Campaign, config_toml: str) -> None:

@@ -11,6 +11,7 @@ from tests.studies.gap.sealed import measure_gap_sealed
 from tests.studies.gap.truth import measure_gap_truth
 from tests.studies.platform.day import measure_day
 from tests.studies.scientist.peers import measure_scientist_peers
+from tests.studies.simulation.material_law import measure_material_law
 from tests.studies.simulation.robustness import measure_robustness
 from tests.studies.simulation.scale import measure_scale
 from tests.studies.traces.anomalies import measure_anomalies
@@ -21,6 +22,7 @@ _KEPT = ("designs", "objects", "results", "limit_minutes")
 
 STUDIES: dict[str, Benchmark] = {
     "robustness": benchmark(measure_robustness, *_KEPT, "workers"),
+    "material-law": benchmark(measure_material_law, "designs", "objects"),
     "scale": benchmark(measure_scale, "workers"),
     "gap-truth": benchmark(measure_gap_truth, *_KEPT, "workers"),
     "gap": benchmark(measure_gap, *_KEPT, "worlds"),

@@ -29,6 +29,7 @@ from flows.report.calibration.prediction_figures import (
 from flows.report.folder import Folder
 from flows.report.html import Markup, columns, number, paragraph, section, table, text, tiles
 from models.calibration.inference.result import ESS_LIMIT, K_HAT_LIMIT, R_HAT_LIMIT
+from models.calibration.inference.settings import ThetaPriors
 from models.calibration.inference.summary import ParameterSummary, correlate_ranks, find_prior
 from models.calibration.means.problem import THETA
 from models.design.space import PARAMETERS
@@ -75,7 +76,7 @@ def theta_section(calibration: StoredCalibration, folder: Folder, markers: Marke
     """Table 2 and Fig. 4."""
     shown = folder.print_figure(
         "calibration_pairs", pairs_figure(calibration.result, markers), "Joint posterior of theta",
-        "Contours hold 50 and 90 % of the draws. Dashed: the prior of Table 3.",
+        "Contours hold 50 and 90 % of the draws. Dashed: the prior.",
     )  # fmt: skip
     return section(
         "theta",
@@ -251,13 +252,14 @@ def _theta_words(calibration: StoredCalibration) -> Markup:
     names, correlations = correlate_ranks(calibration.result)
     ridge = correlations[names.index("young_modulus_mpa"), names.index("friction")]
     modulus = calibration.result.settings.priors
+    source = "Table 3 as printed" if modulus == ThetaPriors() else "from a material lot"
     parts = [
         "Shrinkage is the part of the prior variance that the data removed; an overlap near 1 means that they said "
         "nothing about the parameter.",
         f"Young's modulus and friction have rank correlation {ridge:+.2f}: a stiffer finger with less friction pulls "
         "as hard. Use draws, or the medians together, not one of them alone.",
         f"The prior of Young's modulus has its median at {modulus.young_modulus_median_mpa:.3g} MPa and its mode at "
-        f"{modulus.young_modulus_mode_mpa:.3g} MPa (Table 3 as printed).",
+        f"{modulus.young_modulus_mode_mpa:.3g} MPa ({source}).",
     ]
     return Markup("".join(paragraph(part, "note") for part in parts))
 

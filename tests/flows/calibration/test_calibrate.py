@@ -7,10 +7,13 @@ import pytest
 
 from lake.query.lineage import find_lineage
 from lake.tables.campaign import CalibrationRow, SimulationRow, SimulatorVersionRow
+from models.calibration.inference.lot_priors import make_lot_priors
+from models.calibration.inference.settings import ThetaPriors
 from models.records import SimulatorVersion, Theta
 from tasks.calibration.drift import read_theta_history
+from tasks.campaign.config import read_lot
 from tasks.simulation import plan as work
-from tests.flows.cli.cli_lakes import Fast
+from tests.flows.cli.cli_lakes import ROOT, Fast
 from tests.tasks.calibration.calibration_lake import (
     PROVENANCE,
     TRUTH,
@@ -21,6 +24,7 @@ from tests.tasks.calibration.calibration_lake import (
 )
 from tests.tasks.simulation.test_hypercube import Pool
 
+PAPER = ROOT / "materials" / "paper.toml"
 SMALL = ("--chains", 2, "--draws", 200, "--tune", 50)
 
 
@@ -31,6 +35,7 @@ def answers(monkeypatch):
 
     def made_up(problem, settings, progress=None):
         found.n_calls += 1
+        found.priors = settings.priors
         return made_up_result(problem, settings, found.theta, **found.changes)
 
     class Simulator(Pool):
@@ -118,6 +123,26 @@ def test_verification_runs_the_simulator_at_the_held_out_designs(tmp_path, fast,
     assert {"grasps", "simulations"} <= parents
 
 
+def test_a_material_lot_becomes_priors_and_is_in_the_lineage(tmp_path, fast, answers):
+    lake = calibration_lake(tmp_path / "lake")
+    plain = fast("calibrate", "--lake", lake.root, "--json", *SMALL).json
+    assert answers.priors == ThetaPriors()
+    answer = fast("calibrate", "--lake", lake.root, "--json", "--lot", PAPER, *SMALL)
+    assert answer.status == 0, answer
+    assert answers.priors == make_lot_priors("paper", read_lot(PAPER))
+    assert (
+        "priors of material lot paper, median and 90 % interval: Young's modulus 11.4 MPa (8.86 to 14.6), friction "
+        "0.658 (0.41 to 0.99); only to check: 85 Shore A is about 13.2 MPa by Gent's formula"
+    ) in answer.err
+    assert answer.json["calibration_id"] != plain["calibration_id"]
+    tables = [node.table for node in find_lineage(lake, answer.json["calibration_id"], depth=1).rows]
+    assert tables.count("materials") == 4
+    page = fast("calibrate", "--lake", lake.root, "--lot", "paper", "--out", tmp_path / "page", *SMALL)
+    assert page.out.startswith(f"nothing new since calibration {answer.json['calibration_id']}")
+    html = (tmp_path / "page" / "index.html").read_text()
+    assert "has its median at 11.4 MPa and its mode at 11.1 MPa (from a material lot)." in html
+
+
 def test_a_calibration_without_a_version_says_why(tmp_path, fast, answers):
     answers.changes = {"k_hat": 0.95}
     lake = calibration_lake(tmp_path / "lake")
@@ -133,6 +158,8 @@ def test_a_calibration_without_a_version_says_why(tmp_path, fast, answers):
         (("--simulate", 0), "Must be >= 1"),
         (("--campaign", "smal"), "did you mean `small`?"),
         (("--version", "V0"), "simulator version `V0` is not in"),
+        (("--lot", "L7"), "material lot `L7` is not in"),
+        (("--lot", "L7.toml"), "material lot `L7.toml` does not exist"),
         (("--method", "guess"), "See `fast calibrate --help`"),
     ],
 )

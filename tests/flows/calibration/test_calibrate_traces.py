@@ -6,13 +6,17 @@ import pytest
 
 from lake.tables.campaign import CalibrationRow, SimulationRow
 from lake.tables.catalogue_rows import version_rows
+from models.calibration.inference.lot_priors import make_lot_priors
+from models.calibration.inference.settings import read_settings
 from models.gap.fit import posterior
 from models.records import EffectValue, SimulatorVersion
+from tasks.campaign.config import read_lot
 from tasks.simulation import plan as work
-from tests.flows.cli.cli_lakes import Fast
+from tests.flows.cli.cli_lakes import ROOT, Fast
 from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws, simulated_trace, trace_lake
 from tests.tasks.simulation.test_hypercube import Pool
 
+PAPER = ROOT / "materials" / "paper.toml"
 SMALL = ("--data", "trace", "--chains", 2, "--draws", 200, "--tune", 100, "--workers", 1)
 
 
@@ -65,6 +69,18 @@ def test_what_is_missing_of_the_grid_is_simulated_once_and_theta_inferred(tmp_pa
     again = fast("calibrate", "--lake", lake.root, *SMALL)
     assert again.out.startswith(f"nothing new since calibration {row.calibration_id}: the same 24 grasps")
     assert not simulator.jobs
+
+
+def test_a_material_lot_gives_the_priors_that_it_gives_means(tmp_path, fast, simulator) -> None:
+    lake = trace_lake(tmp_path / "lake", n_simulated=4)
+    assert fast("calibrate", "--lake", lake.root, *SMALL).status == 0
+    answer = fast("calibrate", "--lake", lake.root, *SMALL, "--lot", PAPER)
+    assert answer.status == 0, answer
+    plain, row = lake.records(CalibrationRow)
+    assert read_settings(row.settings_json).priors == make_lot_priors("paper", read_lot(PAPER))
+    assert "priors of material lot paper" in answer.err
+    assert plain.young_modulus_median_mpa < row.young_modulus_median_mpa < 11.37  # drawn to the tensile tests
+    assert row.young_modulus_sd_mpa < plain.young_modulus_sd_mpa
 
 
 @pytest.mark.parametrize(

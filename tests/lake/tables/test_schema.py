@@ -24,6 +24,7 @@ CONTRACT = {
     "campaigns",
     "designs",
     "objects",
+    "materials",
     "batches",
     "proposals",
     "tools",

@@ -1,0 +1,39 @@
+"""The table of what was measured of the lots of printing material."""
+
+from typing import ClassVar, Self
+
+from pydantic import Field
+
+from lake.tables.row import Row
+from models.ids import content_id
+from models.material import QUANTITIES, MaterialLot, MaterialMeasurement
+
+
+class MaterialRow(Row):
+    """One quantity of a lot, as it was measured; `tools.material_lot` names the lot."""
+
+    table: ClassVar[str] = "materials"
+    material_id: str
+    lot: str
+    quantity: str
+    value: float
+    unit: str
+    sd: float | None = Field(default=None, description="standard deviation of single tests, in the unit of the value")
+    n: int | None = Field(default=None, description="number of tests")
+    method: str
+    source: str
+
+    @classmethod
+    def of(cls, lot: str, quantity: str, measured: MaterialMeasurement) -> Self:
+        """Row of a quantity of a lot: a corrected measurement replaces the one before."""
+        return cls(material_id=content_id("L", [lot, quantity]), lot=lot, quantity=quantity, **measured.model_dump())
+
+    @property
+    def measurement(self) -> MaterialMeasurement:
+        """The measurement of this row."""
+        return MaterialMeasurement(**self.model_dump(include=set(MaterialMeasurement.model_fields)))
+
+
+def lot_of_rows(rows: list[MaterialRow]) -> MaterialLot:
+    """The lot that these rows are of; quantities that FAST has no use for are left out."""
+    return MaterialLot(**{row.quantity: row.measurement for row in rows if row.quantity in QUANTITIES})

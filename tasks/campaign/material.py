@@ -1,0 +1,81 @@
+"""Lots of printing material: from their files into the lake, and which one a calibration takes its priors from."""
+
+import tomllib
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+
+from lake.handoff.campaign import is_imported
+from lake.provenance import current_provenance
+from lake.store import Lake
+from lake.tables.campaign import CampaignRow
+from lake.tables.material import MaterialRow, lot_of_rows
+from models.errors import UsageError
+from models.material import TABLE_3, MaterialLot
+from models.validation import closest
+from tasks.campaign.config import LOT_SUFFIX, read_lot
+
+
+@dataclass(frozen=True)
+class StoredLot:
+    """A lot of the lake: its name, what was measured, and the ids of the rows."""
+
+    name: str
+    lot: MaterialLot
+    material_ids: tuple[str, ...]
+
+
+def store_lot(lake: Lake, path: Path) -> str:
+    """Write what is new or changed in the file of a lot to the lake; returns the lot's name.
+
+    Raises:
+        ConfigError: the file cannot be used.
+    """
+    name, lot = path.stem, read_lot(path)
+    known = {row.material_id: row for row in lake.records(MaterialRow, lot=name)}
+    rows = [MaterialRow.of(name, quantity, measured) for quantity, measured in lot.measured.items()]
+    new = [row for row in rows if known.get(row.material_id) != row]
+    if new:
+        lake.append(new, current_provenance())
+    return name
+
+
+def name_campaign_lot(config_toml: str) -> str:
+    """The lot that a stored config names; empty for none, and for an imported campaign."""
+    if is_imported(config_toml):
+        return ""
+    return Path(tomllib.loads(config_toml).get("material", "")).stem
+
+
+def find_lot(lake: Lake, asked: str | None, campaign_ids: Collection[str]) -> StoredLot | None:
+    """The lot that was asked for, else the one that these campaigns name; None for the priors of Table 3.
+
+    `asked` is the name of a lot in the lake, the path of a lot's file, which is then stored, or `none`.
+
+    Raises:
+        UsageError: there is no such lot, its file cannot be used, or the campaigns name several.
+    """
+    if asked == TABLE_3:
+        return None
+    if asked is not None:
+        return _stored_lot(lake, store_lot(lake, Path(asked)) if asked.endswith(LOT_SUFFIX) else asked)
+    named = {
+        row.campaign_id: lot
+        for row in lake.records(CampaignRow)
+        if row.campaign_id in campaign_ids and (lot := name_campaign_lot(row.config_toml))
+    }
+    if len(set(named.values())) > 1:
+        lots = ", ".join(f"{campaign} names {lot}" for campaign, lot in named.items())
+        raise UsageError(f"the campaigns name different material lots ({lots}); give one --campaign, or the --lot.")
+    return _stored_lot(lake, next(iter(named.values()))) if named else None
+
+
+def _stored_lot(lake: Lake, name: str) -> StoredLot:
+    rows = lake.records(MaterialRow, lot=name)
+    if not rows:
+        lots = sorted({row["lot"] for row in lake.rows(MaterialRow)})
+        raise UsageError(
+            f"material lot `{name}` is not in {lake.address}; {closest(name, lots)} A new one comes in by its file: "
+            "--lot materials/paper.toml."
+        )
+    return StoredLot(name, lot_of_rows(rows), tuple(row.material_id for row in rows))

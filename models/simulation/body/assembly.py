@@ -111,7 +111,7 @@ class ElasticBody:
 
     def force(self, x: np.ndarray) -> np.ndarray | None:
         """Internal nodal force (n, 3) at deformed nodes x (n, 3); None if an element is inverted."""
-        force = np.zeros_like(x)
+        force = np.zeros(x.shape)
         for part in self._parts:
             elements = part.connectivity, part.gradients, part.inverses, part.weights
             if not add_forces(x, *elements, *self._material, force):
@@ -120,7 +120,7 @@ class ElasticBody:
 
     def stiffness(self, x: np.ndarray, blocks: np.ndarray) -> np.ndarray | None:
         """As `force`; also overwrites `blocks` (z, 3, 3) with the tangent (symmetry not yet applied)."""
-        force = np.zeros_like(x)
+        force = np.zeros(x.shape)
         blocks[:] = 0.0
         for part in self._parts:
             elements = part.connectivity, part.gradients, part.inverses, part.weights
@@ -130,10 +130,7 @@ class ElasticBody:
 
     def apply_symmetry(self, blocks: np.ndarray) -> None:
         """Decouple the y displacement of the nodes on the symmetry plane."""
-        rows, columns, diagonal = self._symmetry
-        blocks[rows, 1, :] = 0.0
-        blocks[columns, :, 1] = 0.0
-        blocks[diagonal, 1, 1] = 1.0
+        _decouple_y(*self._symmetry, blocks)
 
     def lumped_volume(self) -> np.ndarray:
         """Volume of each node in mm3 (n): diagonal of the consistent mass, scaled per element (HRZ lumping)."""
@@ -253,3 +250,14 @@ def _assemble(
                         for j in range(3):
                             blocks[-2 - place, j, i] += K[a, 3 * i + j, b]
     return True
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _decouple_y(rows: np.ndarray, columns: np.ndarray, diagonal: np.ndarray, blocks: np.ndarray) -> None:
+    """Clear row 1 of the blocks `rows`, column 1 of `columns`, and put a 1 where the two of `diagonal` meet."""
+    for z in rows:
+        blocks[z, 1, :] = 0.0
+    for z in columns:
+        blocks[z, :, 1] = 0.0
+    for z in diagonal:
+        blocks[z, 1, 1] = 1.0

@@ -229,11 +229,10 @@ def _assemble(
             local_x[a] = x[elements[e, a]]
         for q in range(len(gradients)):
             local_weights[q] = weights[q, e]
-            for a in range(k):
-                for j in range(3):
-                    slopes[q, a, j] = 0.0
-                    for i in range(3):
-                        slopes[q, a, j] += gradients[q, i, a] * inverses[q, 3 * i + j, e]
+            for j in range(3):
+                a0, a1, a2 = inverses[q, j, e], inverses[q, 3 + j, e], inverses[q, 6 + j, e]
+                for a in range(k):
+                    slopes[q, a, j] = gradients[q, 0, a] * a0 + gradients[q, 1, a] * a1 + gradients[q, 2, a] * a2
         if not element_stiffness(local_x, slopes, local_weights, law, lam, mu, c, local_force, K):
             return False
         for a in range(k):

@@ -63,7 +63,7 @@ class FingerStep:
         self._symmetric = plane[plane >= 0]
         self._last: _Evaluation | None = None
         self._clamped = self.nodes
-        self._rate = 0.0
+        self._inertia = np.zeros_like(self._mass)
         self._target = np.zeros((body.pattern.n, 3))
         self._friction = np.zeros(len(surface.areas))
         self._state = ContactState(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
@@ -81,7 +81,7 @@ class FingerStep:
     def begin(self, state: FingerState, base: np.ndarray, dt_s: float, friction: np.ndarray) -> np.ndarray:
         """Set up the step from `state` to the base position `base`; returns the first guess of the unknowns."""
         self._clamped = self.nodes + base
-        self._rate = 1.0 / dt_s**2
+        self._inertia = self._mass / dt_s**2
         self._target[self._rows] = (state.x + dt_s * state.v)[self._free]
         self._friction, self._state, self._last = friction, state.contact, None
         return self._target.copy()
@@ -114,7 +114,9 @@ class FingerStep:
         self, state: FingerState, u: np.ndarray, base: np.ndarray, dt_s: float
     ) -> tuple[FingerState, np.ndarray]:
         """The state after the step, and the force (3) in N that the clamp exerts on the meshed body."""
-        end = self._evaluate(u)
+        # Newton ends on the positions that it evaluated last.
+        is_known = self._last is not None and np.array_equal(self._last.u, u)
+        end = self._last if is_known else self._evaluate(u)
         if end is None:
             raise SimulationFailed("An element is inverted in a state of equilibrium.", reason="inverted_element")
         x, response = end.x, end.contact
@@ -124,7 +126,7 @@ class FingerStep:
 
     def positions(self, u: np.ndarray) -> np.ndarray:
         """All nodes (n, 3) from the unknown rows."""
-        x = np.zeros_like(self.nodes)
+        x = np.zeros(self.nodes.shape)
         gather(u, self.body.row_of_node, self._clamped, x)
         return x
 
@@ -133,21 +135,17 @@ class FingerStep:
         now = self._evaluate(u)
         if now is None:
             return None
-        rows = np.zeros_like(u)
-        inertia = self._rate * self._mass
-        balance(self.body.row_of_node, now.contact.force, now.elastic, inertia, self._target, u, rows)
-        rows[self._symmetric, 1] = 0.0
+        self._last = now
+        rows = np.zeros(u.shape)
+        forces = now.contact.force, now.elastic
+        balance(self.body.row_of_node, self._symmetric, *forces, self._inertia, self._target, u, rows)
         return rows
 
     def _evaluate(self, u: np.ndarray) -> _Evaluation | None:
-        """Contact and elastic forces; None if an element is inverted. The last one is kept: Newton ends on it."""
-        if self._last is None or not np.array_equal(self._last.u, u):
-            x = self.positions(u)
-            elastic = self.body.force(x)
-            if elastic is None:
-                return None
-            self._last = _Evaluation(u.copy(), x, self._contact(x, None), elastic)
-        return self._last
+        """Contact and elastic forces; None if an element is inverted."""
+        x = self.positions(u)
+        elastic = self.body.force(x)
+        return None if elastic is None else _Evaluation(u.copy(), x, self._contact(x, None), elastic)
 
     def tangent(self, u: np.ndarray, blocks: np.ndarray) -> bool:
         """See `Problem`."""
@@ -161,7 +159,7 @@ class FingerStep:
 
     def shift(self, blocks: np.ndarray, amount: float) -> None:
         """See `Problem`; in units of the inertia M/dt^2."""
-        add_diagonal(self.body.pattern.indptr, amount * self._rate * self._mass, blocks)
+        add_diagonal(self.body.pattern.indptr, amount * self._inertia, blocks)
 
     def _contact(self, x: np.ndarray, blocks: np.ndarray | None) -> ContactResponse:
         return self.surface.respond(x, self._state, self._obstacle, self._friction, self._stop_mm, blocks)
@@ -179,6 +177,7 @@ def gather(u: np.ndarray, row_of_node: np.ndarray, clamped: np.ndarray, x: np.nd
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def balance(
     row_of_node: np.ndarray,
+    symmetric: np.ndarray,
     contact: np.ndarray,
     elastic: np.ndarray,
     inertia: np.ndarray,
@@ -186,13 +185,15 @@ def balance(
     u: np.ndarray,
     rows: np.ndarray,
 ) -> None:
-    """Out-of-balance force of the unknown rows: contact - elastic + M/dt^2 (target - u)."""
+    """Out-of-balance force of the unknown rows: contact - elastic + M/dt^2 (target - u); no y in `symmetric` ones."""
     for node in range(len(row_of_node)):
         row = row_of_node[node]
         if row < 0:
             continue
         for i in range(u.shape[1]):
             rows[row, i] = contact[node, i] - elastic[node, i] + inertia[row] * (target[row, i] - u[row, i])
+    for row in symmetric:
+        rows[row, 1] = 0.0
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -7,7 +7,14 @@ import numba as nb
 import numpy as np
 
 from models.errors import MeshingFailed, UsageError
-from models.simulation.body.elasticity import LAW_CODE, MaterialLaw, element_force, element_stiffness, lame_constants
+from models.simulation.body.elasticity import (
+    LAW_CODE,
+    VECTOR,
+    MaterialLaw,
+    add_forces,
+    element_stiffness,
+    lame_constants,
+)
 from models.simulation.body.shape_functions import quadrature_of, shape_of
 from models.simulation.mesh.solid import ElementBlock, SolidMesh
 from models.simulation.solver.cholesky import BlockPattern, block_pattern
@@ -42,13 +49,14 @@ class Material:
 class _Elements:
     """One element block ready for assembly: what the kernels read.
 
-    `connectivity` (m, k); `slopes` (m, q, k, 3) dN/dX in 1/mm; `volumes` (m, q) in mm3, and `weights`, the same times
-    the element's factor on the modulus; `values` (q, k) of the shape functions; `places` (m, k, k) of the blocks in the
-    pattern.
+    `connectivity` (m, k); `gradients` (q, 3, k') dN/dxi, with zeros up to whole vectors of nodes; `inverses` (q, 9, m)
+    dxi_i/dX_j in 3 i + j, in 1/mm; `volumes` (q, m) in mm3, and `weights`, the same times the element's factor on the
+    modulus; `values` (q, k) of the shape functions; `places` (m, k, k) of the blocks in the pattern.
     """
 
     connectivity: np.ndarray
-    slopes: np.ndarray
+    gradients: np.ndarray
+    inverses: np.ndarray
     volumes: np.ndarray
     weights: np.ndarray
     values: np.ndarray
@@ -90,11 +98,11 @@ class ElasticBody:
     def _prepared(
         self, block: ElementBlock, nodes: np.ndarray, n_axial_points: int, factor: np.ndarray | None
     ) -> _Elements:
-        slopes, volumes, values = _reference_gradients(block, nodes, n_axial_points)
-        weights = volumes if factor is None else volumes * factor[:, None]
+        gradients, inverses, volumes, values = _reference_gradients(block, nodes, n_axial_points)
+        weights = volumes if factor is None else volumes * factor
         connectivity = np.ascontiguousarray(block.connectivity, dtype=np.int32)
         places = block_map(connectivity, self.row_of_node, self.pattern)
-        return _Elements(connectivity, slopes, volumes, weights, values, places)
+        return _Elements(connectivity, gradients, inverses, volumes, weights, values, places)
 
     @property
     def n_dof(self) -> int:
@@ -103,35 +111,33 @@ class ElasticBody:
 
     def force(self, x: np.ndarray) -> np.ndarray | None:
         """Internal nodal force (n, 3) at deformed nodes x (n, 3); None if an element is inverted."""
-        force = np.zeros_like(x)
+        force = np.zeros(x.shape)
         for part in self._parts:
-            if not _assemble_force(x, part.connectivity, part.slopes, part.weights, *self._material, force):
+            elements = part.connectivity, part.gradients, part.inverses, part.weights
+            if not add_forces(x, *elements, *self._material, force):
                 return None
         return force
 
     def stiffness(self, x: np.ndarray, blocks: np.ndarray) -> np.ndarray | None:
         """As `force`; also overwrites `blocks` (z, 3, 3) with the tangent (symmetry not yet applied)."""
-        force = np.zeros_like(x)
+        force = np.zeros(x.shape)
         blocks[:] = 0.0
         for part in self._parts:
-            elements = part.connectivity, part.slopes, part.weights
+            elements = part.connectivity, part.gradients, part.inverses, part.weights
             if not _assemble(x, *elements, *self._material, part.places, force, blocks):
                 return None
         return force
 
     def apply_symmetry(self, blocks: np.ndarray) -> None:
         """Decouple the y displacement of the nodes on the symmetry plane."""
-        rows, columns, diagonal = self._symmetry
-        blocks[rows, 1, :] = 0.0
-        blocks[columns, :, 1] = 0.0
-        blocks[diagonal, 1, 1] = 1.0
+        _decouple_y(*self._symmetry, blocks)
 
     def lumped_volume(self) -> np.ndarray:
         """Volume of each node in mm3 (n): diagonal of the consistent mass, scaled per element (HRZ lumping)."""
         volume = np.zeros(len(self.mesh.nodes))
         for part in self._parts:
-            diagonal = np.einsum("qa,mq->ma", part.values**2, part.volumes)
-            diagonal *= (part.volumes.sum(axis=1) / diagonal.sum(axis=1))[:, None]
+            diagonal = np.einsum("qa,qm->ma", part.values**2, part.volumes)
+            diagonal *= (part.volumes.sum(axis=0) / diagonal.sum(axis=1))[:, None]
             np.add.at(volume, part.connectivity.ravel(), diagonal.ravel())
         return volume
 
@@ -150,8 +156,8 @@ def block_map(connectivity: np.ndarray, row_of_node: np.ndarray, pattern: BlockP
 
 def _reference_gradients(
     block: ElementBlock, nodes: np.ndarray, n_axial_points: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gradients dN/dX (m, q, k, 3), weights (m, q) in mm3 and shape values (q, k)."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Gradients (q, 3, k'), inverses (q, 9, m), volumes (q, m) and values (q, k) of `_Elements`."""
     rule = quadrature_of(block.kind, n_axial_points)
     values, gradients = shape_of(block.kind, rule.points)
     jacobian = np.einsum("mai,qaj->mqij", nodes[block.connectivity], gradients)
@@ -162,8 +168,12 @@ def _reference_gradients(
             "load; change the mesh settings.",
             reason="inverted_element",
         )
-    slopes = np.einsum("qaj,mqji->mqai", gradients, np.linalg.inv(jacobian))
-    return np.ascontiguousarray(slopes), determinant * rule.weights, values
+    n_points, k = values.shape
+    padded = np.zeros((n_points, 3, -(-k // VECTOR) * VECTOR))
+    padded[:, :, :k] = gradients.transpose(0, 2, 1)
+    inverses = np.linalg.inv(jacobian).reshape(-1, n_points, 9).transpose(1, 2, 0)
+    volumes = (determinant * rule.weights).T
+    return padded, np.ascontiguousarray(inverses), np.ascontiguousarray(volumes), values
 
 
 def number_rows(
@@ -200,7 +210,8 @@ def _symmetry_blocks(
 def _assemble(
     x: np.ndarray,
     elements: np.ndarray,
-    slopes: np.ndarray,
+    gradients: np.ndarray,
+    inverses: np.ndarray,
     weights: np.ndarray,
     law: int,
     lam: float,
@@ -211,11 +222,18 @@ def _assemble(
     blocks: np.ndarray,
 ) -> bool:
     m, k = elements.shape
+    slopes, local_weights = np.zeros((len(gradients), k, 3)), np.zeros(len(gradients))
     local_x, local_force, K = np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((k, 9, k))
     for e in range(m):
         for a in range(k):
             local_x[a] = x[elements[e, a]]
-        if not element_stiffness(local_x, slopes[e], weights[e], law, lam, mu, c, local_force, K):
+        for q in range(len(gradients)):
+            local_weights[q] = weights[q, e]
+            for j in range(3):
+                a0, a1, a2 = inverses[q, j, e], inverses[q, 3 + j, e], inverses[q, 6 + j, e]
+                for a in range(k):
+                    slopes[q, a, j] = gradients[q, 0, a] * a0 + gradients[q, 1, a] * a1 + gradients[q, 2, a] * a2
+        if not element_stiffness(local_x, slopes, local_weights, law, lam, mu, c, local_force, K):
             return False
         for a in range(k):
             for i in range(3):
@@ -234,25 +252,11 @@ def _assemble(
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _assemble_force(
-    x: np.ndarray,
-    elements: np.ndarray,
-    slopes: np.ndarray,
-    weights: np.ndarray,
-    law: int,
-    lam: float,
-    mu: float,
-    c: float,
-    force: np.ndarray,
-) -> bool:
-    m, k = elements.shape
-    local_x, local_force = np.zeros((k, 3)), np.zeros((k, 3))
-    for e in range(m):
-        for a in range(k):
-            local_x[a] = x[elements[e, a]]
-        if not element_force(local_x, slopes[e], weights[e], law, lam, mu, c, local_force):
-            return False
-        for a in range(k):
-            for i in range(3):
-                force[elements[e, a], i] += local_force[a, i]
-    return True
+def _decouple_y(rows: np.ndarray, columns: np.ndarray, diagonal: np.ndarray, blocks: np.ndarray) -> None:
+    """Clear row 1 of the blocks `rows`, column 1 of `columns`, and put a 1 where the two of `diagonal` meet."""
+    for z in rows:
+        blocks[z, 1, :] = 0.0
+    for z in columns:
+        blocks[z, :, 1] = 0.0
+    for z in diagonal:
+        blocks[z, 1, 1] = 1.0

@@ -32,6 +32,8 @@ REFERENCE_MODULUS_MPA = 11.5
 VECTOR = 4  # rows of the tangent are filled in whole vectors of this many nodes,
 WIDTH = 20  # in rows for the largest element: a length that the compiler knows, or it does not vectorise
 
+ELEMENTS = 32  # how many elements of one kind lie side by side while their forces are computed: they fit in the cache
+
 LAW_CODE: dict[MaterialLaw, int] = {"neo_hookean": 0, "st_venant_kirchhoff": 1}
 
 
@@ -239,20 +241,149 @@ def element_stiffness(
 
 
 @nb.njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
-def element_force(
-    x: np.ndarray, slopes: np.ndarray, weights: np.ndarray, law: int, lam: float, mu: float, c: float, force: np.ndarray
+def add_forces(
+    x: np.ndarray,
+    elements: np.ndarray,
+    gradients: np.ndarray,
+    inverses: np.ndarray,
+    weights: np.ndarray,
+    law: int,
+    lam: float,
+    mu: float,
+    c: float,
+    force: np.ndarray,
 ) -> bool:
-    """Nodal forces of one element, without the tangent; arguments as `element_stiffness`."""
-    k = x.shape[0]
-    F, S, g = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, k))
-    force[:] = 0.0
-    for q in range(len(weights)):
-        _gradient(x, slopes[q], F)
-        J = _determinant(F)
-        if not J > 0.0:
-            return False
-        if law == 0:
-            _neo_hookean(F, J, slopes[q], _stiffened(F, J, weights[q], lam, mu, c), lam, mu, g, force)
-        else:
-            _st_venant(F, slopes[q], weights[q], lam, mu, S, g, force)
+    """Add the nodal forces (n, 3) of elements (m, k) of one kind at deformed nodes x (n, 3); False if one is inverted.
+
+    gradients (q, 3, k') = dN/dxi, filled up with zeros to whole vectors of nodes; inverses (q, 9, m): dxi_i/dX_j in
+    3 i + j, in 1/mm; weights (q, m) in mm3; the law as in `element_stiffness`.
+
+    Elements are taken `ELEMENTS` at a time and lie side by side in vectors, coordinate i of all of them in a row.
+    """
+    k = elements.shape[1]
+    local, local_force = np.zeros((gradients.shape[2], 3 * ELEMENTS)), np.zeros((k, 3 * ELEMENTS))
+    g = np.zeros((3, 3 * ELEMENTS))
+    for first in range(0, len(elements), ELEMENTS):
+        n = min(ELEMENTS, len(elements) - first)
+        for e in range(n):
+            for a in range(k):
+                for i in range(3):
+                    local[a, i * n + e] = x[elements[first + e, a], i]
+        local_force[:] = 0.0
+        for q in range(len(gradients)):
+            _sum_nodes(gradients[q], local, 3 * n, g)
+            for e in range(n):
+                if not _stress_of_point(inverses[q], weights[q, first + e], first + e, law, lam, mu, c, g, e, n):
+                    return False
+            _spread_to_nodes(gradients[q], g, 3 * n, local_force)
+        for e in range(n):
+            for a in range(k):
+                for i in range(3):
+                    force[elements[first + e, a], i] += local_force[a, i * n + e]
+    return True
+
+
+@nb.njit(inline="always")
+def _sum_nodes(gradients: np.ndarray, local: np.ndarray, n: int, g: np.ndarray) -> None:
+    """Row j of g is the sum over nodes a of gradients (3, k') times row a of `local`; n columns."""
+    for j in range(3):
+        g[j, :n] = 0.0
+        for a in range(0, gradients.shape[1], VECTOR):
+            d0, d1, d2, d3 = gradients[j, a], gradients[j, a + 1], gradients[j, a + 2], gradients[j, a + 3]
+            for b in range(n):
+                g[j, b] += d0 * local[a, b] + d1 * local[a + 1, b] + d2 * local[a + 2, b] + d3 * local[a + 3, b]
+
+
+@nb.njit(inline="always")
+def _spread_to_nodes(gradients: np.ndarray, g: np.ndarray, n: int, local_force: np.ndarray) -> None:
+    """Add to row a of `local_force` the sum over j of gradients (3, k') times row j of g; n columns."""
+    for a in range(len(local_force)):
+        d0, d1, d2 = gradients[0, a], gradients[1, a], gradients[2, a]
+        for b in range(n):
+            local_force[a, b] += d0 * g[0, b] + d1 * g[1, b] + d2 * g[2, b]
+
+
+@nb.njit(inline="always")
+def _stress_of_point(
+    inverse: np.ndarray,
+    weight: float,
+    element: int,
+    law: int,
+    lam: float,
+    mu: float,
+    c: float,
+    g: np.ndarray,
+    e: int,
+    n: int,
+) -> bool:
+    """Replace dx_i/dxi_j of column e (in row j and column i n + e of g) by its work-conjugate w sum_k P_ik dxi_j/dX_k.
+
+    `inverse` (9, m) of all elements, this one is number `element`. False if J <= 0.
+    """
+    a00, a01, a02 = inverse[0, element], inverse[1, element], inverse[2, element]
+    a10, a11, a12 = inverse[3, element], inverse[4, element], inverse[5, element]
+    a20, a21, a22 = inverse[6, element], inverse[7, element], inverse[8, element]
+    g0, g1, g2 = g[0, e], g[1, e], g[2, e]
+    f00, f01, f02 = g0 * a00 + g1 * a10 + g2 * a20, g0 * a01 + g1 * a11 + g2 * a21, g0 * a02 + g1 * a12 + g2 * a22
+    g0, g1, g2 = g[0, n + e], g[1, n + e], g[2, n + e]
+    f10, f11, f12 = g0 * a00 + g1 * a10 + g2 * a20, g0 * a01 + g1 * a11 + g2 * a21, g0 * a02 + g1 * a12 + g2 * a22
+    g0, g1, g2 = g[0, 2 * n + e], g[1, 2 * n + e], g[2, 2 * n + e]
+    f20, f21, f22 = g0 * a00 + g1 * a10 + g2 * a20, g0 * a01 + g1 * a11 + g2 * a21, g0 * a02 + g1 * a12 + g2 * a22
+    # The cofactors are J F^-T.
+    c00, c01, c02 = f11 * f22 - f12 * f21, f12 * f20 - f10 * f22, f10 * f21 - f11 * f20
+    c10, c11, c12 = f02 * f21 - f01 * f22, f00 * f22 - f02 * f20, f01 * f20 - f00 * f21
+    c20, c21, c22 = f01 * f12 - f02 * f11, f02 * f10 - f00 * f12, f00 * f11 - f01 * f10
+    J = f00 * c00 + f01 * c01 + f02 * c02
+    if not J > 0.0:
+        return False
+    squares = f00 * f00 + f01 * f01 + f02 * f02 + f10 * f10 + f11 * f11 + f12 * f12 + f20 * f20 + f21 * f21 + f22 * f22
+    if law == 0:
+        log_J = np.log(J)
+        w = weight
+        if c != 0.0:
+            w *= 1.0 + c * (0.5 * mu * (squares - 3.0 - 2.0 * log_J) + 0.5 * lam * log_J * log_J)
+        m, p = w * mu, w * (lam * log_J - mu) / J
+        p00, p01, p02 = m * f00 + p * c00, m * f01 + p * c01, m * f02 + p * c02
+        p10, p11, p12 = m * f10 + p * c10, m * f11 + p * c11, m * f12 + p * c12
+        p20, p21, p22 = m * f20 + p * c20, m * f21 + p * c21, m * f22 + p * c22
+    else:
+        m, p = weight * mu, weight * (0.5 * lam * (squares - 3.0) - mu)
+        s00, s11, s22 = (
+            m * (f00 * f00 + f10 * f10 + f20 * f20) + p,
+            m * (f01 * f01 + f11 * f11 + f21 * f21) + p,
+            m * (f02 * f02 + f12 * f12 + f22 * f22) + p,
+        )
+        s01 = m * (f00 * f01 + f10 * f11 + f20 * f21)
+        s02 = m * (f00 * f02 + f10 * f12 + f20 * f22)
+        s12 = m * (f01 * f02 + f11 * f12 + f21 * f22)
+        p00, p01, p02 = (
+            f00 * s00 + f01 * s01 + f02 * s02,
+            f00 * s01 + f01 * s11 + f02 * s12,
+            f00 * s02 + f01 * s12 + f02 * s22,
+        )
+        p10, p11, p12 = (
+            f10 * s00 + f11 * s01 + f12 * s02,
+            f10 * s01 + f11 * s11 + f12 * s12,
+            f10 * s02 + f11 * s12 + f12 * s22,
+        )
+        p20, p21, p22 = (
+            f20 * s00 + f21 * s01 + f22 * s02,
+            f20 * s01 + f21 * s11 + f22 * s12,
+            f20 * s02 + f21 * s12 + f22 * s22,
+        )
+    g[0, e], g[1, e], g[2, e] = (
+        p00 * a00 + p01 * a01 + p02 * a02,
+        p00 * a10 + p01 * a11 + p02 * a12,
+        p00 * a20 + p01 * a21 + p02 * a22,
+    )
+    g[0, n + e], g[1, n + e], g[2, n + e] = (
+        p10 * a00 + p11 * a01 + p12 * a02,
+        p10 * a10 + p11 * a11 + p12 * a12,
+        p10 * a20 + p11 * a21 + p12 * a22,
+    )
+    g[0, 2 * n + e], g[1, 2 * n + e], g[2, 2 * n + e] = (
+        p20 * a00 + p21 * a01 + p22 * a02,
+        p20 * a10 + p21 * a11 + p22 * a12,
+        p20 * a20 + p21 * a21 + p22 * a22,
+    )
     return True

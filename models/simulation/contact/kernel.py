@@ -14,7 +14,6 @@ from models.objects.distance import choose_rows, chosen_distance
 from models.simulation.contact.friction import return_mapping
 from models.simulation.contact.points import ContactPoints
 
-MAX_REACH = 3.0  # largest sum of |N_a| on any face: eight nodes, at the centre
 ADHESION_RAMP = 0.1  # share of the smoothing depth, where the pressure is a hundredth of that at the full depth
 _MARGIN_MM = 1e-9  # far above rounding: a point left out is outside for certain
 
@@ -22,12 +21,14 @@ _MARGIN_MM = 1e-9  # far above rounding: a point left out is outside for certain
 class Sightings(NamedTuple):
     """What is known of faces (f) and patches (q).
 
-    Their nodes when last measured (., k, 3), and a lower bound then, in mm, of the gap between their points and the
-    nearest thing to touch.
+    The nodes of patches when last measured (q, k, 3), and a lower bound then, in mm, of the gap between their points
+    and the nearest thing to touch (q). The nodes of faces when last looked at (f, k, 3), and bounds then of the gaps of
+    their patches, the least one (f) and each (q).
     """
 
     face_nodes: np.ndarray
     face_gap: np.ndarray
+    gap_in_face: np.ndarray
     patch_nodes: np.ndarray
     patch_gap: np.ndarray
 
@@ -103,15 +104,25 @@ def _interpolate_point(shape: np.ndarray, c: int, local: np.ndarray, result: np.
 
 
 @nb.njit(inline="always")
-def _motion(local: np.ndarray, before: np.ndarray, row: int) -> float:
-    """How far the node of a face that moved most is from where it was, in a row of `before` (., k, 3)."""
+def _travel(shape: np.ndarray, c: int, reach: float, local: np.ndarray, before: np.ndarray, row: int) -> float:
+    """Bound on how far any point within `reach` of point c is from where it was.
+
+    `local` (k, 3): the nodes of its face; a row of `before` (., k, 3): where they were. Point c itself moves by
+    v = sum N_a du_a, a point with other shape values N_a + dN_a by sum dN_a (du_a - v) more.
+    """
+    u = v = w = 0.0
+    for a in range(len(local)):
+        weight = shape[c, a]
+        u += weight * (local[a, 0] - before[row, a, 0])
+        v += weight * (local[a, 1] - before[row, a, 1])
+        w += weight * (local[a, 2] - before[row, a, 2])
     most = 0.0
     for a in range(len(local)):
-        square = 0.0
-        for i in range(3):
-            square += (local[a, i] - before[row, a, i]) ** 2
-        most = max(most, square)
-    return math.sqrt(most)
+        du = local[a, 0] - before[row, a, 0] - u
+        dv = local[a, 1] - before[row, a, 1] - v
+        dw = local[a, 2] - before[row, a, 2] - w
+        most = max(most, du * du + dv * dv + dw * dw)
+    return math.sqrt(u * u + v * v + w * w) + reach * math.sqrt(most)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -132,13 +143,18 @@ def find_near(points: ContactPoints, x: np.ndarray, seen: Sightings, near: NearP
     local = np.zeros((points.faces.shape[1], 3))
     for f in range(len(points.faces)):
         _take_nodes(points.faces, f, x, local)
-        if seen.face_gap[f] > MAX_REACH * _motion(local, seen.face_nodes, f) + _MARGIN_MM:
+        travel = _travel(points.shape, points.face_middle[f], points.face_reach[f], local, seen.face_nodes, f)
+        if seen.face_gap[f] > travel + _MARGIN_MM:
             continue
         seen.face_gap[f] = np.inf
         seen.face_nodes[f] = local
         for p in range(points.first_patch[f], points.first_patch[f + 1]):
-            gap = seen.patch_gap[p] - points.reach[p] * _motion(local, seen.patch_nodes, p)
+            gap = seen.gap_in_face[p] - travel
+            if not gap > _MARGIN_MM:
+                first = points.first_point[p]
+                gap = seen.patch_gap[p] - _travel(points.shape, first, points.reach[p], local, seen.patch_nodes, p)
             if gap > _MARGIN_MM:
+                seen.gap_in_face[p] = gap
                 seen.face_gap[f] = min(seen.face_gap[f], gap)
                 continue
             seen.patch_nodes[p] = local
@@ -154,21 +170,20 @@ def find_near(points: ContactPoints, x: np.ndarray, seen: Sightings, near: NearP
 def measure_solid(rows: np.ndarray, points: ContactPoints, near: NearPoints, n_patches: int) -> None:
     """Distances and normals of the near points from a solid of primitives.
 
-    A patch whose middle point is further away than twice its size is not looked at closer.
+    A patch whose middle point is further away than its size is not looked at closer.
     """
     position, distance, normal, first = near.position, near.distance, near.normal, 0
     chosen = np.zeros(len(rows), dtype=np.int32)
     for q in range(n_patches):
         p = near.patch[q]
         last = first + points.first_point[p + 1] - points.first_point[p]
-        middle = (first + last) // 2
-        x, y, z = position[middle, 0], position[middle, 1], position[middle, 2]
+        x, y, z = position[first, 0], position[first, 1], position[first, 2]
         size = 0.0
         for i in range(first, last):
             size = max(size, (position[i, 0] - x) ** 2 + (position[i, 1] - y) ** 2 + (position[i, 2] - z) ** 2)
         size = math.sqrt(size)
         gap, n_chosen = choose_rows(rows, x, y, z, size, chosen)
-        if gap > 2.0 * size:
+        if gap > size + _MARGIN_MM:
             distance[first:last] = gap - size
         else:
             for i in range(first, last):
@@ -187,7 +202,7 @@ def remember(points: ContactPoints, near: NearPoints, n_patches: int, stop_mm: f
         for _ in range(points.first_point[p], points.first_point[p + 1]):
             gap = min(gap, near.distance[i], near.position[i, 0] - stop_mm)
             i += 1
-        seen.patch_gap[p] = gap
+        seen.patch_gap[p] = seen.gap_in_face[p] = gap
         seen.face_gap[f] = min(seen.face_gap[f], gap)
 
 

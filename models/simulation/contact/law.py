@@ -187,7 +187,7 @@ class ContactSurface:
         finger (`NO_STOP`: there is none).
         """
         n_patches = self._measure(x, obstacle, stop_mm)
-        force = np.zeros_like(x)
+        force = np.zeros(x.shape)
         m = contact_kernel.add_contact(
             self._points,
             self._places,
@@ -215,7 +215,7 @@ class ContactSurface:
             self._seen_of = (obstacle, stop_mm)
             self._primitives = obstacle.primitives if isinstance(obstacle, Solid) else None
             seen.face_gap[:] = -np.inf
-            seen.patch_gap[:] = -np.inf
+            seen.gap_in_face[:] = seen.patch_gap[:] = -np.inf
         if self._primitives is not None:
             return int(contact_kernel.measure(self._primitives, points, x, stop_mm, seen, near))
         n_patches, n_points = contact_kernel.find_near(points, x, seen, near)
@@ -234,6 +234,7 @@ def _sightings(points: ContactPoints) -> Sightings:
     return Sightings(
         np.zeros((n_faces, k, 3)),
         np.full(n_faces, -np.inf),
+        np.full(n_patches, -np.inf),
         np.zeros((n_patches, k, 3)),
         np.full(n_patches, -np.inf),
     )

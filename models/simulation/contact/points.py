@@ -25,9 +25,14 @@ class PointSpacing:
 class ContactPoints(NamedTuple):
     """Points (n) in patches (q) on faces (f) with k nodes each; points of a patch, patches of a face are in a row.
 
+    The middle point of a patch is its first.
+
     `faces` (f, k) nodes; `first_patch` (f + 1) and `first_point` (q + 1) where each one's share begins; `shape` (n, k)
-    values at the points; `areas` (n) undeformed, mm2; `reach` (q): no point of the patch moves further than `reach`
-    times the node of its face that moves most (the largest sum of |N_a|).
+    values at the points; `areas` (n) undeformed, mm2.
+
+    `reach` (q) is the largest sum of |N_a - N_a of the middle point| in a patch: against its middle point no point of
+    it moves more than so many times the node of its face that moves most. `face_middle` (f) and `face_reach` (f): the
+    middle point of a whole face, and its reach.
     """
 
     faces: np.ndarray
@@ -36,33 +41,49 @@ class ContactPoints(NamedTuple):
     shape: np.ndarray
     areas: np.ndarray
     reach: np.ndarray
+    face_middle: np.ndarray
+    face_reach: np.ndarray
 
 
 def contact_points(faces: np.ndarray, nodes: np.ndarray, spacing: PointSpacing) -> ContactPoints:
     """Points on faces (f, k) of undeformed nodes (n, 3)."""
-    first_patch, first_point = [0], [0]
+    first_patch, first_point, face_middle = [0], [0], []
     shapes, areas = [], []
     for face in faces:
         shape, area, patch = _subdivide(nodes[face], spacing)
-        order = np.argsort(patch, kind="stable")
-        shapes.append(shape[order])
-        areas.append(area[order])
+        face_middle.append(first_point[-1] + np.abs(shape - shape.mean(axis=0)).sum(axis=1).argmin())
+        shapes.append(shape)
+        areas.append(area)
         first_point.extend(first_point[-1] + np.cumsum(np.unique(patch, return_counts=True)[1]))
         first_patch.append(len(first_point) - 1)
-    values = np.ascontiguousarray(np.vstack(shapes))
-    reach = np.maximum.reduceat(np.abs(values).sum(axis=1), first_point[:-1])
+    values, first, middle = (
+        np.ascontiguousarray(np.vstack(shapes)),
+        np.array(first_point, np.int32),
+        np.array(face_middle),
+    )
     return ContactPoints(
         np.ascontiguousarray(faces, dtype=np.int32),
         np.array(first_patch, dtype=np.int32),
-        np.array(first_point, dtype=np.int32),
+        first,
         values,
         np.concatenate(areas),
-        reach,
+        _reach(values, first, first[:-1]),
+        middle,
+        _reach(values, first[first_patch], middle),
     )
 
 
+def _reach(values: np.ndarray, first: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """Reach (g) of groups of points from their middle points (g), with the shape values (n, k) of all points."""
+    difference = np.abs(values - np.repeat(values[middle], np.diff(first), axis=0)).sum(axis=1)
+    return np.maximum.reduceat(difference, first[:-1])
+
+
 def _subdivide(corners: np.ndarray, spacing: PointSpacing) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Shape values (p, k), areas (p) in mm2 and patch numbers (p) of the points of one face with nodes (k, 3)."""
+    """Shape values (p, k), areas (p) in mm2 and patch numbers (p) of the points of one face with nodes (k, 3).
+
+    Patches are in a row, and their points from the middle outwards.
+    """
     if len(corners) == 8:
         along = np.linalg.norm(corners[1] - corners[0])
         across = np.linalg.norm(corners[3] - corners[0])
@@ -80,7 +101,10 @@ def _subdivide(corners: np.ndarray, spacing: PointSpacing) -> tuple[np.ndarray, 
     tangent = np.einsum("pkc,ki->pci", gradients, corners)
     area = np.linalg.norm(np.cross(tangent[:, 0], tangent[:, 1]), axis=1) * share
     blocks = cells // PATCH_CELLS
-    return values, area, blocks[:, 0] * (blocks[:, 1].max() + 1) + blocks[:, 1]
+    patch = np.unique(blocks[:, 0] * (blocks[:, 1].max() + 1) + blocks[:, 1], return_inverse=True)[1]
+    middles = np.column_stack([np.bincount(patch, weights=column) for column in cells.T]) / np.bincount(patch)[:, None]
+    order = np.lexsort((((cells - middles[patch]) ** 2).sum(axis=1), patch))
+    return values[order], area[order], patch[order]
 
 
 def _triangle_cells(n: int) -> np.ndarray:

@@ -24,16 +24,16 @@ class SecantMemory:
         self._weights = np.zeros((MEMORY, size))
         self._changes = np.zeros((MEMORY, size))
         self._images = np.zeros((MEMORY, size))  # K times the changes
-        self._count = 0
-        self._last: tuple[np.ndarray, np.ndarray] | None = None  # the last direction and K times it
+        self._last, self._last_image = np.zeros(size), np.zeros(size)  # the last direction and K times it
+        self._count, self._has_last = 0, False
 
     def clear(self) -> None:
         """Forget everything: there is a new factor."""
-        self._count, self._last = 0, None
+        self._count, self._has_last = 0, False
 
     def begin(self) -> None:
         """A new load: corrections still serve, but the next residual is no answer to the last step."""
-        self._last = None
+        self._has_last = False
 
     def direction(self, solved: np.ndarray, residual: np.ndarray, step: float) -> np.ndarray:
         """Corrected direction H r for a residual r, in its shape; `solved` is K^-1 r.
@@ -43,26 +43,40 @@ class SecantMemory:
         if self._count == MEMORY:
             self.clear()
         direction, image = solved.ravel().copy(), residual.ravel().copy()
-        _correct(self._weights, self._changes, self._images, 0, self._count, direction, image)
-        if self._last is not None and self._learn(*self._last, direction, image, step):
-            _correct(self._weights, self._changes, self._images, self._count - 1, self._count, direction, image)
-        self._last = direction, image
+        memory = self._weights, self._changes, self._images
+        _correct(*memory, 0, self._count, direction, image)
+        if self._has_last and _learn(*memory, self._count, self._last, self._last_image, direction, image, step):
+            self._count += 1
+            _correct(*memory, self._count - 1, self._count, direction, image)
+        self._last, self._last_image, self._has_last = direction, image, True
         return direction.reshape(solved.shape)
 
-    def _learn(
-        self, last: np.ndarray, last_image: np.ndarray, direction: np.ndarray, image: np.ndarray, step: float
-    ) -> bool:
-        """Add the correction of a step: s = step * last, H y = last - direction. False if it would be ill-posed."""
-        energy = float(np.dot(last_image, last))
-        pivot = energy - float(np.dot(last_image, direction))
-        if not abs(pivot) > SMALLEST_PIVOT * step * abs(energy):
-            return False
-        k, scale = self._count, 1.0 / (step * pivot)
-        self._weights[k] = step * last_image
-        self._changes[k] = scale * (direction - (1.0 - step) * last)
-        self._images[k] = scale * (image - (1.0 - step) * last_image)
-        self._count += 1
-        return True
+
+@nb.njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+def _learn(
+    weights: np.ndarray,
+    changes: np.ndarray,
+    images: np.ndarray,
+    k: int,
+    last: np.ndarray,
+    last_image: np.ndarray,
+    direction: np.ndarray,
+    image: np.ndarray,
+    step: float,
+) -> bool:
+    """Put the correction of a step at k: s = step * last, H y = last - direction. False if it would be ill-posed."""
+    energy = pivot = 0.0
+    for a in range(len(last)):
+        energy += last_image[a] * last[a]
+        pivot += last_image[a] * (last[a] - direction[a])
+    if not abs(pivot) > SMALLEST_PIVOT * step * abs(energy):
+        return False
+    scale = 1.0 / (step * pivot)
+    for a in range(len(last)):
+        weights[k, a] = step * last_image[a]
+        changes[k, a] = scale * (direction[a] - (1.0 - step) * last[a])
+        images[k, a] = scale * (image[a] - (1.0 - step) * last_image[a])
+    return True
 
 
 @nb.njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")

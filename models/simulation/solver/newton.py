@@ -1,9 +1,11 @@
 """Newton's method with line search and a factor kept by secant corrections."""
 
+import math
 import time
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
+import numba as nb
 import numpy as np
 
 from models.errors import SimulationFailed
@@ -49,10 +51,14 @@ class NewtonSettings:
 
 @dataclass(frozen=True)
 class _Move:
-    """A step of the line search: the unknowns reached, their residual, and the multiple of the direction gone."""
+    """A step of the line search.
+
+    The unknowns reached, their residual and its norm in N, and the multiple of the direction gone.
+    """
 
     u: np.ndarray
     residual: np.ndarray
+    size: float
     step: float
 
 
@@ -86,7 +92,7 @@ class NewtonSolver:
         if residual is None:
             return "inverted_element"
         memory = self._begin(u.size)
-        sizes, step, is_slow = [float(np.linalg.norm(residual))], 1.0, False
+        sizes, step, is_slow = [math.sqrt(_product(residual, residual))], 1.0, False
         for _ in range(self.settings.max_iterations):
             if sizes[-1] < self.settings.tolerance_n:
                 return "converged"
@@ -101,14 +107,14 @@ class NewtonSolver:
                 memory.clear()
                 sizes = sizes[-1:]
                 direction = memory.direction(self._linear.solve(residual), residual, step)
-            move = self._search(problem, u, residual, direction)
+            move = self._search(problem, u, residual, sizes[-1], direction)
             if move is None:
                 if is_fresh:
                     return "inverted_element"
                 is_slow = True
                 continue
             u[:], residual, step = move.u, move.residual, move.step
-            sizes.append(float(np.linalg.norm(residual)))
+            sizes.append(move.size)
             is_slow = self._iterations_ahead(sizes) > self.settings.patience
         return "converged" if sizes[-1] < self.settings.tolerance_n else "no_convergence"
 
@@ -123,7 +129,7 @@ class NewtonSolver:
         if not self._has_factor:
             return None
         direction = memory.direction(self._linear.solve(residual), residual, step)
-        return direction if float(np.vdot(direction, residual)) > 0.0 else None
+        return direction if _product(direction, residual) > 0.0 else None
 
     def _iterations_ahead(self, sizes: list[float]) -> float:
         """Iterations to the tolerance at the mean rate of the last two, from the residuals since the factor."""
@@ -131,7 +137,7 @@ class NewtonSolver:
         rate = (sizes[-1] / sizes[-1 - n]) ** (1.0 / n)
         if rate >= 1.0:
             return np.inf
-        return max(float(np.log(self.settings.tolerance_n / sizes[-1]) / np.log(rate)), 0.0)
+        return max(math.log(self.settings.tolerance_n / sizes[-1]) / math.log(rate), 0.0)
 
     def _check_deadline(self) -> None:
         if time.monotonic() > self.deadline:
@@ -156,11 +162,12 @@ class NewtonSolver:
             self._has_factor = self._linear.factorise(self._blocks)
         return "converged" if self._has_factor else "indefinite"
 
-    def _search(self, problem: Problem, u: np.ndarray, residual: np.ndarray, direction: np.ndarray) -> _Move | None:
+    def _search(
+        self, problem: Problem, u: np.ndarray, residual: np.ndarray, size: float, direction: np.ndarray
+    ) -> _Move | None:
         """Step along the direction to where its work vanishes, near enough; None if every step inverts."""
-        largest = float(np.abs(direction).max())
-        step = min(1.0, self.settings.max_move_mm / max(largest, 1e-12))
-        slope, size = float(np.vdot(direction, residual)), float(np.linalg.norm(residual))
+        step = min(1.0, self.settings.max_move_mm / max(_largest(direction), 1e-12))
+        slope = _product(direction, residual)
         best: _Move | None = None
         for _ in range(MAX_LINE_SEARCH):
             candidate = u + step * direction
@@ -168,10 +175,27 @@ class NewtonSolver:
             if new is None:
                 step *= 0.4
                 continue
-            best = _Move(candidate, new, step)
-            work = float(np.vdot(direction, new))
-            is_shorter = float(np.linalg.norm(new)) <= 0.5 * size
-            if is_shorter or abs(work) <= 0.6 * abs(slope) or work * slope > 0.0:
+            best = _Move(candidate, new, math.sqrt(_product(new, new)), step)
+            work = _product(direction, new)
+            if best.size <= 0.5 * size or abs(work) <= 0.6 * abs(slope) or work * slope > 0.0:
                 break
             step *= min(max(slope / (slope - work), 0.1), 0.8)
         return best
+
+
+@nb.njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+def _product(first: np.ndarray, second: np.ndarray) -> float:
+    """Sum of the products of the entries of two arrays (n, 3)."""
+    one, other, total = first.reshape(-1), second.reshape(-1), 0.0
+    for i in range(len(one)):
+        total += one[i] * other[i]
+    return total
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _largest(values: np.ndarray) -> float:
+    """Largest magnitude of the entries of an array (n, 3)."""
+    flat, most = values.reshape(-1), 0.0
+    for i in range(len(flat)):
+        most = max(most, abs(flat[i]))
+    return most

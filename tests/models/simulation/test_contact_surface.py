@@ -196,6 +196,12 @@ def test_state_keeps_what_the_touching_points_did(finger: Finger) -> None:
     assert np.allclose(again.force, response.force, rtol=0, atol=1e-12)
 
 
+def assert_reach_bounds_motion(motion: np.ndarray, moved: np.ndarray, middle: np.ndarray, reach: float) -> None:
+    """Points (m, p, 3) stay within reach of the motion (m, k, 3) of their nodes, both against the middle (m, 3)."""
+    most = np.linalg.norm(motion - middle[:, None], axis=2).max(axis=1)
+    assert np.all(np.linalg.norm(moved - middle[:, None], axis=2).max(axis=1) <= reach * most + 1e-12)
+
+
 SQUARE = np.array([[0, 0, 0], [6, 0, 0], [6, 4, 0], [0, 4, 0], [3, 0, 0], [6, 2, 0], [3, 4, 0], [0, 2, 0]], float)
 TRIANGLE = np.array([[0, 0, 0], [6, 0, 0], [0, 4, 0], [3, 0, 0], [3, 2, 0], [0, 2, 0]], float)
 
@@ -209,8 +215,9 @@ def test_patches_hold_every_point_once_and_bound_its_motion(nodes: np.ndarray, a
     assert np.all(np.diff(points.first_point) > 0)
     motion = np.random.default_rng(5).standard_normal((200, *nodes.shape))
     motion /= np.linalg.norm(motion, axis=2).max(axis=1)[:, None, None]
-    moved = np.linalg.norm(np.einsum("pk,mki->mpi", points.shape, motion), axis=2)
+    moved = np.einsum("pk,mki->mpi", points.shape, motion)
     for patch, (start, end) in enumerate(zip(points.first_point[:-1], points.first_point[1:], strict=True)):
-        assert moved[:, start:end].max() <= points.reach[patch]
+        assert_reach_bounds_motion(motion, moved[:, start:end], moved[:, start], float(points.reach[patch]))
         place = points.shape[start:end] @ nodes
         assert np.ptp(place, axis=0).max() < 4 * 0.4
+    assert_reach_bounds_motion(motion, moved, moved[:, points.face_middle[0]], float(points.face_reach[0]))

@@ -7,13 +7,13 @@ from models.design.space import BEST_PUBLISHED, random_designs
 from models.errors import UsageError
 from models.records import GraspSetup, MeshSettings, Theta
 from models.simulation.body.assembly import ElasticBody, Material
-from models.simulation.body.elasticity import element_force, element_stiffness, lame_constants
+from models.simulation.body.elasticity import element_stiffness, lame_constants
 from models.simulation.body.shape_functions import quadrature_of, shape_of
 from models.simulation.effects.material import HyperelasticStiffening, PrintAnisotropy
 from models.simulation.mesh.build import build_mesh
 from models.simulation.problem import FingerProblem
 from tests.models.simulation.dead_load import solve_dead_load
-from tests.models.simulation.test_elements import reference_nodes
+from tests.models.simulation.test_elements import add_one, reference_nodes
 
 E_MPA, NU, BETA = 11.5, 0.45, 3.0
 COARSE = MeshSettings(edge_mm=14.0)
@@ -29,7 +29,7 @@ def pull(stretch: float, per_mpa: float, lam: float, mu: float) -> float:
     """Force on the end of an element stretched along z alone, N."""
     nodes, slopes, weights = wedge()
     force = np.zeros((15, 3))
-    assert element_force(nodes * [1, 1, stretch], slopes, weights, 0, lam, mu, per_mpa, force)
+    assert add_one(nodes * [1, 1, stretch], slopes, weights, 0, lam, mu, per_mpa, force)
     return float(force[nodes[:, 2] > 0.5, 2].sum())
 
 
@@ -60,7 +60,7 @@ def test_tangent_of_the_stiffening_solid_is_the_derivative_of_its_force() -> Non
     def evaluate(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         force, alone, K = np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((k, 9, k))
         assert element_stiffness(at, slopes, weights, 0, lam, mu, 0.5, force, K)
-        assert element_force(at, slopes, weights, 0, lam, mu, 0.5, alone)
+        assert add_one(at, slopes, weights, 0, lam, mu, 0.5, alone)
         assert np.allclose(alone, force, rtol=1e-12, atol=1e-12)
         return force, K
 

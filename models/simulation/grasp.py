@@ -2,11 +2,13 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.errors import UsageError
 from models.objects.catalogue import RigidObject
+from models.objects.primitives import bounds
 from models.records import (
     Design,
     GraspContext,
@@ -26,6 +28,8 @@ from models.simulation.finger import FingerState, FingerStep
 from models.simulation.mesh.build import build_mesh
 from models.simulation.mesh.solid import SolidMesh
 from models.simulation.output.recording import SIDES, Camera, Recorder, Side
+from models.simulation.output.twist import TwistGauge
+from models.simulation.placement import check_overlap, check_reach, find_symmetry
 from models.simulation.problem import FingerProblem, Numerics
 from models.simulation.solver.newton import NewtonSolver
 from models.simulation.solver.stepping import (
@@ -80,19 +84,20 @@ def simulate_grasp(
 ) -> GraspSimulation:
     """Simulate one displacement-controlled grasp of a fixed rigid object.
 
-    Each finger is solved alone: the object is fixed, so the fingers meet only through the mirror plane x = 0. One
-    finger counts twice when the object is symmetric in x and not offset; half a finger is modelled when the object
-    is symmetric in y. Forces are exactly proportional to E (see `models.simulation.body.elasticity`).
+    Each finger is solved alone: the object is fixed, so the fingers meet only through the mirror plane x = 0. What
+    object and `placement` leave of the symmetry decides how much is solved (see `models.simulation.placement`): half a
+    finger or its full width, one finger that counts twice or both. Forces are exactly proportional to E (see
+    `models.simulation.body.elasticity`).
 
     `context` is what came before, for effects with a memory. `effects` default to those of the version. `mesh`
-    replaces the mesh of the design (half width only for objects symmetric in y). `numerics` is for convergence studies
+    replaces the mesh of the design (half width unless `needs_full_width`). `numerics` is for convergence studies
     and for worlds that must not share the simulator's regularisation. `deadline_s` is a wall-clock limit. `recorder` is
     called with every converged step (see `models.simulation.output.recording`).
 
     Raises:
-        UsageError: the version's tier was removed.
-        SimulationFailed: reason `time_out`, `no_convergence`, `inverted_element`, `indefinite`, `deep_penetration`
-            or `max_steps`.
+        UsageError: the version's tier was removed, or `mesh` is half a finger where that is not enough.
+        SimulationFailed: reason `object_outside`, `overlap_at_start`, `time_out`, `no_convergence`, `inverted_element`,
+            `indefinite`, `deep_penetration` or `max_steps`.
         MeshingFailed: the mesh could not be made.
     """
     check_tier(version.tier)
@@ -105,15 +110,25 @@ def simulate_grasp(
         theta = effect.modify_theta(theta, design)
         setup = effect.modify_setup(setup, design)
         obj = effect.modify_object(obj)
+    check_reach(obj, placement, design, setup)
+    symmetry = find_symmetry(obj, placement)
     if mesh is None:
-        mesh = build_mesh(design, version.mesh, full_width=not obj.mirror_y, effects=active)
-    meshed = time.process_time()
-    problem = FingerProblem(mesh, design, theta, setup, active, numerics)
-    is_symmetric = obj.mirror_x and placement.offset_x_mm == 0.0
-    fingers = [
-        simulate_finger(problem, ObjectObstacle(obj, placement, is_mirrored=side == "left"), deadline, recorder, side)
-        for side in (SIDES[:1] if is_symmetric else SIDES)
-    ]
+        mesh = build_mesh(design, version.mesh, full_width=not symmetry.mirror_y, effects=active)
+    if mesh.is_half and not symmetry.mirror_y:
+        raise UsageError(
+            f"half a finger is not enough for object {obj.object_id} at this placement; mesh it with full_width=True."
+        )
+    right = _Finger(
+        FingerProblem(mesh, design, theta, setup, active, numerics, placement.roll_deg),
+        ObjectObstacle(obj, placement, is_mirrored=False),
+        "right",
+    )
+    solved = [right] if symmetry.is_one_finger_enough else [right, right.other(obj, placement)]
+    check_overlap(obj, placement, setup, [finger.first_gap_mm() for finger in solved])
+    ready = time.process_time()
+    gauge = TwistGauge(design.tip_length_mm, recorder)
+    watch = recorder if mesh.is_half else gauge.add
+    fingers = [simulate_finger(f.problem, f.obstacle, deadline, watch, f.side) for f in solved]
     trace = _sum_of_fingers(fingers, theta.young_modulus_mpa / REFERENCE_MODULUS_MPA)
     for effect in active:
         trace = effect.modify_trace(trace)
@@ -128,9 +143,32 @@ def simulate_grasp(
         n_dof=fingers[0].n_dof,
         cpu_s=time.process_time() - started,
         n_factorisations=sum(f.n_factorisations for f in fingers),
-        setup_cpu_s=meshed - started + sum(f.setup_cpu_s for f in fingers),
+        setup_cpu_s=ready - started + sum(f.setup_cpu_s for f in fingers),
         mesh_id=mesh.mesh_id,
+        twist_deg=gauge.largest_deg,
     )
+
+
+@dataclass(frozen=True)
+class _Finger:
+    """One finger to solve, as it stands on the +x side: for the left one everything is seen in the mirror x = 0."""
+
+    problem: FingerProblem
+    obstacle: ObjectObstacle
+    side: Side
+
+    def other(self, obj: RigidObject, placement: Placement) -> "_Finger":
+        """The left finger of this right one; seen in the mirror it is rolled the other way."""
+        problem = replace(self.problem, roll_deg=-self.problem.roll_deg)
+        return _Finger(problem, ObjectObstacle(obj, placement, is_mirrored=True), "left")
+
+    def first_gap_mm(self) -> float:
+        """Least distance of the open finger from the object, negative inside; infinite where their boxes are apart."""
+        model = self.problem.model()
+        nodes = model.nodes - 0.5 * self.problem.setup.open_gap_mm * INWARD
+        if bounds(self.obstacle.primitives)[1][0] <= nodes[:, 0].min():
+            return np.inf
+        return float(self.obstacle.distance(model.surface.positions(nodes)).min())
 
 
 def simulate_finger(

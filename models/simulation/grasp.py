@@ -27,7 +27,7 @@ from models.simulation.effects.catalogue import build_effects
 from models.simulation.finger import FingerState, FingerStep
 from models.simulation.mesh.build import build_mesh
 from models.simulation.mesh.solid import SolidMesh
-from models.simulation.output.recording import SIDES, Camera, Recorder, Side
+from models.simulation.output.recording import Camera, Recorder, Side
 from models.simulation.output.twist import TwistGauge
 from models.simulation.placement import check_overlap, check_reach, find_symmetry
 from models.simulation.problem import FingerProblem, Numerics
@@ -126,6 +126,8 @@ def simulate_grasp(
     solved = [right] if symmetry.is_one_finger_enough else [right, right.other(obj, placement)]
     check_overlap(obj, placement, setup, [finger.first_gap_mm() for finger in solved])
     ready = time.process_time()
+    if recorder is not None and symmetry.half_turn and not symmetry.mirror_x:
+        recorder = _as_half_turned(recorder)
     gauge = TwistGauge(design.tip_length_mm, recorder)
     watch = recorder if mesh.is_half else gauge.add
     fingers = [simulate_finger(f.problem, f.obstacle, deadline, watch, f.side) for f in solved]
@@ -147,6 +149,10 @@ def simulate_grasp(
         mesh_id=mesh.mesh_id,
         twist_deg=gauge.largest_deg,
     )
+
+
+def _as_half_turned(recorder: Recorder) -> Recorder:
+    return lambda snapshot: recorder(replace(snapshot, is_half_turned=True))
 
 
 @dataclass(frozen=True)

@@ -67,6 +67,12 @@ def offset_mm(placement: Placement) -> np.ndarray:
     return np.array([placement.offset_x_mm, placement.offset_y_mm, placement.offset_z_mm])
 
 
+def describe_placement(placement: Placement) -> str:
+    """What is not at its nominal place, such as ` at yaw_deg 5, offset_y_mm 1`; empty if nothing is."""
+    moved_from = {name: value for name, value in placement.model_dump().items() if value != 0.0}
+    return " at " + ", ".join(f"{name} {value:g}" for name, value in moved_from.items()) if moved_from else ""
+
+
 def check_reach(obj: RigidObject, placement: Placement, design: Design, setup: GraspSetup) -> None:
     """Refuse an offset that takes the object out of the space between the open fingers, so that they close on nothing.
 

@@ -173,6 +173,12 @@ class ContactSurface:
         contact_kernel.interpolate(self._points, x, positions)
         return positions
 
+    def positions_of(self, points: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """A few contact points (m, 3), given by their numbers (m), at deformed nodes x."""
+        first_of_face = self._points.first_point[self._points.first_patch[:-1]]
+        face = np.searchsorted(first_of_face, points, side="right") - 1
+        return np.einsum("mk,mki->mi", self._points.shape[points], x[self._points.faces[face]])
+
     def respond(
         self,
         x: np.ndarray,

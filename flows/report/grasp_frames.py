@@ -18,8 +18,9 @@ from models.errors import FastError
 from models.objects.catalogue import get_object
 from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion, Trace
 from models.simulation.grasp import simulate_grasp
-from models.simulation.output.recording import SIDES, GraspRecording, Side, Snapshot
+from models.simulation.output.recording import SIDES, GraspRecording, Snapshot
 from models.simulation.output.surface import Skin, section_of, section_outline, skin_of
+from models.simulation.placement import Side
 
 _LOG = logging.getLogger(__name__)
 CELL_MM = 3.0  # contact forces are summed over cells of this size

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -27,9 +28,9 @@ from models.simulation.effects.catalogue import build_effects
 from models.simulation.finger import FingerState, FingerStep
 from models.simulation.mesh.build import build_mesh
 from models.simulation.mesh.solid import SolidMesh
-from models.simulation.output.recording import Camera, Recorder, Side
+from models.simulation.output.recording import Camera, Recorder
 from models.simulation.output.twist import TwistGauge
-from models.simulation.placement import check_overlap, check_reach, find_symmetry
+from models.simulation.placement import Side, check_overlap, check_reach, find_symmetry
 from models.simulation.problem import FingerProblem, Numerics
 from models.simulation.solver.newton import NewtonSolver
 from models.simulation.solver.stepping import (
@@ -118,17 +119,11 @@ def simulate_grasp(
         raise UsageError(
             f"half a finger is not enough for object {obj.object_id} at this placement; mesh it with full_width=True."
         )
-    right = _Finger(
-        FingerProblem(mesh, design, theta, setup, active, numerics, placement.roll_deg),
-        ObjectObstacle(obj, placement, is_mirrored=False),
-        "right",
-    )
-    solved = [right] if symmetry.is_one_finger_enough else [right, right.other(obj, placement)]
+    problem = FingerProblem(mesh, design, theta, setup, active, numerics)
+    solved = [_Finger.of(problem, obj, placement, side) for side in symmetry.sides]
     check_overlap(obj, placement, setup, [finger.first_gap_mm() for finger in solved])
     ready = time.process_time()
-    if recorder is not None and symmetry.half_turn and not symmetry.mirror_x:
-        recorder = _as_half_turned(recorder)
-    gauge = TwistGauge(design.tip_length_mm, recorder)
+    gauge = TwistGauge(design.tip_length_mm, _as_half_turned(recorder) if symmetry.is_only_half_turn else recorder)
     watch = recorder if mesh.is_half else gauge.add
     fingers = [simulate_finger(f.problem, f.obstacle, deadline, watch, f.side) for f in solved]
     trace = _sum_of_fingers(fingers, theta.young_modulus_mpa / REFERENCE_MODULUS_MPA)
@@ -151,8 +146,8 @@ def simulate_grasp(
     )
 
 
-def _as_half_turned(recorder: Recorder) -> Recorder:
-    return lambda snapshot: recorder(replace(snapshot, is_half_turned=True))
+def _as_half_turned(recorder: Recorder | None) -> Recorder | None:
+    return None if recorder is None else lambda snapshot: recorder(replace(snapshot, is_half_turned=True))
 
 
 @dataclass(frozen=True)
@@ -163,10 +158,12 @@ class _Finger:
     obstacle: ObjectObstacle
     side: Side
 
-    def other(self, obj: RigidObject, placement: Placement) -> "_Finger":
-        """The left finger of this right one; seen in the mirror it is rolled the other way."""
-        problem = replace(self.problem, roll_deg=-self.problem.roll_deg)
-        return _Finger(problem, ObjectObstacle(obj, placement, is_mirrored=True), "left")
+    @classmethod
+    def of(cls, problem: FingerProblem, obj: RigidObject, placement: Placement, side: Side) -> Self:
+        """The finger on a side at a placement; seen in the mirror, a roll is one the other way."""
+        is_mirrored = side == "left"
+        rolled = replace(problem, roll_deg=-placement.roll_deg if is_mirrored else placement.roll_deg)
+        return cls(rolled, ObjectObstacle(obj, placement, is_mirrored=is_mirrored), side)
 
     def first_gap_mm(self) -> float:
         """Least distance of the open finger from the object, negative inside; infinite where their boxes are apart."""

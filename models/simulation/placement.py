@@ -6,6 +6,7 @@ about z, the left finger is the right one again, so one finger is solved and cou
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -14,8 +15,11 @@ from models.objects.catalogue import RigidObject
 from models.objects.primitives import bounds, moved, rotated, turn_about_z
 from models.records import Design, GraspSetup, Placement
 
+Side = Literal["right", "left"]
+
 CENTRED = Placement()
 AXES = "xyz"
+ALLOWED_OVERLAP_MM = 0.02  # a finger this near to the object counts as touching it
 
 
 @dataclass(frozen=True)
@@ -30,9 +34,14 @@ class GraspSymmetry:
     half_turn: bool
 
     @property
-    def is_one_finger_enough(self) -> bool:
-        """True if the left finger is the right one again."""
-        return self.mirror_x or self.half_turn
+    def sides(self) -> tuple[Side, ...]:
+        """The fingers that must be solved: the right one alone where the left one is the right one again."""
+        return ("right",) if self.mirror_x or self.half_turn else ("right", "left")
+
+    @property
+    def is_only_half_turn(self) -> bool:
+        """True if the left finger is the right one after a half turn, but not its mirror image."""
+        return self.half_turn and not self.mirror_x
 
 
 def find_symmetry(obj: RigidObject, placement: Placement) -> GraspSymmetry:
@@ -110,12 +119,12 @@ def check_overlap(obj: RigidObject, placement: Placement, setup: GraspSetup, gap
         SimulationFailed: reason `overlap_at_start`.
     """
     depth = -min(gaps_mm)
-    if depth <= 0.0:
+    if depth <= ALLOWED_OVERLAP_MM:
         return
-    wider = setup.open_gap_mm + 2.0 * depth
+    remedy = "" if placement == CENTRED else "bring the object nearer to its nominal place, or "
     raise SimulationFailed(
-        f"A finger and object {obj.object_id} ({obj.name}) overlap by {depth:.2f} mm before closing (0 is allowed): "
-        f"offset_x_mm is {placement.offset_x_mm:g}, open_gap_mm {setup.open_gap_mm:g}; move the object towards the "
-        f"middle, or open the jaws to {wider:.1f} mm or more.",
+        f"A finger and object {obj.object_id} ({obj.name}{describe_placement(placement)}) overlap by {depth:.2f} mm "
+        f"before closing, at most {ALLOWED_OVERLAP_MM:g} mm is allowed; open_gap_mm is {setup.open_gap_mm:g}; {remedy}"
+        f"open the jaws to {setup.open_gap_mm + 2.0 * depth:.1f} mm or more.",
         reason="overlap_at_start",
     )

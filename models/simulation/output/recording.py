@@ -13,9 +13,9 @@ import numpy as np
 from models.simulation.contact.law import ContactSurface, Obstacle
 from models.simulation.finger import FingerState
 from models.simulation.mesh.solid import SolidMesh
+from models.simulation.placement import Side
 
 Phase = Literal["closing", "lift"]
-Side = Literal["right", "left"]
 SIDES: tuple[Side, Side] = ("right", "left")
 
 

@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from models.simulation.output.recording import Recorder, Side, Snapshot
+from models.simulation.output.recording import Recorder, Snapshot
+from models.simulation.placement import Side
 
 
 def rotation_between(rest: np.ndarray, now: np.ndarray) -> np.ndarray:

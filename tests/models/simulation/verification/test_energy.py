@@ -34,8 +34,9 @@ def test_gap_of_the_balance_halves_with_the_step() -> None:
 
 
 def test_energy_of_a_twisted_finger_is_accounted_for() -> None:
-    energies, n_closing = grasp(TURNED_CUBE, 1.0, Placement(yaw_deg=5.0, offset_y_mm=1.0, roll_deg=2.0), lift_mm=15.0)
-    closing = energies.work[n_closing - 1]
-    assert energies.rest[n_closing - 1] == pytest.approx(0.0, abs=0.01 * closing)
-    assert energies.rest[-1] == pytest.approx(0.0, abs=0.03 * energies.work[-1])
+    """The finger leaves the edge rib by rib, as at the nominal place, where 3.4 % of the work are set free by then."""
+    energies, n_closing = grasp(TURNED_CUBE, 1.0, Placement(yaw_deg=5.0, offset_y_mm=1.0, roll_deg=2.0), lift_mm=10.0)
+    assert energies.rest[n_closing - 1] == pytest.approx(0.0, abs=0.005 * energies.work[n_closing - 1])
     assert np.diff(energies.friction).min() >= 0.0
+    assert energies.rest.min() > -0.01 * energies.work[-1]
+    assert energies.rest[-1] < 0.05 * energies.work[-1]

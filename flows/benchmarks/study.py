@@ -160,4 +160,13 @@ class _Part:
         )
 
 
-_RESULT_COLUMNS = ("peak_force_n", "contact_force_n", "work_j", "n_dof", "n_steps", "n_newton", "n_factorisations", "flag")
+_RESULT_COLUMNS = (
+    "peak_force_n",
+    "contact_force_n",
+    "work_j",
+    "n_dof",
+    "n_steps",
+    "n_newton",
+    "n_factorisations",
+    "flag",
+)

@@ -11,7 +11,7 @@ from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show
 from flows.cli.simulate_output import make_folder, write_outputs
 
 if TYPE_CHECKING:
-    from models.records import Design, GraspSetup, SimulatorVersion
+    from models.records import Design, GraspSetup, Placement, SimulatorVersion
 
 BEST = Path("best")
 
@@ -38,7 +38,9 @@ def simulate(
     set: Annotated[
         list[str] | None,
         Parameter(
-            negative="", help="One value of theta, grasp or mesh, e.g. friction=0.5; may be given several times."
+            negative="",
+            help="One value of theta, grasp, mesh or placement, e.g. friction=0.5 or yaw_deg=5; may be given several "
+            "times.",
         ),
     ] = None,
     out: Annotated[Path | None, Parameter(help="Folder for numbers, trace, pictures and a Rerun recording.")] = None,
@@ -51,6 +53,7 @@ def simulate(
     """Simulate one grasp: closing, lift and pull-off. Without --out or --export-calculix, nothing is written."""
     from models.errors import UsageError
     from models.objects.catalogue import get_object
+    from models.records import Placement
     from models.simulation.grasp import simulate_grasp
     from models.simulation.output.recording import GraspRecording
 
@@ -58,33 +61,37 @@ def simulate(
         others = {"design": design, "object": object, "version": version, "tier": tier, "set": set}
         refuse_beside("simulation", others)
         chosen, object, simulator, setup = read_simulation(lake, simulation)
+        placement = Placement()
     else:
         if object is None:
             raise UsageError("`fast simulate` needs --object: Object id, 0 to 35. See `fast simulate --help`.")
         chosen = read_design(design)
-        simulator, setup = apply_settings(set or [], _base_version(lake, version, tier))
+        simulator, setup, placement = apply_settings(set or [], _base_version(lake, version, tier))
     met = get_object(object)
     if out is not None:
         make_folder(out)
     recording = GraspRecording()
-    result = simulate_grasp(chosen, met, simulator, setup, recorder=None if out is None else recording.add)
+    recorder = None if out is None else recording.add
+    result = simulate_grasp(chosen, met, simulator, setup, placement=placement, recorder=recorder)
     data = {
         "design_id": chosen.design_id,
         "object_id": object,
         "version_id": simulator.version_id,
+        "placement": placement.model_dump(),
         "peak_force_n": result.peak_force_n,
         "contact_force_n": result.contact_force_n,
         "work_j": result.work_j,
+        "twist_deg": result.twist_deg,
         "n_steps": result.n_steps,
         "n_dof": result.n_dof,
         "cpu_s": result.cpu_s,
     }
     show(data, _text(data), json)
-    files = [] if out is None else write_outputs(out, chosen, met, data, result, recording)
+    files = [] if out is None else write_outputs(out, chosen, met, placement, data, result, recording)
     if export_calculix is not None:
         from flows.simulation.calculix import write_calculix
 
-        files += write_calculix(export_calculix, chosen, met, simulator, setup)
+        files += write_calculix(export_calculix, chosen, met, simulator, setup, placement)
     if files and not json:
         say("wrote " + ", ".join(map(str, files)))
 
@@ -185,20 +192,21 @@ def read_version(lake: Path, version_id: str | None) -> "SimulatorVersion":
     return load_record(SimulatorVersion, json_module.loads(known[version_id]), f"simulator version {version_id}")
 
 
-def apply_settings(settings: list[str], base: "SimulatorVersion") -> "tuple[SimulatorVersion, GraspSetup]":
-    """The base version and the default grasp setup with `name=value` settings applied to theta, grasp and mesh.
+def apply_settings(settings: list[str], base: "SimulatorVersion") -> "tuple[SimulatorVersion, GraspSetup, Placement]":
+    """The base version, the default setup and the nominal placement with `name=value` settings applied to them.
 
     Raises:
         ConfigError: unknown name or value out of range.
     """
     from models.errors import ConfigError
-    from models.records import GraspSetup, MeshSettings, Theta
+    from models.records import GraspSetup, MeshSettings, Placement, Theta
     from models.validation import closest, load_record
 
     sections: dict[Any, dict[str, Any]] = {
         Theta: base.theta.model_dump(),
         GraspSetup: {},
         MeshSettings: base.mesh.model_dump(),
+        Placement: {},
     }
     for setting in settings:
         name, equals, value = setting.partition("=")
@@ -209,14 +217,16 @@ def apply_settings(settings: list[str], base: "SimulatorVersion") -> "tuple[Simu
             known = [field for record in sections for field in record.model_fields]
             raise ConfigError(f"--set {setting}: unknown name `{name}`; {closest(name, known)}")
         sections[owner][name] = value
-    theta, setup, mesh = (load_record(record, values, "--set") for record, values in sections.items())
-    return base.model_copy(update={"theta": theta, "mesh": mesh}), setup
+    theta, setup, mesh, placement = (load_record(record, values, "--set") for record, values in sections.items())
+    return base.model_copy(update={"theta": theta, "mesh": mesh}), setup, placement
 
 
 def _text(data: dict[str, Any]) -> str:
+    twist = f"largest twist        {data['twist_deg']:.1f} deg\n" if data["twist_deg"] else ""
     return (
         f"peak pull-off force  {data['peak_force_n']:.2f} N\n"
         f"contact force        {data['contact_force_n']:.2f} N\n"
         f"work                 {1000 * data['work_j']:.1f} mJ\n"
+        f"{twist}"
         f"{data['n_steps']} steps, {data['n_dof']} degrees of freedom, {data['cpu_s']:.1f} s of CPU"
     )

@@ -5,9 +5,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from models.errors import UsageError
     from models.objects.catalogue import RigidObject
-    from models.records import Design, GraspSimulation
+    from models.records import Design, GraspSimulation, Placement
     from models.simulation.output.recording import GraspRecording
 
 PIXELS_PER_INCH = 150
@@ -17,6 +19,7 @@ def write_outputs(
     out: Path,
     design: "Design",
     obj: "RigidObject",
+    placement: "Placement",
     data: dict[str, Any],
     result: "GraspSimulation",
     recording: "GraspRecording",
@@ -29,16 +32,17 @@ def write_outputs(
         UsageError: the folder cannot be written.
     """
     from flows.viewer.simulation import write_simulation
+    from models.simulation.placement import describe_placement, place
 
-    title = f"{design.design_id} on object {obj.object_id}, {obj.name}"
+    title = f"{design.design_id} on object {obj.object_id}, {obj.name}{describe_placement(placement)}"
     files = [out / name for name in ("result.json", "trace.csv", "trace.png", "grasp.png", "grasp.rrd")]
     try:
         files[0].write_text(json.dumps({**data, "design": design.model_dump()}, indent=2) + "\n")
         files[1].write_text(_csv(result))
-        _draw(files[2], files[3], obj, result, recording, title)
+        _draw(files[2], files[3], place(obj, placement), result, recording, title)
     except OSError as error:
         raise unwritable("--out", out, error) from error
-    write_simulation(files[4], obj.object_id, result, recording, title)
+    write_simulation(files[4], obj.object_id, result, recording, title, placement)
     return files
 
 
@@ -71,7 +75,7 @@ def _csv(result: "GraspSimulation") -> str:
 def _draw(
     trace_path: Path,
     grasp_path: Path,
-    obj: "RigidObject",
+    solid: "np.ndarray",
     result: "GraspSimulation",
     recording: "GraspRecording",
     title: str,
@@ -83,4 +87,4 @@ def _draw(
     with figure_style():
         instants = five_instants(recording, result.trace)
         draw_trace(result, instants, title).savefig(trace_path, dpi=PIXELS_PER_INCH)
-        draw_instants(obj, instants, title).savefig(grasp_path, dpi=PIXELS_PER_INCH)
+        draw_instants(solid, instants, title).savefig(grasp_path, dpi=PIXELS_PER_INCH)

@@ -18,8 +18,9 @@ from models.errors import FastError
 from models.objects.catalogue import get_object
 from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion, Trace
 from models.simulation.grasp import simulate_grasp
-from models.simulation.output.recording import SIDES, GraspRecording, Side, Snapshot
+from models.simulation.output.recording import SIDES, GraspRecording, Snapshot
 from models.simulation.output.surface import Skin, section_of, section_outline, skin_of
+from models.simulation.placement import Side
 
 _LOG = logging.getLogger(__name__)
 CELL_MM = 3.0  # contact forces are summed over cells of this size
@@ -28,9 +29,12 @@ SIGNS: dict[Side, float] = dict(zip(SIDES, (1.0, -1.0), strict=True))
 
 @dataclass(frozen=True)
 class FingerShape:
-    """What all frames of a finger share: its surface and middle section as numbers of mesh nodes, and its side."""
+    """What all frames of a finger share: its surface and middle section as numbers of mesh nodes, and its side.
 
-    sign: float
+    `mirror`: factors (3) that bring the simulator's right-hand finger to its side.
+    """
+
+    mirror: np.ndarray
     skin: Skin
     section: list[np.ndarray]
     outline: np.ndarray
@@ -39,11 +43,13 @@ class FingerShape:
     @classmethod
     def of(cls, snapshot: Snapshot, side: Side) -> "FingerShape":
         """The shape of the finger in a snapshot, on a side: of a symmetric grasp only the right one is simulated."""
-        section, sign = section_of(snapshot.mesh), SIGNS[side]
+        is_turned = side != snapshot.side and snapshot.is_half_turned
+        mirror = np.array([SIGNS[side], -1.0 if is_turned else 1.0, 1.0])
+        section = section_of(snapshot.mesh)
         skin = skin_of(snapshot.mesh)
-        if sign < 0:  # mirrored, so that the triangles still look outward
+        if mirror.prod() < 0:  # mirrored, so that the triangles still look outward
             skin = Skin(skin.nodes, skin.sign_y, skin.triangles[:, ::-1])
-        return cls(sign, skin, section, section_outline(section), snapshot.mesh.base_nodes)
+        return cls(mirror, skin, section, section_outline(section), snapshot.mesh.base_nodes)
 
 
 @dataclass(frozen=True)
@@ -55,8 +61,8 @@ class Frame:
 
     @property
     def mirror(self) -> np.ndarray:
-        """Factors (3) that bring the simulator's right-hand finger to its side."""
-        return np.array([self.shape.sign, 1.0, 1.0])
+        """See `FingerShape`."""
+        return self.shape.mirror
 
     @property
     def nodes(self) -> np.ndarray:

@@ -10,12 +10,14 @@ from flows.cli.simulate_output import unwritable
 from models.errors import UsageError
 from models.objects.catalogue import RigidObject
 from models.objects.distance import distance_and_normal
+from models.objects.primitives import turn_about_z
 from models.objects.surface import object_mesh
-from models.records import Design, GraspSetup, SimulatorVersion
+from models.records import Design, GraspSetup, Placement, SimulatorVersion
 from models.simulation.grasp import Numerics, simulate_grasp
 from models.simulation.mesh.build import build_mesh
 from models.simulation.output.export_calculix import ClosingDeck, ObjectSurface
 from models.simulation.output.recording import GraspRecording, Snapshot
+from models.simulation.placement import CENTRED, describe_placement, needs_full_width, offset_mm, place
 from models.simulation.solver.stepping import StepLimits
 
 N_LEVELS = 4
@@ -31,9 +33,10 @@ _README = """# Closing of one finger in CalculiX
 runs `closing.inp` (CalculiX 2.20 or later) and prints, in `closing.dat`, the force of the clamp on the modelled finger
 at {n} levels of closing. `expected.json` holds our own forces at the same levels: {share}.
 
-One finger (+x) of design {design} closes on object {object_id}, {name}. Units mm, N, MPa; frame of the object (z up,
-x closing). The deck starts at the first touch, when the jaw has travelled {touch:.3f} mm, and moves the base by
-{stroke:.3f} mm in -x. The object is a layer of wedges with every node held.
+One finger (+x) of design {design} closes on object {object_id}, {name}{where}.
+Units mm, N, MPa; frame of the nominal object (z up, x closing). The deck starts at the first touch, when the jaw has
+travelled {touch:.3f} mm, and moves the base by {stroke:.3f} mm in -x. The object is a layer of wedges with every node
+held.
 
 Same in both codes: mesh, St.Venant-Kirchhoff law, linear penalty contact and stick stiffness, friction. Different:
 contact integration, facets instead of the smooth object, and our smooth onset of pressure (which delays the force by
@@ -43,9 +46,14 @@ in our run the finger came within {mirror:.1f} mm of it (it matters when this is
 
 
 def write_calculix(
-    folder: Path, design: Design, obj: RigidObject, version: SimulatorVersion, setup: GraspSetup
+    folder: Path,
+    design: Design,
+    obj: RigidObject,
+    version: SimulatorVersion,
+    setup: GraspSetup,
+    placement: Placement = CENTRED,
 ) -> list[Path]:
-    """Write `closing.inp`, `expected.json` and `README.md`; returns the files.
+    """Write `closing.inp`, `expected.json` and `README.md` of the right finger; returns the files.
 
     Raises:
         UsageError: the version has effects, the finger never touches the object, or the folder cannot be written.
@@ -53,10 +61,19 @@ def write_calculix(
     """
     if version.effects:
         raise UsageError("--export-calculix writes the simulator without effects; use a version that has none.")
-    mesh = build_mesh(design, version.mesh, full_width=not obj.mirror_y)
+    mesh = build_mesh(design, version.mesh, full_width=needs_full_width(obj, placement))
     recording = GraspRecording()
     closing_only = setup.model_copy(update={"max_lift_mm": SHORTEST_LIFT_MM})
-    simulate_grasp(design, obj, version, closing_only, mesh=mesh, numerics=NUMERICS, recorder=recording.add)
+    simulate_grasp(
+        design,
+        obj,
+        version,
+        closing_only,
+        placement=placement,
+        mesh=mesh,
+        numerics=NUMERICS,
+        recorder=recording.add,
+    )
     closing = [snapshot for snapshot in recording.of("right") if snapshot.phase == "closing"]
     if not closing[-1].pressure.size:
         raise UsageError(
@@ -65,15 +82,21 @@ def write_calculix(
     stroke = closing[-1].travel_mm - closing[0].travel_mm
     travels = [stroke * level / N_LEVELS for level in range(1, N_LEVELS + 1)]
     law = NUMERICS.contact
-    deck = ClosingDeck(mesh, closing[0].rest_nodes, _surface(obj), version.theta, law, travels)
+    deck = ClosingDeck(mesh, closing[0].rest_nodes, _surface(obj, placement), version.theta, law, travels)
     expected = {"design_id": design.design_id, "object_id": obj.object_id, "version_id": version.version_id}
-    expected |= {"setup": setup.model_dump(), "mesh_id": mesh.mesh_id, "levels": _levels(closing, travels)}
+    expected |= {
+        "setup": setup.model_dump(),
+        "placement": placement.model_dump(),
+        "mesh_id": mesh.mesh_id,
+        "levels": _levels(closing, travels),
+    }
     readme = _README.format(
         n=N_LEVELS,
         share="of the modelled half, as CalculiX prints them" if mesh.is_half else "of the finger",
         design=design.design_id,
         object_id=obj.object_id,
         name=obj.name,
+        where=describe_placement(placement),
         touch=closing[0].travel_mm,
         stroke=stroke,
         mirror=min(float(snapshot.nodes[:, 0].min()) for snapshot in closing),
@@ -88,10 +111,13 @@ def write_calculix(
     return [folder / name for name in texts]
 
 
-def _surface(obj: RigidObject) -> ObjectSurface:
+def _surface(obj: RigidObject, placement: Placement) -> ObjectSurface:
     mesh = object_mesh(obj, spacing_mm=OBJECT_SPACING_MM)
     vertices = np.asarray(mesh.vertices)
-    return ObjectSurface(vertices, distance_and_normal(obj.primitives, vertices)[1], np.asarray(mesh.faces))
+    if placement != CENTRED:
+        vertices = vertices @ turn_about_z(placement.yaw_deg).T + offset_mm(placement)
+    normals = distance_and_normal(place(obj, placement), vertices)[1]
+    return ObjectSurface(vertices, normals, np.asarray(mesh.faces))
 
 
 def _levels(closing: list[Snapshot], travels_mm: list[float]) -> list[dict[str, Any]]:

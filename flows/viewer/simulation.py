@@ -13,8 +13,10 @@ from flows.report.grasp_frames import Frame, GraspFrames
 from flows.report.style import FIRST, SIMULATED
 from flows.viewer.scene import draw_object, rgb
 from flows.viewer.stream import FRONT_EYE, lay_out, open_recording, send_trace, times
-from models.records import GraspSimulation, Trace
+from models.objects.primitives import turn_about_z
+from models.records import GraspSimulation, Placement, Trace
 from models.simulation.output.recording import GraspRecording, Snapshot
+from models.simulation.placement import CENTRED, offset_mm
 
 LONGEST_ARROW_MM = 60.0
 ARROW_RADIUS_MM = 0.6
@@ -23,9 +25,14 @@ DISPLACEMENT_COLOURS = "viridis"
 
 
 def write_simulation(
-    path: Path, object_id: int, result: GraspSimulation, recording: GraspRecording, title: str
+    path: Path,
+    object_id: int,
+    result: GraspSimulation,
+    recording: GraspRecording,
+    title: str,
+    placement: Placement = CENTRED,
 ) -> Path:
-    """Write a simulated grasp; returns `path`.
+    """Write a simulated grasp, the object at its placement; returns `path`.
 
     Fingers are coloured by displacement from the undeformed finger; arrows are the object's force on them.
 
@@ -35,11 +42,15 @@ def write_simulation(
     frames = GraspFrames.of(recording)
     with open_recording(title, path, lay_out_grasp(title, column_shares=(3, 2))) as stream:
         stream.log("about", rr.TextDocument(_about(title, result, frames), media_type="text/markdown"), static=True)
-        stream.log("cell/object", draw_object(object_id), static=True)
+        stream.log("cell/object", draw_object(object_id), _stand_at(placement), static=True)
         send_fingers(stream, frames, lambda snapshot: snapshot.time_s)
         send_trace(stream, "force/load_cell", "lift/head", result.trace, None, "on the load cell", SIMULATED)
         _send_closing_force(stream, recording.of("right"))
     return path
+
+
+def _stand_at(placement: Placement) -> rr.Transform3D:
+    return rr.Transform3D(translation=offset_mm(placement), mat3x3=turn_about_z(placement.yaw_deg))
 
 
 def choose_arrow_mm_per_n(frames: GraspFrames) -> float:
@@ -129,7 +140,7 @@ def _send_approach(stream: rr.RecordingStream, entity: str, first: Frame, clock:
     """The way of the undeformed finger from the open gap to the first touch, where the recording begins."""
     for share in np.linspace(0.0, 1.0, N_APPROACH):
         _set_times(stream, float(share) * clock(first.snapshot), 0.0)
-        away_mm = first.shape.sign * (1.0 - share) * first.snapshot.travel_mm
+        away_mm = first.shape.mirror[0] * (1.0 - share) * first.snapshot.travel_mm
         stream.log(entity, rr.Transform3D(translation=[away_mm, 0.0, 0.0]))
 
 

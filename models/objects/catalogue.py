@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from models.errors import UsageError
-from models.objects.primitives import bounds, moved, rotated
+from models.objects.primitives import bounds, is_round, moved, rotated
 from models.objects.shapes import SHAPES
 from models.records import Record
 
@@ -53,6 +53,11 @@ class RigidObject(Record):
     def height_mm(self) -> float:
         """Top of the object over its mount, in mm."""
         return float(bounds(self.primitives)[1][2])
+
+    @cached_property
+    def is_round(self) -> bool:
+        """True for a body of revolution about its vertical axis, which looks the same after any turn about it."""
+        return is_round(self.primitives)
 
 
 def get_object(object_id: int) -> RigidObject:

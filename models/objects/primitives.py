@@ -25,6 +25,7 @@ POINT, SEGMENT, CIRCLE, BOX, ELLIPSOID, LATHE, SQUARE_LATHE, PRISM = range(8)
 KIND, RADIUS, CENTRE, ROTATION, N_VERTICES, LENGTH, REACH, VALUES = 0, 1, 2, 5, 14, 15, 16, 17
 MAX_VERTICES = 8
 N_COLUMNS = VALUES + 2 * MAX_VERTICES
+ROUND_TOLERANCE = 1e-12  # of a centre in mm and of the cosine of an axis with z
 
 Vertices = Sequence[tuple[float, float]]
 
@@ -89,6 +90,13 @@ def rotated(rows: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     return turned
 
 
+def turn_about_z(angle_deg: float) -> np.ndarray:
+    """Rotation matrix (3, 3) about the z axis, counter-clockwise seen from above."""
+    angle = np.radians(angle_deg)
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
 def moved(rows: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """Rows (n, N_COLUMNS) shifted by (3) mm."""
     shifted = rows.copy()
@@ -103,9 +111,24 @@ def bounds(rows: np.ndarray) -> np.ndarray:
     return np.stack([low, high])
 
 
+def is_round(rows: np.ndarray) -> bool:
+    """True if every row is a body of revolution about the z axis, so that a turn about it changes nothing."""
+    return all(_is_round(row) for row in rows)
+
+
 def mirrored(rows: np.ndarray) -> np.ndarray:
     """Rows (n, N_COLUMNS) seen in the mirror x = 0; their frames become left-handed, which no distance minds."""
     return rotated(rows, np.diag([-1.0, 1.0, 1.0]))
+
+
+def _is_round(row: np.ndarray) -> bool:
+    """True if this row is a body of revolution about the z axis."""
+    kind, values = int(row[KIND]), row[VALUES:]
+    is_spherical = kind == POINT or (kind == ELLIPSOID and values[0] == values[1] == values[2])
+    has_axis = kind in (SEGMENT, CIRCLE, LATHE) or (kind == ELLIPSOID and values[0] == values[1])
+    is_upright = abs(row[ROTATION + 8]) > 1.0 - ROUND_TOLERANCE
+    is_centred = float(np.abs(row[CENTRE : CENTRE + 2]).max()) < ROUND_TOLERANCE
+    return is_centred and (is_spherical or (has_axis and is_upright))
 
 
 def _row(

@@ -2,11 +2,14 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
+from models.errors import UsageError
 from models.objects.catalogue import RigidObject
+from models.objects.primitives import bounds
 from models.records import (
     Design,
     GraspContext,
@@ -25,7 +28,9 @@ from models.simulation.effects.catalogue import build_effects
 from models.simulation.finger import FingerState, FingerStep
 from models.simulation.mesh.build import build_mesh
 from models.simulation.mesh.solid import SolidMesh
-from models.simulation.output.recording import SIDES, Camera, Recorder, Side
+from models.simulation.output.recording import Camera, Recorder
+from models.simulation.output.twist import TwistGauge
+from models.simulation.placement import Side, check_overlap, check_reach, find_symmetry
 from models.simulation.problem import TIER_NUMERICS, FingerProblem, Numerics
 from models.simulation.solver.newton import NewtonSolver
 from models.simulation.solver.stepping import (
@@ -63,6 +68,7 @@ class FingerResult:
     n_factorisations: int
     n_dof: int
     setup_cpu_s: float
+    n_snaps: int
 
 
 def simulate_grasp(
@@ -81,19 +87,21 @@ def simulate_grasp(
 ) -> GraspSimulation:
     """Simulate one displacement-controlled grasp of a fixed rigid object.
 
-    Each finger is solved alone: the object is fixed, so the fingers meet only through the mirror plane x = 0. One
-    finger counts twice when the object is symmetric in x and not offset; half a finger is modelled when the object
-    is symmetric in y. Forces are exactly proportional to E (see `models.simulation.body.elasticity`).
+    Each finger is solved alone: the object is fixed, so the fingers meet only through the mirror plane x = 0. What
+    object and `placement` leave of the symmetry decides how much is solved (see `models.simulation.placement`): half a
+    finger or its full width, one finger that counts twice or both. Forces are exactly proportional to E (see
+    `models.simulation.body.elasticity`).
 
     `context` is what came before, for effects with a memory. `effects` default to those of the version. `mesh`
-    replaces the mesh of the design (half width only for objects symmetric in y). `numerics` is for convergence studies
-    and for worlds that must not share the simulator's regularisation; by default it is that of the version's tier. `deadline_s` is a wall-clock limit. `recorder` is
-    called with every converged step (see `models.simulation.output.recording`).
+    replaces the mesh of the design (half width unless `needs_full_width`). `numerics` is for convergence studies
+    and for worlds that must not share the simulator's regularisation; by default it is that of the version's tier.
+    `deadline_s` is a wall-clock limit. `recorder` is called with every converged step (see
+    `models.simulation.output.recording`).
 
     Raises:
-        UsageError: the version's tier was removed.
-        SimulationFailed: reason `time_out`, `no_convergence`, `inverted_element`, `indefinite`, `deep_penetration`
-            or `max_steps`.
+        UsageError: the version's tier was removed, or `mesh` is half a finger where that is not enough.
+        SimulationFailed: reason `object_outside`, `overlap_at_start`, `time_out`, `no_convergence`, `inverted_element`,
+            `indefinite`, `deep_penetration` or `max_steps`.
         MeshingFailed: the mesh could not be made.
     """
     check_tier(version.tier)
@@ -106,15 +114,21 @@ def simulate_grasp(
         theta = effect.modify_theta(theta, design)
         setup = effect.modify_setup(setup, design)
         obj = effect.modify_object(obj)
+    check_reach(obj, placement, design, setup)
+    symmetry = find_symmetry(obj, placement)
     if mesh is None:
-        mesh = build_mesh(design, version.mesh, full_width=not obj.mirror_y, effects=active)
-    meshed = time.process_time()
+        mesh = build_mesh(design, version.mesh, full_width=not symmetry.mirror_y, effects=active)
+    if mesh.is_half and not symmetry.mirror_y:
+        raise UsageError(
+            f"half a finger is not enough for object {obj.object_id} at this placement; mesh it with full_width=True."
+        )
     problem = FingerProblem(mesh, design, theta, setup, active, numerics or TIER_NUMERICS[version.tier])
-    is_symmetric = obj.mirror_x and placement.offset_x_mm == 0.0
-    fingers = [
-        simulate_finger(problem, ObjectObstacle(obj, placement, is_mirrored=side == "left"), deadline, recorder, side)
-        for side in (SIDES[:1] if is_symmetric else SIDES)
-    ]
+    solved = [_Finger.of(problem, obj, placement, side) for side in symmetry.sides]
+    check_overlap(obj, placement, setup, [finger.first_gap_mm() for finger in solved])
+    ready = time.process_time()
+    gauge = TwistGauge(design.tip_length_mm, _as_half_turned(recorder) if symmetry.is_only_half_turn else recorder)
+    watch = recorder if mesh.is_half else gauge.add
+    fingers = [simulate_finger(f.problem, f.obstacle, deadline, watch, f.side) for f in solved]
     trace = _sum_of_fingers(fingers, theta.young_modulus_mpa / REFERENCE_MODULUS_MPA)
     for effect in active:
         trace = effect.modify_trace(trace)
@@ -129,9 +143,39 @@ def simulate_grasp(
         n_dof=fingers[0].n_dof,
         cpu_s=time.process_time() - started,
         n_factorisations=sum(f.n_factorisations for f in fingers),
-        setup_cpu_s=meshed - started + sum(f.setup_cpu_s for f in fingers),
+        setup_cpu_s=ready - started + sum(f.setup_cpu_s for f in fingers),
         mesh_id=mesh.mesh_id,
+        twist_deg=gauge.largest_deg,
+        flag="snap" if any(f.n_snaps for f in fingers) else "",
     )
+
+
+def _as_half_turned(recorder: Recorder | None) -> Recorder | None:
+    return None if recorder is None else lambda snapshot: recorder(replace(snapshot, is_half_turned=True))
+
+
+@dataclass(frozen=True)
+class _Finger:
+    """One finger to solve, as it stands on the +x side: for the left one everything is seen in the mirror x = 0."""
+
+    problem: FingerProblem
+    obstacle: ObjectObstacle
+    side: Side
+
+    @classmethod
+    def of(cls, problem: FingerProblem, obj: RigidObject, placement: Placement, side: Side) -> Self:
+        """The finger on a side at a placement; seen in the mirror, a roll is one the other way."""
+        is_mirrored = side == "left"
+        rolled = replace(problem, roll_deg=-placement.roll_deg if is_mirrored else placement.roll_deg)
+        return cls(rolled, ObjectObstacle(obj, placement, is_mirrored=is_mirrored), side)
+
+    def first_gap_mm(self) -> float:
+        """Least distance of the open finger from the object, negative inside; infinite where their boxes are apart."""
+        model = self.problem.model()
+        nodes = model.nodes - 0.5 * self.problem.setup.open_gap_mm * INWARD
+        if bounds(self.obstacle.primitives)[1][0] <= nodes[:, 0].min():
+            return np.inf
+        return float(self.obstacle.distance(model.surface.positions(nodes)).min())
 
 
 def simulate_finger(
@@ -167,6 +211,7 @@ def simulate_finger(
         n_factorisations=newton.n_factorisations,
         n_dof=model.body.n_dof,
         setup_cpu_s=setup_cpu_s,
+        n_snaps=stepper.n_snaps,
     )
 
 

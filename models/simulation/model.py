@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.objects.primitives import turn_about_z
 from models.simulation.body.assembly import ElasticBody, Material
 from models.simulation.contact.law import ContactLaw, ContactSurface, Obstacle, PointSpacing
 from models.simulation.finger import FingerStep
@@ -54,16 +55,17 @@ def finger_model(
     law: ContactLaw,
     spacing: PointSpacing,
     factors: Sequence[np.ndarray] | None = None,
+    roll_deg: float = 0.0,
 ) -> FingerModel:
     """The model of a finger, from the last few built in this thread or new; forgets every grasp made with it.
 
-    `factors`: see `ElasticBody`.
+    `factors`: see `ElasticBody`. `roll_deg`: see `roll`.
     """
     factor_bytes = None if factors is None else tuple(values.tobytes() for values in factors)
-    key = mesh.mesh_id, height_mm, tip_below_mm, material, law, spacing, factor_bytes
+    key = mesh.mesh_id, height_mm, tip_below_mm, material, law, spacing, factor_bytes, roll_deg
     model = _KEPT.models.pop(key, None)
     if model is None:
-        nodes = to_object_frame(mesh.nodes, height_mm, tip_below_mm)
+        nodes = roll(to_object_frame(mesh.nodes, height_mm, tip_below_mm), mesh.base_nodes, roll_deg)
         body = ElasticBody(mesh, nodes, material, factors=factors)
         surface = ContactSurface(body, nodes, law, spacing)
         blocks = np.zeros((len(body.pattern.indices), 3, 3))
@@ -79,3 +81,16 @@ def to_object_frame(nodes: np.ndarray, height_mm: float, tip_below_mm: float) ->
     """Finger frame to object frame: turned by 180 deg about x, tip plane at z = -tip_below, front wall at x = 0."""
     x, y, z = nodes.T
     return np.ascontiguousarray(np.column_stack([x, -y, height_mm - tip_below_mm - z]))
+
+
+def roll(nodes: np.ndarray, base_nodes: np.ndarray, roll_deg: float) -> np.ndarray:
+    """Nodes (n, 3) in the object frame, turned about the vertical line through the middle of the finger's base.
+
+    Counter-clockwise seen from above. The jaw holds the base, so its middle stays where it is; the finger still closes
+    along x.
+    """
+    if roll_deg == 0.0:
+        return nodes
+    base = nodes[base_nodes, :2]
+    axis = np.array([*(0.5 * (base.min(axis=0) + base.max(axis=0))), 0.0])
+    return np.ascontiguousarray((nodes - axis) @ turn_about_z(roll_deg).T + axis)

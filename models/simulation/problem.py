@@ -37,7 +37,10 @@ TIER_NUMERICS = {"production": Numerics(), "reference": Numerics(limits=REFERENC
 
 @dataclass(frozen=True)
 class FingerProblem:
-    """Everything about one finger in one grasp. `mesh` is in the finger frame; forces at the reference modulus."""
+    """Everything about one finger in one grasp. `mesh` is in the finger frame; forces at the reference modulus.
+
+    `roll_deg` turns the finger about its own long axis, counter-clockwise seen from above, as it stands on the +x side.
+    """
 
     mesh: SolidMesh
     design: Design
@@ -45,6 +48,7 @@ class FingerProblem:
     setup: GraspSetup
     effects: tuple[Effect, ...] = ()
     numerics: Numerics = Numerics()
+    roll_deg: float = 0.0
 
     @property
     def jaw(self) -> Jaw:
@@ -95,4 +99,5 @@ class FingerProblem:
             law=self.law,
             spacing=self.numerics.spacing,
             factors=self.factors() if self.effects else None,
+            roll_deg=self.roll_deg,
         )

@@ -22,6 +22,7 @@ from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion
 from models.simulation.effects.catalogue import build_effects
 from models.simulation.mesh.build import build_mesh
 from models.simulation.mesh.solid import SolidMesh
+from models.simulation.placement import needs_full_width
 from tasks.simulation.pool import EngineWorker
 
 logger = logging.getLogger(__name__)
@@ -81,7 +82,7 @@ def attempt_grasp(job: GraspJob) -> Attempt:
         wall, started = time.perf_counter(), time.process_time()
         obj = get_object(job.object_id)
         version_json = canonical_json(job.version.model_dump())
-        mesh = _mesh_of(job.design, version_json, not obj.mirror_y, job.lake_root)
+        mesh = _mesh_of(job.design, version_json, needs_full_width(obj), job.lake_root)
         meshed = time.process_time()
         result = simulate_grasp(job.design, obj, job.version, job.setup, mesh=mesh, deadline_s=job.deadline_s)
     except (SimulationFailed, MeshingFailed) as error:

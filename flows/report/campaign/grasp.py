@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 
 from flows.report.grasp_frames import Frame, Instant, largest_force_n
 from flows.report.style import COMPLIANT, FAINT, INK, MUTED, OBJECT, RIGID, SIMULATED, new_figure
-from models.objects.catalogue import RigidObject
 from models.objects.distance import distance
 from models.objects.primitives import bounds
 from models.records import GraspSimulation
@@ -95,12 +94,12 @@ class Stage:
     longest_n: float
 
     @classmethod
-    def of(cls, obj: RigidObject, instants: Sequence[Instant]) -> "Stage":
-        """The stage that holds all of these instants."""
+    def of(cls, solid: np.ndarray, instants: Sequence[Instant]) -> "Stage":
+        """The stage that holds all of these instants; `solid` (n_rows, N_COLUMNS): the object where it stands."""
         frames = [frame for instant in instants for frame in instant.frames.values()]
         pressed = [frame.pressure_kpa for frame in frames if frame.pressure_kpa.size]
         top_kpa = float(np.percentile(np.concatenate(pressed), 98.0)) if pressed else 1.0
-        return cls(*_limits(frames, obj), _silhouette(obj), top_kpa, largest_force_n(frames))
+        return cls(*_limits(frames, solid), _silhouette(solid), top_kpa, largest_force_n(frames))
 
     @property
     def height_over_width(self) -> float:
@@ -130,9 +129,12 @@ class Stage:
         axes.tick_params(length=2)
 
 
-def draw_instants(obj: RigidObject, instants: Sequence[Instant], title: str) -> Figure:
-    """The deformed fingers from the side at every instant, in one row, with the contact pressure on them."""
-    stage = Stage.of(obj, instants)
+def draw_instants(solid: np.ndarray, instants: Sequence[Instant], title: str) -> Figure:
+    """The deformed fingers from the side at every instant, in one row, with the contact pressure on them.
+
+    `solid` (n_rows, N_COLUMNS): the object where it stands.
+    """
+    stage = Stage.of(solid, instants)
     figure = new_figure(12.0, 12.0 / len(instants) * stage.height_over_width * 0.93 + 0.95)
     panels = np.atleast_1d(figure.subplots(1, len(instants), sharex=True, sharey=True))
     for number, (axes, instant) in enumerate(zip(panels, instants, strict=True), start=1):
@@ -161,24 +163,24 @@ def _caption(number: int, instant: Instant) -> str:
     return f"{number}  {instant.name}\n{where}\n{force:.2f} N on the load cell"
 
 
-def _limits(frames: Sequence[Frame], obj: RigidObject) -> tuple[np.ndarray, np.ndarray]:
+def _limits(frames: Sequence[Frame], solid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Corners (x, z) of a view that holds both fingers at every instant, and the object."""
-    low, high = (np.array([bound[0], bound[2]]) for bound in bounds(obj.primitives))
+    low, high = (np.array([bound[0], bound[2]]) for bound in bounds(solid))
     for points in (frame.nodes[:, [0, 2]] for frame in frames):
         low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
     return low - MARGIN_MM, high + np.array([MARGIN_MM, MARGIN_MM + BASE_MM])
 
 
-def _silhouette(obj: RigidObject) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _silhouette(solid: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Grid x (a), z (b), and the distance (b, a) at y = 0 and its least value over y: object seen from the side."""
-    low, high = bounds(obj.primitives)
+    low, high = bounds(solid)
     x, z = (np.arange(low[i] - 2 * GRID_MM, high[i] + 3 * GRID_MM, GRID_MM) for i in (0, 2))
     least = np.full((len(z), len(x)), np.inf)
     middle = least
     for y in [*np.linspace(low[1], high[1], N_SLICES), 0.0]:
         grid_x, grid_z = np.meshgrid(x, z)
         points = np.column_stack([grid_x.ravel(), np.full(grid_x.size, y), grid_z.ravel()])
-        middle = distance(obj.primitives, points).reshape(grid_x.shape)
+        middle = distance(solid, points).reshape(grid_x.shape)
         least = np.minimum(least, middle)
     return x, z, middle, least
 

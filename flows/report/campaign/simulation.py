@@ -35,7 +35,7 @@ def write_moments(content: Content, folder: Folder) -> Markup:
     if simulated is None or obj is None or not instants:
         words = "The simulator has no such grasp to draw: it does not know the object, or it did not get through."
         return section("moments", title, paragraph(words))
-    stage = Stage.of(obj, instants)
+    stage = Stage.of(obj.primitives, instants)
     shown = "".join(
         folder.figure(
             f"moments/{place}",

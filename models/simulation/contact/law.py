@@ -14,12 +14,13 @@ import numpy as np
 
 from models.objects.catalogue import RigidObject
 from models.objects.distance import distance, distance_and_normal
-from models.objects.primitives import mirrored, moved
+from models.objects.primitives import mirrored
 from models.records import Placement
 from models.simulation.body.assembly import ElasticBody, block_map
 from models.simulation.contact import kernel as contact_kernel
 from models.simulation.contact.kernel import FrictionState, Law, NearPoints, Sightings, Touching
 from models.simulation.contact.points import ContactPoints, PointSpacing, contact_points
+from models.simulation.placement import place
 
 __all__ = [
     "NO_STOP",
@@ -80,14 +81,14 @@ class Solid(Protocol):
 
 
 class ObjectObstacle:
-    """The test object in the frame of one finger (which stands on the +x side); a `Solid`.
+    """The test object at its placement, in the frame of one finger (which stands on the +x side); a `Solid`.
 
     For the finger on the other side the object is mirrored in x: its distance at (x, y, z) is the object's at
     (-x, y, z).
     """
 
     def __init__(self, obj: RigidObject, placement: Placement, *, is_mirrored: bool) -> None:
-        rows = moved(obj.primitives, np.array([placement.offset_x_mm, 0.0, placement.offset_z_mm]))
+        rows = place(obj, placement)
         self.primitives = mirrored(rows) if is_mirrored else rows
 
     def distance(self, points: np.ndarray) -> np.ndarray:
@@ -171,6 +172,12 @@ class ContactSurface:
         positions = np.zeros((len(self.areas), 3))
         contact_kernel.interpolate(self._points, x, positions)
         return positions
+
+    def positions_of(self, points: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """A few contact points (m, 3), given by their numbers (m), at deformed nodes x."""
+        first_of_face = self._points.first_point[self._points.first_patch[:-1]]
+        face = np.searchsorted(first_of_face, points, side="right") - 1
+        return np.einsum("mk,mki->mi", self._points.shape[points], x[self._points.faces[face]])
 
     def respond(
         self,

@@ -13,9 +13,9 @@ import numpy as np
 from models.simulation.contact.law import ContactSurface, Obstacle
 from models.simulation.finger import FingerState
 from models.simulation.mesh.solid import SolidMesh
+from models.simulation.placement import Side
 
 Phase = Literal["closing", "lift"]
-Side = Literal["right", "left"]
 SIDES: tuple[Side, Side] = ("right", "left")
 
 
@@ -41,6 +41,8 @@ class Snapshot:
         traction: c x 3, MPa, friction of the object on the finger.
         clamp_force: 3, N, of the clamp on the whole finger: x < 0 presses it on the object, z > 0 pulls it up.
         scale: actual over reference modulus.
+        is_half_turned: the other finger, where it is not solved, is this one after a half turn about z, and not in the
+            mirror x = 0.
     """
 
     side: Side
@@ -57,6 +59,7 @@ class Snapshot:
     traction: np.ndarray
     clamp_force: np.ndarray
     scale: float
+    is_half_turned: bool = False
 
     @property
     def lift_mm(self) -> float:
@@ -93,8 +96,8 @@ class Camera:
     def take(self, phase: Phase, time_s: float, travel_mm: float, state: FingerState, clamp_force: np.ndarray) -> None:
         """Record an instant; `clamp_force` (3) on the meshed body."""
         contact = state.contact
-        touching = contact.pressure > 0.0
-        points = self.surface.positions(state.x)[touching]
+        touching = np.flatnonzero(contact.pressure > 0.0)
+        points = self.surface.positions_of(touching, state.x)
         self.recorder(
             Snapshot(
                 side=self.side,
@@ -126,7 +129,7 @@ class GraspRecording:
         self.snapshots[snapshot.side].append(snapshot)
 
     def of(self, side: Side) -> list[Snapshot]:
-        """Snapshots of a finger; with an object symmetric in x only the right one is solved and stands for both."""
+        """Snapshots of a finger; where only the right one is solved, it stands for both."""
         return self.snapshots[side] or self.snapshots["right"]
 
     @property

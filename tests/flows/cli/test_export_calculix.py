@@ -13,9 +13,11 @@ from flows.simulation.calculix import write_calculix
 from models.design.space import BEST_PUBLISHED
 from models.errors import UsageError
 from models.objects.catalogue import get_object
-from models.records import EffectValue, GraspSetup, MeshSettings, SimulatorVersion
+from models.objects.distance import distance
+from models.records import EffectValue, GraspSetup, MeshSettings, Placement, SimulatorVersion
 from models.simulation.mesh.build import build_mesh
 from models.simulation.output.export_calculix import contact_sides
+from models.simulation.placement import place
 
 SPHERE = get_object(1)
 SHORT = GraspSetup(closed_gap_mm=34)  # 3 mm of overlap
@@ -68,6 +70,16 @@ def test_object_lies_in_front_of_the_finger(deck: Path) -> None:
     n = len(shell) // 2
     assert radius[n:] == pytest.approx(20.0, abs=0.01)
     assert radius[:n] == pytest.approx(19.7, abs=0.01)
+
+
+def test_object_of_the_deck_stands_at_its_placement(tmp_path: Path) -> None:
+    cube, placement = get_object(30), Placement(offset_y_mm=1.0, yaw_deg=10.0)
+    write_calculix(tmp_path, BEST_PUBLISHED, cube, COARSE, SHORT, placement)
+    text = (tmp_path / "closing.inp").read_text()
+    shell = np.array([[float(v) for v in line.split(",")[1:]] for line in _section(text, "*NODE, NSET=OBJECT")])
+    assert np.abs(distance(place(cube, placement), shell[len(shell) // 2 :])).max() < 0.02
+    assert "SYMMETRY, 2, 2" not in text
+    assert "cube at offset_y_mm 1, yaw_deg 10." in (tmp_path / "README.md").read_text()
 
 
 def test_expected_forces_grow_with_the_closing(deck: Path) -> None:

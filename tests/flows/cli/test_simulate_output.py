@@ -15,11 +15,11 @@ from flows.report.grasp_frames import GraspFrames, five_instants
 from flows.viewer.simulation import LONGEST_ARROW_MM, choose_arrow_mm_per_n
 from models.design.space import BEST_PUBLISHED
 from models.objects.catalogue import get_object
-from models.records import GraspSimulation, MeshSettings, SimulatorVersion
+from models.records import GraspSetup, GraspSimulation, MeshSettings, Placement, SimulatorVersion
 from models.simulation.grasp import simulate_grasp
-from models.simulation.output.recording import GraspRecording
+from models.simulation.output.recording import SIDES, GraspRecording
 
-SPHERE = get_object(1)
+SPHERE, CUBE = get_object(1), get_object(30)
 COARSE = SimulatorVersion(mesh=MeshSettings(edge_mm=10))
 
 
@@ -59,7 +59,7 @@ def test_longest_arrow_is_neither_lost_nor_larger_than_the_scene(grasp: tuple[Gr
 
 def test_outputs_hold_every_step(grasp: tuple[GraspSimulation, GraspRecording], tmp_path: Path) -> None:
     result, recording = grasp
-    files = write_outputs(tmp_path, BEST_PUBLISHED, SPHERE, {"object_id": 1}, result, recording)
+    files = write_outputs(tmp_path, BEST_PUBLISHED, SPHERE, Placement(), {"object_id": 1}, result, recording)
     assert [file.name for file in files] == ["result.json", "trace.csv", "trace.png", "grasp.png", "grasp.rrd"]
     for picture in files[2:4]:
         assert 0.02 < float((imread(picture)[:, :, :3].min(axis=2) < 0.9).mean()) < 0.6  # neither empty nor full
@@ -70,6 +70,33 @@ def test_outputs_hold_every_step(grasp: tuple[GraspSimulation, GraspRecording], 
         assert rows[f"/cell/fingers/{side}/surface"] == 1 + len(recording.of("right"))  # as it approaches, first
         assert rows[f"/cell/fingers/{side}/contact_force"] == len(recording.of("right"))
     assert rows["/force/load_cell"] == len(result.trace.time_s)
+
+
+def test_a_turned_object_and_the_left_finger_are_drawn_where_they_are(tmp_path: Path) -> None:
+    placement, setup, recording = (
+        Placement(yaw_deg=5.0),
+        GraspSetup(closed_gap_mm=34, max_lift_mm=0.5),
+        GraspRecording(),
+    )
+    result = simulate_grasp(BEST_PUBLISHED, CUBE, COARSE, setup, placement=placement, recorder=recording.add)
+    right, left = (GraspFrames.of(recording).frames[side][-1] for side in SIDES)
+    assert left.nodes == pytest.approx(right.nodes * np.array([-1.0, -1.0, 1.0]))  # not the mirror image
+    assert np.ptp(left.nodes[:, 1]) > 0.9 * BEST_PUBLISHED.width_mm
+    files = write_outputs(tmp_path, BEST_PUBLISHED, CUBE, placement, {"object_id": 30}, result, recording)
+    turned = [
+        chunk.to_record_batch().column("Transform3D:mat3x3").to_pylist()
+        for chunk in RrdReader(files[4]).stream()
+        if chunk.entity_path == "/cell/object"
+    ]
+    assert np.ravel(turned)[:2] == pytest.approx([np.cos(np.radians(5.0)), np.sin(np.radians(5.0))])
+
+
+def test_simulate_takes_a_placement(capsys: pytest.CaptureFixture[str]) -> None:
+    words = "simulate --object 32 --set edge_mm=10 --set closed_gap_mm=36 --set max_lift_mm=2 --set yaw_deg=5"
+    assert run(words.split()) == 0
+    assert "largest twist" in capsys.readouterr().out
+    assert run([*words.split(), "--set", "offset_y_mm=60"]) == 1
+    assert "is outside the fingers: with offset_y_mm 60" in capsys.readouterr().err
 
 
 def test_simulate_takes_the_best_design_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

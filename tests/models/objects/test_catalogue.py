@@ -4,7 +4,7 @@ import pytest
 from models.errors import UsageError
 from models.objects.catalogue import OBJECTS, RigidObject, get_object
 from models.objects.distance import distance
-from models.objects.primitives import bounds
+from models.objects.primitives import bounds, rotated, turn_about_z
 from models.objects.surface import object_mesh
 
 IDS = [obj.name for obj in OBJECTS]
@@ -59,6 +59,14 @@ def test_mirror_flags_tell_the_truth(obj: RigidObject) -> None:
     for is_mirrored, signs in ((obj.mirror_x, [-1, 1, 1]), (obj.mirror_y, [1, -1, 1])):
         difference = np.abs(distance(rows, points * signs) - here).max()
         assert difference < 1e-9 if is_mirrored else difference > 0.5
+
+
+@pytest.mark.parametrize("obj", OBJECTS, ids=IDS)
+def test_round_objects_are_those_that_a_turn_does_not_change(obj: RigidObject) -> None:
+    rows = obj.primitives
+    points = np.random.default_rng(7).uniform([-27, -27, -3], [27, 27, 53], (2000, 3))
+    difference = np.abs(distance(rotated(rows, turn_about_z(17.0)), points) - distance(rows, points)).max()
+    assert difference < 1e-9 if obj.is_round else difference > 0.5
 
 
 @pytest.mark.parametrize("obj", OBJECTS, ids=IDS)

@@ -21,6 +21,7 @@ from models.objects.catalogue import get_object
 from models.records import GraspSetup, GraspSimulation, Record, SimulatorVersion, Theta, Trace
 from models.simulation.grasp import simulate_grasp
 from models.simulation.mesh.build import build_mesh
+from models.simulation.placement import needs_full_width
 from tasks.simulation.pool import WorkerPool
 
 SETUP = GraspSetup()
@@ -161,5 +162,5 @@ def _simulate(job: BankJob) -> GraspSimulation:
         world = World(seed=WORLD_SEED, theta=job.theta, scatter=Scatter(placement_sd_mm=PLACEMENT_SD_MM))
         return simulate_request(build_request(world, f"study/B01T{job.design}", design, job.object_id, SETUP))
     version = SimulatorVersion(theta=job.theta)
-    mesh = build_mesh(design, version.mesh, full_width=not obj.mirror_y)
+    mesh = build_mesh(design, version.mesh, full_width=needs_full_width(obj))
     return simulate_grasp(design, obj, version, SETUP, mesh=mesh, deadline_s=DEADLINE_S)

@@ -55,6 +55,14 @@ def test_a_removed_tier_is_refused_and_no_failure_is_kept_of_it(workers):
         workers[0].call(attempt_grasp, job(BEST_PUBLISHED, HALF, version=SimulatorVersion(tier="screening")))
 
 
+def test_an_overlap_before_closing_is_a_failure_with_its_cost(workers):
+    narrow = dataclasses.replace(job(BEST_PUBLISHED, HALF), setup=SHORT.model_copy(update={"open_gap_mm": 30}))
+    attempt = workers[0].call(attempt_grasp, narrow)
+    assert (attempt.result, attempt.reason) == (None, "overlap_at_start")
+    assert "overlap by 5.00 mm before closing" in attempt.message
+    assert attempt.cpu_s > 0.0
+
+
 def test_a_design_is_meshed_once_for_its_objects(workers):
     design = random_designs(1, np.random.default_rng(6))[0]
     first, second = (workers[0].call(attempt_grasp, job(design, object_id)) for object_id in (HALF, 24))

@@ -20,7 +20,8 @@ from models.simulation.contact.law import ContactLaw, ContactState, ObjectObstac
 from models.simulation.grasp import INWARD, UPWARD
 from models.simulation.mesh.build import build_mesh
 from models.simulation.mesh.solid import SolidMesh
-from models.simulation.model import to_object_frame
+from models.simulation.model import roll, to_object_frame
+from models.simulation.placement import needs_full_width
 from models.simulation.solver.stepping import Step, travel_to_touch
 from tests.models.simulation.verification.rig import Rig, set_up
 
@@ -81,12 +82,19 @@ def contact_energy(law: ContactLaw, areas: np.ndarray, state: ContactState) -> f
     return float(areas @ (np.where(depth < d0, shallow, deep) + springs))
 
 
-def grasp(object_id: int, step_mm: float) -> tuple[Balance, int]:
-    """Balance of one finger of the best published design over a grasp, and its number of closing steps."""
-    mesh = build_mesh(BEST_PUBLISHED, MeshSettings())
+def grasp(
+    object_id: int,
+    step_mm: float,
+    placement: Placement = Placement(),  # noqa: B008 - frozen record
+    lift_mm: float = 65.0,
+) -> tuple[Balance, int]:
+    """Balance of the right finger of the best published design over a grasp, and its number of closing steps."""
+    obj = get_object(object_id)
+    mesh = build_mesh(BEST_PUBLISHED, MeshSettings(), full_width=needs_full_width(obj, placement))
     setup, material = GraspSetup(), Material(REFERENCE_MODULUS_MPA, Theta().poisson_ratio)
     nodes = to_object_frame(mesh.nodes, BEST_PUBLISHED.height_mm, setup.tip_below_mm)
-    obstacle = ObjectObstacle(get_object(object_id), Placement(), is_mirrored=False)
+    nodes = roll(nodes, mesh.base_nodes, placement.roll_deg)
+    obstacle = ObjectObstacle(obj, placement, is_mirrored=False)
     rig = set_up(mesh, nodes, material, obstacle, friction=Theta().friction)
     open_mm, stroke_mm = 0.5 * setup.open_gap_mm, 0.5 * (setup.open_gap_mm - setup.closed_gap_mm)
     free_mm = travel_to_touch(rig.finger.distance_to_object, -open_mm * INWARD, INWARD, stroke_mm)
@@ -94,5 +102,5 @@ def grasp(object_id: int, step_mm: float) -> tuple[Balance, int]:
     closing = rig.walk(start, INWARD, stroke_mm - free_mm, step_mm)
     held = closing[-1].state
     held.v[:] = 0.0
-    lifting = rig.walk(held, UPWARD, 65.0, step_mm)
+    lifting = rig.walk(held, UPWARD, lift_mm, step_mm)
     return balance(rig, mesh, material, start.base, closing + lifting), len(closing)

@@ -14,6 +14,7 @@ PREFIXES = {
     "F": "a fit of the surrogate",
     "G": "a grasp setup",
     "H": "the settings of a run",
+    "J": "another branch of a simulated grasp",
     "K": "a measured grasp",
     "L": "a quantity of a material lot",
     "M": "a mesh",

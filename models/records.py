@@ -214,3 +214,30 @@ class GraspSimulation:
     mesh_id: str = ""
     flag: str = ""
     twist_deg: float = 0.0
+
+
+BranchCause = Literal["", "placement", "numerics"]
+
+
+@dataclass(frozen=True)
+class Branch:
+    """One way in which a cell goes on: its share of placements, and a grasp on it."""
+
+    share: float
+    result: GraspSimulation
+
+
+@dataclass(frozen=True)
+class Branches:
+    """The one or two branches of a cell, that of the nominal placement first.
+
+    `cause` says what switches: placement, or numerics (another mesh or shorter steps do at the nominal placement: the
+    switch is nearer to it than the simulator's error, so each branch gets half). `share_error` is half the range of
+    shares that the runs leave open. `n_runs` and `cpu_s` are those of the search, without the nominal grasp.
+    """
+
+    branches: tuple[Branch, ...]
+    cause: BranchCause = ""
+    share_error: float = 0.0
+    n_runs: int = 0
+    cpu_s: float = 0.0

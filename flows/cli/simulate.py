@@ -43,6 +43,9 @@ def simulate(
             "times.",
         ),
     ] = None,
+    branches: Annotated[
+        bool, Parameter(negative="", help="Also search for a second branch, which chance of placement may decide.")
+    ] = False,
     out: Annotated[Path | None, Parameter(help="Folder for numbers, trace, pictures and a Rerun recording.")] = None,
     export_calculix: Annotated[
         Path | None, Parameter(help="Folder for an input deck of CalculiX of the closing, and our own numbers.")
@@ -67,6 +70,8 @@ def simulate(
             raise UsageError("`fast simulate` needs --object: Object id, 0 to 35. See `fast simulate --help`.")
         chosen = read_design(design)
         simulator, setup, placement = apply_settings(set or [], _base_version(lake, version, tier))
+    if branches and placement != Placement():
+        raise UsageError("--branches searches around the nominal place of the object; leave out its placement.")
     met = get_object(object)
     if out is not None:
         make_folder(out)
@@ -86,8 +91,23 @@ def simulate(
         "n_dof": result.n_dof,
         "cpu_s": result.cpu_s,
     }
-    show(data, _text(data), json)
-    files = [] if out is None else write_outputs(out, chosen, met, placement, data, result, recording)
+    found = None
+    if branches:
+        from models.simulation.branches import find_branches
+
+        found = find_branches(chosen, met, simulator, setup, result)
+        data["branches"] = [
+            {
+                "branch": number,
+                "branch_share": branch.share,
+                "peak_force_n": branch.result.peak_force_n,
+                "work_j": branch.result.work_j,
+            }
+            for number, branch in enumerate(found.branches)
+        ]
+        data |= {"branch_cause": found.cause, "share_error": found.share_error, "branch_runs": found.n_runs}
+    show(data, describe_grasp(data), json)
+    files = [] if out is None else write_outputs(out, chosen, met, placement, data, result, recording, found)
     if export_calculix is not None:
         from flows.simulation.calculix import write_calculix
 
@@ -221,12 +241,32 @@ def apply_settings(settings: list[str], base: "SimulatorVersion") -> "tuple[Simu
     return base.model_copy(update={"theta": theta, "mesh": mesh}), setup, placement
 
 
-def _text(data: dict[str, Any]) -> str:
-    twist = f"largest twist        {data['twist_deg']:.1f} deg\n" if data["twist_deg"] else ""
-    return (
-        f"peak pull-off force  {data['peak_force_n']:.2f} N\n"
-        f"contact force        {data['contact_force_n']:.2f} N\n"
-        f"work                 {1000 * data['work_j']:.1f} mJ\n"
-        f"{twist}"
-        f"{data['n_steps']} steps, {data['n_dof']} degrees of freedom, {data['cpu_s']:.1f} s of CPU"
-    )
+def describe_grasp(data: dict[str, Any]) -> str:
+    """What `fast simulate` prints of a grasp, with its branches if they were searched."""
+    lines = [
+        f"peak pull-off force  {data['peak_force_n']:.2f} N",
+        f"contact force        {data['contact_force_n']:.2f} N",
+        f"work                 {1000 * data['work_j']:.1f} mJ",
+        *([f"largest twist        {data['twist_deg']:.1f} deg"] if data.get("twist_deg") else []),
+        f"{data['n_steps']} steps, {data['n_dof']} degrees of freedom, {data['cpu_s']:.1f} s of CPU",
+    ]
+    return "\n".join(lines + (_branch_lines(data) if "branches" in data else []))
+
+
+def _branch_lines(data: dict[str, Any]) -> list[str]:
+    """Both branches with their shares, and what decides between them."""
+    runs = f"(other grasps simulated: {data['branch_runs']})"
+    if not data["branch_cause"]:
+        return [f"one branch {runs}"]
+    why = {
+        "placement": "placement decides which",
+        "numerics": "another mesh or shorter steps decide which: the shares are not known better than half each",
+    }
+    lines = [f"two branches, {why[data['branch_cause']]} {runs}"]
+    for branch in data["branches"]:
+        error = f" +-{100 * data['share_error']:.0f}" if data["branch_cause"] == "placement" else ""
+        lines.append(
+            f"  branch {branch['branch']}: {100 * branch['branch_share']:.0f}{error} % of placements, "
+            f"peak {branch['peak_force_n']:.2f} N, work {1000 * branch['work_j']:.1f} mJ"
+        )
+    return lines

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
     from models.errors import UsageError
     from models.objects.catalogue import RigidObject
-    from models.records import Design, GraspSimulation, Placement
+    from models.records import Branches, Design, GraspSimulation, Placement, Trace
     from models.simulation.output.recording import GraspRecording
 
 PIXELS_PER_INCH = 150
@@ -23,10 +23,12 @@ def write_outputs(
     data: dict[str, Any],
     result: "GraspSimulation",
     recording: "GraspRecording",
+    found: "Branches | None" = None,
 ) -> list[Path]:
     """Write everything about a simulated grasp into the folder `out`; returns the files.
 
-    `recording` is one that took every step of this grasp.
+    `recording` is one that took every step of this grasp, `found` its branches if they were looked for: the trace of
+    another one goes into a file of its own.
 
     Raises:
         UsageError: the folder cannot be written.
@@ -38,11 +40,14 @@ def write_outputs(
     files = [out / name for name in ("result.json", "trace.csv", "trace.png", "grasp.png", "grasp.rrd")]
     try:
         files[0].write_text(json.dumps({**data, "design": design.model_dump()}, indent=2) + "\n")
-        files[1].write_text(_csv(result))
-        _draw(files[2], files[3], place(obj, placement), result, recording, title)
+        files[1].write_text(_csv(result.trace))
+        if found is not None and found.cause:
+            files.insert(2, out / "trace_branch_1.csv")
+            files[2].write_text(_csv(found.branches[1].result.trace))
+        _draw(out, place(obj, placement), result, recording, title, found)
     except OSError as error:
         raise unwritable("--out", out, error) from error
-    write_simulation(files[4], obj.object_id, result, recording, title, placement)
+    write_simulation(files[-1], obj.object_id, result, recording, title, placement)
     return files
 
 
@@ -65,20 +70,19 @@ def unwritable(option: str, folder: Path, error: OSError) -> "UsageError":
     return UsageError(f"{option} `{folder}` cannot be written: {error.strerror}; give a folder you may write to.")
 
 
-def _csv(result: "GraspSimulation") -> str:
-    trace = result.trace
+def _csv(trace: "Trace") -> str:
     lines = ["time_s,lift_mm,force_n"]
     lines += [f"{t:.6g},{x:.6g},{f:.6g}" for t, x, f in zip(trace.time_s, trace.lift_mm, trace.force_n, strict=True)]
     return "\n".join(lines) + "\n"
 
 
 def _draw(
-    trace_path: Path,
-    grasp_path: Path,
+    out: Path,
     solid: "np.ndarray",
     result: "GraspSimulation",
     recording: "GraspRecording",
     title: str,
+    found: "Branches | None",
 ) -> None:
     from flows.report.campaign.grasp import draw_instants, draw_trace
     from flows.report.grasp_frames import five_instants
@@ -86,5 +90,5 @@ def _draw(
 
     with figure_style():
         instants = five_instants(recording, result.trace)
-        draw_trace(result, instants, title).savefig(trace_path, dpi=PIXELS_PER_INCH)
-        draw_instants(solid, instants, title).savefig(grasp_path, dpi=PIXELS_PER_INCH)
+        draw_trace(result, instants, title, found).savefig(out / "trace.png", dpi=PIXELS_PER_INCH)
+        draw_instants(solid, instants, title).savefig(out / "grasp.png", dpi=PIXELS_PER_INCH)

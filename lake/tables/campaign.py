@@ -176,6 +176,9 @@ class SimulationRow(Row):
     n_newton: int | None = None
     cpu_s: float = 0.0
     details_json: str = "{}"
+    branch: int | None = Field(default=None, description="always 0, that of this row's trace; empty: not looked for")
+    branch_share: float | None = Field(default=None, description="of placements, those that take this branch")
+    flag: str | None = Field(default=None, description="why the numbers are not converged as others are")
 
     @staticmethod
     def make_id(design_id: str, object_id: int, version_id: str, setup_id: str) -> str:
@@ -218,6 +221,27 @@ class SimTraceRow(_SampleColumns):
 
     table: ClassVar[str] = "sim_traces"
     simulation_id: str
+
+
+class SimulationBranchRow(_TraceColumns):
+    """Another branch of a simulated grasp, with its samples; a table of its own, so that no grasp counts twice."""
+
+    table: ClassVar[str] = "simulation_branches"
+    branch_id: str
+    simulation_id: str
+    branch: int = Field(ge=1, description="0 is the branch of the row in `simulations`")
+    branch_share: float = Field(ge=0.0, le=1.0, description="of placements, those that take this branch")
+    cause: Literal["placement", "numerics"] = Field(description="what switches between the branches")
+    share_error: float = Field(ge=0.0, description="half the range of shares that the runs leave open")
+    n_runs: int = Field(description="simulated grasps that it took to find the branches")
+    peak_force_n: float
+    contact_force_n: float
+    work_j: float
+
+    @staticmethod
+    def make_id(simulation_id: str, branch: int) -> str:
+        """Id derived from the simulation and the number of the branch."""
+        return content_id("J", [simulation_id, branch])
 
 
 class GraspRow(Row):
@@ -359,6 +383,7 @@ class FlowRunRow(Row):
 TABLES: tuple[type[Row], ...] = (
     TraceRow,
     SimTraceRow,
+    SimulationBranchRow,
     DiagnosticRow,
     PosteriorDrawsRow,
     CampaignRow,

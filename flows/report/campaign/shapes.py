@@ -74,7 +74,7 @@ def write_shapes(content: Content, folder: Folder) -> Markup:
     known = {o: classes[o][0] for o in curves if o in classes}
     panels = [
         write_panel(
-            "shapes", o, classes[o][1], draw_shape(curves[o], window), folder, f"{group.letter}\u2002{group.title}"
+            "shapes", o, classes[o][1], draw_shape(curves[o], window), folder, over=f"{group.letter}\u2002{group.title}"
         )
         for group in GROUPS
         for o in choose_objects(group, known)

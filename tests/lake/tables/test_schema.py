@@ -31,6 +31,7 @@ CONTRACT = {
     "simulator_versions",
     "simulations",
     "sim_traces",
+    "simulation_branches",
     "grasps",
     "traces",
     "fits",
@@ -75,7 +76,8 @@ def test_types_follow_the_annotations():
     assert schema.field("batch").type == pa.int64()
     assert schema.field("status").type == pa.string()
     assert schema_of(TraceRow).field("force_n").type == pa.list_(pa.float64())
-    assert [t.table for t in TABLES if has_samples(t)] == ["traces", "sim_traces", "diagnostics", "posterior_draws"]
+    sampled = [t.table for t in TABLES if has_samples(t)]
+    assert sampled == ["traces", "sim_traces", "simulation_branches", "diagnostics", "posterior_draws"]
 
 
 def test_samples_are_written_before_the_scalars_that_announce_them():

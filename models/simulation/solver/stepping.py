@@ -16,6 +16,8 @@ FINE_LIFT_MM = 3.0
 CUT, GROW, EASY_ITERATIONS = 0.4, 1.5, 14
 # A point that sinks a millimetre in one step, or five in all, may have passed through something thin.
 MAX_SINKING_MM, MAX_DEPTH_MM = 1.0, 5.0
+# Ribs and walls that press on each other; they are at least 2 mm thick.
+MAX_RIB_DEPTH_MM = 0.5
 # Step times the jump of the force, in shares of the largest force so far, from which a step of the lift is repeated in
 # shorter ones. Half of it is the error of the trace's area, which is about 20 mm times the largest force.
 MAX_JUMP_MM = 0.5
@@ -124,6 +126,11 @@ class Stepper:
                 proposed = CUT * step
                 continue
             self._count(travel)
+            if self.finger.must_couple_ribs(new[0]):
+                self.finger = self.finger.with_ribs_coupled(new[0])
+                self.newton.renew(self.finger.body.pattern)
+                proposed = step
+                continue
             if self._skips_an_event(step, slope.jump_n(travel + step, new[1])):
                 proposed = max(CUT * step, self.limits.fine_lift_mm)
                 continue
@@ -158,6 +165,8 @@ class Stepper:
         new, clamp = self.finger.finish(state, u, base, dt_s)
         depth = self.finger.depth_mm(new)
         if depth.max() > MAX_DEPTH_MM or (depth - self.finger.depth_mm(state)).max() > MAX_SINKING_MM:
+            return "deep_penetration", None
+        if self.finger.ribs_touch and self.finger.rib_depth_mm(new) > MAX_RIB_DEPTH_MM:
             return "deep_penetration", None
         return outcome, (new, clamp)
 

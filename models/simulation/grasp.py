@@ -62,6 +62,7 @@ class FingerResult:
     n_factorisations: int
     n_dof: int
     setup_cpu_s: float
+    ribs_touch: bool
 
 
 def simulate_grasp(
@@ -130,6 +131,7 @@ def simulate_grasp(
         n_factorisations=sum(f.n_factorisations for f in fingers),
         setup_cpu_s=meshed - started + sum(f.setup_cpu_s for f in fingers),
         mesh_id=mesh.mesh_id,
+        ribs_touch=any(f.ribs_touch for f in fingers),
     )
 
 
@@ -166,6 +168,7 @@ def simulate_finger(
         n_factorisations=newton.n_factorisations,
         n_dof=model.body.n_dof,
         setup_cpu_s=setup_cpu_s,
+        ribs_touch=stepper.finger.ribs_touch,
     )
 
 

@@ -11,6 +11,7 @@ from models.simulation.body.assembly import ElasticBody, Material
 from models.simulation.contact.law import ContactLaw, ContactSurface, Obstacle, PointSpacing
 from models.simulation.contact.self_contact import SelfContact
 from models.simulation.finger import FingerStep
+from models.simulation.mesh.cavities import cavity_faces
 from models.simulation.mesh.solid import SolidMesh
 from models.simulation.solver.cholesky import BlockCholesky, LinearSolver
 
@@ -69,7 +70,7 @@ def finger_model(
         body = ElasticBody(mesh, nodes, material, factors=factors)
         surface = ContactSurface(body, nodes, law, spacing)
         blocks = np.zeros((len(body.pattern.indices), 3, 3))
-        inside = SelfContact(mesh, nodes, law)
+        inside = SelfContact(*cavity_faces(mesh), nodes, law)
         model = FingerModel(nodes, body, surface, inside, BlockCholesky(body.pattern), blocks)
     _KEPT.models[key] = model
     while len(_KEPT.models) > MAX_KEPT:

@@ -17,8 +17,6 @@ from models.simulation.body.shape_functions import face_shape
 from models.simulation.contact import self_kernel
 from models.simulation.contact.law import ContactLaw
 from models.simulation.contact.self_kernel import Lines, Strips
-from models.simulation.mesh.cavities import cavity_faces
-from models.simulation.mesh.solid import SolidMesh
 
 SEGMENT_MM = 1.0  # an edge of 8 mm bent to a radius of 20 mm is at most 0.006 mm from its segments
 COUPLED_MM = 2.0  # faces nearer than this may come to press on each other within a few steps
@@ -31,9 +29,11 @@ class SelfContact:
     The force acts between any two faces; the tangent only between faces that `coupled` has made a pair.
     """
 
-    def __init__(self, mesh: SolidMesh, nodes: np.ndarray, law: ContactLaw) -> None:
-        """`nodes` (n, 3): undeformed mesh, in the frame of the calculation."""
-        faces, row = cavity_faces(mesh)
+    def __init__(self, faces: np.ndarray, row: np.ndarray, nodes: np.ndarray, law: ContactLaw) -> None:
+        """`faces` (f, 8) and their numbers `row` (f): see `models.simulation.mesh.cavities.cavity_faces`.
+
+        `nodes` (n, 3): undeformed mesh, in the frame of the calculation.
+        """
         self._law = law.compiled
         self._strips = _strips(_turned(faces, nodes), row, nodes)
         self._pair = np.full((len(faces), len(faces)), -1, dtype=np.int32)

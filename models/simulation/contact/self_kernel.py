@@ -14,6 +14,7 @@ from models.simulation.contact.kernel import Law, penalty
 
 REACH_MM = 1.0  # segments further apart are not looked at: half of the thinnest wall
 FACING = -0.5  # cosine between the normals of two segments, below which they can touch: 60 deg about opposite
+SQUARE_ON = 0.9  # cosine: a middle further off the normal of its nearest segment is beside that, not in it
 _FAR_MM = 3.0  # distance of a middle from a vertex, above which its segment, about 1 mm long, is out of reach
 
 
@@ -134,13 +135,13 @@ def _keep_nearer(
 
 @nb.njit(inline="always")
 def _depth(lines: Lines, v: int) -> tuple[float, float, float]:
-    """How deep the middle of segment v is in its nearest segment, mm (not positive outside), and the way out (x, z)."""
+    """How deep the middle of segment v is in its nearest segment, mm (0 outside), and the way out (x, z)."""
     w, part, vertex, normal = lines.nearest[v], lines.share[v], lines.vertex, lines.normal
     u = vertex[w, 0] + part * (vertex[w + 1, 0] - vertex[w, 0]) - 0.5 * (vertex[v, 0] + vertex[v + 1, 0])
     z = vertex[w, 1] + part * (vertex[w + 1, 1] - vertex[w, 1]) - 0.5 * (vertex[v, 1] + vertex[v + 1, 1])
-    if not u * normal[w, 0] + z * normal[w, 1] > 0.0:
-        return 0.0, normal[w, 0], normal[w, 1]
     size = math.sqrt(u * u + z * z)
+    if not u * normal[w, 0] + z * normal[w, 1] > SQUARE_ON * size:
+        return 0.0, normal[w, 0], normal[w, 1]
     return size, u / size, z / size
 
 

@@ -196,8 +196,9 @@ class GraspSimulation:
 
     `contact_force_n` is the closing-direction force on one side at the end of closing, the paper's
     proxy; `work_j` the area under force over lift. `flag` says why the numbers are not converged as others are, in one
-    word; empty if they are. `ribs_touch`: ribs or walls came to press on each other inside a finger. `setup_cpu_s` is the part of `cpu_s` before the first step.
-    `mesh_id` names the content of the mesh: not every mesher makes the same one twice.
+    word; empty if they are. `ribs_touch`: ribs or walls came to press on each other inside a finger.
+    `setup_cpu_s` is the part of `cpu_s` before the first step. `mesh_id` names the content of the mesh: not every
+    mesher makes the same one twice.
     """
 
     trace: Trace

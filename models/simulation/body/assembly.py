@@ -104,8 +104,8 @@ class ElasticBody:
         connectivities = [part.connectivity for part in self._parts]
         rows, pattern = number_rows(len(self.row_of_node), self.mesh.base_nodes, [*connectivities, groups])
         other.row_of_node, other.pattern = rows, pattern
-        other._parts = [replace(part, places=block_map(part.connectivity, rows, pattern)) for part in self._parts]  # noqa: SLF001 - of the same class
-        other._symmetry = _symmetry_blocks(self.mesh, rows, pattern)  # noqa: SLF001
+        parts = [replace(part, places=block_map(part.connectivity, rows, pattern)) for part in self._parts]
+        other._parts, other._symmetry = parts, _symmetry_blocks(self.mesh, rows, pattern)  # noqa: SLF001 - a copy of this object
         return other
 
     @property

@@ -148,7 +148,8 @@ class ContactSurface:
     def on(self, body: ElasticBody) -> Self:
         """The same surface on a body that differs in the pattern of its tangent only; both share their buffers."""
         other = copy.copy(self)
-        other._places = block_map(self._points.faces, body.row_of_node, body.pattern)  # noqa: SLF001 - of the same class
+        places = block_map(self._points.faces, body.row_of_node, body.pattern)
+        other._places = places  # noqa: SLF001 - a copy of this object
         return other
 
     @property

@@ -3,8 +3,8 @@
 Between the ribs and walls around a cavity nothing else can touch, so only faces of the same cavity are compared. The
 section is swept over the width, so faces meet in slices at constant place across it: there a face is a line, and the
 contact acts in the plane of the section. A cavity is convex as printed and its corners are round: two faces that meet
-in a corner are apart everywhere else, and no pair has to be left out. The law is the penalty of contact with the
-object, without friction.
+in a corner are apart everywhere else. Only the short face of a fillet and its neighbours are no pair. The law is the
+penalty of contact with the object, without friction.
 """
 
 import copy
@@ -62,9 +62,10 @@ class SelfContact:
     def coupled(self, pairs: np.ndarray, body: ElasticBody) -> Self:
         """The same faces with these pairs (p, 2), for which the pattern of the body has room."""
         other = copy.copy(self)
-        other._pair = np.full_like(self._pair, -1)  # noqa: SLF001 - of the same class
-        other._pair[pairs[:, 0], pairs[:, 1]] = np.arange(len(pairs))  # noqa: SLF001
-        other._places = block_map(self.nodes_of(pairs), body.row_of_node, body.pattern)  # noqa: SLF001
+        pair = np.full_like(self._pair, -1)
+        pair[pairs[:, 0], pairs[:, 1]] = np.arange(len(pairs))
+        places = block_map(self.nodes_of(pairs), body.row_of_node, body.pattern)
+        other._pair, other._places = pair, places  # noqa: SLF001 - a copy of this object
         return other
 
     def add_force(self, x: np.ndarray, force: np.ndarray) -> None:

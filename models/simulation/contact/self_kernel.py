@@ -12,7 +12,7 @@ import numpy as np
 
 from models.simulation.contact.kernel import Law, penalty
 
-REACH_MM = 1.0  # segments further apart are not looked at: half of the thinnest wall
+REACH_MM = 0.5  # segments further apart are not looked at: what is deeper is a failure, and faces at a corner are near
 FACING = -0.5  # cosine between the normals of two segments, below which they can touch: 60 deg about opposite
 SQUARE_ON = 0.9  # cosine: a middle further off the normal of its nearest segment is beside that, not in it
 _FAR_MM = 3.0  # distance of a middle from a vertex, above which its segment, about 1 mm long, is out of reach
@@ -61,7 +61,7 @@ def measure(strips: Strips, x: np.ndarray, lines: Lines) -> float:
     for g in range(len(strips.first_strip) - 1):
         for s in range(strips.first_strip[g], strips.first_strip[g + 1]):
             for t in range(s + 1, strips.first_strip[g + 1]):
-                if _are_near(lines.box, lines.outward, s, t, REACH_MM):
+                if _are_near(lines.box, lines.outward, s, t, REACH_MM) and not _are_one_corner(strips, s, t):
                     _pair(strips.first_vertex, lines, s, t)
     deepest = 0.0
     for v in range(len(lines.square)):
@@ -104,6 +104,16 @@ def _are_near(box: np.ndarray, outward: np.ndarray, s: int, t: int, reach_mm: fl
         and box[s, 2] - box[t, 3] < reach_mm
         and box[t, 2] - box[s, 3] < reach_mm
     )
+
+
+@nb.njit(inline="always")
+def _are_one_corner(strips: Strips, s: int, t: int) -> bool:
+    """True for the short face of a fillet and the one beside it: they cannot cross while no element is inverted."""
+    n_s, n_t = strips.first_vertex[s + 1] - strips.first_vertex[s], strips.first_vertex[t + 1] - strips.first_vertex[t]
+    if n_s > 2 and n_t > 2:
+        return False
+    f, g = strips.face[s], strips.face[t]
+    return strips.faces[f, 5] == strips.faces[g, 7] or strips.faces[f, 7] == strips.faces[g, 5]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

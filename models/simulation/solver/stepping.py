@@ -16,8 +16,8 @@ FINE_LIFT_MM = 3.0
 CUT, GROW, EASY_ITERATIONS = 0.4, 1.5, 14
 # A point that sinks a millimetre in one step, or five in all, may have passed through something thin.
 MAX_SINKING_MM, MAX_DEPTH_MM = 1.0, 5.0
-# Ribs and walls that press on each other; they are at least 2 mm thick.
-MAX_RIB_DEPTH_MM = 0.5
+# Ribs and walls that press on each other sink in by less than 0.3 mm even when a finger is crushed.
+MAX_RIB_DEPTH_MM = 0.4
 # Step times the jump of the force, in shares of the largest force so far, from which a step of the lift is repeated in
 # shorter ones. Half of it is the error of the trace's area, which is about 20 mm times the largest force.
 MAX_JUMP_MM = 0.5

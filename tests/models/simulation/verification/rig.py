@@ -60,7 +60,9 @@ def set_up(
     """Put a body, in the frame of the obstacle at `nodes` (n, 3), before an obstacle."""
     body = ElasticBody(mesh, nodes, material)
     surface = ContactSurface(body, nodes, law, spacing)
-    finger = FingerStep(body, surface, nodes, obstacle, stop_mm=NO_STOP, inside=SelfContact(*cavity_faces(mesh), nodes, law))
+    finger = FingerStep(
+        body, surface, nodes, obstacle, stop_mm=NO_STOP, inside=SelfContact(*cavity_faces(mesh), nodes, law)
+    )
     blocks = np.zeros((len(body.pattern.indices), 3, 3))
     solver = NewtonSolver(BlockCholesky(body.pattern), blocks, newton)
     return Rig(nodes, body, surface, finger, solver, friction)

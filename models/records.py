@@ -197,8 +197,9 @@ class GraspSimulation:
     `contact_force_n` is the closing-direction force on one side at the end of closing, the paper's
     proxy; `work_j` the area under force over lift. `flag` says why the numbers are not converged as others are, in one
     word; empty if they are. `twist_deg` is the largest twist of a tip about its finger's long axis, 0 where half a
-    finger was enough. `setup_cpu_s` is the part of `cpu_s` before the first step.
-    `mesh_id` names the content of the mesh: not every mesher makes the same one twice.
+    finger was enough. `ribs_touch`: ribs or walls came to press on each other inside a finger. `setup_cpu_s` is the
+    part of `cpu_s` before the first step. `mesh_id` names the content of the mesh: not every mesher makes the same one
+    twice.
     """
 
     trace: Trace
@@ -214,6 +215,7 @@ class GraspSimulation:
     mesh_id: str = ""
     flag: str = ""
     twist_deg: float = 0.0
+    ribs_touch: bool = False
 
 
 BranchCause = Literal["", "placement", "numerics"]

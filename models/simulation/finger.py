@@ -6,6 +6,7 @@ become short and inertia carries it through. Ten times less density changes the 
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numba as nb
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from models.errors import SimulationFailed
 from models.simulation.body.assembly import ElasticBody
 from models.simulation.contact.law import ContactResponse, ContactState, ContactSurface, Obstacle
+from models.simulation.contact.self_contact import SelfContact
 
 DENSITY_T_PER_MM3 = 1.1e-9  # silicone-like print material, 1.1 g/cm3; at REFERENCE_MODULUS_MPA
 
@@ -48,11 +50,14 @@ class FingerStep:
         obstacle: Obstacle,
         *,
         stop_mm: float,
+        inside: SelfContact | None = None,
     ) -> None:
         """`nodes` (n, 3): undeformed, in the object frame with the front wall at x = 0 and no lift.
 
-        `stop_mm`: the frictionless plane x >= stop stands for the other finger.
+        `stop_mm`: the frictionless plane x >= stop stands for the other finger. `inside`: the faces that can touch each
+        other, which nothing keeps apart before `with_ribs_coupled`.
         """
+        self.ribs_touch, self._inside = False, inside
         self.body, self.surface, self.nodes = body, surface, nodes
         self._obstacle, self._stop_mm = obstacle, stop_mm
         self._free = body.row_of_node >= 0
@@ -110,6 +115,31 @@ class FingerStep:
         """Penetration of every contact point (n), from its pressure."""
         return state.contact.pressure / self.surface.law.normal_n_per_mm3
 
+    def rib_depth_mm(self, state: FingerState) -> float:
+        """How deep ribs and walls are in each other at most."""
+        return 0.0 if self._inside is None else self._inside.depth_mm(state.x)
+
+    def must_couple_ribs(self, state: FingerState) -> bool:
+        """True if ribs and walls are in each other that the equations do not keep apart, or that share no blocks."""
+        return self._inside is not None and self._inside.presses_uncoupled(state.x)
+
+    def with_ribs_coupled(self, state: FingerState) -> Self:
+        """The same finger, its ribs and walls pressing on each other; those near each other in `state` share blocks."""
+        if self._inside is None:
+            raise ValueError("a finger without cavity faces has no ribs that could touch")
+        pairs = self._inside.pairs_near(state.x)
+        body = self.body.coupled(self._inside.nodes_of(pairs))
+        finger = type(self)(
+            body,
+            self.surface.on(body),
+            self.nodes,
+            self._obstacle,
+            stop_mm=self._stop_mm,
+            inside=self._inside.coupled(pairs, body),
+        )
+        finger.ribs_touch = True
+        return finger
+
     def finish(
         self, state: FingerState, u: np.ndarray, base: np.ndarray, dt_s: float
     ) -> tuple[FingerState, np.ndarray]:
@@ -145,7 +175,12 @@ class FingerStep:
         """Contact and elastic forces; None if an element is inverted."""
         x = self.positions(u)
         elastic = self.body.force(x)
-        return None if elastic is None else _Evaluation(u.copy(), x, self._contact(x, None), elastic)
+        if elastic is None:
+            return None
+        contact = self._contact(x, None)
+        if self.ribs_touch and self._inside is not None:
+            self._inside.add_force(x, contact.force)
+        return _Evaluation(u.copy(), x, contact, elastic)
 
     def tangent(self, u: np.ndarray, blocks: np.ndarray) -> bool:
         """See `Problem`."""
@@ -153,6 +188,8 @@ class FingerStep:
         if self.body.stiffness(x, blocks) is None:
             return False
         self._contact(x, blocks)
+        if self.ribs_touch and self._inside is not None:
+            self._inside.add_tangent(x, blocks)
         self.shift(blocks, 1.0)
         self.body.apply_symmetry(blocks)
         return True

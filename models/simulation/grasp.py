@@ -69,6 +69,7 @@ class FingerResult:
     n_dof: int
     setup_cpu_s: float
     n_snaps: int
+    ribs_touch: bool
 
 
 def simulate_grasp(
@@ -147,6 +148,7 @@ def simulate_grasp(
         mesh_id=mesh.mesh_id,
         twist_deg=gauge.largest_deg,
         flag="snap" if any(f.n_snaps for f in fingers) else "",
+        ribs_touch=any(f.ribs_touch for f in fingers),
     )
 
 
@@ -212,6 +214,7 @@ def simulate_finger(
         n_dof=model.body.n_dof,
         setup_cpu_s=setup_cpu_s,
         n_snaps=stepper.n_snaps,
+        ribs_touch=stepper.finger.ribs_touch,
     )
 
 

@@ -10,7 +10,9 @@ import numpy as np
 from models.objects.primitives import turn_about_z
 from models.simulation.body.assembly import ElasticBody, Material
 from models.simulation.contact.law import ContactLaw, ContactSurface, Obstacle, PointSpacing
+from models.simulation.contact.self_contact import SelfContact
 from models.simulation.finger import FingerStep
+from models.simulation.mesh.cavities import cavity_faces
 from models.simulation.mesh.solid import SolidMesh
 from models.simulation.solver.cholesky import BlockCholesky, LinearSolver
 
@@ -28,12 +30,13 @@ class FingerModel:
     nodes: np.ndarray
     body: ElasticBody
     surface: ContactSurface
+    inside: SelfContact
     linear: LinearSolver
     blocks: np.ndarray
 
     def against(self, obstacle: Obstacle, stop_mm: float = 0.0) -> FingerStep:
         """The finger before an obstacle; the plane x = `stop_mm` stands for the other finger."""
-        return FingerStep(self.body, self.surface, self.nodes, obstacle, stop_mm=stop_mm)
+        return FingerStep(self.body, self.surface, self.nodes, obstacle, stop_mm=stop_mm, inside=self.inside)
 
 
 class _Kept(threading.local):
@@ -69,7 +72,8 @@ def finger_model(
         body = ElasticBody(mesh, nodes, material, factors=factors)
         surface = ContactSurface(body, nodes, law, spacing)
         blocks = np.zeros((len(body.pattern.indices), 3, 3))
-        model = FingerModel(nodes, body, surface, BlockCholesky(body.pattern), blocks)
+        inside = SelfContact(*cavity_faces(mesh), nodes, law)
+        model = FingerModel(nodes, body, surface, inside, BlockCholesky(body.pattern), blocks)
     _KEPT.models[key] = model
     while len(_KEPT.models) > MAX_KEPT:
         _KEPT.models.popitem(last=False)

@@ -1,7 +1,9 @@
 """Elastic force and tangent of a whole mesh, assembled into the blocks of a fixed sparse pattern."""
 
+import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numba as nb
 import numpy as np
@@ -103,6 +105,16 @@ class ElasticBody:
         connectivity = np.ascontiguousarray(block.connectivity, dtype=np.int32)
         places = block_map(connectivity, self.row_of_node, self.pattern)
         return _Elements(connectivity, gradients, inverses, volumes, weights, values, places)
+
+    def coupled(self, groups: np.ndarray) -> Self:
+        """The same body; its tangent also has room for blocks between all nodes of each group (p, k)."""
+        other = copy.copy(self)
+        connectivities = [part.connectivity for part in self._parts]
+        rows, pattern = number_rows(len(self.row_of_node), self.mesh.base_nodes, [*connectivities, groups])
+        other.row_of_node, other.pattern = rows, pattern
+        parts = [replace(part, places=block_map(part.connectivity, rows, pattern)) for part in self._parts]
+        other._parts, other._symmetry = parts, _symmetry_blocks(self.mesh, rows, pattern)  # noqa: SLF001 - a copy of this object
+        return other
 
     @property
     def n_dof(self) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 
 from models.errors import SimulationFailed
 from models.simulation.solver.broyden import SecantMemory
-from models.simulation.solver.cholesky import LinearSolver
+from models.simulation.solver.cholesky import BlockCholesky, BlockPattern, LinearSolver
 
 MAX_SHIFTS = 8
 MAX_LINE_SEARCH = 8
@@ -81,6 +81,11 @@ class NewtonSolver:
     def forget(self) -> None:
         """Start the next solve with a new factor."""
         self._has_factor = False
+
+    def renew(self, pattern: BlockPattern) -> None:
+        """Go on with a tangent of another pattern."""
+        self._linear, self._blocks = BlockCholesky(pattern), np.zeros((len(pattern.indices), 3, 3))
+        self._memory, self._has_factor = None, False
 
     def solve(self, problem: Problem, u: np.ndarray) -> Outcome:
         """Move u (n, 3) in place to equilibrium.

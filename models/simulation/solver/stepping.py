@@ -16,6 +16,8 @@ FINE_LIFT_MM = 3.0
 CUT, GROW, EASY_ITERATIONS = 0.4, 1.5, 14
 # A point that sinks a millimetre in one step, or five in all, may have passed through something thin.
 MAX_SINKING_MM, MAX_DEPTH_MM = 1.0, 5.0
+# Ribs and walls that press on each other sink in by less than 0.3 mm even when a finger is crushed.
+MAX_RIB_DEPTH_MM = 0.4
 SMOOTH_SHARE = 0.25  # of the distance from a straight line that is the error of a smooth curve, generously (1/6 is)
 LOCATED = 1.5  # times `event_mm`: a stretch this short is not halved again
 AFTER_EVENT = 2.0  # growth of the first step behind an event
@@ -157,7 +159,7 @@ class Stepper:
                 or `time_out`.
         """
         travel, proposed, event_end = 0.0, path.first_step_mm, np.inf
-        history = _PullHistory()
+        history, last_n = _PullHistory(), 0.0
         while travel < path.length_mm - 1e-9:
             longest = min(path.longest_step_mm(travel), _half_way(event_end - travel, path.event_mm))
             step = min(proposed, longest, path.length_mm - travel)
@@ -168,16 +170,21 @@ class Stepper:
                 proposed = CUT * step
                 continue
             self._count(travel)
+            if self.finger.must_couple_ribs(new[0]):
+                self.finger = self.finger.with_ribs_coupled(new[0])
+                self.newton.renew(self.finger.body.pattern)
+                proposed = step
+                continue
             pull_n = float(new[1][2])
             has_event = self._has_event(state, new[0], history.missed_n_mm(travel + step, pull_n))
             if has_event and step > LOCATED * path.event_mm:
                 event_end = travel + step
                 continue
             if has_event:
-                self._note_snap(new[0], pull_n - history.force_n[-1])
+                self._note_snap(new[0], pull_n - last_n)
                 history = _PullHistory()
             travel += step
-            state = new[0]
+            state, last_n = new[0], pull_n
             history.add(travel, pull_n)
             self.largest_n = max(self.largest_n, abs(pull_n))
             if travel >= event_end - 1e-9:
@@ -215,6 +222,8 @@ class Stepper:
         new, clamp = self.finger.finish(state, u, base, dt_s)
         depth = self.finger.depth_mm(new)
         if depth.max() > MAX_DEPTH_MM or (depth - self.finger.depth_mm(state)).max() > MAX_SINKING_MM:
+            return "deep_penetration", None
+        if self.finger.ribs_touch and self.finger.rib_depth_mm(new) > MAX_RIB_DEPTH_MM:
             return "deep_penetration", None
         return outcome, (new, clamp)
 

@@ -6,7 +6,9 @@ import numpy as np
 
 from models.simulation.body.assembly import ElasticBody, Material
 from models.simulation.contact.law import NO_STOP, ContactLaw, ContactSurface, Obstacle, PointSpacing
+from models.simulation.contact.self_contact import SelfContact
 from models.simulation.finger import FingerState, FingerStep
+from models.simulation.mesh.cavities import cavity_faces
 from models.simulation.mesh.solid import SolidMesh
 from models.simulation.solver.cholesky import BlockCholesky
 from models.simulation.solver.newton import NewtonSettings, NewtonSolver
@@ -58,7 +60,9 @@ def set_up(
     """Put a body, in the frame of the obstacle at `nodes` (n, 3), before an obstacle."""
     body = ElasticBody(mesh, nodes, material)
     surface = ContactSurface(body, nodes, law, spacing)
-    finger = FingerStep(body, surface, nodes, obstacle, stop_mm=NO_STOP)
+    finger = FingerStep(
+        body, surface, nodes, obstacle, stop_mm=NO_STOP, inside=SelfContact(*cavity_faces(mesh), nodes, law)
+    )
     blocks = np.zeros((len(body.pattern.indices), 3, 3))
     solver = NewtonSolver(BlockCholesky(body.pattern), blocks, newton)
     return Rig(nodes, body, surface, finger, solver, friction)

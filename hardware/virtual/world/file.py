@@ -12,7 +12,6 @@ from models.ids import content_id
 from models.records import EffectValue, Record, Theta
 from models.validation import load_record
 
-
 # Keys that the first world files did not have: without them, a lake would take an old file for another world.
 _LATER_KEYS = (
     ("mesh", "layers"),

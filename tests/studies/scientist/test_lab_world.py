@@ -68,7 +68,7 @@ def test_corners_lie_on_bounds_and_the_published_best_does_not():
 
 def grasp(bench: str, number: int, object_id: int, peak_n: float | None) -> LabGrasp:
     design = BEST_PUBLISHED.model_copy(update={"height_mm": 100.0 + number})
-    return LabGrasp(key="L", bench=bench, design=design, object_id=object_id, peak_force_n=peak_n, cpu_s=1.0)
+    return LabGrasp(key="B", bench=bench, design=design, object_id=object_id, peak_force_n=peak_n, cpu_s=1.0)
 
 
 def test_tables_leave_failures_out_and_count_them():

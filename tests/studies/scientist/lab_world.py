@@ -57,6 +57,7 @@ class Grasps:
 
     world: World
     version: SimulatorVersion
+    setup: GraspSetup
     options: Options
     file: RecordFile
     pool: WorkerPool
@@ -78,7 +79,7 @@ class Grasps:
 
     def _key(self, bench: Bench, design: Design, object_id: int) -> str:
         believed = self.version.version_id if bench == "simulator" else self._world(bench).model_dump(mode="json")
-        return content_id("B", [physics_id(), bench, believed, design.model_dump(), object_id])
+        return content_id("B", [physics_id(), bench, believed, self.setup.setup_id, design.model_dump(), object_id])
 
     def _world(self, bench: Bench) -> World:
         return self.world if bench == "lab" else self.world.model_copy(update={"scatter": Scatter()})
@@ -87,7 +88,7 @@ class Grasps:
         asked = LabGrasp(key=key, bench=bench, design=design, object_id=object_id)
         try:
             if bench == "simulator":
-                result = self.pool.call(simulate, design, object_id, self.version)
+                result = self.pool.call(simulate, design, object_id, self.version, self.setup)
             else:
                 result = self.pool.call(simulate_request, self._request(bench, design, object_id))
         except SimulationFailed as failure:
@@ -95,10 +96,10 @@ class Grasps:
         return asked.model_copy(update={"peak_force_n": result.peak_force_n, "cpu_s": round(result.cpu_s, 3)})
 
     def _request(self, bench: Bench, design: Design, object_id: int) -> PhysicsRequest:
-        return build_request(self._world(bench), f"lab/{design.design_id}", design, object_id, GraspSetup())
+        return build_request(self._world(bench), f"lab/{design.design_id}", design, object_id, self.setup)
 
 
-def simulate(design: Design, object_id: int, version: SimulatorVersion) -> GraspSimulation:
+def simulate(design: Design, object_id: int, version: SimulatorVersion, setup: GraspSetup) -> GraspSimulation:
     """The grasp as the simulator sees it.
 
     Raises:
@@ -107,7 +108,7 @@ def simulate(design: Design, object_id: int, version: SimulatorVersion) -> Grasp
     from models.simulation.grasp import simulate_grasp  # heavy: compiles on first use
 
     try:
-        return simulate_grasp(design, get_object(object_id), version, deadline_s=DEADLINE_S)
+        return simulate_grasp(design, get_object(object_id), version, setup, deadline_s=DEADLINE_S)
     except MeshingFailed as failure:
         raise SimulationFailed(str(failure), f"mesh_{failure.reason}") from failure
 
@@ -116,12 +117,12 @@ def measure_lab_world(options: Options) -> Tables:
     """Simulated against measured peaks in the lab world by class, and the best design of a direct search."""
     world_path = ROOT / "worlds" / "lab.toml"
     world = load_world(world_path.read_text(encoding="utf-8"), world_path.name)
-    version = load_config(ROOT / "campaigns" / "paper.toml").simulator.version
+    config = load_config(ROOT / "campaigns" / "paper.toml")
     known = {grasp.key: grasp for grasp in read_records(options.results, LabGrasp, "grasp of the lab world")}
     pool = WorkerPool(1)
     try:
         with RecordFile(options.results) as file:
-            grasps = Grasps(world, version, options, file, pool, known)
+            grasps = Grasps(world, config.simulator.version, config.grasp, options, file, pool, known)
             pairs = measure_pairs(grasps, options.designs or N_DESIGNS, options.objects or CLASS_OBJECTS)
             found = {
                 bench: search(grasps, bench, options.n or N_RANDOM) for bench in ("simulator", "lab without scatter")

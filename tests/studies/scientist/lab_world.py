@@ -37,6 +37,7 @@ STIFFEST = {"length_mm": 35.0, "width_mm": 35.0, "height_mm": 90.0, "front_thick
 AT_BOUND = 0.01  # share of the range within which a parameter counts as lying on its bound
 DEADLINE_S = 900.0
 Bench = Literal["simulator", "lab", "lab without scatter"]
+SEARCHED: tuple[Bench, ...] = ("simulator", "lab without scatter")
 
 
 class LabGrasp(Record):
@@ -124,9 +125,7 @@ def measure_lab_world(options: Options) -> Tables:
         with RecordFile(options.results) as file:
             grasps = Grasps(world, config.simulator.version, config.grasp, options, file, pool, known)
             pairs = measure_pairs(grasps, options.designs or N_DESIGNS, options.objects or CLASS_OBJECTS)
-            found = {
-                bench: search(grasps, bench, options.n or N_RANDOM) for bench in ("simulator", "lab without scatter")
-            }
+            found = {bench: search(grasps, bench, options.n or N_RANDOM) for bench in SEARCHED}
     finally:
         pool.close()
     return {

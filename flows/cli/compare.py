@@ -1,6 +1,7 @@
 """`fast compare`: the scientist's strategies side by side, at the same budget, on the same worlds."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -44,7 +45,10 @@ def compare(
         Parameter(help="Folder (compare-data) of the lakes of campaigns; may be continued."),
     ] = None,
     figure: Annotated[Path | None, Parameter(help="Picture to draw, e.g. compare.png.")] = None,
-    workers: Annotated[int | None, Parameter(help="Processes (2) for landscapes.", validator=AT_LEAST_ONE)] = None,
+    workers: Annotated[
+        int | None,
+        Parameter(help="Landscapes (2) or campaigns (1) that run side by side.", validator=AT_LEAST_ONE),
+    ] = None,
     json: AsJson = False,
 ) -> None:
     """Compare the scientist's strategies with paired seeds: on landscapes that answer at once, or as whole campaigns.
@@ -53,8 +57,8 @@ def compare(
     each strategy, and the same first designs.
     """
     if config is not None:
-        _refuse({"emulate": emulate, "rounds": rounds, "results": results, "workers": workers}, "CONFIG")
-        _compare_campaigns(config, races or 2, strategies, lakes or Path("compare-data"), figure, json)
+        _refuse({"emulate": emulate, "rounds": rounds, "results": results}, "CONFIG")
+        _compare_campaigns(config, races or 2, strategies, lakes or Path("compare-data"), workers or 1, figure, json)
         return
     _refuse({"lakes": lakes}, "landscapes")
     data = _simulated(emulate) if emulate else None
@@ -87,7 +91,7 @@ def _compare_on_landscapes(
 
 
 def _compare_campaigns(
-    config: Path, seeds: int, strategies: str | None, lakes: Path, figure: Path | None, json: bool
+    config: Path, seeds: int, strategies: str | None, lakes: Path, workers: int, figure: Path | None, json: bool
 ) -> None:
     from flows.scientist.campaign_runs import PlannedCampaign, run_campaigns
     from flows.scientist.campaign_table import COLUMNS, campaign_rows, campaigns_figure, paired_campaign_rows
@@ -103,8 +107,8 @@ def _compare_campaigns(
         for seed in range(seeds)
         for name in names
     ]
-    runs = run_campaigns(plan, tell)
-    _show(campaign_rows(runs), paired_campaign_rows(runs, REFERENCE), COLUMNS, json)
+    runs = run_campaigns(plan, tell, workers)
+    _show(campaign_rows(runs), paired_campaign_rows(runs, REFERENCE), COLUMNS, json, map(asdict, runs))
     if figure is not None:
         _draw(lambda: campaigns_figure(runs, REFERENCE), figure)
 
@@ -122,11 +126,14 @@ def _refuse(options: dict[str, object], beside: str) -> None:
             raise UsageError(f"--{name} says nothing about {beside}; leave it out.")
 
 
-def _show(summary: Rows, paired: Rows, columns: Sequence[str], as_json: bool) -> None:
+def _show(
+    summary: Rows, paired: Rows, columns: Sequence[str], as_json: bool, campaigns: Iterable[dict[str, Any]] = ()
+) -> None:
     from flows.scientist.strategies import REFERENCE
 
     text = f"{table_text(summary, list(columns))}\n\nagainst `{REFERENCE}` on the same seeds (positive: better)\n\n"
-    show({"strategies": summary, "paired": paired}, text + table_text(paired), as_json)
+    tables = {"strategies": summary, "paired": paired, "campaigns": list(campaigns)}
+    show({name: rows for name, rows in tables.items() if rows}, text + table_text(paired), as_json)
 
 
 def _names(text: str | None) -> list[str]:

@@ -1,4 +1,4 @@
-"""Strategies as whole campaigns on a virtual bench: a lake for each strategy and seed, one thing after the other.
+"""Strategies as whole campaigns on a virtual bench: a lake for each strategy and seed, in one or more processes.
 
 The rows are those of `fast campaign run`, by the same tasks, and every report works on them. Only the order is fixed:
 the tools of a stage are chosen, its simulations run, then the tools are measured. So nothing depends on how fast the
@@ -6,13 +6,18 @@ machine is, and a killed comparison goes on where its lakes stand. Simulation al
 """
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from flows.progress import RateEstimate, describe_time_left
 from flows.scientist.strategies import Strategy
 from hardware.bench import Bench, open_virtual_bench
 from hardware.cell.cell import MeasuredGrasp
@@ -32,7 +37,7 @@ from tasks.campaign.state import ProposedTool, rank_tools
 from tasks.scientist import propose as proposing
 from tasks.scientist import simulation_only
 from tasks.scientist.observe import means_of_simulations, proposed_designs, unfinished_tools
-from tasks.simulation.pool import WorkerPool
+from tasks.simulation.pool import WorkerPool, follow_parent
 from tasks.simulation.simulate import simulate_design
 
 _WORD = PrintConfirmation(operator="nobody (comparison)", confirmed_by="auto")
@@ -99,11 +104,46 @@ class StrategyRun:
         return tuple(max(max(batch) for batch in self.batches_n[: n + 1]) for n in range(len(self.batches_n)))
 
 
-def run_campaigns(plan: Sequence[PlannedCampaign], tell: Callable[[str], None]) -> list[StrategyRun]:
-    """Run or continue the campaigns, one after the other, with one worker process."""
+def run_campaigns(
+    plan: Sequence[PlannedCampaign], tell: Callable[[str], None], n_workers: int = 1
+) -> list[StrategyRun]:
+    """Run or continue the campaigns, `n_workers` side by side; the runs come in the order of the plan.
+
+    Every campaign has a process for its solver, and with more than one worker also one for itself. What is measured
+    does not depend on how many there are.
+    """
+    runs: dict[Path, StrategyRun] = {}
+    rate = RateEstimate(longest_gap_s=float("inf"))
+    rate.update(0, time.monotonic())
+    for planned, run in _run_each(plan, tell, n_workers):
+        runs[planned.lake_folder] = run
+        rate.update(len(runs), time.monotonic())
+        left = describe_time_left(rate.seconds_left(len(plan) - len(runs)))
+        what = f"{planned.strategy.name}, seed {planned.seed}: best {run.best_n[-1]:.2f} N of {run.n_measured} tools"
+        tell(f"{what}  |  {len(runs)} of {len(plan)} campaigns, {left}")
+    return [runs[planned.lake_folder] for planned in plan]
+
+
+def _run_each(
+    plan: Sequence[PlannedCampaign], tell: Callable[[str], None], n_workers: int
+) -> Iterable[tuple[PlannedCampaign, StrategyRun]]:
+    """The campaigns as they end."""
+    if n_workers == 1:
+        for planned in plan:
+            yield planned, run_campaign(planned, tell)
+        return
+    context = get_context("spawn")
+    with ProcessPoolExecutor(n_workers, context, initializer=follow_parent, initargs=(os.getpid(),)) as processes:
+        running = {processes.submit(run_campaign, planned, _say_nothing): planned for planned in plan}
+        for done in as_completed(running):
+            yield running[done], done.result()
+
+
+def run_campaign(planned: PlannedCampaign, tell: Callable[[str], None]) -> StrategyRun:
+    """Run or continue one campaign, with a process for the solver."""
     pool = WorkerPool(1)
     try:
-        return [_run_one(planned, pool, tell) for planned in plan]
+        return _run_one(planned, pool, tell)
     finally:
         pool.close()
 
@@ -118,11 +158,9 @@ def _run_one(planned: PlannedCampaign, pool: WorkerPool, tell: Callable[[str], N
         else:
             for stage in range(campaign.config.schedule.n_stages):
                 runner.run_stage(stage)
-        run = read_run(planned, campaign)
+        return read_run(planned, campaign)
     finally:
         campaign.lake.close()
-    tell(f"{planned.strategy.name}, seed {planned.seed}: best {run.best_n[-1]:.2f} N of {run.n_measured} tools")
-    return run
 
 
 class _Runner:
@@ -233,6 +271,10 @@ def _toml(value: Any) -> str:
 
 def _solve(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulation:
     return pool.call(simulate_request, request)
+
+
+def _say_nothing(line: str) -> None:
+    """Progress within a campaign, where others run beside it."""
 
 
 def _never() -> bool:

@@ -6,42 +6,59 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.stats import ttest_1samp
 
 from flows.report.style import INK, MUTED, new_figure
 from flows.scientist.campaign_runs import StrategyRun
 from flows.scientist.landscape_table import COLOURS
 
 Rows = list[dict[str, Any]]
-COLUMNS = ("strategy", "n_campaigns", "last_batch_n", "last_batch_sd_n", "best_n", "best_of_all_n", "n_measured",
-           "n_simulated", "simulation_cpu_s")  # fmt: skip
+COLUMNS = ("strategy", "n_campaigns", "last_batch_n", "last_batch_sd_n", "best_n", "best_median_n", "best_of_all_n",
+           "n_measured", "n_simulated", "simulation_cpu_s")  # fmt: skip
 
 
 def campaign_rows(runs: Sequence[StrategyRun]) -> Rows:
-    """One row a strategy, forces in N: mean of the last batch's tools and their sd, best tool (mean, and of all)."""
+    """One row a strategy, in N: mean of the last batch's tools and their sd, best tool (mean, median, of all)."""
     return [_summary(name, [c for c in runs if c.strategy == name]) for name in _names(runs)]
 
 
 def paired_campaign_rows(runs: Sequence[StrategyRun], reference: str) -> Rows:
-    """One row for each other strategy: its difference to the reference with the same seeds, positive where better."""
+    """One row for each other strategy: its difference to the reference with the same seeds, positive where better.
+
+    Means with their 95 % interval (Student's t over the seeds; none with fewer than two) and medians.
+    """
     known = {run.seed: run for run in runs if run.strategy == reference}
     rows = []
     for name in _names(runs):
         pairs = [(known[c.seed], c) for c in runs if c.strategy == name and c.seed in known]
         if name == reference or not pairs:
             continue
-        last = [np.mean(other.batches_n[-1]) - np.mean(base.batches_n[-1]) for base, other in pairs]
-        best = [other.best_n[-1] - base.best_n[-1] for base, other in pairs]
+        last = np.array([np.mean(other.batches_n[-1]) - np.mean(base.batches_n[-1]) for base, other in pairs])
+        best = np.array([other.best_n[-1] - base.best_n[-1] for base, other in pairs])
         rows.append(
             {
                 "strategy": name,
                 "n_pairs": len(pairs),
-                "last_batch_wins": int(np.sum(np.array(last) > 0)),
-                "best_wins": int(np.sum(np.array(best) > 0)),
-                "last_batch_gain_n": float(np.mean(last)),
-                "best_gain_n": float(np.mean(best)),
+                "last_batch_wins": int(np.sum(last > 0)),
+                "best_wins": int(np.sum(best > 0)),
+                **_gain("last_batch", last),
+                **_gain("best", best),
             }
         )
     return rows
+
+
+def _gain(name: str, differences_n: np.ndarray) -> dict[str, Any]:
+    """Mean, 95 % interval and median of paired differences (n) in N."""
+    interval = None
+    if len(differences_n) > 1 and np.ptp(differences_n) > 0:
+        low, high = ttest_1samp(differences_n, 0.0).confidence_interval(0.95)
+        interval = f"{low:.2f} to {high:.2f}"
+    return {
+        f"{name}_gain_n": float(np.mean(differences_n)),
+        f"{name}_gain_ci95_n": interval,
+        f"{name}_gain_median_n": float(np.median(differences_n)),
+    }
 
 
 def campaigns_figure(runs: Sequence[StrategyRun], reference: str) -> Figure:
@@ -74,6 +91,7 @@ def _summary(name: str, runs: list[StrategyRun]) -> dict[str, Any]:
         "last_batch_n": float(np.mean([batch.mean() for batch in last])),
         "last_batch_sd_n": float(np.sqrt(np.mean(within))) if within else None,
         "best_n": float(np.mean(best)),
+        "best_median_n": float(np.median(best)),
         "best_of_all_n": float(np.max(best)),
         "n_measured": runs[0].n_measured,
         "n_simulated": runs[0].n_simulated,

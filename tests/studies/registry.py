@@ -10,6 +10,7 @@ from tests.studies.gap.development import measure_gap
 from tests.studies.gap.sealed import measure_gap_sealed
 from tests.studies.gap.truth import measure_gap_truth
 from tests.studies.platform.day import measure_day
+from tests.studies.scientist.lab_world import measure_lab_world
 from tests.studies.scientist.peers import measure_scientist_peers
 from tests.studies.simulation.material_law import measure_material_law
 from tests.studies.simulation.robustness import measure_robustness
@@ -33,6 +34,7 @@ STUDIES: dict[str, Benchmark] = {
     "calibration-peers": benchmark(measure_calibration_peers, "results", "worlds"),
     "calibration-traces": benchmark(measure_calibration_traces, *_KEPT, "workers", "figure", "worlds"),
     "scientist-peers": benchmark(measure_scientist_peers, "limit_minutes", "figure"),
+    "lab-world": benchmark(measure_lab_world, "designs", "objects", "results", "n"),
     "traces": benchmark(measure_traces, "designs", "objects", "figure"),
     "identification": benchmark(measure_identification, *_KEPT, "figure"),
     "anomalies": benchmark(measure_anomalies, *_KEPT, "worlds"),

@@ -12,18 +12,32 @@ from models.ids import content_id
 from models.records import EffectValue, Record, Theta
 from models.validation import load_record
 
+# Keys that the first world files did not have: without them, a lake would take an old file for another world.
+_LATER_KEYS = (
+    ("mesh", "layers"),
+    ("scatter", "thickness_sd_mm"),
+    ("scatter", "offset_y_sd_mm"),
+    ("scatter", "yaw_sd_deg"),
+    ("scatter", "roll_sd_deg"),
+)
+
 
 class WorldMesh(Record):
     """How finely the world computes its truth."""
 
     edge_mm: float = Field(default=5.0, ge=1.0, le=20)
+    layers: int = Field(default=2, ge=1, le=4, description="quadratic layers over the half width")
 
 
 class Scatter(Record):
     """What differs between prints, mountings and grasps that should be alike."""
 
     tool_modulus_sd: float = Field(default=0.0, ge=0, le=0.5, description="print to print, relative")
-    placement_sd_mm: float = Field(default=0.0, ge=0, le=5, description="object position, per mounting")
+    thickness_sd_mm: float = Field(default=0.0, ge=0, le=0.3, description="of the walls, print to print")
+    placement_sd_mm: float = Field(default=0.0, ge=0, le=5, description="object position in x and z, per mounting")
+    offset_y_sd_mm: float = Field(default=0.0, ge=0, le=5, description="object position in y, per mounting")
+    yaw_sd_deg: float = Field(default=0.0, ge=0, le=10, description="object about its vertical axis, per mounting")
+    roll_sd_deg: float = Field(default=0.0, ge=0, le=10, description="fingers about their long axes, per tool")
     repeat_sd: float = Field(default=0.0, ge=0, le=0.5, description="grasp to grasp, relative")
 
 
@@ -58,8 +72,12 @@ class World(Record):
 
     @property
     def world_hash(self) -> str:
-        """Id derived from the whole content, `W` and 12 hex digits."""
-        return content_id("W", self.model_dump(mode="json"))
+        """Id derived from the whole content, `W` and 12 hex digits; `_LATER_KEYS` count where they change a world."""
+        content = self.model_dump(mode="json")
+        for section, key in _LATER_KEYS:
+            if content[section][key] == type(getattr(self, section)).model_fields[key].default:
+                del content[section][key]
+        return content_id("W", content)
 
 
 def load_world(text: str, source: str) -> World:

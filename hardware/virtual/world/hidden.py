@@ -13,6 +13,7 @@ from shapely.geometry import MultiPolygon, Polygon
 from shapely.ops import unary_union
 
 from models.errors import ConfigError
+from models.objects.catalogue import RigidObject
 from models.records import Design, EffectValue, Trace
 from models.simulation.effects.base import Effect
 from models.units import force_n_from_kg
@@ -88,6 +89,44 @@ class LeakyCylinder(Effect):
         return self.jaw_force_n
 
 
+class TiltingPost(Effect):
+    """A post under the object that tilts, the more the taller the object, and stiffens.
+
+    The state at lift l of a rigid post is reached at l + C (h / 40 mm) dF / (1 + |dF| / 40 N): `compliance_mm_per_n` C,
+    h the object's height, dF the force since the start of the lift. C = 0 changes nothing.
+    """
+
+    def __init__(self, compliance_mm_per_n: float) -> None:
+        self.compliance_mm_per_n = compliance_mm_per_n
+        self._object_height_mm = 40.0
+
+    def modify_object(self, obj: RigidObject) -> RigidObject:
+        """The object as it is; its height is noted."""
+        self._object_height_mm = obj.height_mm
+        return obj
+
+    def modify_trace(self, trace: Trace) -> Trace:
+        """The trace over the lift of the gantry."""
+        return over_tilting_post(trace, self.compliance_mm_per_n * self._object_height_mm / 40.0)
+
+
+def over_tilting_post(trace: Trace, compliance_mm_per_n: float) -> Trace:
+    """A trace over the lift of the gantry instead of that against the object; where it goes back, the object sprang."""
+    is_lift = trace.is_lift
+    if compliance_mm_per_n == 0.0 or np.count_nonzero(is_lift) < 2:
+        return trace
+    time_s, lift_mm, force_n = trace.time_s, trace.lift_mm, trace.force_n
+    first = int(np.flatnonzero(is_lift)[0])
+    speed_mm_per_s = (lift_mm[-1] - lift_mm[first]) / (time_s[-1] - time_s[first])
+    change_n = force_n - force_n[first]
+    yielding_mm = compliance_mm_per_n * change_n / (1.0 + np.abs(change_n) / 40.0)
+    gantry_mm = lift_mm + np.where(is_lift, yielding_mm, 0.0)
+    before_mm = np.concatenate([[-np.inf], np.maximum.accumulate(gantry_mm)[:-1]])
+    kept = ~is_lift | (gantry_mm >= np.maximum(before_mm, 0.0))
+    gantry_s = np.where(is_lift, time_s[first] + gantry_mm / speed_mm_per_s, time_s)
+    return Trace(gantry_s[kept], gantry_mm[kept], force_n[kept])
+
+
 class SpanError(Effect):
     """Load cell whose span is wrong at low load and right at capacity: F (1 + (g - 1) (1 - |F| / capacity)).
 
@@ -159,6 +198,9 @@ HIDDEN_LAWS: dict[str, HiddenLaw] = {
     ),
     "force_limited_closing": HiddenLaw(
         {"max_force_n": (1.0, 1e6)}, lambda parameters, seed: LeakyCylinder(parameters["max_force_n"], seed)
+    ),
+    "object_post_compliance": HiddenLaw(
+        {"compliance_mm_per_n": (0.0, 0.5)}, lambda parameters, _seed: TiltingPost(**parameters)
     ),
     "load_cell_gain": HiddenLaw({"gain": (0.5, 2.0)}, lambda parameters, _seed: SpanError(**parameters)),
     "load_cell_lag": HiddenLaw(

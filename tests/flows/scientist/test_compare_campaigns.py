@@ -152,6 +152,16 @@ def test_a_killed_comparison_goes_on_to_the_same_end(tmp_path, monkeypatch, whol
     assert n_rows[0] == n_rows[1]
 
 
+def test_side_by_side_measures_the_same_in_the_order_of_the_plan(whole):
+    """Campaigns that are done: processes only read them, and nothing is simulated."""
+    known = [whole[name] for name in (REFERENCE, "random")]
+    lines: list[str] = []
+    assert run_campaigns([planned for planned, _ in known], lines.append, n_workers=2) == [run for _, run in known]
+    said = [line.partition("|")[2].strip() for line in lines]
+    assert said[0].startswith("1 of 2 campaigns, ")
+    assert said[1] == "2 of 2 campaigns, 0 s left"
+
+
 def test_on_the_bench_seeds_differ_in_noise_and_strategies_do_not(tmp_path, monkeypatch):
     """Three tools on the virtual bench, grasps that cost nothing."""
     solved = []
@@ -209,6 +219,11 @@ def test_table_and_picture_are_of_last_batches_and_best_tools():
     paired = {row["strategy"]: row for row in paired_campaign_rows(runs, REFERENCE)}
     assert (paired["random"]["n_pairs"], paired["random"]["best_wins"]) == (2, 1)
     assert paired["random"]["last_batch_gain_n"] == pytest.approx((-7.5 + 2.5) / 2)
+    assert (paired["random"]["best_gain_n"], paired["random"]["best_gain_median_n"]) == (-3.5, -3.5)
+    low, high = (float(end) for end in paired["random"]["best_gain_ci95_n"].split(" to "))
+    half = 12.706 * np.std([-8.0, 1.0], ddof=1) / np.sqrt(2)  # Student's t of one degree of freedom
+    assert (low, high) == pytest.approx((-3.5 - half, -3.5 + half), abs=0.01)
+    assert paired["simulation only"]["best_gain_ci95_n"] is None
     assert (paired["simulation only"]["n_pairs"], paired["simulation only"]["best_gain_n"]) == (1, -2.0)
     left, right = campaigns_figure(runs, REFERENCE).axes
     assert {REFERENCE, "random", "simulation only"} <= {line.get_label() for line in left.get_lines()}
@@ -220,15 +235,20 @@ def test_the_command_compares_campaigns_and_refuses_what_is_of_landscapes(capsys
     fast, config = Fast(capsys), write_config(tmp_path)
     compared: list[tuple[str, int]] = []
 
-    def run(plan, tell):
+    def run(plan, tell, n_workers):
+        assert n_workers == 2
         compared.extend((r.strategy.name, r.seed) for r in plan)
         return [made_up(r.strategy.name, r.seed, (10.0, 12.0), (13.0, 14.0 + r.seed)) for r in plan]
 
     monkeypatch.setattr(campaigns, "run_campaigns", run)
     picture = tmp_path / "c.png"
-    answer = fast("compare", config, "--races", "2", "--figure", picture, "--json")
+    answer = fast("compare", config, "--races", "2", "--workers", "2", "--figure", picture, "--json")
     assert compared == [(name, seed) for seed in (1, 2) for name in STRATEGIES]
     assert [row["best_n"] for row in answer.json["strategies"]] == [15.5] * 4
+    assert answer.json["campaigns"][0] == {
+        "strategy": "random", "seed": 1, "batches_n": [[10.0, 12.0], [13.0, 15.0]], "n_simulated": 7,
+        "simulation_cpu_s": 1.0,
+    }  # fmt: skip
     assert picture.stat().st_size > 10_000
     assert "--rounds says nothing about CONFIG" in fast.refused("compare", config, "--rounds", "3")
     assert "--lakes says nothing about landscapes" in fast.refused("compare", "--lakes", tmp_path)

@@ -60,6 +60,9 @@ def test_a_restarted_bench_finds_what_was_solved(tmp_path, solver):
     [
         asked(World(theta=Theta(friction=0.5))),
         asked(World(mesh=WorldMesh(edge_mm=6.0))),
+        asked(World(mesh=WorldMesh(layers=1))),
+        asked(World(scatter=Scatter(thickness_sd_mm=0.1))),
+        asked(World(scatter=Scatter(roll_sd_deg=9.0))),
         asked(World(hidden=(HIDDEN,))),
         asked(World(scatter=Scatter(placement_sd_mm=0.2))),
         asked(World(scatter=Scatter(tool_modulus_sd=0.1))),

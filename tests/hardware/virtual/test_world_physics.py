@@ -1,12 +1,22 @@
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hardware.virtual.world.file import Scatter, Sensor, World
-from hardware.virtual.world.physics import PhysicsCache, SensorNoise, build_request, grasp_curve, tool_modulus_factor
+from hardware.virtual.world.file import Scatter, Sensor, World, load_world
+from hardware.virtual.world.hidden import build_hidden
+from hardware.virtual.world.physics import (
+    NEGLIGIBLE_TURN_DEG,
+    PhysicsCache,
+    SensorNoise,
+    build_request,
+    grasp_curve,
+    tool_modulus_factor,
+)
+from models.design.space import BEST_PUBLISHED
 from models.errors import SimulationFailed
-from models.records import Design, GraspSetup, GraspSimulation, Trace
+from models.records import Design, EffectValue, GraspSetup, GraspSimulation, Placement, Trace
 
 DESIGN = Design(
     length_mm=30, width_mm=30, height_mm=110, tip_length_mm=25, front_thickness_mm=2.5, back_thickness_mm=2.5,
@@ -37,6 +47,53 @@ def test_placement_scatter_is_first_order_in_z_only():
     rough = World(seed=7, scatter=Scatter(placement_sd_mm=2.0))
     assert any(build_request(rough, "t", DESIGN, o, GraspSetup()).placement.offset_x_mm for o in range(36))
     assert build_request(World(), "t", DESIGN, 0, GraspSetup()).placement.offset_z_mm == 0
+
+
+def test_worlds_of_before_draw_the_same_numbers_and_keep_their_hash():
+    """Numbers of version 0.1.0, so that a lake of then goes on as one bench."""
+    root = Path(__file__).parents[3]
+    world = load_world((root / "worlds" / "slip.toml").read_text(), "slip.toml")
+    assert world.world_hash == "W1179a54ef65d"
+    requests = [build_request(world, "a/B01T0", BEST_PUBLISHED, o, GraspSetup()) for o in range(3)]
+    heights_mm = [request.placement.offset_z_mm for request in requests]
+    assert heights_mm == [0.03841956285665698, -0.03858175031115964, -0.09146749791344681]
+    assert all(r.placement == Placement(offset_z_mm=r.placement.offset_z_mm) for r in requests)
+    assert requests[0].theta.young_modulus_mpa == 9.15547007758048
+    assert requests[0].hidden == world.hidden
+    scatter = world.scatter.model_copy(update={"placement_sd_mm": 2.0, "yaw_sd_deg": 3.0, "offset_y_sd_mm": 3.0})
+    rough = world.model_copy(update={"scatter": scatter})
+    assert rough.world_hash != world.world_hash
+    offsets_mm = [
+        build_request(rough, "a/B01T0", BEST_PUBLISHED, o, GraspSetup()).placement.offset_x_mm for o in (1, 3)
+    ]
+    assert offsets_mm == [4.227573044523634, 1.5869989682474728]
+
+
+def test_y_and_yaw_scatter_by_mounting_and_roll_by_tool():
+    world = World(seed=7, scatter=Scatter(offset_y_sd_mm=2.0, yaw_sd_deg=3.0, roll_sd_deg=4.0))
+    tools = [f"a/B{b:02d}T{t}" for b in range(1, 9) for t in range(10)]
+    poses = {tool: [build_request(world, tool, DESIGN, o, GraspSetup()).placement for o in range(4)] for tool in tools}
+    every = [pose for own in poses.values() for pose in own]
+    assert np.std([pose.offset_y_mm for pose in every]) == pytest.approx(2.0, rel=0.15)
+    assert np.std([pose.yaw_deg for pose in every]) == pytest.approx(3.0, rel=0.15)
+    assert np.std([own[0].roll_deg for own in poses.values()]) == pytest.approx(4.0, rel=0.25)
+    assert all(len({pose.roll_deg for pose in own}) == 1 for own in poses.values())
+    assert all(len({pose.yaw_deg for pose in own}) > 1 for own in poses.values())
+    small = [abs(pose.yaw_deg) for pose in every if abs(pose.yaw_deg) < NEGLIGIBLE_TURN_DEG]
+    assert small, "some turns are negligible"
+    assert set(small) == {0.0}
+    assert {pose.offset_x_mm for pose in every} == {pose.offset_z_mm for pose in every} == {0.0}
+
+
+def test_walls_scatter_by_tool_beside_what_the_world_hides():
+    lag = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.1})
+    world = World(seed=7, scatter=Scatter(thickness_sd_mm=0.05), hidden=(lag,))
+    requests = [build_request(world, f"a/B01T{t}", DESIGN, 0, GraspSetup()) for t in range(400)]
+    assert all(request.hidden[0] == lag for request in requests)
+    offsets_mm = [request.hidden[1].parameters["offset_mm"] for request in requests]
+    assert np.std(offsets_mm) == pytest.approx(0.05, rel=0.15)
+    assert build_request(world, "a/B01T3", DESIGN, 9, GraspSetup()).hidden == requests[3].hidden
+    assert len(build_hidden(requests[3].hidden, requests[3].tool_seed)) == 2
 
 
 def test_a_cache_solves_each_request_once_and_remembers_failures():

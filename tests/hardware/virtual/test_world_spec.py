@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 from shapely.geometry import Polygon, box
@@ -5,6 +7,7 @@ from shapely.geometry import Polygon, box
 from hardware.virtual.world.file import World, load_world
 from hardware.virtual.world.hidden import HIDDEN_LAWS, build_hidden
 from models.errors import ConfigError
+from models.objects.catalogue import OBJECTS
 from models.records import Design, EffectValue, Trace
 
 EXAMPLE = """
@@ -42,6 +45,12 @@ def test_the_world_file_of_the_design_document_loads():
     assert world.hidden == (effect,)
     assert World.model_validate_json(world.model_dump_json()) == world
     assert load_world("", "empty.toml").hidden == ()
+
+
+@pytest.mark.parametrize("path", sorted((Path(__file__).parents[3] / "worlds").glob("*.toml")), ids=lambda p: p.stem)
+def test_the_worlds_that_ship_load(path):
+    world = load_world(path.read_text(), path.name)
+    assert build_hidden(world.hidden, tool_seed=1) or path.stem == "plain"
 
 
 def test_the_world_hash_follows_the_content():
@@ -122,6 +131,33 @@ def test_lag_clips_a_narrow_peak():
     time_s = np.linspace(0, 4, 401)
     peak = Trace(time_s, time_s, np.exp(-(((time_s - 2) / 0.1) ** 2)))
     assert build("load_cell_lag", time_constant_s=0.3).modify_trace(peak).force_n.max() < 0.5
+
+
+def test_a_post_tilts_more_under_a_taller_object_and_stiffens():
+    low, tall = (min(OBJECTS, key=lambda o: o.height_mm), max(OBJECTS, key=lambda o: o.height_mm))
+    yielding_mm = {}
+    for obj in (low, tall):
+        law = build("object_post_compliance", compliance_mm_per_n=0.05)
+        assert law.modify_object(obj) is obj
+        trace = ramp()
+        seen = law.modify_trace(trace)
+        assert np.array_equal(seen.force_n, trace.force_n)
+        yielding_mm[obj.object_id] = (seen.lift_mm - trace.lift_mm) / obj.height_mm
+        assert seen.time_s - trace.time_s == pytest.approx((seen.lift_mm - trace.lift_mm) / 5.0)
+    np.testing.assert_allclose(yielding_mm[low.object_id], yielding_mm[tall.object_id], atol=1e-12)
+    assert yielding_mm[tall.object_id][-1] * tall.height_mm == pytest.approx(0.05 * tall.height_mm / 40 * 12 / 1.3)
+    rigid = build("object_post_compliance", compliance_mm_per_n=0.0)
+    assert rigid.modify_trace(trace) is trace
+
+
+def test_an_object_on_a_post_springs_past_a_fall_of_the_force():
+    lift_mm = np.linspace(0.0, 20.0, 201)
+    falling = Trace(lift_mm / 5, lift_mm, np.where(lift_mm < 10.0, lift_mm, np.maximum(110.0 - 10.0 * lift_mm, 0.0)))
+    seen = build("object_post_compliance", compliance_mm_per_n=0.4).modify_trace(falling)
+    assert np.all(np.diff(seen.lift_mm) > 0)
+    assert np.all(np.diff(seen.time_s) > 0)
+    assert len(seen.lift_mm) < len(falling.lift_mm)
+    assert seen.force_n.max() == falling.force_n.max(), "the peak stays"
 
 
 def test_gain_error_is_largest_at_low_load():

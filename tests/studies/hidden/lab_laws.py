@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hardware.virtual.world.hidden import SpanError, mean_force_n
+from hardware.virtual.world.hidden import SpanError, mean_force_n, over_tilting_post
 from models.design.profile import planar_profile
 from models.records import Design, GraspContext, Trace
 from tests.studies.hidden.body_laws import tool_draws
@@ -96,24 +96,11 @@ class LogarithmicWear(LabLaw):
 
 
 class TiltingPost(LabLaw):
-    """C11: a post that tilts, the more the taller the object, and stiffens: lift + C h / 40 mm dF / (1 + |dF| / 40 N).
-
-    `amplitude` C in mm/N, dF from the start of the lift (a linear spring in the catalogue).
-    """
+    """C11: the virtual bench's post, which tilts and stiffens; `amplitude` its compliance in mm/N (a spring there)."""
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The trace over the lift of the gantry; where it would go back, the object has sprung."""
-        is_lift = trace.is_lift
-        if self.amplitude == 0.0 or not is_lift.any():
-            return trace
-        change_n = trace.force_n - trace.force_n[is_lift][0]
-        yielding = self.amplitude * moment.object_height_mm / 40.0 * change_n / (1.0 + np.abs(change_n) / 40.0)
-        lift_mm = trace.lift_mm + np.where(is_lift, yielding, 0.0)
-        before = np.concatenate([[-np.inf], np.maximum.accumulate(lift_mm)[:-1]])
-        kept = ~is_lift | (lift_mm >= np.maximum(before, 0.0))
-        speed = lift_speed_mm_per_s(trace)
-        time_s = np.where(is_lift, lift_start_s(trace) + lift_mm / speed, trace.time_s)
-        return Trace(time_s[kept], lift_mm[kept], trace.force_n[kept])
+        """The trace over the lift of the gantry."""
+        return over_tilting_post(trace, self.amplitude * moment.object_height_mm / 40.0)
 
 
 class CreepingOffset(LabLaw):

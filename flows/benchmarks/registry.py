@@ -13,7 +13,7 @@ _SIMULATED = ("designs", "objects", "results", "limit_minutes", "workers", "tier
 
 BENCHMARKS: dict[str, Benchmark] = {
     "grasp": benchmark(measure_grasp, *_SIMULATED),
-    "accuracy": benchmark(measure_accuracy, *_SIMULATED),
+    "accuracy": benchmark(measure_accuracy, *_SIMULATED, "figure"),
     "scientist": benchmark(measure_scientist),
     "calibration": benchmark(measure_calibration, "n_sim", "n_real", "workers"),
     "bench": benchmark(measure_bench, "designs", "objects"),

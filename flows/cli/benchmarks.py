@@ -27,6 +27,7 @@ class Chosen:
     ] = None
     limit_minutes: Annotated[float | None, Parameter(help="Stop after this time; --results continues.")] = None
     workers: Annotated[int | None, Parameter(help="Worker processes.")] = None
+    figure: Annotated[Path | None, Parameter(help="Picture to draw, e.g. accuracy.png.")] = None
 
 
 @Parameter(name="*")

@@ -47,7 +47,6 @@ __all__ = ["FingerProblem", "FingerResult", "Numerics", "simulate_finger", "simu
 
 INWARD, UPWARD = np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 FREE_STEPS = 2  # steps without contact before the end of the lift is considered
-CLOSING_EVENT_MM = 0.5  # the closing is no part of what is compared; its steps change the lift by less than the mesh
 RESIDUAL_FORCE_N = 0.05  # at the reference modulus: what may be left of the force when the lift ends
 
 
@@ -246,15 +245,7 @@ def _close_and_lift(
     if camera is not None:
         camera.take("closing", time_s, free, state, np.zeros(3))
     stall = ClosingStall(problem.jaw, stroke - free, limits.closing_mm)
-    closing = Path(
-        state.base,
-        INWARD,
-        stroke - free,
-        setup.close_speed_mm_per_s,
-        stall.longest_step_mm,
-        stall.longest_step_mm(0.0),
-        CLOSING_EVENT_MM,
-    )
+    closing = Path(state.base, INWARD, stroke - free, setup.close_speed_mm_per_s, stall.longest_step_mm)
     for step in stepper.walk(state, closing):
         state = step.state
         record.add(time_s + step.travel_mm / setup.close_speed_mm_per_s, 0.0, step.clamp_n)

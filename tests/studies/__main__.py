@@ -4,7 +4,6 @@
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import App, Parameter
@@ -25,7 +24,6 @@ app = App(
 class StudyChosen(Chosen):
     """What only studies take."""
 
-    figure: Annotated[Path | None, Parameter(help="Picture to draw, e.g. traces.png.")] = None
     n: Annotated[int | None, Parameter(help="How many kills.")] = None
     worlds: Annotated[int | None, Parameter(help="How many made-up problems of known truth.")] = None
 

@@ -56,7 +56,8 @@ REFERENCE_LIMITS = StepLimits(
 class Path:
     """A straight motion of the base: `length_mm` along `direction` (3) from `start` (3) at `speed_mm_per_s`.
 
-    `event_mm`: how finely events are located.
+    `event_mm`: how finely events are located. The closing is no part of what is compared, and its steps change the lift
+    by less than the mesh does: half a millimetre is enough there.
     """
 
     start: np.ndarray
@@ -64,8 +65,8 @@ class Path:
     length_mm: float
     speed_mm_per_s: float
     longest_step_mm: Callable[[float], float]
-    first_step_mm: float
-    event_mm: float
+    first_step_mm: float = np.inf
+    event_mm: float = 0.5
 
     def at(self, travel_mm: float) -> np.ndarray:
         """Base position after a travel."""

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -100,7 +101,12 @@ def test_the_studies_of_the_simulator_run(tmp_path):
     cost = measure_grasp(few)
     assert [row["tier"] for row in cost["tiers"]] == ["production"]
     assert cost["a night"][0]["hours"] > 0
-    (peak, work, contact) = measure_accuracy(few)["errors"]
+    picture = tmp_path / "accuracy.png"
+    accuracy = measure_accuracy(replace(few, figure=picture))
+    (peak, work, contact), (traces,) = accuracy["errors"], accuracy["traces"]
+    assert picture.stat().st_size > 0
+    assert 0 < traces["median_n"] <= traces["p95_n"] <= traces["worst_n"]
+    assert traces["rms_n"] < 0.2 * traces["force_rms_n"]
     assert (peak["grasps"], work["quantity"], contact["quantity"]) == (4, "work_j", "contact_force_n")
     assert 0 < peak["median_percent"] <= peak["worst_percent"]
     completed = measure_robustness(few)["completed"][0]

@@ -12,6 +12,7 @@ from tests.studies.gap.truth import measure_gap_truth
 from tests.studies.platform.day import measure_day
 from tests.studies.scientist.lab_world import measure_lab_world
 from tests.studies.scientist.peers import measure_scientist_peers
+from tests.studies.simulation.branches import measure_branches
 from tests.studies.simulation.material_law import measure_material_law
 from tests.studies.simulation.robustness import measure_robustness
 from tests.studies.simulation.scale import measure_scale
@@ -23,6 +24,7 @@ _KEPT = ("designs", "objects", "results", "limit_minutes")
 
 STUDIES: dict[str, Benchmark] = {
     "robustness": benchmark(measure_robustness, *_KEPT, "workers"),
+    "branches": benchmark(measure_branches, "designs", "objects"),
     "material-law": benchmark(measure_material_law, "designs", "objects"),
     "scale": benchmark(measure_scale, "workers"),
     "gap-truth": benchmark(measure_gap_truth, *_KEPT, "workers"),

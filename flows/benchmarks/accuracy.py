@@ -118,7 +118,8 @@ def _draw(path: Path, errors_n: Mapping[str, Mapping[Key, float]]) -> None:
 
     with figure_style():
         figure, axes = new_axes(5.4, 3.0)
-        edges_n = np.arange(0.0, max(max(e.values(), default=0.0) for e in errors_n.values()) + 0.02, 0.02)
+        largest_n = max(max(errors.values(), default=0.0) for errors in errors_n.values())
+        edges_n = np.arange(0.0, largest_n + 0.02, 0.02).tolist()
         for tier, errors in errors_n.items():
             axes.hist(list(errors.values()), edges_n, color=SIMULATED, alpha=1.0 / len(errors_n), label=tier)
         axes.axvline(LARGE_ERROR_N, color=INK, linewidth=0.8, linestyle=(0, (4, 3)))

@@ -81,6 +81,7 @@ def trace_errors_n(outcomes: Sequence[Outcome], tier: str) -> dict[Key, float]:
     return {
         key: scale * _rms(np.array(own[key].step_means_n) - np.array(reference[key].step_means_n))
         for key in sorted(own.keys() & reference.keys())
+        if own[key].step_means_n and reference[key].step_means_n
     }
 
 

@@ -22,7 +22,7 @@ class Outcome(Record):
     the preparation of the solver. `worker` is a process id, `max_rss_mb` the most memory that process had held.
     `ended_s` counts from `part`, the time (s since 1970) at which this part of the benchmark began. `solver` is the
     `solver_id` of the code. `step_means_n`: mean pull over every half millimetre of the lift, N
-    (`models.traces.step_features`). `flag`: see `GraspSimulation`.
+    (`models.traces.step_features`); none of a lift of less than 3 mm. `flag`: see `GraspSimulation`.
     """
 
     simulation_id: str

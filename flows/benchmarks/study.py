@@ -15,7 +15,7 @@ from lake.tables.campaign import SimulationRow
 from models.design.space import BEST_PUBLISHED, numbered_design
 from models.records import GraspSetup, find_tier
 from models.solver_code import solver_id
-from models.traces.step_features import step_means
+from models.traces.step_features import is_usable, step_means
 from tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
 from tasks.simulation.pool import Worker
 
@@ -131,7 +131,8 @@ class _Part:
         numbers: dict[str, Any] = {}
         if result is not None:
             numbers = {name: getattr(result, name) for name in _RESULT_COLUMNS}
-            numbers["step_means_n"] = tuple(step_means(result.trace).round(4).tolist())
+            if is_usable(result.trace):
+                numbers["step_means_n"] = tuple(step_means(result.trace).round(4).tolist())
         return Outcome(
             simulation_id=case.simulation_id,
             tier=case.tier,

@@ -87,14 +87,15 @@ THREE_TOOLS = _mean_traces("tool_id IN ({soft}, {stiff}, {best})")
 # {object}, {batch}: numbers; {step}: lift step in mm.
 OBJECT_TRACES = _mean_traces("object_id = {object} AND batch = {batch}")
 
-# Softness by what the simulator says that a closed finger presses with; {batch}: the first batch.
+# Softness by what the simulator says that a closed finger presses with; {batch}: the first batch. Of versions with as
+# many grasps the stiffest material goes first: ids differ from lake to lake.
 CONTACT_FORCES = """
 SELECT t.batch, t.slot, t.tool_id, s.version_id, count(*) AS n_objects,
        avg(s.contact_force_n ORDER BY s.object_id) AS contact_force_n
-FROM tools t JOIN simulations s USING (design_id)
+FROM tools t JOIN simulations s USING (design_id) LEFT JOIN simulator_versions v USING (version_id)
 WHERE t.campaign_id = {campaign} AND t.batch = {batch} AND s.status = 'ok' AND s.contact_force_n IS NOT NULL
-GROUP BY ALL
-ORDER BY n_objects DESC, s.version_id, contact_force_n, t.slot"""
+GROUP BY t.batch, t.slot, t.tool_id, s.version_id, v.young_modulus_mpa
+ORDER BY n_objects DESC, v.young_modulus_mpa DESC NULLS LAST, s.version_id, contact_force_n, t.slot"""
 
 SHAPE_FEATURES = """
 SELECT object_class, count(*) AS n_grasps, median(hold_mm) AS hold_mm, median(hold_slope_n_per_mm / peak_force_n)
@@ -161,7 +162,7 @@ SELECT v.version_id, v.tier, v.young_modulus_mpa, v.friction, v.poisson_ratio, v
 FROM simulations s JOIN simulator_versions v USING (version_id)
 WHERE s.design_id IN {_ASKED}
 GROUP BY ALL
-ORDER BY first_at, v.version_id"""
+ORDER BY first_at, v.young_modulus_mpa DESC NULLS FIRST, v.version_id"""
 
 BATCHES = """
 SELECT b.batch, b.kind, b.n_tools,

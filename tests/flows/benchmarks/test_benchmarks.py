@@ -26,7 +26,7 @@ from models.solver_code import solver_id
 from tests.flows.cli.cli_lakes import ROOT, Fast
 from tests.studies.simulation.robustness import failed_grasps, measure_robustness, memory, parts
 
-SHORT = GraspSetup(open_gap_mm=56, closed_gap_mm=24, max_lift_mm=2)
+SHORT = GraspSetup(open_gap_mm=56, closed_gap_mm=24, max_lift_mm=3)
 
 
 @pytest.fixture

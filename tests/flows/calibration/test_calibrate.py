@@ -198,7 +198,7 @@ def test_the_page_shows_theta_over_time_and_the_held_out_designs(tmp_path, fast,
 def test_theta_of_a_lake_is_found_by_the_real_sampler(tmp_path, fast):
     lake = calibration_lake(tmp_path / "lake", n_tools=20, n_points=60)
     answer = fast(
-        "calibrate", "--lake", lake.root, "--method", "joint", "--chains", 2, "--draws", 250, "--tune", 250, "--json"
+        "calibrate", "--lake", lake.root, "--method", "joint", "--chains", 2, "--draws", 400, "--tune", 300, "--json"
     )
     assert answer.status == 0, answer
     row = answer.json

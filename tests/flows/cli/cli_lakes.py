@@ -76,7 +76,9 @@ def proposed_lake(folder: Path, address: str | None = None) -> Path:
 @cache
 def _proposed_once() -> Path:
     """The lake that every test gets a copy of, in a folder that goes with this session."""
-    folder = Path(tempfile.mkdtemp(dir=os.environ["XDG_STATE_HOME"]))
+    state = Path(os.environ["XDG_STATE_HOME"])
+    state.mkdir(parents=True, exist_ok=True)  # a test may have named a folder that is not there yet
+    folder = Path(tempfile.mkdtemp(dir=state))
     return _propose(write_config(folder), folder / "lake")
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.outcomes import Outcome
 from flows.benchmarks.study import cases_of, run_study
-from flows.benchmarks.summary import Key, completed, failures_by_reason
+from flows.benchmarks.summary import Key, completed, describe_errors, failures_by_reason
 from models.objects.catalogue import OBJECTS
 from models.records import find_tier
 from models.solver_code import solver_id
@@ -58,20 +58,7 @@ def errors_percent(outcomes: Sequence[Outcome], tier: str, quantity: str) -> dic
 def _error_row(outcomes: Sequence[Outcome], tier: str, quantity: str) -> dict[str, object]:
     errors = errors_percent(outcomes, tier, quantity)
     row: dict[str, object] = {"tier": tier, "quantity": quantity, "grasps": len(errors)}
-    if not errors:
-        return row
-    signed = np.array(list(errors.values()))
-    worst = max(errors, key=lambda key: abs(errors[key]))
-    return {
-        **row,
-        "median_percent": float(np.median(np.abs(signed))),
-        "p90_percent": float(np.percentile(np.abs(signed), 90)),
-        "p95_percent": float(np.percentile(np.abs(signed), 95)),
-        "worst_percent": float(np.abs(signed).max()),
-        "bias_percent": float(np.median(signed)),
-        "worst_design": worst[0],
-        "worst_object": worst[1],
-    }
+    return row | describe_errors(errors) if errors else row
 
 
 def trace_errors_n(outcomes: Sequence[Outcome], tier: str) -> dict[Key, float]:

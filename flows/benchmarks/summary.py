@@ -1,6 +1,6 @@
 """Statistics of outcomes, as rows of tables."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,21 @@ def spread(values: Sequence[float], name: str) -> dict[str, float]:
         f"mean_{name}": float(np.mean(values)),
         f"p95_{name}": float(np.percentile(values, 95)),
         f"max_{name}": float(np.max(values)),
+    }
+
+
+def describe_errors(errors_percent: Mapping[Key, float]) -> dict[str, Any]:
+    """Size of signed errors in percent, by design and object: median, percentiles and worst, and their median sign."""
+    signed = np.array(list(errors_percent.values()))
+    worst = max(errors_percent, key=lambda key: abs(errors_percent[key]))
+    return {
+        "median_percent": float(np.median(np.abs(signed))),
+        "p90_percent": float(np.percentile(np.abs(signed), 90)),
+        "p95_percent": float(np.percentile(np.abs(signed), 95)),
+        "worst_percent": float(np.abs(signed).max()),
+        "bias_percent": float(np.median(signed)),
+        "worst_design": worst[0],
+        "worst_object": worst[1],
     }
 
 

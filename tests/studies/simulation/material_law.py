@@ -9,6 +9,7 @@ import numpy as np
 from flows.benchmarks.accuracy import ACCURACY_OBJECTS, FIRST_DESIGN, N_DESIGNS, QUANTITIES
 from flows.benchmarks.base import Options, Tables
 from flows.benchmarks.study import DEADLINE_S
+from flows.benchmarks.summary import Key, describe_errors
 from models.design.space import numbered_design
 from models.errors import SimulationFailed
 from models.objects.catalogue import OBJECTS, get_object
@@ -21,7 +22,7 @@ LAWS: tuple[MaterialLaw, MaterialLaw] = ("neo_hookean", "st_venant_kirchhoff")
 STEP_MM = 0.25  # of the lift at which two traces are compared
 TRACE = "trace_rms"  # a share of the peak, and so without a sign
 
-Case = tuple[int, int]  # design, object
+Case = Key
 
 
 @dataclass(frozen=True)
@@ -102,17 +103,8 @@ def _difference_row(name: str, differences: Mapping[Case, float]) -> dict[str, o
     row: dict[str, object] = {"quantity": name, "grasps": len(differences)}
     if not differences:
         return row
-    signed = np.array(list(differences.values()))
-    worst = max(differences, key=lambda case: abs(differences[case]))
-    return {
-        **row,
-        "median_percent": float(np.median(np.abs(signed))),
-        "p95_percent": float(np.percentile(np.abs(signed), 95)),
-        "worst_percent": float(np.abs(signed).max()),
-        "bias_percent": None if name == TRACE else float(np.median(signed)),
-        "worst_design": worst[0],
-        "worst_object": worst[1],
-    }
+    row |= describe_errors(differences)
+    return row | {"bias_percent": None} if name == TRACE else row
 
 
 def _object_row(object_id: int, differences: Mapping[str, Mapping[Case, float]]) -> dict[str, object]:

@@ -16,6 +16,7 @@ from models.gap.bank.bank import (
     WIDER_MM,
     Bank,
     EffectRuns,
+    list_placed_setups,
     list_versions,
     list_wider_setups,
 )
@@ -41,9 +42,10 @@ def plan_bank(
     centre = versions[n_grid]
     order = [centre, *versions[:n_grid], *versions[n_grid + 1 :]]
     points = tuple((design, version) for version in order for design in unique)
-    wider = tuple((design, centre) for design in unique)
+    at_centre = tuple((design, centre) for design in unique)
+    others = (*list_placed_setups(setup), *list_wider_setups(setup))
     plans = [SimulationPlan(points, tuple(objects), setup)]
-    return (*plans, *(SimulationPlan(wider, tuple(objects), other) for other in list_wider_setups(setup)))
+    return (*plans, *(SimulationPlan(at_centre, tuple(objects), other) for other in others))
 
 
 def read_bank(
@@ -57,10 +59,13 @@ def read_bank(
     grid, versions = ThetaGrid(), list_versions(base)
     n_grid = len(grid.points)
     steps_n = read_simulated_steps(lake, versions, designs, objects, setup)
-    wider = [
-        read_simulated_steps(lake, versions[n_grid : n_grid + 1], designs, objects, other)
-        for other in list_wider_setups(setup)
-    ]
+    placed_steps_n, wider_steps_n = (
+        np.concatenate(
+            [read_simulated_steps(lake, versions[n_grid : n_grid + 1], designs, objects, other) for other in others],
+            axis=2,
+        )
+        for others in (list_placed_setups(setup), list_wider_setups(setup))
+    )
     at_centre = steps_n[:, :, n_grid]
     if not np.isfinite(at_centre).any():
         raise UsageError(
@@ -68,10 +73,9 @@ def read_bank(
             f"{len(objects)} objects; `fast gap` makes them."
         )
     after = n_grid + 1 + len(NUMERICAL_MESHES)
-    wider_steps_n = np.concatenate(wider, axis=2)
     of_lead = partial(read_lead, setup=setup)
     lead_n = read_simulated_steps(lake, versions[:n_grid], designs, objects, setup, of_trace=of_lead, n=N_LEAD)
-    n_failed = np.isnan(steps_n[..., 0]).sum() + np.isnan(wider_steps_n[..., 0]).sum()
+    parts = [values[..., 0] for values in (steps_n, placed_steps_n, wider_steps_n)]
     return Bank(
         centre=CENTRE,
         grid=np.array(grid.points),
@@ -79,10 +83,11 @@ def read_bank(
         grid_lead_n=lead_n,
         centre_steps_n=at_centre,
         numerical_steps_n=steps_n[:, :, n_grid + 1 : after],
+        placed_steps_n=placed_steps_n,
         wider_mm=np.array(WIDER_MM),
         wider_steps_n=wider_steps_n,
         effects=_part_effects(steps_n[:, :, after:]),
-        failed_share=float(n_failed / (steps_n[..., 0].size + wider_steps_n[..., 0].size)),
+        failed_share=float(sum(np.isnan(part).sum() for part in parts) / sum(part.size for part in parts)),
     )
 
 

@@ -16,8 +16,8 @@ from models.records import EffectValue, GraspSetup, MeshSettings, SimulatorVersi
 
 CENTRE = Theta(young_modulus_mpa=10.0, friction=0.6, poisson_ratio=0.42)
 
-# Amplitudes from what is hardly seen to what is plausible; both signs where the effect has them. A jaw closes with 3 to
-# 6 N at the centre, so limits of force above that would never bite.
+# Amplitudes from what is hardly seen to what is plausible; both signs where the effect has them. At the centre a jaw
+# closes with 1.5 N (one rib, an edge) to 27 N (ten ribs, a wide object): its limits of force span that.
 AMPLITUDES: Mapping[str, tuple[Mapping[str, float], ...]] = {
     "wall_thickness_offset": ({"offset_mm": -0.1}, {"offset_mm": 0.1}, {"offset_mm": 0.2}),
     "rib_imperfection": ({"bow_mm": 0.15}, {"bow_mm": 0.4}),
@@ -34,11 +34,19 @@ AMPLITUDES: Mapping[str, tuple[Mapping[str, float], ...]] = {
     "object_edge_radius": ({"extra_radius_mm": 0.4}, {"extra_radius_mm": 1.2}),
     "finger_finger_contact": ({"half_gap_mm": 6.0}, {"half_gap_mm": 8.0}),
     "base_compliance": ({"compliance_mm_per_n": 0.03}, {"compliance_mm_per_n": 0.08}),
-    "force_limited_closing": ({"max_force_n": 6.0}, {"max_force_n": 4.0}, {"max_force_n": 2.5}),
+    "force_limited_closing": (
+        {"max_force_n": 20.0},
+        {"max_force_n": 12.0},
+        {"max_force_n": 7.0},
+        {"max_force_n": 4.0},
+    ),
 }
 
 # Other meshes of the same physics: what they change is not to be explained by an effect.
 NUMERICAL_MESHES = (MeshSettings(edge_mm=5.0), MeshSettings(layers=2), MeshSettings(refine=1))
+
+# How much deeper the tips stand below the object, in mm: a bench places objects to about this height.
+DEEPER_MM = (-0.25, 0.25)
 
 # Gaps at which jaws stop that lose pressure, wider than the setup's by so much, in mm.
 WIDER_MM = (1.0, 3.0)
@@ -62,7 +70,8 @@ class Bank:
 
     NaN where a simulation failed. grid: g x 2, friction and Poisson ratio. grid_steps_n: t x o x g x 120;
     grid_lead_n: t x o x g x 12, the same before the lift, see `sensor_effects.read_lead`. centre_steps_n: t x o x 120.
-    numerical_steps_n: t x o x v x 120, the centre on other meshes. wider_mm: w, how much earlier the jaws stop;
+    numerical_steps_n: t x o x v x 120, the centre on other meshes. placed_steps_n: t x o x 2 x 120, the centre with tips
+    deeper by `DEEPER_MM`. wider_mm: w, how much earlier the jaws stop;
     wider_steps_n: t x o x w x 120. effects: runs of the effects of cost C and F, by name.
     failed_share: of all simulations of the bank.
     """
@@ -73,6 +82,7 @@ class Bank:
     grid_lead_n: np.ndarray
     centre_steps_n: np.ndarray
     numerical_steps_n: np.ndarray
+    placed_steps_n: np.ndarray
     wider_mm: np.ndarray
     wider_steps_n: np.ndarray
     effects: Mapping[str, EffectRuns]
@@ -95,6 +105,11 @@ def add_effect(version: SimulatorVersion, effect: str, parameters: Mapping[str, 
     """The version with one more effect; parameters that are not given take their neutral values."""
     value = EffectValue(effect=effect, parameters=dict(parameters))
     return version.model_copy(update={"effects": (*version.effects, value)})
+
+
+def list_placed_setups(setup: GraspSetup) -> tuple[GraspSetup, ...]:
+    """Setups whose tips stand deeper or less deep; they are simulated with the centre alone."""
+    return tuple(setup.model_copy(update={"tip_below_mm": setup.tip_below_mm + deeper}) for deeper in DEEPER_MM)
 
 
 def list_wider_setups(setup: GraspSetup) -> tuple[GraspSetup, ...]:

@@ -47,24 +47,65 @@ class ParameterEstimate(Record):
     ci90: Interval
 
 
+class LawCurve(Record):
+    """The law of a named effect as the data have it: a quantity against a state, with its 90 % band.
+
+    `quantity` and `state`: in words, with units ("friction over friction at rest", "slip, mm").
+    """
+
+    quantity: str
+    state: str
+    at: tuple[float, ...]
+    median: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+
+class Rest(Record):
+    """What is left that nothing of the catalogue explains: in words, and as a mean force over the lift.
+
+    `force_n`, `low_n`, `high_n`: mean gap and its 90 % band over tools and objects, at `lift_mm`.
+    """
+
+    sentence: str
+    lift_mm: tuple[float, ...]
+    force_n: tuple[float, ...]
+    low_n: tuple[float, ...]
+    high_n: tuple[float, ...]
+
+
 class Decision(Record):
-    """The answer of a round: one effect, a set that cannot be told apart, none, or not in the catalogue."""
+    """The answer of a round: one effect, a set that cannot be told apart, none, or not in the catalogue.
+
+    `probability`: that the answer is right, whatever its kind. `family`: what the named effects have in common.
+    `left_share`: of what the answer explains, what another effect or a model without a name would still explain.
+    """
 
     kind: Literal["effect", "set", "none", "unknown"]
     effects: tuple[str, ...] = ()
+    family: str = ""
     probability: float
     parameters: dict[str, ParameterEstimate] = {}
     sentence: str = ""
+    left_share: float | None = None
+    law: LawCurve | None = None
+    rest: Rest | None = None
 
 
 class RoundFindings(Record):
-    """What one round found; `version` is the simulator version with what was named, if anything was added."""
+    """What one round found; `version` is the simulator version with what was named, if anything was added.
+
+    `refused`: why what was named was not added, a sentence; empty if it was, or if there was nothing to add.
+    `patternless_n`: root mean square of the gap in which designs, objects and repeats show no pattern.
+    """
 
     where: tuple[WhereFinding, ...]
     candidates: tuple[Candidate, ...]
     named: Decision
     version: str | None = None
     dropped: tuple[str, ...] = ()
+    refused: str = ""
+    patternless_n: float | None = None
 
 
 class Gap(Record):

@@ -20,7 +20,6 @@ from models.records import EffectValue
 
 N_TOP = 6
 N_DRAWS = 400
-PRIOR_NONE, PRIOR_UNKNOWN = 0.4, 0.1
 _STARTS = 2  # secants from which an effect is fitted
 _CLIP_SD = 6.0  # of the errors whose root mean square is told
 
@@ -38,14 +37,13 @@ class Score:
 class FittedCandidate:
     """New effects (one, or a pair) fitted with all that is in the model already.
 
-    r2: of the held-out squares of the fit without them, the share that they explain. probability: 0 for pairs.
+    r2: of the held-out squares of the fit without them, the share that they explain.
     """
 
     effects: tuple[str, ...]
     fit: Fit
     score: Score
     r2: float
-    probability: float = 0.0
 
     @property
     def values(self) -> tuple[EffectValue, ...]:
@@ -70,16 +68,6 @@ def fit_candidates(
     return sorted(found, key=lambda candidate: -candidate.r2)
 
 
-def fit_pairs(base: Fit, base_score: Score, singles: Sequence[FittedCandidate]) -> list[FittedCandidate]:
-    """The first candidate with each of the others: one alone may hide behind another."""
-    return [
-        _score_candidate(
-            base_score, (*singles[0].effects, *other.effects), _fit_effects(base, [*singles[0].values, *other.values])
-        )
-        for other in singles[1:]
-    ]
-
-
 def fit_effect(base: Fit, ranking: EffectRanking, effect: str) -> Fit:
     """The fit with one more effect, from its most promising secants."""
     places = _find_secants(ranking, effect)
@@ -93,12 +81,6 @@ def fit_effect(base: Fit, ranking: EffectRanking, effect: str) -> Fit:
 def score_fit(fit: Fit) -> Score:
     """Score a fit on what is left out."""
     return _make_score(fit, *_compute_left_out_ways(fit))
-
-
-def score_upper_bound(fit: Fit, by_design: np.ndarray, by_class: np.ndarray) -> Score:
-    """Score what anything could explain on top of a fit: predictions (m x f) for designs and classes left out."""
-    errors_by_design, errors_by_class = _compute_left_out_ways(fit)
-    return _make_score(fit, errors_by_design - by_design, errors_by_class - by_class)
 
 
 def compute_r2(base: Score, other: Score) -> float:
@@ -129,23 +111,34 @@ def compute_gain_nats(fit: Fit, base: Score, other: Score) -> np.ndarray:
     return gain * repeats / np.maximum(count, 1.0)
 
 
-def compute_probabilities(
-    gains: Sequence[np.ndarray], priors: Sequence[float], temperature: float, seed: int = 0
-) -> np.ndarray:
-    """Probabilities of k candidates from their evidence by design and object (d x o each), k.
+def compute_shares(gains: Sequence[np.ndarray], temperature: float, seed: int = 0) -> np.ndarray:
+    """Shares of k effects from their evidence by design and object (d x o each), k; they sum to 1.
 
-    Draws of weights of designs and of objects, Dirichlet with mean one, multiply; in each draw the candidates get the
-    shares of their tempered evidence, and the shares are averaged.
+    In each draw of designs and objects the effects get the shares of their tempered evidence; these are averaged.
+    """
+    evidence = _draw_again(gains, seed) / temperature
+    evidence -= evidence.max(axis=1, keepdims=True)
+    shares = np.exp(evidence)
+    return np.asarray((shares / shares.sum(axis=1, keepdims=True)).mean(axis=0))
+
+
+def compute_lead(gain: np.ndarray, seed: int = 0) -> float:
+    """Evidence (d x o) in standard deviations, designs and objects drawn again."""
+    drawn = _draw_again([gain], seed)[:, 0]
+    return float(gain.sum() / max(drawn.std(), 1e-9))
+
+
+def _draw_again(gains: Sequence[np.ndarray], seed: int) -> np.ndarray:
+    """Sums of evidence (d x o each, k) with designs and objects weighted anew, draws x k.
+
+    Weights of designs and of objects, Dirichlet with mean one, multiply (two-way Bayesian bootstrap).
     """
     rng = np.random.default_rng(seed)
     stacked = np.array(gains)
     d, o = stacked.shape[1:]
     designs = d * rng.dirichlet(np.ones(d), N_DRAWS)
     objects = o * rng.dirichlet(np.ones(o), N_DRAWS)
-    evidence = np.einsum("bd,kdo,bo->bk", designs, stacked, objects) / temperature + np.log(priors)
-    evidence -= evidence.max(axis=1, keepdims=True)
-    shares = np.exp(evidence)
-    return np.asarray((shares / shares.sum(axis=1, keepdims=True)).mean(axis=0))
+    return np.asarray(np.einsum("bd,kdo,bo->bk", designs, stacked, objects))
 
 
 def _score_candidate(base_score: Score, effects: tuple[str, ...], fit: Fit) -> FittedCandidate:

@@ -1,4 +1,4 @@
-"""From scores to an answer: one effect, a set that cannot be told apart, none, or not in the catalogue."""
+"""From scores to an answer: one effect, a family that cannot be told apart, none, or not in the catalogue."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,84 +7,85 @@ import numpy as np
 
 from models.gap.findings import Decision, ParameterEstimate
 from models.gap.fit.fit import Fit, axes_of
-from models.gap.fit.whitened_features import apply_robust_loss
-from models.gap.naming.candidates import FittedCandidate
+from models.gap.naming.candidates import FittedCandidate, Score, compute_gain_nats, compute_lead
+from models.gap.naming.patterns import Pattern
 from models.gap.naming.rank_effects import DEFLATION
-from models.gap.naming.thresholds import Statistics, Thresholds
+from models.gap.naming.second_look import SecondLook
+from models.gap.naming.thresholds import Thresholds
 from models.simulation.effects.catalogue import CATALOGUE
 
 _Z90 = 1.645
-_SET_PROBABILITY = 0.95
 _LARGEST_SET = 3
-# Of what the best effect predicts: a confusable effect that explains as much is reported with it, and one that
-# explains less is where the best leaves a lot.
-_NEARLY, _NEARLY_IF_ROUGH = 0.7, 0.5
-_ADDED = 0.5  # of what an effect explains alone, by which it improves the best
-_ROUGH = 0.75  # of the unusual misfit explained
+_LEAST_LEAD = 1.64  # standard deviations of evidence in a set: what leads by more is told apart by it
+_NEARLY = 0.5  # of what the best effect predicts: a confusable effect that explains as much is reported with it
+_EVEN = 0.5  # a name is said if it is more probable than not
 
 
 @dataclass(frozen=True, eq=False)
 class CandidateSet:
     """All that a decision rests on.
 
-    base: the fit without new effects. singles, pairs: what was fitted, singles by what they explain. upper_bound: r2 of
-    what anything could explain on the base. statistics: of the base. none, unknown: probabilities.
+    base, score: the fit without new effects. singles: effects that were fitted, by what they explain. pattern: the
+    strongest without a name; pattern_r2: of the held-out squares.
     """
 
     base: Fit
+    score: Score
     singles: Sequence[FittedCandidate]
-    pairs: Sequence[FittedCandidate]
-    upper_bound: float
-    statistics: Statistics
-    none: float
-    unknown: float
+    pattern: Pattern
+    pattern_r2: float
 
     @property
     def best(self) -> FittedCandidate | None:
         """The single effect that explains most."""
         return max(self.singles, key=lambda candidate: candidate.r2, default=None)
 
+    def measure_alarm(self, thresholds: Thresholds) -> float:
+        """What is predicted of left-out grasps over its line; above 1 it is an alarm.
 
-def compute_misfits(fit: Fit) -> tuple[float, float]:
-    """Mean robust squares of the residual of cells' means, and of contrasts of their repeats (0 without repeats)."""
-    is_mean = fit.features.is_mean
-    cost = apply_robust_loss(fit.raw) ** 2
-    return float(cost[is_mean].mean()), float(cost[~is_mean].mean()) if not is_mean.all() else 0.0
+        A misfit alone is none: honest simulators differ as much. Something has to predict left-out designs, objects or
+        repeats.
+        """
+        of_effect = self.best.r2 / thresholds.effect_r2 if self.best is not None else 0.0
+        is_pattern = self.pattern.nats > thresholds.least_nats
+        return max(of_effect, self.pattern_r2 / thresholds.pattern_r2 if is_pattern else 0.0)
 
 
-def decide(candidates: CandidateSet, thresholds: Thresholds, again: Fit | None) -> Decision:
-    """The answer of a round. again: the best single effect, calibrated anew with all else."""
-    best = candidates.best
-    if not is_alarm(candidates, thresholds):
-        return Decision(
-            kind="none", probability=candidates.none, sentence="Nothing that designs and objects agree on is left."
-        )
-    if (
-        best is None
-        or not _is_credible(best, candidates, thresholds)
-        or _is_incomplete(best, candidates, thresholds, again)
-    ):
-        return _answer_unknown(candidates)
-    fit = again or best.fit
-    chosen = _choose_alike(best, fit, candidates, thresholds)
-    share = min(_measure_explained(fit, candidates, thresholds), 1.0)
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """An answer and its probabilities: that there is a gap, and that the name is right if there is one."""
+
+    decision: Decision
+    gap: float
+    name: float
+
+
+def decide(candidates: CandidateSet, look: SecondLook | None, thresholds: Thresholds) -> Judgement:
+    """The answer of a round. look: at the best effect; None if there is no alarm or nothing to name."""
+    over_line = candidates.measure_alarm(thresholds)
+    gap = thresholds.judge_gap(over_line)
+    if over_line <= 1.0:
+        sentence = "Nothing that designs, objects and repeats agree on is left."
+        return Judgement(Decision(kind="none", probability=1.0 - gap, sentence=sentence), gap, 0.0)
+    if look is None:
+        return Judgement(_answer_unknown(candidates, gap), gap, 0.0)
+    chosen = choose_alike(look, candidates, thresholds)
+    lead = compute_lead_over_others(look, chosen, candidates)
+    name = thresholds.judge_name(look.describe(lead, candidates.pattern_r2))
+    if name < _EVEN or not is_needed(look.fit, candidates.base):
+        return Judgement(_answer_unknown(candidates, gap * (1.0 - name), look), gap, name)
+    probability = gap * name
     if len(chosen) == 1:
-        return _answer_effect(best, fit, share)
-    return _answer_set(chosen, share)
+        return Judgement(_answer_effect(look, probability), gap, name)
+    return Judgement(_answer_set(chosen, look, probability), gap, name)
 
 
-def is_alarm(candidates: CandidateSet, thresholds: Thresholds) -> bool:
-    """Whether any statistic is above its line."""
-    found = candidates.statistics
-    return any(getattr(found, name) > getattr(thresholds, name) for name in Statistics.model_fields)
-
-
-def is_needed(candidate: FittedCandidate, base: Fit) -> bool:
+def is_needed(fit: Fit, base: Fit) -> bool:
     """Whether the training grasps are so much better explained that an amplitude of zero is outside 90 %.
 
     By the ratio of likelihoods: an interval of the curvature is wide where amplitude and shape make up for each other.
     """
-    return DEFLATION * (base.loss - candidate.fit.loss) > 0.5 * _Z90**2
+    return DEFLATION * (base.loss - fit.loss) > 0.5 * _Z90**2
 
 
 def estimate_parameters(fit: Fit, effect: str) -> dict[str, ParameterEstimate]:
@@ -108,104 +109,77 @@ def compute_nats_apart(first: Fit, second: Fit) -> float:
     return float(0.5 * DEFLATION * (difference**2).sum())
 
 
-def _is_credible(best: FittedCandidate, candidates: CandidateSet, thresholds: Thresholds) -> bool:
-    return best.r2 > thresholds.effect_r2 and is_needed(best, candidates.base)
-
-
-def _is_incomplete(best: FittedCandidate, candidates: CandidateSet, thresholds: Thresholds, again: Fit | None) -> bool:
-    """Whether neither the best effect nor a pair with it explains enough of what there is."""
-    with_best = [candidate for candidate in candidates.pairs if best.effects[0] in candidate.effects]
-    pair = max(with_best, key=lambda candidate: candidate.r2, default=best)
-    fits = [again or best.fit, pair.fit]
-    return max(_measure_explained(fit, candidates, thresholds) for fit in fits) < thresholds.share
-
-
-def _measure_explained(fit: Fit, candidates: CandidateSet, thresholds: Thresholds) -> float:
-    """The share of what is unusual in the misfits that a fit takes away; 1 if it leaves them below their lines.
-
-    A strong effect is never met to the last bit: the law of the simulator is not that of the bench.
-    """
-    now = np.array(compute_misfits(fit))
-    if (now <= (thresholds.misfit, thresholds.contrast_misfit)).all():
-        return 1.0
-    before = np.array([candidates.statistics.misfit, candidates.statistics.contrast_misfit])
-    usual = np.array([thresholds.usual_misfit, thresholds.usual_contrast_misfit])
-    n_means = np.count_nonzero(candidates.base.features.is_mean)
-    weight = np.array([n_means, len(candidates.base.raw) - n_means])
-    return float(weight @ (before - now) / max(weight @ (before - usual), 1e-9))
-
-
-def _choose_alike(
-    best: FittedCandidate, fit: Fit, candidates: CandidateSet, thresholds: Thresholds
-) -> list[FittedCandidate]:
-    """The best effect and those that could stand for it: as probable as that, or the same in their predictions."""
-    credible = [
-        candidate
-        for candidate in candidates.singles
-        if candidate.r2 > 0.5 * best.r2 and not _adds_to(candidate, best, candidates.pairs)
+def choose_alike(look: SecondLook, candidates: CandidateSet, thresholds: Thresholds) -> list[str]:
+    """The effect looked at, and those that the data do not tell from it, by what they explain."""
+    by_name = {candidate.effects[0]: candidate for candidate in candidates.singles}
+    own = by_name.get(look.effect)
+    if own is None:
+        return [look.effect]
+    added = look.further.effects[0] if look.is_pair and look.further is not None else ""
+    alike = [
+        name
+        for name, other in by_name.items()
+        if name not in (look.effect, added) and _is_alike(other, own, candidates, thresholds)
     ]
-    total = sum(candidate.probability for candidate in credible)
-    if best.probability >= thresholds.probability * max(total, 1e-12):
-        nearly = _NEARLY if _measure_explained(fit, candidates, thresholds) >= _ROUGH else _NEARLY_IF_ROUGH
-        return [best, *(candidate for candidate in credible if _is_alike(candidate, best, thresholds, nearly))][
-            :_LARGEST_SET
-        ]
-    chosen, mass = [best], best.probability
-    for candidate in sorted(credible, key=lambda t: -t.probability):
-        if candidate is not best and mass < _SET_PROBABILITY * total and len(chosen) < _LARGEST_SET:
-            chosen.append(candidate)
-            mass += candidate.probability
-    return chosen
+    return [look.effect, *sorted(alike, key=lambda name: -by_name[name].r2)][:_LARGEST_SET]
 
 
-def _adds_to(candidate: FittedCandidate, best: FittedCandidate, pairs: Sequence[FittedCandidate]) -> bool:
-    """Whether both together explain what the two explain apart: then neither stands for the other."""
-    with_both = [pair.r2 for pair in pairs if set(pair.effects) == {*candidate.effects, *best.effects}]
-    return bool(with_both) and with_both[0] - best.r2 > _ADDED * candidate.r2
+def compute_lead_over_others(look: SecondLook, chosen: Sequence[str], candidates: CandidateSet) -> float:
+    """By how many standard deviations of evidence the effect leads those that are told from it; the least counts."""
+    others = [candidate for candidate in candidates.singles if candidate.effects[0] not in chosen]
+    scores = [candidates.score, *(candidate.score for candidate in others)]
+    return min(compute_lead(compute_gain_nats(candidates.base, score, look.score)) for score in scores)
 
 
-def _is_alike(candidate: FittedCandidate, best: FittedCandidate, thresholds: Thresholds, nearly: float) -> bool:
+def _is_alike(
+    candidate: FittedCandidate, own: FittedCandidate, candidates: CandidateSet, thresholds: Thresholds
+) -> bool:
     """Whether an effect predicts the same as the best, or nearly as well and the catalogue calls the two confusable.
 
     The law of the bench is not that of the catalogue: a little more evidence does not tell confusable effects apart.
     """
-    one, other = candidate.effects[0], best.effects[0]
-    if one == other:
-        return False
+    if compute_nats_apart(candidate.fit, own.fit) < thresholds.least_nats:
+        return candidate.r2 > _NEARLY * own.r2
+    one, other = candidate.effects[0], own.effects[0]
     is_confusable = one in CATALOGUE[other].confusable_with or other in CATALOGUE[one].confusable_with
-    is_near = is_confusable and candidate.r2 > nearly * best.r2
-    return is_near or compute_nats_apart(candidate.fit, best.fit) < thresholds.least_nats
+    if not is_confusable or candidate.r2 < _NEARLY * own.r2:
+        return False
+    return compute_lead(compute_gain_nats(candidates.base, candidate.score, own.score)) < 2.0 * _LEAST_LEAD
 
 
-def _answer_effect(candidate: FittedCandidate, fit: Fit, share: float) -> Decision:
-    """The name; `share`: of what is unusual, explained. What it leaves may be another law, and so it is less sure."""
-    name = candidate.effects[0]
-    spec = CATALOGUE[name]
-    parameters = estimate_parameters(fit, name)
+def _answer_effect(look: SecondLook, probability: float) -> Decision:
+    spec = CATALOGUE[look.effect]
+    parameters = estimate_parameters(look.fit, look.effect)
     first = spec.parameters[0].name
     low, high = parameters[first].ci90
-    sentence = f"{spec.title}: {first} = {parameters[first].median:.3g} [{low:.3g}, {high:.3g}]."
     return Decision(
         kind="effect",
-        effects=(name,),
-        probability=max(share, 0.0) * candidate.probability,
+        effects=(look.effect,),
+        probability=probability,
         parameters=parameters,
-        sentence=sentence,
+        sentence=f"{spec.title}: {first} = {parameters[first].median:.3g} [{low:.3g}, {high:.3g}].",
+        left_share=look.left_share,
     )
 
 
-def _answer_set(chosen: Sequence[FittedCandidate], share: float) -> Decision:
-    names = tuple(candidate.effects[0] for candidate in chosen)
-    titles = "; or: ".join(CATALOGUE[name].title for name in names)
-    total = min(sum(candidate.probability for candidate in chosen), 1.0)
+def _answer_set(chosen: Sequence[str], look: SecondLook, probability: float) -> Decision:
+    titles = "; or: ".join(CATALOGUE[name].title for name in chosen)
     return Decision(
         kind="set",
-        effects=names,
-        probability=max(share, 0.0) * total,
+        effects=tuple(chosen),
+        probability=probability,
         sentence=f"One of these, not told apart: {titles}.",
+        left_share=look.left_share,
     )
 
 
-def _answer_unknown(candidates: CandidateSet) -> Decision:
-    sentence = "Something is missing that no effect of the catalogue explains, or not by itself."
-    return Decision(kind="unknown", probability=max(candidates.unknown, 0.0), sentence=sentence)
+def _answer_unknown(candidates: CandidateSet, probability: float, look: SecondLook | None = None) -> Decision:
+    """Not in the catalogue; the pattern that is there, or that the best effect leaves, says what is known of it."""
+    pattern = candidates.pattern
+    nearest = f" {CATALOGUE[look.effect].title} comes nearest." if look is not None else ""
+    return Decision(
+        kind="unknown",
+        probability=probability,
+        sentence=f"Something is missing that no effect of the catalogue explains: {pattern.words}.{nearest}",
+        left_share=look.left_share if look is not None else None,
+    )

@@ -1,7 +1,7 @@
 """Which effect is missing: candidates ranked, fitted and scored on training grasps, and a decision."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,22 +10,19 @@ from models.gap.findings import Candidate, Decision
 from models.gap.fit.fit import Fit
 from models.gap.fit.recalibrate import Fitter, recalibrate
 from models.gap.naming.candidates import (
-    PRIOR_NONE,
-    PRIOR_UNKNOWN,
     Score,
     compute_gain_nats,
-    compute_probabilities,
     compute_r2,
+    compute_shares,
     fit_candidates,
-    fit_pairs,
     score_fit,
-    score_upper_bound,
     top_candidates,
 )
-from models.gap.naming.decide import CandidateSet, compute_misfits, decide, is_alarm
+from models.gap.naming.decide import CandidateSet, Judgement, decide
+from models.gap.naming.patterns import rank_patterns
 from models.gap.naming.rank_effects import EffectRanking, Separability, compute_separability, rank_effects
-from models.gap.naming.thresholds import Statistics, Thresholds
-from models.gap.naming.upper_bound import add_ridge_discrepancy, bound_with_trees
+from models.gap.naming.second_look import SecondLook, look_again
+from models.gap.naming.thresholds import Thresholds
 from models.records import EffectValue
 
 
@@ -33,10 +30,10 @@ from models.records import EffectValue
 class NamingResult:
     """The decision of a round and what it rests on.
 
-    candidates: `none`, `unknown` and every effect that was fitted, by what it predicts. theta (3) and fit: with what
-    was in the model, calibrated again; best: with the named effect or the first of a set, or `fit`. evidence_nats:
-    gains of the candidates by design and object, in their order, for tempering; priors: theirs. dropped: effects of the
-    model that explain nothing any more. separability: what these data can tell apart at all.
+    candidates: `none`, `unknown` and every effect that was fitted, by what it predicts; their probabilities sum to 1.
+    theta (3) and fit: with what was in the model, calibrated again; best: with the named effect or the first of a set,
+    or `fit`. tried: what was fitted and scored; look: at the best of them, if there is an alarm. dropped: effects of
+    the model that explain nothing any more. separability: what these data can tell apart at all.
     """
 
     named: Decision
@@ -46,10 +43,9 @@ class NamingResult:
     best: Fit
     ranking: EffectRanking
     separability: Separability
-    statistics: Statistics
+    tried: CandidateSet
+    look: SecondLook | None
     dropped: tuple[str, ...]
-    evidence_nats: tuple[np.ndarray, ...]
-    priors: tuple[float, ...]
 
     @property
     def values(self) -> tuple[EffectValue, ...]:
@@ -79,85 +75,62 @@ def name_effect(
     known, taken = data.training.names, {value.effect for value in in_model}
     names = [name for name in (known if catalogue is None else catalogue) if name in known and name not in taken]
     ranking = rank_effects(fit, names)
-    base_score = score_fit(fit)
-    candidates, nats, priors = _try_candidates(fit, base_score, ranking, thresholds)
-    again = _recalibrate_with_best(candidates) if is_alarm(candidates, thresholds) else None
-    named = decide(candidates, thresholds, again)
+    tried = _try_candidates(fit, ranking)
+    best = tried.best
+    is_open = tried.measure_alarm(thresholds) > 1.0 and best is not None and best.r2 > 0.0
+    look = look_again(fit, tried.score, ranking, best, names) if is_open and best is not None else None
+    judged = decide(tried, look, thresholds)
     return NamingResult(
-        named=named,
-        candidates=_report_candidates(candidates, base_score, ranking, nats),
+        named=judged.decision,
+        candidates=_report_candidates(tried, judged, ranking, thresholds),
         theta=fit.theta,
         fit=fit,
-        best=again if named.effects and again is not None else fit,
+        best=look.fit if judged.decision.effects and look is not None else fit,
         ranking=ranking,
         separability=compute_separability(ranking),
-        statistics=candidates.statistics,
-        dropped=_drop_effects(fit, base_score, thresholds),
-        evidence_nats=tuple(nats),
-        priors=tuple(priors),
+        tried=tried,
+        look=look,
+        dropped=_drop_effects(fit, tried.score, thresholds),
     )
 
 
-def _recalibrate_with_best(candidates: CandidateSet) -> Fit | None:
-    """The best single effect calibrated anew with all else: errors are judged at forces nearer to the truth."""
-    best = candidates.best
-    return None if best is None else recalibrate(best.fit.features.surrogate, best.fit.effects)
-
-
-def _try_candidates(
-    fit: Fit, base_score: Score, ranking: EffectRanking, thresholds: Thresholds
-) -> tuple[CandidateSet, list[np.ndarray], list[float]]:
-    """Everything that is tried, with gains in nats and priors of none, unknown and the single effects."""
-    singles = fit_candidates(fit, base_score, ranking, top_candidates(ranking))
-    anything = [score_fit(other) for other in add_ridge_discrepancy(fit)]
-    anything.append(score_upper_bound(fit, *bound_with_trees(fit)))
-    unknown = max(anything, key=lambda score: compute_r2(base_score, score))
-    scores = (base_score, unknown, *(single.score for single in singles))
-    nats = [compute_gain_nats(fit, base_score, score) for score in scores]
-    prior_of_each = (1.0 - PRIOR_NONE - PRIOR_UNKNOWN) / max(len(singles), 1)
-    priors = [PRIOR_NONE, PRIOR_UNKNOWN, *[prior_of_each] * len(singles)]
-    none, of_unknown, *shares = compute_probabilities(nats, priors, thresholds.temperature)
-    misfit, contrast_misfit = compute_misfits(fit)
-    upper_bound = compute_r2(base_score, unknown)
-    candidates = CandidateSet(
+def _try_candidates(fit: Fit, ranking: EffectRanking) -> CandidateSet:
+    """Everything that is tried on a fit: the most promising effects, and patterns without a name."""
+    score = score_fit(fit)
+    pattern = rank_patterns(fit)[0]
+    return CandidateSet(
         base=fit,
-        singles=[replace(single, probability=float(share)) for single, share in zip(singles, shares, strict=True)],
-        pairs=fit_pairs(fit, base_score, singles),
-        upper_bound=upper_bound,
-        statistics=Statistics(
-            effect_r2=max((single.r2 for single in singles), default=0.0),
-            upper_bound_r2=upper_bound,
-            misfit=misfit,
-            contrast_misfit=contrast_misfit,
-        ),
-        none=float(none),
-        unknown=float(of_unknown),
+        score=score,
+        singles=fit_candidates(fit, score, ranking, top_candidates(ranking)),
+        pattern=pattern,
+        pattern_r2=compute_r2(score, score_fit(pattern.add_to(fit))),
     )
-    return candidates, nats, priors
 
 
 def _report_candidates(
-    candidates: CandidateSet, base_score: Score, ranking: EffectRanking, nats: Sequence[np.ndarray]
+    tried: CandidateSet, judged: Judgement, ranking: EffectRanking, thresholds: Thresholds
 ) -> tuple[Candidate, ...]:
     """Everything that was tried, as it is reported: none, unknown, and the single effects."""
+    gains = [compute_gain_nats(tried.base, tried.score, single.score) for single in tried.singles]
+    shares = compute_shares(gains, thresholds.temperature) if gains else np.zeros(0)
     found = [
-        Candidate(effect="none", probability=candidates.none, held_out_gain_nats=0.0, held_out_rmse_change=0.0),
+        Candidate(effect="none", probability=1.0 - judged.gap, held_out_gain_nats=0.0, held_out_rmse_change=0.0),
         Candidate(
             effect="unknown",
-            probability=candidates.unknown,
-            held_out_gain_nats=float(nats[1].sum()),
+            probability=judged.gap * (1.0 - judged.name),
+            held_out_gain_nats=tried.pattern.nats,
             held_out_rmse_change=0.0,
-            grouped_r2=candidates.upper_bound,
+            grouped_r2=tried.pattern_r2,
         ),
     ]
-    for single, gain in zip(candidates.singles, nats[2:], strict=True):
+    for single, gain, share in zip(tried.singles, gains, shares, strict=True):
         (name,) = single.effects
         found.append(
             Candidate(
                 effect=name,
-                probability=single.probability,
+                probability=judged.gap * judged.name * float(share),
                 held_out_gain_nats=float(gain.sum()),
-                held_out_rmse_change=single.score.rmse_n / base_score.rmse_n - 1.0,
+                held_out_rmse_change=single.score.rmse_n / tried.score.rmse_n - 1.0,
                 grouped_r2=single.r2,
                 visible_fraction=float(ranking.visible[ranking.best(name)]),
                 parameters=single.values[0].parameters,

@@ -46,6 +46,7 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
         centre_steps_n=_unpacked(arrays["centre_steps_n"]),
         grid_lead_n=_unpacked(arrays["grid_lead_n"]),
         numerical_steps_n=_unpacked(arrays["numerical_steps_n"]),
+        placed_steps_n=np.full((*arrays["centre_steps_n"].shape[:2], 2, arrays["centre_steps_n"].shape[2]), np.nan),
         wider_steps_n=_unpacked(arrays["wider_steps_n"]),
         wider_mm=np.array(WIDER_MM),
         effects=effects,

@@ -1,0 +1,128 @@
+"""Patterns without a name: what the rest of a fit may have in common that no effect of the catalogue says.
+
+A pattern is a force over the lift, or a factor on the force over the lift, that is the same in every grasp or grows
+with something that is known of the grasp: the repeat, the order, the width of the object, the force. It has a few
+smooth coefficients with a normal prior whose size is not known, so its evidence can be compared with that of an effect,
+and it can be said in words.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from models.gap.bank.surrogate import features_of_steps
+from models.gap.fit.fit import Fit
+from models.gap.grasps import Grasps
+from models.objects.catalogue import get_object
+from models.objects.primitives import bounds
+from models.traces.step_features import N_STEPS, STEP_MM
+
+KNOTS_MM = (0.0, 1.5, 5.0, 12.0, 25.0, 45.0)  # of the lift, where a pattern has a coefficient; straight between
+SIZES = (0.003, 0.01, 0.03, 0.1)  # standard deviations of coefficients that are tried, of the force
+_LEAST_SD = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """A pattern at a fit. columns: k x m x f, whitened and weighted. nats: its log evidence over none at all.
+
+    `what` and `how`: its words, "a force" or "a factor on the force", and what it depends on. size: of `SIZES`, the
+    likeliest.
+    """
+
+    what: str
+    how: str
+    columns: np.ndarray
+    nats: float
+    size: float
+
+    @property
+    def words(self) -> str:
+        """The pattern in words."""
+        return f"{self.what} over the lift, {self.how}"
+
+    def add_to(self, fit: Fit) -> Fit:
+        """The fit with the columns of the pattern."""
+        return add_columns(fit, self.columns, self.size)
+
+
+def rank_patterns(fit: Fit) -> list[Pattern]:
+    """All patterns of a fit, the one with the greatest evidence first."""
+    steps_n = fit.features.surrogate.predict_steps(fit.theta, fit.effects, fit.tool_factor)
+    grasps = fit.features.surrogate.grasps
+    found = [
+        _weigh(fit, what, how, fit.features.whiten(change * by[None, :, None]) * fit.weight)
+        for what, change in _list_changes(steps_n)
+        for how, by in list_variates(grasps, steps_n)
+    ]
+    return sorted(found, key=lambda pattern: -pattern.nats)
+
+
+def add_columns(fit: Fit, columns: np.ndarray, sd: float) -> Fit:
+    """A fit with more columns (k x m x f), whose coefficients have the prior N(0, sd^2)."""
+    return replace(
+        fit,
+        columns=np.concatenate([fit.columns, columns]),
+        precision=np.concatenate([fit.precision, np.full(len(columns), sd**-2.0)]),
+        pull=np.concatenate([fit.pull, np.zeros(len(columns))]),
+    )
+
+
+def compute_log_evidence(fit: Fit) -> float:
+    """Log evidence of the columns of a fit, for its weights, but for a constant."""
+    flat = fit.columns.reshape(len(fit.columns), -1)
+    root = np.linalg.cholesky(flat @ flat.T + np.diag(fit.precision))
+    along = solve_triangular(root, flat @ fit.residual.ravel() - fit.pull, lower=True)
+    return float(0.5 * along @ along - np.log(np.diag(root)).sum() + 0.5 * np.log(fit.precision).sum())
+
+
+def list_variates(grasps: Grasps, steps_n: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """What a pattern may grow with (n each, mean 0, standard deviation 1), and the constant; less what never varies."""
+    widths = np.array([_width_mm(number) for number in grasps.objects])
+    known = {
+        "from the first repeat to later ones": [min(context.repeat, 1) for context in grasps.contexts],
+        "from grasp to grasp of a tool": [context.tool_grasps for context in grasps.contexts],
+        "over the batch": [context.batch_grasps for context in grasps.contexts],
+        "with the width of the object": widths[grasps.obj],
+        "with the force of the grasp": steps_n.max(axis=1),
+    }
+    found = [("in every grasp", np.ones(len(grasps.tool)))]
+    for how, values in known.items():
+        centred = np.asarray(values, dtype=float) - np.mean(values)
+        if centred.std() > _LEAST_SD:
+            found.append((f"growing {how}", centred / centred.std()))
+    return found
+
+
+def _list_changes(steps_n: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """Changes of features (k x m x f) by a force as large as the median peak, or twice the force, about each knot."""
+    peak_n = float(np.median(steps_n.max(axis=1)))
+    changes = (("a force", np.full_like(steps_n, peak_n)), ("a factor on the force", steps_n))
+    small, before = 1e-3, features_of_steps(steps_n)
+    return [
+        (what, np.array([(features_of_steps(steps_n + small * hat * change_n) - before) / small for hat in _hats()]))
+        for what, change_n in changes
+    ]
+
+
+def _hats() -> np.ndarray:
+    """Straight-sided functions over the steps of the lift, one at each knot, k x 120; constant beyond the last."""
+    lift_mm = STEP_MM * (np.arange(N_STEPS) + 0.5)
+    return np.array([np.interp(lift_mm, KNOTS_MM, row) for row in np.eye(len(KNOTS_MM))])
+
+
+def _weigh(fit: Fit, what: str, how: str, columns: np.ndarray) -> Pattern:
+    """The pattern with its evidence, averaged over sizes."""
+    without = compute_log_evidence(fit)
+    nats = np.array([compute_log_evidence(add_columns(fit, columns, size)) - without for size in SIZES])
+    mean = float(np.logaddexp.reduce(nats) - np.log(len(SIZES)))
+    return Pattern(what, how, columns, mean, SIZES[int(np.argmax(nats))])
+
+
+def _width_mm(object_id: int) -> float:
+    low, high = bounds(get_object(object_id).primitives)
+    return float(high[0] - low[0])
+
+

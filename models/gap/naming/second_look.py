@@ -1,0 +1,148 @@
+"""The second look at a name: with the effect in the simulator, what is left that something else would explain?
+
+A right name leaves nothing with a pattern, however large the rest: honest solvers differ without one. A wrong name
+leaves a rest that another effect, or a pattern without a name, predicts. So after an effect everything is calibrated
+again, all other effects and patterns are tried on top of it, and an effect that the other one makes superfluous is
+replaced by it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import digamma
+
+from models.gap.fit.fit import Fit
+from models.gap.fit.recalibrate import Fitter, recalibrate
+from models.gap.fit.whitened_features import FREEDOM, apply_robust_loss
+from models.gap.naming.candidates import (
+    FittedCandidate,
+    Score,
+    compute_r2,
+    fit_candidates,
+    fit_effect,
+    score_fit,
+    top_candidates,
+)
+from models.gap.naming.patterns import Pattern, rank_patterns
+from models.gap.naming.rank_effects import EffectRanking, rank_effects
+
+DESCRIPTION = ("explained", "pattern left", "share left", "lead", "over a pattern", "pair")
+N_FURTHER = 3
+LEAST_LEFT = 0.1  # of what an effect explains: more, and another effect is asked whether it belongs there too
+_NEEDED = 0.25  # of what an effect explains alone, at least so much must it add to the other
+
+
+@dataclass(frozen=True, eq=False)
+class SecondLook:
+    """What is left after an effect.
+
+    fit: everything calibrated anew with it; score: held-out. r2: of the held-out squares without it. further: the
+    effect that explains most of the rest, on top. is_pair: whether both belong there; then `pattern` is what both
+    leave. pattern: the strongest without a name; pattern_r2: what it predicts of left-out grasps. left_share: of what
+    is explained, what is left for another effect or pattern. scale: how many times wider than stated errors are.
+    """
+
+    effect: str
+    fit: Fit
+    score: Score
+    r2: float
+    further: FittedCandidate | None
+    is_pair: bool
+    pattern: Pattern
+    pattern_r2: float
+    left_share: float
+    scale: float
+
+    def describe(self, lead: float, pattern_r2: float) -> np.ndarray:
+        """What tells right names from wrong ones (`DESCRIPTION`), for the logistic regression of thresholds.
+
+        lead: over effects that are told apart from it, in standard deviations. pattern_r2: of the strongest pattern
+        without a name, before the effect.
+        """
+        rest_nats = max(self.pattern.nats, 0.0) / self.scale
+        return np.array(
+            [
+                np.log(max(self.r2, 1e-4) / 0.01),
+                np.arcsinh(rest_nats / 3.0),
+                np.arcsinh(max(self.left_share, 0.0) / LEAST_LEFT),
+                np.arcsinh(lead),
+                np.log(max(self.r2, 1e-4) / (max(pattern_r2, 0.0) + 0.003)),
+                float(self.is_pair),
+            ]
+        )
+
+
+def look_again(
+    base: Fit, base_score: Score, ranking: EffectRanking, candidate: FittedCandidate, names: Sequence[str]
+) -> SecondLook:
+    """Look at the rest of a candidate; one that another effect makes superfluous is replaced by that, once.
+
+    names: effects that may be named. ranking: of the fit without new effects.
+    """
+    look = _look(base_score, candidate, names)
+    if look.further is None or look.is_pair or look.left_share < LEAST_LEFT:
+        return look
+    (other,) = look.further.effects
+    if other not in ranking.names:
+        return look
+    alone = fit_effect(base, ranking, other)
+    alone_r2 = compute_r2(base_score, score_fit(alone))
+    if alone_r2 < look.r2:
+        return look
+    return _look(base_score, FittedCandidate((other,), alone, score_fit(alone), alone_r2), names)
+
+
+def compute_error_scale(fit: Fit) -> float:
+    """How many times wider than stated the errors of cells' means are: mean robust squares over what they should be.
+
+    At least 1. What differs between honest simulators, and between simulator and bench, without a pattern.
+    """
+    costs = apply_robust_loss(fit.raw)[fit.features.is_mean] ** 2
+    f = fit.raw.shape[1]
+    expected = (FREEDOM + f) / f * float(digamma(0.5 * (FREEDOM + f)) - digamma(0.5 * FREEDOM))
+    return max(float(costs.mean()) / expected, 1.0)
+
+
+def _look(base_score: Score, candidate: FittedCandidate, names: Sequence[str]) -> SecondLook:
+    surrogate = candidate.fit.features.surrogate
+    again = recalibrate(surrogate, candidate.fit.effects)
+    score_again = score_fit(again)
+    taken = {value.effect for value in again.effects}
+    further = _best_further(again, score_again, [name for name in names if name not in taken])
+    pattern = rank_patterns(again)[0]
+    pattern_r2 = compute_r2(score_again, score_fit(pattern.add_to(again)))
+    remaining = 1.0 - candidate.r2
+    left = max(further.r2 if further is not None else 0.0, pattern_r2, 0.0) * remaining / max(candidate.r2, 1e-6)
+    is_pair = False
+    if further is not None and further.r2 * remaining / max(candidate.r2, 1e-6) > LEAST_LEFT:
+        alone = _without(further, candidate.effects)
+        with_both_r2 = 1.0 - (1.0 - further.r2) * remaining
+        is_pair = with_both_r2 - compute_r2(base_score, score_fit(alone)) > _NEEDED * candidate.r2
+        if is_pair:
+            pattern = rank_patterns(further.fit)[0]
+            pattern_r2 = compute_r2(further.score, score_fit(pattern.add_to(further.fit)))
+            left = max(pattern_r2, 0.0) * (1.0 - with_both_r2) / max(with_both_r2, 1e-6)
+    return SecondLook(
+        effect=candidate.effects[0],
+        fit=again,
+        score=candidate.score,
+        r2=candidate.r2,
+        further=further,
+        is_pair=is_pair,
+        pattern=pattern,
+        pattern_r2=pattern_r2,
+        left_share=left,
+        scale=compute_error_scale(further.fit if is_pair and further is not None else again),
+    )
+
+
+def _best_further(fit: Fit, score: Score, names: Sequence[str]) -> FittedCandidate | None:
+    ranking = rank_effects(fit, names)
+    return next(iter(fit_candidates(fit, score, ranking, top_candidates(ranking, N_FURTHER))), None)
+
+
+def _without(pair: FittedCandidate, effects: Sequence[str]) -> Fit:
+    """The fit of a pair, all else fitted again, without these effects."""
+    kept = [value for value in pair.fit.effects if value.effect not in effects]
+    return Fitter(pair.fit.features, pair.fit.theta, kept).fit()

@@ -6,7 +6,6 @@ smooth coefficients with a normal prior whose size is not known, so its evidence
 and it can be said in words.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np

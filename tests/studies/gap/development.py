@@ -15,19 +15,17 @@ import numpy as np
 from flows.benchmarks.base import Options, Tables
 from flows.benchmarks.outcomes import RecordFile, read_records
 from models.design.space import numbered_design
-from models.errors import UsageError
 from models.gap.bank.bank import Bank
 from models.records import GraspSetup, Record, SimulatorVersion
 from tests.studies.gap.answers import Answer, answer, naming_code, statistics_of, thresholds_id
 from tests.studies.gap.panels import Panels
 from tests.studies.gap.tables import gap_tables
-from tests.studies.gap.truth import DESIGNS
+from tests.studies.gap.truth import Panel, results_folder
 from tests.studies.gap.worlds import Group, WorldKey, Worlds
 
 if TYPE_CHECKING:
     from models.gap.naming.thresholds import Statistics, Thresholds
 
-OBJECTS = (1, 6, 14, 22, 25, 28, 30, 32)
 N_CALIBRATION_NULLS, N_CALIBRATION_SINGLES = 40, 20
 N_WORLDS: dict[Group, int] = {"null": 60, "nasty null": 20, "single": 60, "alias": 12, "unlisted": 12, "pair": 20}
 PUBLIC_SEED = 8
@@ -53,7 +51,7 @@ class GapOutcome(Record):
 def measure_gap(options: Options) -> Tables:
     """False alarms, names, sets, unknowns and closed gaps of gap discovery, over development worlds of known truth."""
     folder = results_folder(options)
-    panels, bank = open_panels(folder, options)
+    panels, bank = open_panels(folder)
     outcomes = read_outcomes(options.results)
     thresholds = calibrated(Worlds(panels, bank, "calibration"), outcomes, options)
     (folder / "thresholds.json").write_text(json.dumps(thresholds_content(thresholds), indent=1) + "\n")
@@ -78,29 +76,15 @@ def measure_gap(options: Options) -> Tables:
     return gap_tables([(o.key, o.answer, o.left_out) for o in shown])
 
 
-def results_folder(options: Options) -> Path:
-    """The folder of the results file, with `truth.jsonl` and the simulator's `lake` beside it.
-
-    Raises:
-        UsageError: no results file was named.
-    """
-    if options.results is None:
-        raise UsageError(
-            "`python -m tests.studies gap` needs --results FILE, with truth.jsonl of the study `gap-truth` and a lake "
-            "`lake` with the bank of gap discovery beside it."
-        )
-    return options.results.parent
-
-
-def open_panels(folder: Path, options: Options) -> tuple[Panels, Bank]:
+def open_panels(folder: Path) -> tuple[Panels, Bank]:
     """True grasps, and the bank of the simulator's grasps of the same designs and objects."""
     from lake.store import Lake
     from tasks.gap.bank import read_bank
 
-    designs, objects = DESIGNS[: options.designs], options.objects or OBJECTS
-    panels = Panels.read(folder / "truth.jsonl", designs, objects)
-    own = [numbered_design(number) for number in designs]
-    bank = read_bank(Lake(str(folder / "lake")), SimulatorVersion(), own, objects, GraspSetup())
+    panel = Panel.read(folder)
+    panels = Panels.read(folder / "truth.jsonl", panel)
+    own = [numbered_design(number) for number in panel.designs]
+    bank = read_bank(Lake(str(folder / "lake")), SimulatorVersion(), own, panel.objects, GraspSetup())
     return panels, with_known_fields(bank)
 
 

@@ -11,14 +11,12 @@ from models.errors import UsageError
 from models.gap.bank.bank import Bank
 from models.records import Trace
 from models.traces.step_features import N_STEPS, is_usable, step_means
-from tests.studies.gap.truth import MODULUS_MPA, SETS, TrueSet, read_truth
+from tests.studies.gap.truth import LOWER, MODULUS_MPA, RAISED, RESPONDING, WIDER, Panel, TrueSet, read_truth
 from tests.studies.hidden.lab import Lab, Site, Variants
 from tests.studies.hidden.lab_laws import LAB_LAWS
 from tests.studies.hidden.truth import hidden_law, tool_modulus_factor
 
 LEAST_SHARE = 0.97  # of a panel that must have been solved before worlds are made of it
-LOWER, WIDER, RAISED = "base-5", "wider_closing-strong", "raised-objects"
-RESPONDING = "base-0"  # the base at whose theta friction, closing and height were varied
 _FLOOR, _TOOL_SD = 0.01, 0.04
 _BIN = 4  # steps
 
@@ -35,15 +33,15 @@ class Panels:
     cells: Mapping[str, Cells]
 
     @staticmethod
-    def read(path: Path, designs: Sequence[int], objects: Sequence[int]) -> "Panels":
+    def read(path: Path, panel: Panel) -> "Panels":
         """Panels of a results file of `python -m tests.studies gap-truth`.
 
         Raises:
             UsageError: not one base is complete.
         """
-        known = read_truth(path)
+        known, designs, objects = read_truth(path), panel.designs, panel.objects
         sets, cells = {}, {}
-        for one in SETS:
+        for one in panel.sets:
             found = {}
             for tool, chunk in enumerate(one.grasps(designs, objects)):
                 for obj, grasp in enumerate(chunk):
@@ -53,7 +51,7 @@ class Panels:
                         found[tool, obj] = trace
             if len(found) >= LEAST_SHARE * len(designs) * len(objects):
                 sets[one.name], cells[one.name] = one, found
-        panels = Panels(tuple(designs), tuple(objects), sets, cells)
+        panels = Panels(designs, objects, sets, cells)
         if not panels.bases:
             raise UsageError(f"{path} holds no complete base of true grasps; the study `gap-truth` makes them.")
         return panels
@@ -61,7 +59,7 @@ class Panels:
     @property
     def bases(self) -> tuple[str, ...]:
         """Names of sets without a law."""
-        return tuple(name for name, one in self.sets.items() if not one.law and not one.raised_mm)
+        return tuple(name for name in self.sets if name.startswith("base-"))
 
     @property
     def grasp_laws(self) -> tuple[str, ...]:

@@ -26,8 +26,9 @@ from models.gap.grasps import Grasps
 from models.records import GraspContext, GraspSetup, Record
 from models.traces.step_noise import SensorNoise
 from tests.studies.gap.answers import Answer, answer, naming_code, thresholds_id
-from tests.studies.gap.development import open_panels, results_folder
+from tests.studies.gap.development import open_panels
 from tests.studies.gap.tables import Judged, gap_tables
+from tests.studies.gap.truth import results_folder
 from tests.studies.gap.worlds import Group, WorldKey, Worlds
 
 N_SEALED: dict[Group, int] = {"null": 60, "single": 40, "alias": 6, "unlisted": 8, "pair": 12}
@@ -67,9 +68,9 @@ def measure_gap_sealed(options: Options) -> Tables:
     """The figures of gap discovery on sealed worlds; the lines are those of the study `gap`, frozen before."""
     folder = results_folder(options)
     thresholds = frozen_lines(folder)
-    panels, bank = open_panels(folder, options)
+    panels, bank = open_panels(folder)
     if not (folder / "sealed.jsonl").exists():
-        worlds = Worlds(panels, bank, secrets.token_hex(16), is_sealed=True)
+        worlds = Worlds(panels, bank, secrets.token_hex(16))
         seal(worlds, folder, thresholds_id(thresholds), options)
     answer_all(folder, bank, thresholds, options)
     worlds_judged = judged(folder)

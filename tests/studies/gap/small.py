@@ -8,10 +8,10 @@ import numpy as np
 from models.gap.bank.bank import AMPLITUDES, CENTRE, WIDER_MM, Bank, EffectRuns
 from models.records import Trace
 from tests.studies.gap.panels import Panels
-from tests.studies.gap.truth import CHANNELS, SETS
+from tests.studies.gap.truth import CHANNELS, TrueSet
 
 _STEP_N = 0.002  # forces are kept in whole multiples of it
-_ARRAYS = ("grid_steps_n", "grid_lead_n", "centre_steps_n", "numerical_steps_n", "wider_steps_n")
+_ARRAYS = ("grid_steps_n", "grid_lead_n", "centre_steps_n", "numerical_steps_n", "placed_steps_n", "wider_steps_n")
 
 
 def write_small(path: Path, panels: Panels, bank: Bank, names: Sequence[str]) -> None:
@@ -24,6 +24,7 @@ def write_small(path: Path, panels: Panels, bank: Bank, names: Sequence[str]) ->
         arrays[f"field {name}"] = _packed(field.steps_n)
     for name in names:
         cells = panels.cells[name]
+        arrays[f"set {name}"] = np.array(panels.sets[name].model_dump_json())
         arrays[f"cells {name}"] = np.array([[*place, len(trace.time_s)] for place, trace in cells.items()])
         samples = [np.stack([getattr(trace, channel) for channel in CHANNELS]) for trace in cells.values()]
         arrays[f"samples {name}"] = np.concatenate(samples, axis=1).astype(np.float32)
@@ -46,16 +47,15 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
         centre_steps_n=_unpacked(arrays["centre_steps_n"]),
         grid_lead_n=_unpacked(arrays["grid_lead_n"]),
         numerical_steps_n=_unpacked(arrays["numerical_steps_n"]),
-        placed_steps_n=np.full((*arrays["centre_steps_n"].shape[:2], 2, arrays["centre_steps_n"].shape[2]), np.nan),
+        placed_steps_n=_unpacked(arrays["placed_steps_n"]),
         wider_steps_n=_unpacked(arrays["wider_steps_n"]),
         wider_mm=np.array(WIDER_MM),
         effects=effects,
     )
-    by_name = {one.name: one for one in SETS}
     names = [name.removeprefix("cells ") for name in arrays if name.startswith("cells ")]
     cells = {name: _cells(arrays[f"cells {name}"], arrays[f"samples {name}"].astype(float)) for name in names}
     designs, objects = (tuple(int(number) for number in arrays[key]) for key in ("designs", "objects"))
-    return Panels(designs, objects, {name: by_name[name] for name in names}, cells), bank
+    return Panels(designs, objects, {name: TrueSet.model_validate_json(str(arrays[f"set {name}"])) for name in names}, cells), bank
 
 
 def _cells(table: np.ndarray, samples: np.ndarray) -> dict[tuple[int, int], Trace]:

@@ -1,41 +1,38 @@
 """True grasps of the hidden-effect study, in sets of a whole panel, kept in a results file and continued from there."""
 
+import secrets
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from flows.benchmarks.base import Options, Tables
 from flows.benchmarks.outcomes import RecordFile, read_records
-from models.errors import SimulationFailed
+from models.errors import SimulationFailed, UsageError
+from models.ids import seed_from
+from models.objects.catalogue import get_object
 from models.records import Record, Theta, Trace
 from tasks.simulation.pool import WorkerPool
 from tests.studies.hidden.truth import TrueGrasp, solve_truth
 
-DESIGNS = tuple(range(14))
-OBJECTS = (1, 3, 6, 10, 14, 21, 22, 25, 28, 30, 32, 34)
 MODULUS_MPA = 9.2
-# Friction and Poisson's ratio of the bases, none of them a point of the simulator's grid. The last are kept for
-# sealed worlds: no threshold has seen them.
-THETAS = ((0.62, 0.43), (0.45, 0.36), (0.83, 0.40), (0.52, 0.46), (0.72, 0.38), (0.50, 0.43))
-SEALED_THETAS = ((0.57, 0.39), (0.76, 0.45))
+FRICTIONS, RATIOS = (0.38, 0.95), (0.32, 0.47)  # of true thetas: the bulk of the priors, not the bank's centre
+N_BASES = 4
 _DIGITS = 4
 
 
-@dataclass(frozen=True)
-class TrueSet:
+class TrueSet(Record):
     """A panel of true grasps at one theta: what it is called, and its law with parameters (none: a base)."""
 
     name: str
-    theta: tuple[float, float] = THETAS[0]
+    theta: tuple[float, float]
     law: str = ""
-    parameters: dict[str, float] = field(default_factory=dict)
+    parameters: dict[str, float] = {}
     raised_mm: float = 0.0
 
-    def grasps(self, designs: Sequence[int] = DESIGNS, objects: Sequence[int] = OBJECTS) -> list[list[TrueGrasp]]:
+    def grasps(self, designs: Sequence[int], objects: Sequence[int]) -> list[list[TrueGrasp]]:
         """Grasps by design, since a design's grasps share a mesh."""
         theta = Theta(young_modulus_mpa=MODULUS_MPA, friction=self.theta[0], poisson_ratio=self.theta[1])
         return [
@@ -54,44 +51,90 @@ class TrueSet:
         ]
 
 
-def _base(number: int, theta: tuple[float, float]) -> TrueSet:
-    return TrueSet(f"base-{number}", theta)
+# Parameters of hidden laws: where an amplitude is drawn from, and what shapes it. In the order of their worth.
+LAWS: Mapping[str, Mapping[str, tuple[float, float]]] = {
+    "static_kinetic_friction": {"kinetic_ratio": (0.86, 0.95), "slip_scale_mm": (0.8, 3.0)},
+    "object_edge_radius": {"extra_radius_mm": (0.5, 1.4)},
+    "pressure_dependent_friction": {"strength": (0.08, 0.2)},
+    "force_limited_closing": {"max_force_n": (2.5, 6.0)},
+    "wall_thickness_offset": {"offset_mm": (0.07, 0.16)},
+    "other_material_law": {},
+    "shear_adhesion": {"shear_strength_mpa": (0.0007, 0.002)},
+    "scaled_objects": {"scale": (1.02, 1.05)},
+    "base_compliance": {"compliance_mm_per_n": (0.03, 0.07)},
+    "print_anisotropy": {"excess": (0.2, 0.4)},
+    "hyperelastic_stiffening": {"stiffening": (10.0, 20.0)},
+    "rib_imperfection": {"bow_mm": (0.25, 0.5)},
+    "finger_finger_contact": {"half_gap_mm": (6.5, 8.0)},
+}
 
 
-def _law(effect: str, size: str, **parameters: float) -> TrueSet:
-    return TrueSet(f"{effect}-{size}", law=effect, parameters=parameters)
+class Panel(Record):
+    """What the worlds of a study are made of: designs (numbers of the fixed random sequence), objects, and true sets.
+
+    `seed`: what it was drawn from; a secret until the worlds are judged.
+    """
+
+    seed: str
+    designs: tuple[int, ...]
+    objects: tuple[int, ...]
+    sets: tuple[TrueSet, ...]
+
+    @staticmethod
+    def draw(seed: str, designs: Sequence[int] = (), objects: Sequence[int] = ()) -> "Panel":
+        """Draw thetas and amplitudes, and eight designs and six objects of different classes if none are given."""
+        rng = np.random.default_rng(seed_from("gap panel", seed))
+        drawn_designs = tuple(int(n) for n in rng.choice(np.arange(40, 400), 8, replace=False))
+        thetas = [(round(float(rng.uniform(*FRICTIONS)), 3), round(float(rng.uniform(*RATIOS)), 3)) for _ in range(4)]
+        first = thetas[0]
+        sets = [TrueSet(name=f"base-{number}", theta=theta) for number, theta in enumerate(thetas)]
+        sets += [
+            TrueSet(name=LOWER, theta=(round(0.7 * first[0], 3), first[1])),
+            TrueSet(name=WIDER, theta=first, law="wider_closing", parameters={"wider_mm": 2.0}),
+            TrueSet(name=RAISED, theta=first, raised_mm=1.0),
+        ]
+        for law, ranges in LAWS.items():
+            parameters = {key: round(float(rng.uniform(*ends)), 5) for key, ends in ranges.items()}
+            sets.append(TrueSet(name=law, theta=thetas[int(rng.integers(N_BASES))], law=law, parameters=parameters))
+        return Panel(
+            seed=seed,
+            designs=tuple(designs) or drawn_designs,
+            objects=tuple(objects) or _draw_objects(rng),
+            sets=tuple(sets),
+        )
+
+    @staticmethod
+    def read(folder: Path) -> "Panel":
+        """The panel of a study's folder.
+
+        Raises:
+            UsageError: there is none.
+        """
+        path = folder / "panel.json"
+        if not path.exists():
+            raise UsageError(f"{path} is missing; `python -m tests.studies gap-truth` draws the panel of a folder.")
+        return Panel.model_validate_json(path.read_text())
+
+    def write(self, folder: Path) -> None:
+        """Keep the panel in a study's folder."""
+        (folder / "panel.json").write_text(self.model_dump_json(indent=1) + "\n")
 
 
-# In the order in which they are worth having.
-SETS: tuple[TrueSet, ...] = (
-    *(_base(number, theta) for number, theta in enumerate(THETAS[:3])),
-    _law("static_kinetic_friction", "strong", kinetic_ratio=0.91, slip_scale_mm=1.5),
-    _law("object_edge_radius", "strong", extra_radius_mm=1.2),
-    _law("force_limited_closing", "strong", max_force_n=3.2),
-    _law("wall_thickness_offset", "strong", offset_mm=0.12),
-    *(_base(number + 3, theta) for number, theta in enumerate(THETAS[3:5])),
-    _law("shear_adhesion", "strong", shear_strength_mpa=0.0015),
-    _law("finger_finger_contact", "strong", half_gap_mm=7.5),
-    _law("base_compliance", "strong", compliance_mm_per_n=0.05),
-    _law("scaled_objects", "strong", scale=1.03),
-    _law("pressure_dependent_friction", "strong", strength=0.15),
-    *(TrueSet(f"base-{len(THETAS) + number}", theta) for number, theta in enumerate(SEALED_THETAS)),
-    _law("static_kinetic_friction", "weak", kinetic_ratio=0.97, slip_scale_mm=1.5),
-    _law("print_anisotropy", "strong", excess=0.3),
-    _law("other_material_law", "strong"),
-    _law("object_edge_radius", "weak", extra_radius_mm=0.5),
-    _law("wall_thickness_offset", "weak", offset_mm=0.05),
-    _law("hyperelastic_stiffening", "strong", stiffening=18.0),
-    _law("wider_closing", "strong", wider_mm=2.0),
-    _base(5, THETAS[5]),
-    TrueSet("raised-objects", raised_mm=1.0),
-    _law("rib_imperfection", "strong", bow_mm=0.4),
-    _law("force_limited_closing", "weak", max_force_n=4.2),
-    _law("shear_adhesion", "weak", shear_strength_mpa=0.0005),
-    _law("finger_finger_contact", "weak", half_gap_mm=6.0),
-    _law("base_compliance", "weak", compliance_mm_per_n=0.02),
-    _law("pressure_dependent_friction", "weak", strength=0.06),
-)
+RESPONDING, LOWER, WIDER, RAISED = "base-0", "lower friction", "wider closing", "raised objects"
+PUBLIC_SEED = "development"
+DEVELOPMENT_DESIGNS, DEVELOPMENT_OBJECTS = tuple(range(8)), (1, 14, 25, 28, 30, 32)
+
+
+def _draw_objects(rng: np.random.Generator) -> tuple[int, ...]:
+    """Six objects, of as many classes as there are."""
+    numbers, classes = rng.permutation(36), set[str]()
+    first = [
+        int(n)
+        for n in numbers
+        if not (get_object(int(n)).object_class in classes or classes.add(get_object(int(n)).object_class))
+    ]
+    others = [int(n) for n in numbers if int(n) not in first]
+    return tuple(sorted([*first, *others][:6]))
 
 
 class TrueTrace(Record):
@@ -119,22 +162,46 @@ def read_truth(path: Path | None) -> dict[str, TrueTrace]:
 
 def measure_gap_truth(options: Options) -> Tables:
     """True grasps that hide the effects of the gap study: panels by law, their share of failures, and their cost."""
-    known = read_truth(options.results)
-    designs, objects = DESIGNS[: options.designs], options.objects or OBJECTS
-    wanted = [(one, chunk) for one in SETS for chunk in one.grasps(designs, objects)]
+    folder = results_folder(options)
+    if not (folder / "panel.json").exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        _draw_panel(folder).write(folder)
+    panel, known = Panel.read(folder), read_truth(options.results)
+    sets, designs, objects = panel.sets, panel.designs, panel.objects
+    wanted = [(one, chunk) for one in sets for chunk in one.grasps(designs, objects)]
     missing = [chunk for _, chunk in wanted if any(grasp.grasp_id not in known for grasp in chunk)]
     with RecordFile(options.results) as file:
         for record in _solved(missing, known, options):
             known[record.grasp_id] = record
             file.append(record)
     rows = []
-    for one in SETS:
+    for one in sets:
         grasps = [grasp for chunk in one.grasps(designs, objects) for grasp in chunk]
         made = [known[grasp.grasp_id] for grasp in grasps if grasp.grasp_id in known]
         cost = sum(record.cpu_s for record in made)
         n_failed = sum(record.trace is None for record in made)
         rows.append({"set": one.name, "grasps": len(grasps), "made": len(made), "failed": n_failed, "cpu_s": cost})
     return {"true grasps": rows}
+
+
+def _draw_panel(folder: Path) -> Panel:
+    """The development panel in a folder of that name, one from a secret in any other."""
+    if folder.name == PUBLIC_SEED:
+        return Panel.draw(PUBLIC_SEED, DEVELOPMENT_DESIGNS, DEVELOPMENT_OBJECTS)
+    return Panel.draw(secrets.token_hex(16))
+
+
+def results_folder(options: Options) -> Path:
+    """The folder of the results file, with `panel.json`, `truth.jsonl` and the simulator's `lake` beside it.
+
+    Raises:
+        UsageError: no results file was named.
+    """
+    if options.results is None:
+        raise UsageError(
+            "studies of gap discovery need --results FOLDER/FILE; the folder gets the panel, true grasps and a lake."
+        )
+    return options.results.parent
 
 
 def _solved(

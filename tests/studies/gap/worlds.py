@@ -15,13 +15,12 @@ from models.records import GraspSetup, Record, Trace
 from models.traces.step_features import is_usable, step_means
 from models.traces.step_noise import SensorNoise
 from tests.studies.gap.panels import (
-    RESPONDING,
     Panels,
     modulus_factor,
     raw_strength,
     visible_share,
 )
-from tests.studies.gap.truth import MODULUS_MPA, SEALED_THETAS
+from tests.studies.gap.truth import MODULUS_MPA, RESPONDING
 from tests.studies.hidden.lab import NASTIER, Lab, Nuisance, Site
 
 Group = Literal["null", "nasty null", "single", "alias", "unlisted", "pair"]
@@ -93,12 +92,11 @@ class Worlds:
     panels: Panels
     bank: Bank
     seed: int | str
-    is_sealed: bool = False
 
     def draw(self, group: Group, number: int) -> WorldKey:
         """The key of a world, always the same for a seed."""
         rng = np.random.default_rng(seed_from("gap world", self.seed, group, number))
-        base = str(rng.choice(self._bases))
+        base = str(rng.choice(self.panels.bases))
         nuisance = NASTIER if group == "nasty null" else Nuisance()
         key = WorldKey(
             group=group,
@@ -118,13 +116,6 @@ class Worlds:
             second = str(rng.choice([name for name in self.panels.lab_laws if self._may_pair(name, first)]))
             key = self.with_effect(key, second, STRENGTHS[1 + number % 2], rng)
         return key
-
-    @property
-    def _bases(self) -> list[str]:
-        """Sealed worlds have thetas of their own, if those are solved."""
-        own = [name for name in self.panels.bases if self.panels.sets[name].theta in SEALED_THETAS]
-        others = [name for name in self.panels.bases if name not in own]
-        return own if self.is_sealed and own else others
 
     @property
     def _singles(self) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from models.calibration.traces.theta_grid import ThetaGrid
 from models.design.space import numbered_design, to_unit
-from models.gap.bank.bank import AMPLITUDES, CENTRE, NUMERICAL_MESHES, WIDER_MM, Bank, EffectRuns
+from models.gap.bank.bank import AMPLITUDES, CENTRE, DEEPER_MM, NUMERICAL_MESHES, WIDER_MM, Bank, EffectRuns
 from models.gap.bank.sensor_effects import read_lead
 from models.gap.data import GapData
 from models.gap.grasps import Grasps
@@ -105,6 +105,7 @@ def made_up_bank(shapes: np.ndarray) -> Bank:
         grid_lead_n=np.stack([_leads(shapes, theta) for theta in grid], axis=2),
         centre_steps_n=_steps(shapes, CENTRE),
         numerical_steps_n=np.stack([_steps(shapes, CENTRE, mesh=row) for row in np.eye(len(NUMERICAL_MESHES))], axis=2),
+        placed_steps_n=np.stack([_steps(shapes, CENTRE, late_mm=deeper) for deeper in DEEPER_MM], axis=2),
         wider_mm=np.array(WIDER_MM),
         wider_steps_n=np.stack([_steps(shapes, CENTRE, wider_mm=wider) for wider in WIDER_MM], axis=2),
         effects=effects,
@@ -117,11 +118,13 @@ def made_up_trace(
     hidden: Hidden | None = None,
     *,
     wider_mm: float = 0.0,
+    late_mm: float = 0.0,
     mesh: np.ndarray | None = None,
 ) -> Trace:
     """Lift of a made-up grasp: `shape` (4) in the unit cube is what tool and object make of it.
 
-    hidden: effects of cost C and F with all their parameters. mesh: 3, shares of three numerical errors.
+    hidden: effects of cost C and F with all their parameters. late_mm: how much deeper the tips stand, by which all
+    forces come later. mesh: 3, shares of three numerical errors.
     """
     known = hidden or {}
     errors = np.zeros(3) if mesh is None else mesh
@@ -141,7 +144,7 @@ def made_up_trace(
     if "object_edge_radius" in known:
         worn = 0.5 * known["object_edge_radius"]["extra_radius_mm"] * (0.2 + shape[3])
         force = force * (1.0 - np.clip(worn, -0.5, 0.9) * np.exp(-(((z - length) / 6.0) ** 2)))
-    return Trace(z / 5.0, z, force)
+    return Trace(z / 5.0, z, np.interp(z - late_mm, z, force) if late_mm else force)
 
 
 _MADE_UP = frozenset(
@@ -205,11 +208,15 @@ def _steps(
     hidden: Hidden | None = None,
     *,
     wider_mm: float = 0.0,
+    late_mm: float = 0.0,
     mesh: np.ndarray | None = None,
 ) -> np.ndarray:
     """Step means (t x o x 120) of grasps of shapes (t x o x 4)."""
-    rows = shapes.reshape(-1, shapes.shape[-1])
-    steps = [step_means(made_up_trace(shape, theta, hidden, wider_mm=wider_mm, mesh=mesh)) for shape in rows]
+    traces = (
+        made_up_trace(shape, theta, hidden, wider_mm=wider_mm, late_mm=late_mm, mesh=mesh)
+        for shape in shapes.reshape(-1, shapes.shape[-1])
+    )
+    steps = [step_means(trace) for trace in traces]
     return np.array(steps).reshape(*shapes.shape[:-1], N_STEPS)
 
 

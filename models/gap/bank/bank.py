@@ -72,8 +72,7 @@ class Bank:
     grid_lead_n: t x o x g x 12, the same before the lift, see `sensor_effects.read_lead`. centre_steps_n: t x o x 120.
     numerical_steps_n: t x o x v x 120, the centre on other meshes. placed_steps_n: t x o x 2 x 120, the centre with
     tips deeper by `DEEPER_MM`. wider_mm: w, how much earlier the jaws stop; wider_steps_n: t x o x w x 120. effects:
-    runs of the effects of cost C and F, by name.
-    failed_share: of all simulations of the bank.
+    runs of the effects of cost C and F, by name. failed_share: of all simulations of the bank.
     """
 
     centre: Theta

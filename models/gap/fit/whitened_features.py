@@ -21,7 +21,7 @@ from models.calibration.traces.response_surface import (
     error_correlation,
     units_of,
 )
-from models.gap.bank.bank import Bank
+from models.gap.bank.bank import DEEPER_MM, Bank
 from models.gap.bank.sensor_effects import N_LEAD, apply_sensor_effect
 from models.gap.bank.surrogate import FEATURES, Surrogate, features_of_steps
 from models.simulation.effects.sensor import LiftMisalignment
@@ -32,7 +32,9 @@ from models.traces.step_noise import feature_noise
 FLOOR_SHARE = 0.0066  # of the cell's largest force, common to neighbouring bins
 OWN_SHARE = 0.0045  # the same, of each feature by itself
 PLACEMENT_SHARE = 0.0166  # scatter of the force of a tool on an object, relative
-SHIFT_MM = 0.039  # of the whole trace along the lift: height of the object, start of the lift
+SHIFT_MM = 0.02  # of the whole trace along the lift: where the lift starts
+PLACED_MM = 0.15  # of the height at which a person or a bench places the object
+UNPLACED_SHIFT_MM = 0.039  # of the trace along the lift in cells without simulations of placements: both of them
 # Of all traces together, at most: how far a contact gives way before it slides is the simulator's choice.
 COMMON_SHIFT_MM = 0.03
 NUMERICAL_WEIGHT = 0.47  # of the variance that other meshes show
@@ -118,7 +120,7 @@ def whiten_features(surrogate: Surrogate, with_lead_n: np.ndarray, stiffer: floa
     repeats = REPEAT_SD**2 * _outer(force) + TARE_SD_N**2 * _outer(OF_OFFSET) + noise
     at = (cells[:, 0], cells[:, 1])
     scatter = _outer(amplitude) * (FLOOR_SHARE**2 * error_correlation(FEATURES) + OWN_SHARE**2 * np.eye(len(FEATURES)))
-    scatter = scatter + PLACEMENT_SHARE**2 * _outer(force) + SHIFT_MM**2 * _outer(_slopes(predicted_n[first]))
+    scatter = scatter + PLACEMENT_SHARE**2 * _outer(force) + _placed_scatter(bank, at, predicted_n[first], amplitude)
     scatter_of_meshes = _numerical_scatter(bank.numerical_steps_n[at], bank.centre_steps_n[at], amplitude)
     in_unit = np.where(IS_LIFT, 1.0, stiffer)
     surface = _surface_error(bank, at) * np.outer(in_unit, in_unit)
@@ -198,10 +200,30 @@ def _numerical_scatter(other_n: np.ndarray, centre_n: np.ndarray, amplitude: np.
 
     A cell that snaps in one mesh and not in another says little.
     """
-    centre = features_of_steps(centre_n)
-    change = np.nan_to_num((_features(other_n) - centre[:, None]) / _amplitude(centre)[:, None])
-    change = change * amplitude[:, None]
+    change = np.nan_to_num(_changes(other_n, centre_n, amplitude))
     return np.asarray(np.swapaxes(change, 1, 2) @ change / max(change.shape[1], 1))
+
+
+def _placed_scatter(
+    bank: Bank, at: tuple[np.ndarray, np.ndarray], predicted_n: np.ndarray, amplitude: np.ndarray
+) -> np.ndarray:
+    """Covariance (c x f x f) of the height of the object and the start of the lift; predicted_n: c x 120.
+
+    What a height changes is no mere shift: the finger bends and slips along another part of the object.
+    """
+    change = _changes(bank.placed_steps_n[at], bank.centre_steps_n[at], amplitude)
+    is_known = np.isfinite(change).all(axis=-1)
+    change = np.where(is_known[..., None], change, 0.0) * (PLACED_MM / np.abs(DEEPER_MM))[:, None]
+    n = is_known.sum(axis=1)
+    of_height = np.swapaxes(change, 1, 2) @ change / np.maximum(n, 1)[:, None, None]
+    shift_mm = np.where(n > 0, SHIFT_MM, UNPLACED_SHIFT_MM)
+    return np.asarray(of_height + shift_mm[:, None, None] ** 2 * _outer(_slopes(predicted_n)))
+
+
+def _changes(other_n: np.ndarray, centre_n: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+    """What other simulations (c x v x 120) change of features at the amplitude of a cell's forces, c x v x f."""
+    centre = features_of_steps(centre_n)
+    return (_features(other_n) - centre[:, None]) / _amplitude(centre)[:, None] * amplitude[:, None]
 
 
 def _surface_error(bank: Bank, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:

@@ -1,11 +1,12 @@
 """A small panel of true grasps and its bank in one compressed file: hidden-effect worlds that take seconds."""
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from models.gap.bank.bank import AMPLITUDES, CENTRE, WIDER_MM, Bank, EffectRuns
+from models.gap.bank.bank import AMPLITUDES, CENTRE, DEEPER_MM, WIDER_MM, Bank, EffectRuns
 from models.records import Trace
 from tests.studies.gap.panels import Panels
 from tests.studies.gap.truth import CHANNELS, TrueSet
@@ -22,6 +23,7 @@ def write_small(path: Path, panels: Panels, bank: Bank, names: Sequence[str]) ->
         arrays[name] = _packed(getattr(bank, name))
     for name, field in bank.effects.items():
         arrays[f"field {name}"] = _packed(field.steps_n)
+        arrays[f"amplitudes {name}"] = np.array(json.dumps([dict(row) for row in field.parameters]))
     for name in names:
         cells = panels.cells[name]
         arrays[f"set {name}"] = np.array(panels.sets[name].model_dump_json())
@@ -36,18 +38,21 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
     with np.load(path) as file:
         arrays = {name: file[name] for name in file.files}
     effects = {
-        name: EffectRuns(name, AMPLITUDES[name], _unpacked(arrays[f"field {name}"]))
+        name: EffectRuns(name, tuple(json.loads(str(arrays[f"amplitudes {name}"]))), _unpacked(arrays[f"field {name}"]))
         for name in AMPLITUDES
         if f"field {name}" in arrays
     }
+    centre_steps_n = _unpacked(arrays["centre_steps_n"])
+    t, o, n_steps = centre_steps_n.shape
+    placed = arrays.get("placed_steps_n")  # older files have none
     bank = Bank(
         centre=CENTRE,
         grid=arrays["grid"],
         grid_steps_n=_unpacked(arrays["grid_steps_n"]),
-        centre_steps_n=_unpacked(arrays["centre_steps_n"]),
+        centre_steps_n=centre_steps_n,
         grid_lead_n=_unpacked(arrays["grid_lead_n"]),
         numerical_steps_n=_unpacked(arrays["numerical_steps_n"]),
-        placed_steps_n=_unpacked(arrays["placed_steps_n"]),
+        placed_steps_n=np.full((t, o, len(DEEPER_MM), n_steps), np.nan) if placed is None else _unpacked(placed),
         wider_steps_n=_unpacked(arrays["wider_steps_n"]),
         wider_mm=np.array(WIDER_MM),
         effects=effects,

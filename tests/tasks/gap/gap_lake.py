@@ -44,7 +44,10 @@ def simulated_trace(design: Design, version: SimulatorVersion, setup: GraspSetup
     neutral = {value.effect: CATALOGUE[value.effect].neutral.parameters | value.parameters for value in version.effects}
     mesh = np.array([float(version.mesh == other) for other in NUMERICAL_MESHES])
     wider_mm = setup.closed_gap_mm - SETUP.closed_gap_mm
-    trace = made_up_trace(shape(design, object_id), version.theta, neutral, wider_mm=wider_mm, mesh=mesh)
+    late_mm = setup.tip_below_mm - SETUP.tip_below_mm
+    trace = made_up_trace(
+        shape(design, object_id), version.theta, neutral, wider_mm=wider_mm, late_mm=late_mm, mesh=mesh
+    )
     force_n = trace.force_n
     for place, effect in enumerate(_SIMPLE):
         if effect in neutral:

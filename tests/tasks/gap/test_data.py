@@ -72,7 +72,7 @@ def test_a_failed_simulation_is_missing_and_said(tmp_path: Path) -> None:
     bank = read_bank(lake, BASE, DESIGNS[:1], OBJECTS, SETUP)
     assert np.isnan(bank.grid_steps_n[0, 1, 3]).all()
     assert np.isfinite(bank.grid_steps_n[0, 0]).all()
-    n_all = len(OBJECTS) * (len(versions) + 2)
+    n_all = len(OBJECTS) * (len(versions) + 4)  # two placements, two wider gaps
     assert bank.failed_share == pytest.approx(1 / n_all)
     assert len(list_bank_ids(BASE, DESIGNS[:1], OBJECTS, SETUP)) == n_all
     assert sum(plan.n_grasps for plan in plan_bank(BASE, DESIGNS[:1], OBJECTS, SETUP)) == n_all

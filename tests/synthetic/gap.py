@@ -14,7 +14,7 @@ import numpy as np
 
 from models.calibration.traces.theta_grid import ThetaGrid
 from models.design.space import numbered_design, to_unit
-from models.gap.bank.bank import AMPLITUDES, CENTRE, NUMERICAL_MESHES, WIDER_MM, Bank, EffectRuns
+from models.gap.bank.bank import AMPLITUDES, CENTRE, DEEPER_MM, NUMERICAL_MESHES, WIDER_MM, Bank, EffectRuns
 from models.gap.bank.sensor_effects import read_lead
 from models.gap.data import GapData
 from models.gap.grasps import Grasps
@@ -105,6 +105,7 @@ def made_up_bank(shapes: np.ndarray) -> Bank:
         grid_lead_n=np.stack([_leads(shapes, theta) for theta in grid], axis=2),
         centre_steps_n=_steps(shapes, CENTRE),
         numerical_steps_n=np.stack([_steps(shapes, CENTRE, mesh=row) for row in np.eye(len(NUMERICAL_MESHES))], axis=2),
+        placed_steps_n=np.stack([_steps(shapes, CENTRE) for _ in DEEPER_MM], axis=2),
         wider_mm=np.array(WIDER_MM),
         wider_steps_n=np.stack([_steps(shapes, CENTRE, wider_mm=wider) for wider in WIDER_MM], axis=2),
         effects=effects,

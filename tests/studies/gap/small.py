@@ -37,7 +37,7 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
     effects = {
         name: EffectRuns(name, AMPLITUDES[name], _unpacked(arrays[f"field {name}"]))
         for name in AMPLITUDES
-        if f"field {name}" in arrays
+        if f"field {name}" in arrays and arrays[f"field {name}"].shape[2] == len(AMPLITUDES[name])
     }
     bank = Bank(
         centre=CENTRE,
@@ -46,6 +46,7 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
         centre_steps_n=_unpacked(arrays["centre_steps_n"]),
         grid_lead_n=_unpacked(arrays["grid_lead_n"]),
         numerical_steps_n=_unpacked(arrays["numerical_steps_n"]),
+        placed_steps_n=np.full_like(_unpacked(arrays["wider_steps_n"]), np.nan),  # not on file
         wider_steps_n=_unpacked(arrays["wider_steps_n"]),
         wider_mm=np.array(WIDER_MM),
         effects=effects,

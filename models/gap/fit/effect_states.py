@@ -168,10 +168,10 @@ QUANTITIES: Mapping[str, Quantity] = {
         "how far the post gives way, mm", 0.0, lambda p, f, _: p["compliance_mm_per_n"] * f
     ),
     "lift_start_error": Quantity("how far the lift is behind, mm", 0.0, _start_behind),
-    "lift_misalignment": Quantity("how late the force is, mm of lift", 0.0, lambda p, s, _: np.full_like(s, p["shift_mm"])),
-    "load_cell_lag": Quantity(
-        "delay of the load cell, s", 0.0, lambda p, s, _: np.full_like(s, p["time_constant_s"])
+    "lift_misalignment": Quantity(
+        "how late the force is, mm of lift", 0.0, lambda p, s, _: np.full_like(s, p["shift_mm"])
     ),
+    "load_cell_lag": Quantity("delay of the load cell, s", 0.0, lambda p, s, _: np.full_like(s, p["time_constant_s"])),
     "load_cell_drift": Quantity("zero of the load cell, N", 0.0, lambda p, t, _: p["drift_per_hour_n"] * t),
     "load_cell_gain": Quantity("reported over true force", 1.0, lambda p, f, _: np.full_like(f, p["gain"])),
 }

@@ -16,13 +16,16 @@ import numpy as np
 from models.gap.findings import LawCurve, ParameterEstimate
 from models.gap.fit.effect_states import QUANTITIES, STATES, EffectState
 from models.gap.fit.fit import Axis, Fit, axes_of
+from models.gap.fit.whitened_features import IS_LIFT
 
 LAW_SD = 0.3  # of h: how far the bench's law is from the catalogue's, relative to the effect
 LENGTH_SHARE = 1.0 / 3.0  # of the range of states
 N_KNOTS = 7
 _JITTER = 1e-6
 _Z90 = 1.645
-_N_DRAWS, _N_STATES = 400, 25
+_N_STATES = 25
+_STEP = 1e-3  # of finite differences, of a coordinate
+_CHANGE = "change of the force over the largest of the grasp"
 _LEAST_CHANGE = 0.02  # of the largest: states in which the effect changes less do not count for its range
 
 
@@ -95,47 +98,52 @@ def solve_step(fit: Fit) -> np.ndarray:
 
 
 def estimate_freed_parameters(fit: Fit, effect: str) -> dict[str, ParameterEstimate]:
-    """Values and 90 % intervals of the parameters of an effect of a fit, when its law is free."""
+    """Values of the parameters of an effect of a fit, and their 90 % intervals when its law is free.
+
+    The values are those of the catalogue's law that fits best, since that is what a simulator gets.
+    """
     freed = free_law(fit, effect)
-    step, sd = solve_step(freed), np.sqrt(np.diag(freed.covariance))
+    sd = np.sqrt(np.diag(freed.deflated_covariance))
     found = {}
     for axis, value, place in _list_axes(freed, effect):
-        inner = axis.inner(value) + float(step[place])
-        ends = [axis.value(inner + side * _Z90 * float(sd[place])) for side in (-1.0, 1.0)]
-        found[axis.name] = ParameterEstimate(median=axis.value(inner), ci90=(min(ends), max(ends)))
+        ends = [axis.value(axis.inner(value) + side * _Z90 * float(sd[place])) for side in (-1.0, 1.0)]
+        found[axis.name] = ParameterEstimate(median=value, ci90=(min(ends), max(ends)))
     return found
 
 
 def compute_law_curve(fit: Fit, effect: str) -> LawCurve | None:
     """The law of an effect of a fit as the data have it, with its 90 % band, over the states that occur.
 
-    Draws of parameters and h come from the linear-Gaussian posterior of the freed fit. Where the law is a quantity of
-    its own (`QUANTITIES`), the curve is what the catalogue's law makes of the drawn parameters, its distance from no
-    effect times 1 + h; else it is the change of the force in such states. None for an effect that is a plain number.
+    The curve is linear in parameters and h, as the freed fit is, so its posterior is normal: as wide as deflated data
+    make it. Where the law is a quantity of its own (`QUANTITIES`), its
+    distance from no effect is multiplied by 1 + h; else the curve is the change of the force in such states. None for
+    an effect that is a plain number, or changes nothing.
     """
     freedom = LawFreedom.of(fit, effect)
     if freedom is None:
         return None
     freed = _add_freedom(fit, freedom)
-    rng = np.random.default_rng(0)
-    root = np.linalg.cholesky(freed.covariance)
-    draws = solve_step(freed) + rng.standard_normal((_N_DRAWS, len(root))) @ root.T
-    first = len(freed.columns) - freed.n_effect_columns - N_KNOTS
     places = np.linspace(freedom.knots[0], freedom.knots[-1], _N_STATES)
-    factors = 1.0 + draws[:, first : first + N_KNOTS] @ freedom.basis(places)
+    states = freedom.state.state_at(places)
     quantity = QUANTITIES.get(effect)
     if quantity is None:
-        name, neutral, laws = "change of the force over the largest", 0.0, _draw_changes(freed, freedom, places, draws)
+        neutral, (change, *slopes) = 0.0, _average_changes(freed, freedom, places)
     else:
-        name, neutral, laws = quantity.name, quantity.neutral, _draw_laws(freed, effect, freedom.state.state_at(places), draws)
-    low, median, high = np.quantile(neutral + (laws - neutral) * factors, (0.05, 0.5, 0.95), axis=0)
+        neutral, (change, *slopes) = quantity.neutral, _linearise_law(freed, effect, states)
+    end = len(freed.columns) - freed.n_effect_columns
+    first = _list_axes(freed, effect)[0][2]
+    moved = np.zeros((len(places), len(freed.columns)))
+    moved[:, end - N_KNOTS : end] = (freedom.basis(places) * change).T
+    moved[:, first : first + len(slopes)] = np.array(slopes).T
+    median = neutral + change + moved @ solve_step(freed)
+    half = _Z90 * np.sqrt(((moved @ freed.deflated_covariance) * moved).sum(axis=1))
     return LawCurve(
-        quantity=name,
+        quantity=_CHANGE if quantity is None else quantity.name,
         state=freedom.state.name,
-        at=tuple(freedom.state.state_at(places).tolist()),
+        at=tuple(states.tolist()),
         median=tuple(median.tolist()),
-        low=tuple(low.tolist()),
-        high=tuple(high.tolist()),
+        low=tuple((median - half).tolist()),
+        high=tuple((median + half).tolist()),
     )
 
 
@@ -169,22 +177,24 @@ def _list_axes(fit: Fit, effect: str) -> Sequence[tuple[Axis, float, int]]:
     return found
 
 
-def _draw_laws(fit: Fit, effect: str, states: np.ndarray, draws: np.ndarray) -> np.ndarray:
-    """The catalogue's law at states (k) for draws of the coordinates, draws x k."""
+def _linearise_law(fit: Fit, effect: str, states: np.ndarray) -> np.ndarray:
+    """The catalogue's law at states (k), less no effect; and its slope by each parameter's coordinate, 1 + p x k."""
     axes, speed = _list_axes(fit, effect), fit.features.surrogate.grasps.setup.lift_speed_mm_per_s
-    laws = []
-    for draw in draws:
-        parameters = {axis.name: axis.value(axis.inner(value) + float(draw[place])) for axis, value, place in axes}
-        laws.append(QUANTITIES[effect].law(parameters, states, speed))
-    return np.array(laws)
+    quantity, known = QUANTITIES[effect], {axis.name: value for axis, value, _ in axes}
+    here = quantity.law(known, states, speed)
+    slopes = []
+    for axis, value, _ in axes:
+        inner = axis.inner(value)
+        step = _STEP if inner + _STEP < axis.limits[1] else -_STEP
+        slopes.append((quantity.law(known | {axis.name: axis.value(inner + step)}, states, speed) - here) / step)
+    return np.array([here - quantity.neutral, *slopes])
 
 
-def _draw_changes(fit: Fit, freedom: LawFreedom, places: np.ndarray, draws: np.ndarray) -> np.ndarray:
-    """Changes of the force over the largest of the grasp round places of the state, draws x k."""
+def _average_changes(fit: Fit, freedom: LawFreedom, places: np.ndarray) -> np.ndarray:
+    """The change of the force over the largest of the grasp round places of the state (k), and its slopes, 1 + p x k."""
     own = [place for _, _, place in _list_axes(fit, freedom.effect)]
     slopes = fit.features.unwhiten(fit.columns[own] / fit.weight)
     share = np.concatenate([freedom.change[None], slopes]) / fit.features.amplitude
     near = np.exp(-0.5 * ((freedom.at[..., None] - places) / (0.5 * LENGTH_SHARE * np.ptp(freedom.knots))) ** 2)
-    near = near * freedom.seen[..., None]
-    means = np.einsum("cmf,mfk->ck", share, near) / near.sum(axis=(0, 1))
-    return np.asarray(means[0] + draws[:, own] @ means[1:])
+    near = near * (freedom.seen & ~IS_LIFT)[..., None]
+    return np.asarray(np.einsum("cmf,mfk->ck", share, near) / near.sum(axis=(0, 1)))

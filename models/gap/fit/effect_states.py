@@ -129,7 +129,7 @@ STATES: Mapping[str, EffectState] = {
 
 
 def _approach(p: Mapping[str, float], share: str, scale: str, state: np.ndarray, unit: float = 1.0) -> np.ndarray:
-    """share (1 - exp(-state / scale)): the law by which most effects with a memory set in."""
+    """Share (1 - exp(-state / scale)): the law by which most effects with a memory set in."""
     return np.asarray(-p[share] * np.expm1(-state * unit / p[scale]))
 
 

@@ -10,6 +10,8 @@ from models.records import EffectValue
 from models.simulation.effects.catalogue import CATALOGUE
 
 HELD = 1e6  # the precision of a coordinate that is at its bound
+# Features of a cell and cells of a tool are no independent witnesses, though whitened: this share of them counts.
+DEFLATION = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +98,12 @@ class Fit:
         """Inverse of the curvature, c x c."""
         flat = self.columns.reshape(len(self.columns), -1)
         return np.asarray(np.linalg.inv(flat @ flat.T + np.diag(self.precision)))
+
+    @property
+    def deflated_covariance(self) -> np.ndarray:
+        """The covariance if only `DEFLATION` of the data count, c x c."""
+        flat = self.columns.reshape(len(self.columns), -1)
+        return np.asarray(np.linalg.inv(DEFLATION * flat @ flat.T + np.diag(self.precision)))
 
     @property
     def tool_factor(self) -> np.ndarray:

@@ -53,11 +53,17 @@ class CandidateSet:
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """An answer and its probabilities: that there is a gap, and that the name is right if there is one."""
+    """An answer and its probabilities: that there is a gap, and that the name is right if there is one.
+
+    over_line: `CandidateSet.measure_alarm`. description: of the effect looked at, see `SecondLook.describe`; empty
+    without an alarm.
+    """
 
     decision: Decision
     gap: float
-    name: float
+    over_line: float
+    name: float = 0.0
+    description: tuple[float, ...] = ()
 
 
 def decide(candidates: CandidateSet, look: SecondLook | None, thresholds: Thresholds) -> Judgement:
@@ -66,18 +72,20 @@ def decide(candidates: CandidateSet, look: SecondLook | None, thresholds: Thresh
     gap = thresholds.judge_gap(over_line)
     if over_line <= 1.0:
         sentence = "Nothing that designs, objects and repeats agree on is left."
-        return Judgement(Decision(kind="none", probability=1.0 - gap, sentence=sentence), gap, 0.0)
+        return Judgement(Decision(kind="none", probability=1.0 - gap, sentence=sentence), gap, over_line)
     if look is None:
-        return Judgement(_answer_unknown(candidates, gap), gap, 0.0)
+        return Judgement(_answer_unknown(candidates, gap), gap, over_line)
     chosen = choose_alike(look, candidates, thresholds)
     lead = compute_lead_over_others(look, chosen, candidates)
-    name = thresholds.judge_name(look.describe(lead, candidates.pattern_r2))
+    description = look.describe(lead, candidates.pattern_r2)
+    name = thresholds.judge_name(description)
     if name < _EVEN or not is_needed(look.fit, candidates.base):
-        return Judgement(_answer_unknown(candidates, gap * (1.0 - name), look), gap, name)
-    probability = gap * name
-    if len(chosen) == 1:
-        return Judgement(_answer_effect(look, probability), gap, name)
-    return Judgement(_answer_set(chosen, look, probability), gap, name)
+        decision = _answer_unknown(candidates, gap * (1.0 - name), look)
+    elif len(chosen) == 1:
+        decision = _answer_effect(look, gap * name)
+    else:
+        decision = _answer_set(chosen, look, gap * name)
+    return Judgement(decision, gap, over_line, name, tuple(description.tolist()))
 
 
 def is_needed(fit: Fit, base: Fit) -> bool:

@@ -30,13 +30,14 @@ from models.records import EffectValue
 class NamingResult:
     """The decision of a round and what it rests on.
 
-    candidates: `none`, `unknown` and every effect that was fitted, by what it predicts; their probabilities sum to 1.
-    theta (3) and fit: with what was in the model, calibrated again; best: with the named effect or the first of a set,
-    or `fit`. tried: what was fitted and scored; look: at the best of them, if there is an alarm. dropped: effects of
-    the model that explain nothing any more. separability: what these data can tell apart at all.
+    judged: the decision and its probabilities. candidates: `none`, `unknown` and every effect that was fitted, by what
+    it predicts; their probabilities sum to 1. theta (3) and fit: with what was in the model, calibrated again; best:
+    with the named effect or the first of a set, or `fit`. tried: what was fitted and scored; look: at the best of them,
+    if there is an alarm. dropped: effects of the model that explain nothing any more. separability: what these data can
+    tell apart at all.
     """
 
-    named: Decision
+    judged: Judgement
     candidates: tuple[Candidate, ...]
     theta: np.ndarray
     fit: Fit
@@ -46,6 +47,11 @@ class NamingResult:
     tried: CandidateSet
     look: SecondLook | None
     dropped: tuple[str, ...]
+
+    @property
+    def named(self) -> Decision:
+        """The decision."""
+        return self.judged.decision
 
     @property
     def values(self) -> tuple[EffectValue, ...]:
@@ -81,7 +87,7 @@ def name_effect(
     look = look_again(fit, tried.score, ranking, best, names) if is_open and best is not None else None
     judged = decide(tried, look, thresholds)
     return NamingResult(
-        named=judged.decision,
+        judged=judged,
         candidates=_report_candidates(tried, judged, ranking, thresholds),
         theta=fit.theta,
         fit=fit,

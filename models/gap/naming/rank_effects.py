@@ -12,13 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.gap.bank.bank import AMPLITUDES
+from models.gap.fit.fit import DEFLATION as DEFLATION  # for `decide`
 from models.gap.fit.fit import Fit
 from models.records import EffectValue
 from models.simulation.effects.catalogue import CATALOGUE
 
 LEAST_NATS = 3.0  # below, two effects are confusable
-# Features of a cell and cells of a tool are no independent witnesses, though whitened: this share of them counts.
-DEFLATION = 0.25
 LARGEST_SHARE = 2.0  # of a secant's amplitude, when it is scaled to the residual
 _SHAPES = (0.3, 1.0, 3.0)  # times the prior median of what shapes an effect
 _SMALL, _LARGE = 0.5, 1.5  # prior standard deviations from the prior median or from neutral

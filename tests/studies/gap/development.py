@@ -1,12 +1,12 @@
-"""The figures of gap discovery on worlds of known truth: lines fitted on null worlds, then worlds that hide effects.
+"""The figures of gap discovery on worlds of known truth: probabilities fitted on some worlds, then others.
 
-Three stages, each in the results file: `calibration` worlds set the lines and the temperature and are never counted;
+Three stages, each in the results file: `calibration` worlds set the probabilities and are never counted;
 `development` worlds come from a public seed; `sealed` ones from a secret (`tests.studies.gap.sealed`).
 """
 
 import json
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -17,30 +17,33 @@ from flows.benchmarks.outcomes import RecordFile, read_records
 from models.design.space import numbered_design
 from models.gap.bank.bank import Bank
 from models.records import GraspSetup, Record, SimulatorVersion
-from tests.studies.gap.answers import Answer, answer, naming_code, statistics_of, thresholds_id
+from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code, thresholds_id
+from tests.studies.gap.judgement import Judged, fit_probabilities
 from tests.studies.gap.panels import Panels
 from tests.studies.gap.tables import gap_tables
 from tests.studies.gap.truth import Panel, results_folder
 from tests.studies.gap.worlds import Group, WorldKey, Worlds
 
 if TYPE_CHECKING:
-    from models.gap.naming.thresholds import Statistics, Thresholds
+    from models.gap.naming.thresholds import Thresholds
 
-N_CALIBRATION_NULLS, N_CALIBRATION_SINGLES = 40, 20
-N_WORLDS: dict[Group, int] = {"null": 60, "nasty null": 20, "single": 60, "alias": 12, "unlisted": 12, "pair": 20}
+N_CALIBRATION: dict[Group, int] = {"null": 24, "single": 48, "unlisted": 12, "pair": 12}
+N_WORLDS: dict[Group, int] = {"null": 40, "nasty null": 12, "single": 48, "alias": 6, "unlisted": 12, "pair": 20}
 PUBLIC_SEED = 8
-MARGIN_SD, LEAST_EFFECT_R2, LEAST_UPPER_BOUND_R2 = 3.0, 0.01, 0.005
-LEAST_TEMPERATURE = 3.0  # twenty worlds do not tell small ones apart, and laws differ from the catalogue's
 Stage = Literal["calibration", "development", "sealed"]
 
 
 class GapOutcome(Record):
-    """A world, what it hides, and the answer. `left_out`: the truth was taken out of the catalogue."""
+    """A world, what it hides, and the answer.
+
+    `left_out`: the truth was taken out of the catalogue. `twin_n`: held-out error of the same world without its effect.
+    """
 
     stage: Stage
     key: WorldKey
     answer: Answer
     left_out: bool = False
+    twin_n: float | None = None
 
     @property
     def place(self) -> tuple[str, str, int, bool]:
@@ -58,22 +61,24 @@ def measure_gap(options: Options) -> Tables:
     worlds = Worlds(panels, bank, PUBLIC_SEED)
     end = time.monotonic() + 60.0 * options.limit_minutes
     with RecordFile(options.results) as file:
-        for group, number in _interleaved(options.worlds):
-            for left_out in (False, True) if group == "single" else (False,):
-                place = ("development", group, number, left_out)
-                known = outcomes.get(place)
-                if known is not None and is_current(known.answer, thresholds):
-                    continue
-                if time.monotonic() > end:
-                    break
-                key = worlds.draw(group, number)
-                without = key.names if left_out else ()
-                said = answer(worlds.problem(key), thresholds, without=without, truth=key.names)
-                outcomes[place] = GapOutcome(stage="development", key=key, answer=said, left_out=left_out)
-                file.append(outcomes[place])
-                options.tell(_line(outcomes[place]))
+        for group, number, is_left_out in _interleaved(N_WORLDS, options.worlds):
+            place = ("development", group, number, is_left_out)
+            known = outcomes.get(place)
+            if known is not None and is_current(known.answer, thresholds):
+                continue
+            if time.monotonic() > end:
+                break
+            key = worlds.draw(group, number)
+            problem = worlds.problem(key)
+            said = answer(problem, thresholds, without=key.names if is_left_out else ())
+            twin_n = None if is_left_out else measure_twin(worlds.problem(worlds.twin(key)))
+            outcomes[place] = GapOutcome(
+                stage="development", key=key, answer=said, left_out=is_left_out, twin_n=twin_n
+            )
+            file.append(outcomes[place])
+            options.tell(_line(outcomes[place]))
     shown = [o for o in outcomes.values() if o.stage == "development" and is_current(o.answer, thresholds)]
-    return gap_tables([(o.key, o.answer, o.left_out) for o in shown])
+    return gap_tables([Judged(o.key, o.answer, o.left_out, o.twin_n) for o in shown])
 
 
 def open_panels(folder: Path) -> tuple[Panels, Bank]:
@@ -110,51 +115,22 @@ def is_current(said: Answer, thresholds: "Thresholds") -> bool:
 def calibrated(
     worlds: Worlds, outcomes: dict[tuple[str, str, int, bool], GapOutcome], options: Options
 ) -> "Thresholds":
-    """Lines from null worlds and the temperature from worlds with an effect, none of which is counted later."""
-    from models.gap.naming.thresholds import Thresholds, fit_temperature, fit_thresholds
+    """Probabilities fitted on worlds none of which is counted later: closed and open ones."""
+    from models.gap.naming.thresholds import Thresholds
 
-    provisional = Thresholds()
-    wanted: list[tuple[Group, int]] = [("null", number) for number in range(N_CALIBRATION_NULLS)]
-    wanted += [("single", number) for number in range(N_CALIBRATION_SINGLES)]
-    if options.worlds is not None:
-        wanted = [(group, number) for group, number in wanted if number < 4 * options.worlds]
-    made = []
+    provisional, made = Thresholds(), []
     with RecordFile(options.results) as file:
-        for group, number in wanted:
-            place = ("calibration", group, number, False)
+        for group, number, is_left_out in _interleaved(N_CALIBRATION, options.worlds):
+            place = ("calibration", group, number, is_left_out)
             if place not in outcomes or outcomes[place].answer.code != naming_code():
                 key = worlds.draw(group, number)
-                said = answer(
-                    worlds.problem(key), provisional, truth=key.names, keep_evidence=group == "single", max_rounds=1
-                )
-                outcomes[place] = GapOutcome(stage="calibration", key=key, answer=said)
+                without = key.names if is_left_out else ()
+                said = answer(worlds.problem(key), provisional, without=without, max_rounds=1)
+                outcomes[place] = GapOutcome(stage="calibration", key=key, answer=said, left_out=is_left_out)
                 file.append(outcomes[place])
                 options.tell(_line(outcomes[place]))
             made.append(outcomes[place])
-    nulls = [statistics_of(one.answer) for one in made if one.key.group == "null"]
-    lines = with_margin(fit_thresholds(nulls, provisional), nulls)
-    tried = [one for one in made if one.answer.evidence and one.key.names[0] in one.answer.rounds[0].candidates]
-    if not tried:
-        return lines
-    temperature = fit_temperature(
-        [[np.array(gain) for gain in one.answer.evidence] for one in tried],
-        [one.answer.priors for one in tried],
-        [list(one.answer.rounds[0].candidates).index(one.key.names[0]) for one in tried],
-    )
-    return lines.model_copy(update={"temperature": max(temperature, LEAST_TEMPERATURE)})
-
-
-def with_margin(lines: "Thresholds", nulls: "Sequence[Statistics]") -> "Thresholds":
-    """Lines no lower than `MARGIN_SD` standard deviations above the mean of null worlds.
-
-    The largest of 40 worlds is crossed by one new world in 41, and there are four lines. An effect that predicts less
-    than `LEAST_EFFECT_R2`, an upper bound less than `LEAST_UPPER_BOUND_R2`, is no gap, whatever null worlds give.
-    """
-    found = {name: np.array([getattr(one, name) for one in nulls]) for name in type(nulls[0]).model_fields}
-    high = {name: float(values.mean() + MARGIN_SD * values.std()) for name, values in found.items()}
-    high["effect_r2"] = max(high["effect_r2"], LEAST_EFFECT_R2)
-    high["upper_bound_r2"] = max(high["upper_bound_r2"], LEAST_UPPER_BOUND_R2)
-    return lines.model_copy(update={name: max(getattr(lines, name), value) for name, value in high.items()})
+    return fit_probabilities([Judged(one.key, one.answer, one.left_out) for one in made], provisional)
 
 
 def thresholds_content(thresholds: "Thresholds") -> dict[str, object]:
@@ -162,14 +138,18 @@ def thresholds_content(thresholds: "Thresholds") -> dict[str, object]:
     return {"code": naming_code(), "lines": thresholds.model_dump(mode="json")}
 
 
-def _interleaved(n_worlds: int | None) -> Iterator[tuple[Group, int]]:
-    """World after world, a bit of every group first: a run that is stopped has seen all of them."""
-    counts = {group: n if n_worlds is None else min(n, n_worlds) for group, n in N_WORLDS.items()}
+def _interleaved(wanted: Mapping[Group, int], n_worlds: int | None) -> Iterator[tuple[Group, int, bool]]:
+    """World after world, a bit of every group first: a run that is stopped has seen all of them.
+
+    Worlds with one effect come twice, the second time with the effect taken out of the catalogue.
+    """
+    counts = {group: n if n_worlds is None else min(n, n_worlds) for group, n in wanted.items()}
     rounds = max(counts.values())
     for turn in range(rounds):
         for group, n in counts.items():
             for number in range(-(-turn * n // rounds), -(-(turn + 1) * n // rounds)):
-                yield group, number
+                for is_left_out in (False, True) if group == "single" else (False,):
+                    yield group, number, is_left_out
 
 
 def _line(outcome: GapOutcome) -> str:

@@ -174,6 +174,10 @@ class Worlds:
         measured = {"raw_strength": float(f"{raw:.3g}"), "visible_strength": float(f"{visible:.3g}")}
         return key.model_copy(update={"effects": (*key.effects, hidden.model_copy(update=measured))})
 
+    def twin(self, key: WorldKey) -> WorldKey:
+        """The same world with nothing hidden: the same prints, order, scatter and noise."""
+        return key.model_copy(update={"effects": ()})
+
     def lab(self, key: WorldKey) -> Lab:
         """The lab that measures a world."""
         return Lab(self.panels.designs, self.panels.objects, key.seed, nuisance=key.nuisance)

@@ -1,0 +1,200 @@
+"""Freedom of a law: what a fit grants an effect for a law that is not quite the catalogue's.
+
+The bench never has the catalogue's law: friction falls along a rational curve where an exponential is known. So what an
+effect changes at the fit, g, may be g (1 + h) instead, with h a Gaussian process along the state of the effect
+(`effect_states`): h ~ GP(0, `LAW_SD`^2 k), k squared-exponential with a length of `LENGTH_SHARE` of the range of states
+that occur. It is one function for all grasps, so what it learns of some holds for the others. Written by its values at
+a few knots, whitened by their covariance, it is linear: a fit with this freedom is a fit with a few columns more. The
+data then decide on theta, parameters and law together, and a parameter is known no better than its law.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.gap.findings import LawCurve, ParameterEstimate
+from models.gap.fit.effect_states import QUANTITIES, STATES, EffectState
+from models.gap.fit.fit import Axis, Fit, axes_of
+from models.gap.fit.whitened_features import IS_LIFT
+
+LAW_SD = 0.3  # of h: how far the bench's law is from the catalogue's, relative to the effect
+LENGTH_SHARE = 1.0 / 3.0  # of the range of states
+N_KNOTS = 7
+_JITTER = 1e-6
+_Z90 = 1.645
+_N_STATES = 25
+_STEP = 1e-3  # of finite differences, of a coordinate
+_CHANGE = "change of the force over the largest of the grasp"
+_LEAST_CHANGE = 0.02  # of the largest: states in which the effect changes less do not count for its range
+
+
+@dataclass(frozen=True, eq=False)
+class LawFreedom:
+    """The freedom of an effect's law at a fit, on k knots.
+
+    change: m x f, what the effect changes in the features. knots: k, places of the state. root: k x k, the Cholesky
+    factor of the knots' covariance, in which weights have unit variance times `LAW_SD`^2. seen: m x f, which features
+    the effect changes enough to say anything about its law.
+    """
+
+    effect: str
+    state: EffectState
+    change: np.ndarray
+    at: np.ndarray
+    seen: np.ndarray
+    knots: np.ndarray
+    root: np.ndarray
+
+    @staticmethod
+    def of(fit: Fit, effect: str, change: np.ndarray | None = None) -> "LawFreedom | None":
+        """The freedom of an effect at a fit; None if it has no law, or changes nothing here.
+
+        change: m x f, of the features; by default what the effect of the fit changes.
+        """
+        state = STATES.get(effect)
+        if state is None:
+            return None
+        change = compute_change(fit, effect) if change is None else change
+        at, size = state.place(state.read(fit)), np.abs(fit.features.whiten(change))
+        seen = size > _LEAST_CHANGE * size.max()
+        if not seen.any() or np.ptp(at[seen]) < 1e-9:
+            return None
+        knots = np.linspace(at[seen].min(), at[seen].max(), N_KNOTS)
+        covariance = _kernel(knots, knots, np.ptp(knots)) + _JITTER * np.eye(N_KNOTS)
+        return LawFreedom(effect, state, change, at, seen, knots, np.linalg.cholesky(covariance))
+
+    def basis(self, at: np.ndarray) -> np.ndarray:
+        """What each weight adds to h at places (any shape), k x ...; constant beyond the knots."""
+        inside = np.clip(at, self.knots[0], self.knots[-1])
+        flat = _kernel(self.knots, inside.ravel(), np.ptp(self.knots))
+        return np.asarray(np.linalg.solve(self.root, flat)).reshape(len(self.knots), *at.shape)
+
+    def columns(self, fit: Fit) -> np.ndarray:
+        """Columns of a fit (k x m x f, whitened and weighted)."""
+        return np.asarray(fit.features.whiten(self.basis(self.at) * self.change) * fit.weight)
+
+
+def compute_change(fit: Fit, effect: str) -> np.ndarray:
+    """What an effect of a fit changes in the features there, m x f."""
+    others = [value for value in fit.effects if value.effect != effect]
+    return fit.predict_features() - fit.predict_features(others)
+
+
+def free_law(fit: Fit, effect: str) -> Fit:
+    """The fit with the freedom of the law of one of its effects as further columns; the same if it has no law.
+
+    They come before those of the effects' parameters, which stay the last. Nothing is fitted again: `solve_step` says
+    where the freed fit goes.
+    """
+    freedom = LawFreedom.of(fit, effect)
+    return fit if freedom is None else _add_freedom(fit, freedom)
+
+
+def solve_step(fit: Fit) -> np.ndarray:
+    """How far each coordinate of a fit (c) is from the best, to first order; 0 for one without further columns."""
+    flat = fit.columns.reshape(len(fit.columns), -1)
+    return np.asarray(fit.covariance @ (flat @ fit.residual.ravel() - fit.pull))
+
+
+def estimate_freed_parameters(fit: Fit, effect: str) -> dict[str, ParameterEstimate]:
+    """Values of the parameters of an effect of a fit, and their 90 % intervals when its law is free.
+
+    The values are those of the catalogue's law that fits best, since that is what a simulator gets.
+    """
+    freed = free_law(fit, effect)
+    sd = np.sqrt(np.diag(freed.deflated_covariance))
+    found = {}
+    for axis, value, place in _list_axes(freed, effect):
+        ends = [axis.value(axis.inner(value) + side * _Z90 * float(sd[place])) for side in (-1.0, 1.0)]
+        found[axis.name] = ParameterEstimate(median=value, ci90=(min(ends), max(ends)))
+    return found
+
+
+def compute_law_curve(fit: Fit, effect: str) -> LawCurve | None:
+    """The law of an effect of a fit as the data have it, with its 90 % band, over the states that occur.
+
+    The curve is linear in parameters and h, as the freed fit is, so its posterior is normal: as wide as deflated data
+    make it. Where the law is a quantity of its own (`QUANTITIES`), its
+    distance from no effect is multiplied by 1 + h; else the curve is the change of the force in such states. None for
+    an effect that is a plain number, or changes nothing.
+    """
+    freedom = LawFreedom.of(fit, effect)
+    if freedom is None:
+        return None
+    freed = _add_freedom(fit, freedom)
+    places = np.linspace(freedom.knots[0], freedom.knots[-1], _N_STATES)
+    states = freedom.state.state_at(places)
+    quantity = QUANTITIES.get(effect)
+    if quantity is None:
+        neutral, (change, *slopes) = 0.0, _average_changes(freed, freedom, places)
+    else:
+        neutral, (change, *slopes) = quantity.neutral, _linearise_law(freed, effect, states)
+    end = len(freed.columns) - freed.n_effect_columns
+    first = _list_axes(freed, effect)[0][2]
+    moved = np.zeros((len(places), len(freed.columns)))
+    moved[:, end - N_KNOTS : end] = (freedom.basis(places) * change).T
+    moved[:, first : first + len(slopes)] = np.array(slopes).T
+    median = neutral + change + moved @ solve_step(freed)
+    half = _Z90 * np.sqrt(((moved @ freed.deflated_covariance) * moved).sum(axis=1))
+    return LawCurve(
+        quantity=_CHANGE if quantity is None else quantity.name,
+        state=freedom.state.name,
+        at=tuple(states.tolist()),
+        median=tuple(median.tolist()),
+        low=tuple((median - half).tolist()),
+        high=tuple((median + half).tolist()),
+    )
+
+
+def _add_freedom(fit: Fit, freedom: LawFreedom) -> Fit:
+    place = len(fit.columns) - fit.n_effect_columns
+    columns = freedom.columns(fit)
+    return replace(
+        fit,
+        columns=_put(fit.columns, place, columns),
+        precision=_put(fit.precision, place, np.full(len(columns), LAW_SD**-2.0)),
+        pull=_put(fit.pull, place, np.zeros(len(columns))),
+    )
+
+
+def _put(values: np.ndarray, place: int, more: np.ndarray) -> np.ndarray:
+    return np.concatenate([values[:place], more, values[place:]])
+
+
+def _kernel(first: np.ndarray, second: np.ndarray, extent: float) -> np.ndarray:
+    return np.asarray(np.exp(-0.5 * ((first[:, None] - second) / (LENGTH_SHARE * extent)) ** 2))
+
+
+def _list_axes(fit: Fit, effect: str) -> Sequence[tuple[Axis, float, int]]:
+    """Axes of an effect's parameters, their values, and their columns in the fit."""
+    place, found = len(fit.columns) - fit.n_effect_columns, []
+    for value in fit.effects:
+        for axis in axes_of(value.effect):
+            if value.effect == effect:
+                found.append((axis, value.parameters[axis.name], place))
+            place += 1
+    return found
+
+
+def _linearise_law(fit: Fit, effect: str, states: np.ndarray) -> np.ndarray:
+    """The catalogue's law at states (k), less no effect; and its slope by each parameter's coordinate, 1 + p x k."""
+    axes, speed = _list_axes(fit, effect), fit.features.surrogate.grasps.setup.lift_speed_mm_per_s
+    quantity, known = QUANTITIES[effect], {axis.name: value for axis, value, _ in axes}
+    here = quantity.law(known, states, speed)
+    slopes = []
+    for axis, value, _ in axes:
+        inner = axis.inner(value)
+        step = _STEP if inner + _STEP < axis.limits[1] else -_STEP
+        slopes.append((quantity.law(known | {axis.name: axis.value(inner + step)}, states, speed) - here) / step)
+    return np.array([here - quantity.neutral, *slopes])
+
+
+def _average_changes(fit: Fit, freedom: LawFreedom, places: np.ndarray) -> np.ndarray:
+    """The change of the force over the largest of the grasp round places of the state (k), and its slopes, 1 + p x k."""
+    own = [place for _, _, place in _list_axes(fit, freedom.effect)]
+    slopes = fit.features.unwhiten(fit.columns[own] / fit.weight)
+    share = np.concatenate([freedom.change[None], slopes]) / fit.features.amplitude
+    near = np.exp(-0.5 * ((freedom.at[..., None] - places) / (0.5 * LENGTH_SHARE * np.ptp(freedom.knots))) ** 2)
+    near = near * (freedom.seen & ~IS_LIFT)[..., None]
+    return np.asarray(np.einsum("cmf,mfk->ck", share, near) / near.sum(axis=(0, 1)))

@@ -1,0 +1,81 @@
+"""What is right in an answer to a world of known truth, and the probabilities that are fitted on such answers."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.special import expit
+
+from models.gap.naming.families import WORDS
+from tests.studies.gap.answers import Answer
+from tests.studies.gap.worlds import WorldKey
+
+if TYPE_CHECKING:
+    from models.gap.naming.thresholds import Thresholds
+
+VISIBLE = 0.02  # from this visible strength on, an effect is expected to be found
+_RIDGE = 0.3  # precision of slopes about those of the thresholds that answers were given with
+
+
+@dataclass(frozen=True)
+class Judged:
+    """An answer with its key. left_out: the truth was not in the catalogue; twin_n: error of the world without it."""
+
+    key: WorldKey
+    said: Answer
+    left_out: bool = False
+    twin_n: float | None = None
+
+    @property
+    def families(self) -> set[str]:
+        """Families of what is hidden; what no catalogue lists has none."""
+        return {WORDS[name] for name in self.key.names if name in WORDS}
+
+    @property
+    def is_visible(self) -> bool:
+        """Whether something is hidden, and all of it should be found."""
+        return bool(self.key.effects) and all(hidden.visible_strength >= VISIBLE for hidden in self.key.effects)
+
+    def is_family_right(self, name: str) -> bool:
+        """Whether an effect is of a family that is hidden."""
+        return WORDS.get(name) in self.families
+
+    @property
+    def is_right(self) -> bool:
+        """Whether the first answer is right: a hidden family; unknown if there is none; nothing if nothing is there."""
+        first = self.said.rounds[0]
+        if first.kind in ("effect", "set"):
+            return any(self.is_family_right(name) for name in first.effects)
+        is_listed = bool(self.families) and not self.left_out
+        return not self.key.effects if first.kind == "none" else bool(self.key.effects) and not is_listed
+
+
+def fit_probabilities(worlds: Sequence[Judged], base: "Thresholds") -> "Thresholds":
+    """Thresholds whose probabilities are those of these worlds.
+
+    That an alarm is right: null worlds against visible ones. That a family is right: all alarms with a name looked at.
+    """
+    shown = [one for one in worlds if not one.key.effects or one.is_visible]
+    over = np.array([max(one.said.rounds[0].over_line, 1e-6) for one in shown])
+    gap = _fit_logistic(np.log(over)[:, None], np.array([bool(one.key.effects) for one in shown]), base.gap_logit)
+    looked = [one for one in worlds if one.said.rounds[0].description]
+    described = np.array([one.said.rounds[0].description for one in looked])
+    is_right = np.array([one.is_family_right(one.said.rounds[0].looked_at) for one in looked])
+    name = _fit_logistic(described, is_right, base.name_logit)
+    return base.model_copy(update={"gap_logit": gap, "name_logit": name})
+
+
+def _fit_logistic(inputs: np.ndarray, is_true: np.ndarray, base: Sequence[float]) -> tuple[float, ...]:
+    """Intercept and slopes of a logistic regression, held near `base` by a ridge."""
+    columns, about = np.column_stack([np.ones(len(inputs)), inputs]), np.array(base)
+    sign = np.where(is_true, 1.0, -1.0)
+
+    def loss(at: np.ndarray) -> tuple[float, np.ndarray]:
+        log_odds = sign * (columns @ at)
+        value = np.logaddexp(0.0, -log_odds).sum() + 0.5 * _RIDGE * ((at - about) ** 2).sum()
+        return float(value), -columns.T @ (sign * expit(-log_odds)) + _RIDGE * (at - about)
+
+    found = minimize(loss, about, jac=True, method="BFGS").x
+    return tuple(round(float(value), 3) for value in found)

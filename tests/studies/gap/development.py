@@ -72,9 +72,7 @@ def measure_gap(options: Options) -> Tables:
             problem = worlds.problem(key)
             said = answer(problem, thresholds, without=key.names if is_left_out else ())
             twin_n = None if is_left_out else measure_twin(worlds.problem(worlds.twin(key)))
-            outcomes[place] = GapOutcome(
-                stage="development", key=key, answer=said, left_out=is_left_out, twin_n=twin_n
-            )
+            outcomes[place] = GapOutcome(stage="development", key=key, answer=said, left_out=is_left_out, twin_n=twin_n)
             file.append(outcomes[place])
             options.tell(_line(outcomes[place]))
     shown = [o for o in outcomes.values() if o.stage == "development" and is_current(o.answer, thresholds)]

@@ -10,7 +10,7 @@ import json
 import secrets
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +25,14 @@ from models.gap.data import GapData
 from models.gap.grasps import Grasps
 from models.records import GraspContext, GraspSetup, Record
 from models.traces.step_noise import SensorNoise
-from tests.studies.gap.answers import Answer, answer, naming_code, thresholds_id
+from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code, thresholds_id
 from tests.studies.gap.development import open_panels
-from tests.studies.gap.tables import Judged, gap_tables
+from tests.studies.gap.judgement import Judged
+from tests.studies.gap.tables import gap_tables
 from tests.studies.gap.truth import results_folder
 from tests.studies.gap.worlds import Group, WorldKey, Worlds
 
-N_SEALED: dict[Group, int] = {"null": 60, "single": 40, "alias": 6, "unlisted": 8, "pair": 12}
+N_SEALED: dict[Group, int] = {"null": 30, "single": 48, "alias": 4, "unlisted": 10, "pair": 12}
 
 
 class Sealed(Record):
@@ -73,9 +74,32 @@ def measure_gap_sealed(options: Options) -> Tables:
         worlds = Worlds(panels, bank, secrets.token_hex(16))
         seal(worlds, folder, thresholds_id(thresholds), options)
     answer_all(folder, bank, thresholds, options)
-    worlds_judged = judged(folder)
+    judged(folder)  # no key is opened before every hash is checked
     ask_without_truth(folder, bank, thresholds, options)
-    return gap_tables([*worlds_judged, *left_out(folder)])
+    twins = _measure_twins(folder, Worlds(panels, bank, ""), options)
+    found = [replace(one, twin_n=twins.get(one.key.world_id)) for one in judged(folder)]
+    return gap_tables([*found, *left_out(folder)])
+
+
+class Twin(Record):
+    """Held-out error of a world without its effect, N."""
+
+    world_id: str
+    twin_n: float
+
+
+def _measure_twins(folder: Path, worlds: Worlds, options: Options) -> dict[str, float]:
+    """Errors of the twins of worlds with one effect, from the results file or measured now."""
+    path = folder / "sealed-twins.jsonl"
+    known = {one.world_id: one.twin_n for one in read_records(path, Twin, "twin of a sealed world")}
+    with RecordFile(path) as file:
+        for one in judged(folder):
+            if one.key.group == "single" and one.key.world_id not in known:
+                twin = Twin(world_id=one.key.world_id, twin_n=measure_twin(worlds.problem(worlds.twin(one.key))))
+                known[twin.world_id] = twin.twin_n
+                file.append(twin)
+                options.tell(f"{twin.world_id}: {twin.twin_n:.3f} N with nothing hidden")
+    return known
 
 
 def frozen_lines(folder: Path) -> Any:
@@ -155,7 +179,7 @@ def left_out(folder: Path) -> list[Judged]:
     """Answers of `ask_without_truth` with their keys."""
     keys = _keys(folder)
     answers = read_records(folder / "sealed-left-out.jsonl", SealedAnswer, "answer to a sealed world")
-    return [(keys[one.world].key, one.answer, True) for one in answers]
+    return [Judged(keys[one.world].key, one.answer, left_out=True) for one in answers]
 
 
 def _keys(folder: Path) -> dict[str, SealedKey]:
@@ -176,7 +200,7 @@ def judged(folder: Path) -> list[Judged]:
             raise UsageError(f"the key of {one.world} does not fit its hash; this sealed run is void.")
         if one.answer.answer_hash != one.answer_hash:
             raise UsageError(f"the answer to {one.world} does not fit its hash; this sealed run is void.")
-        found.append((keys[one.world].key, one.answer, False))
+        found.append(Judged(keys[one.world].key, one.answer))
     return found
 
 

@@ -60,7 +60,9 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
     names = [name.removeprefix("cells ") for name in arrays if name.startswith("cells ")]
     cells = {name: _cells(arrays[f"cells {name}"], arrays[f"samples {name}"].astype(float)) for name in names}
     designs, objects = (tuple(int(number) for number in arrays[key]) for key in ("designs", "objects"))
-    return Panels(designs, objects, {name: TrueSet.model_validate_json(str(arrays[f"set {name}"])) for name in names}, cells), bank
+    return Panels(
+        designs, objects, {name: TrueSet.model_validate_json(str(arrays[f"set {name}"])) for name in names}, cells
+    ), bank
 
 
 def _cells(table: np.ndarray, samples: np.ndarray) -> dict[tuple[int, int], Trace]:

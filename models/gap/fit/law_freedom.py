@@ -191,7 +191,7 @@ def _linearise_law(fit: Fit, effect: str, states: np.ndarray) -> np.ndarray:
 
 
 def _average_changes(fit: Fit, freedom: LawFreedom, places: np.ndarray) -> np.ndarray:
-    """The change of the force over the largest of the grasp round places of the state (k), and its slopes, 1 + p x k."""
+    """The change of the force over the largest of the grasp round k places of the state, and its slopes, 1 + p x k."""
     own = [place for _, _, place in _list_axes(fit, freedom.effect)]
     slopes = fit.features.unwhiten(fit.columns[own] / fit.weight)
     share = np.concatenate([freedom.change[None], slopes]) / fit.features.amplitude

@@ -2,11 +2,12 @@
 
     y = F(v) + C d + e,    d ~ N(0, P^-1),  e ~ N(0, phi),  all whitened,
 
-v: ln E, friction, Poisson ratio and the effects' parameters on the axes of `models.gap.fit.fit`; C d: moduli of tools
-and what other meshes change, integrated out with C as it is at the fit. The residual is a quadratic polynomial of v
+v: ln E, friction, Poisson ratio and the effects' parameters on the axes of `models.gap.fit.fit`; C d: moduli of tools,
+what other meshes change and what a law may differ by (`law_freedom`), integrated out with C as it is at the fit. The residual is a quadratic polynomial of v
 around the fit, found by least squares over points of the posterior's own ellipsoid, so that the log likelihood is one
 quadratic form of its terms: thousands of evaluations cost what one prediction of all grasps does. What the polynomial
-misses is measured at draws and said. `phi` (1 or more) is what the fit leaves beyond its errors.
+misses is measured at draws and said. `phi` (1 or more) is what the fit leaves beyond its errors; with an
+effect, only `DEFLATION` of the data count, since features of a cell are no independent witnesses of a law.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +22,8 @@ from models.calibration.inference.parallel_chains import sample
 from models.calibration.inference.result import CalibrationResult, measure_convergence
 from models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings, ThetaPriors
 from models.calibration.means.problem import THETA
-from models.gap.fit.fit import HELD, Axis, Fit, axes_of
+from models.gap.fit.fit import DEFLATION, HELD, Axis, Fit, axes_of
+from models.gap.fit.law_freedom import free_law
 from models.gap.fit.whitened_features import IS_LIFT, compute_root_weights
 from models.records import EffectValue
 from models.simulation.effects.catalogue import CATALOGUE
@@ -184,6 +186,8 @@ class LikelihoodSurface:
     @staticmethod
     def around(fit: Fit, priors: ThetaPriors) -> "LikelihoodSurface":
         """The surface of a fit; residuals that weigh little in the fit do as they do there."""
+        for value in fit.effects:
+            fit = free_law(fit, value.effect)
         axes = tuple(axis for value in fit.effects for axis in axes_of(value.effect))
         point, (lower, upper) = _vector(fit, axes), _limits(fit, axes, priors)
         point = np.clip(point, lower + 1e-6 * (upper - lower), upper - 1e-6 * (upper - lower))
@@ -204,6 +208,8 @@ class LikelihoodSurface:
         )
         at_fit = bare.rows(point)
         phi = max(1.0, float(at_fit @ bare.project(at_fit)) / max(at_fit.size - len(point), 1))
+        if fit.effects:
+            phi /= DEFLATION
         surface = replace(bare, phi=phi).move(point, phi * fit.covariance[np.ix_(kept, kept)])
         for _ in range(_MOVES):
             u, covariance = approximate_at_mode(surface.density, surface.density.start)

@@ -3,21 +3,20 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from models.gap.findings import Decision, ParameterEstimate
-from models.gap.fit.fit import Fit, axes_of
+from models.gap.findings import Decision
+from models.gap.fit.fit import DEFLATION, Fit
+from models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
 from models.gap.naming.candidates import FittedCandidate, Score, compute_gain_nats, compute_lead
+from models.gap.naming.families import WORDS, find_families
 from models.gap.naming.patterns import Pattern
-from models.gap.naming.rank_effects import DEFLATION
 from models.gap.naming.second_look import SecondLook
 from models.gap.naming.thresholds import Thresholds
 from models.simulation.effects.catalogue import CATALOGUE
 
 _Z90 = 1.645
 _LARGEST_SET = 3
-_LEAST_LEAD = 1.64  # standard deviations of evidence in a set: what leads by more is told apart by it
-_NEARLY = 0.5  # of what the best effect predicts: a confusable effect that explains as much is reported with it
+_CLEAR_LEAD = 3.3  # standard deviations of evidence: effects that the catalogue calls confusable are told apart
+_NEARLY = 0.5  # of what the best effect predicts: another that explains less is not reported with it
 _EVEN = 0.5  # a name is said if it is more probable than not
 
 
@@ -75,7 +74,7 @@ def decide(candidates: CandidateSet, look: SecondLook | None, thresholds: Thresh
         return Judgement(Decision(kind="none", probability=1.0 - gap, sentence=sentence), gap, over_line)
     if look is None:
         return Judgement(_answer_unknown(candidates, gap), gap, over_line)
-    chosen = choose_alike(look, candidates, thresholds)
+    chosen = choose_alike(look, candidates)
     lead = compute_lead_over_others(look, chosen, candidates)
     description = look.describe(lead, candidates.pattern_r2)
     name = thresholds.judge_name(description)
@@ -96,38 +95,19 @@ def is_needed(fit: Fit, base: Fit) -> bool:
     return DEFLATION * (base.loss - fit.loss) > 0.5 * _Z90**2
 
 
-def estimate_parameters(fit: Fit, effect: str) -> dict[str, ParameterEstimate]:
-    """Values and 90 % intervals of an effect's parameters, by the curvature of the fit."""
-    sd = np.sqrt(np.diag(fit.covariance))[len(fit.columns) - fit.n_effect_columns :]
-    found, place = {}, 0
-    for value in fit.effects:
-        for axis in axes_of(value.effect):
-            if value.effect == effect:
-                inner = axis.inner(value.parameters[axis.name])
-                ends = [axis.value(inner + side * _Z90 * float(sd[place])) for side in (-1.0, 1.0)]
-                interval = (min(ends), max(ends))
-                found[axis.name] = ParameterEstimate(median=value.parameters[axis.name], ci90=interval)
-            place += 1
-    return found
-
-
-def compute_nats_apart(first: Fit, second: Fit) -> float:
-    """Nats between the predictions of two fits, deflated as in `models.gap.naming.rank_effects`."""
-    difference = first.features.whiten(first.modelled - second.modelled) * first.weight
-    return float(0.5 * DEFLATION * (difference**2).sum())
-
-
-def choose_alike(look: SecondLook, candidates: CandidateSet, thresholds: Thresholds) -> list[str]:
-    """The effect looked at, and those that the data do not tell from it, by what they explain."""
+def choose_alike(look: SecondLook, candidates: CandidateSet) -> list[str]:
+    """The effect looked at, and those that are not told from it even if no law is exact, by what they explain."""
     by_name = {candidate.effects[0]: candidate for candidate in candidates.singles}
     own = by_name.get(look.effect)
     if own is None:
         return [look.effect]
     added = look.further.effects[0] if look.is_pair and look.further is not None else ""
+    kin = find_families(candidates.base, candidates.singles).kin_of(look.effect)
     alike = [
         name
         for name, other in by_name.items()
-        if name not in (look.effect, added) and _is_alike(other, own, candidates, thresholds)
+        if name not in (look.effect, added) and other.r2 > _NEARLY * own.r2
+        if name in kin or _is_confusable(other, own, candidates)
     ]
     return [look.effect, *sorted(alike, key=lambda name: -by_name[name].r2)][:_LARGEST_SET]
 
@@ -139,34 +119,30 @@ def compute_lead_over_others(look: SecondLook, chosen: Sequence[str], candidates
     return min(compute_lead(compute_gain_nats(candidates.base, score, look.score)) for score in scores)
 
 
-def _is_alike(
-    candidate: FittedCandidate, own: FittedCandidate, candidates: CandidateSet, thresholds: Thresholds
-) -> bool:
-    """Whether an effect predicts the same as the best, or nearly as well and the catalogue calls the two confusable.
+def _is_confusable(candidate: FittedCandidate, own: FittedCandidate, candidates: CandidateSet) -> bool:
+    """Whether the catalogue calls two effects confusable, and the evidence between them is not clear.
 
     The law of the bench is not that of the catalogue: a little more evidence does not tell confusable effects apart.
     """
-    if compute_nats_apart(candidate.fit, own.fit) < thresholds.least_nats:
-        return candidate.r2 > _NEARLY * own.r2
     one, other = candidate.effects[0], own.effects[0]
     is_confusable = one in CATALOGUE[other].confusable_with or other in CATALOGUE[one].confusable_with
-    if not is_confusable or candidate.r2 < _NEARLY * own.r2:
-        return False
-    return compute_lead(compute_gain_nats(candidates.base, candidate.score, own.score)) < 2.0 * _LEAST_LEAD
+    return is_confusable and compute_lead(compute_gain_nats(candidates.base, candidate.score, own.score)) < _CLEAR_LEAD
 
 
 def _answer_effect(look: SecondLook, probability: float) -> Decision:
     spec = CATALOGUE[look.effect]
-    parameters = estimate_parameters(look.fit, look.effect)
+    parameters = estimate_freed_parameters(look.fit, look.effect)
     first = spec.parameters[0].name
     low, high = parameters[first].ci90
     return Decision(
         kind="effect",
         effects=(look.effect,),
+        family=WORDS[look.effect],
         probability=probability,
         parameters=parameters,
         sentence=f"{spec.title}: {first} = {parameters[first].median:.3g} [{low:.3g}, {high:.3g}].",
         left_share=look.left_share,
+        law=compute_law_curve(look.fit, look.effect),
     )
 
 
@@ -175,6 +151,7 @@ def _answer_set(chosen: Sequence[str], look: SecondLook, probability: float) -> 
     return Decision(
         kind="set",
         effects=tuple(chosen),
+        family=WORDS[look.effect],
         probability=probability,
         sentence=f"One of these, not told apart: {titles}.",
         left_share=look.left_share,

@@ -3,11 +3,12 @@
     y = F(v) + C d + e,    d ~ N(0, P^-1),  e ~ N(0, phi),  all whitened,
 
 v: ln E, friction, Poisson ratio and the effects' parameters on the axes of `models.gap.fit.fit`; C d: moduli of tools,
-what other meshes change and what a law may differ by (`law_freedom`), integrated out with C as it is at the fit. The residual is a quadratic polynomial of v
-around the fit, found by least squares over points of the posterior's own ellipsoid, so that the log likelihood is one
-quadratic form of its terms: thousands of evaluations cost what one prediction of all grasps does. What the polynomial
-misses is measured at draws and said. `phi` (1 or more) is what the fit leaves beyond its errors; with an
-effect, only `DEFLATION` of the data count, since features of a cell are no independent witnesses of a law.
+what other meshes change and what a law may differ by (`law_freedom`), integrated out with C as it is at the fit. The
+residual is a quadratic polynomial of v around the fit, found by least squares over points of the posterior's own
+ellipsoid, so that the log likelihood is one quadratic form of its terms: thousands of evaluations cost what one
+prediction of all grasps does. What the polynomial misses is measured at draws and said. `phi` (1 or more) is what the
+fit leaves beyond its errors; with an effect, only `DEFLATION` of the data count, since features of a cell are no
+independent witnesses of a law.
 """
 
 from collections.abc import Callable, Sequence

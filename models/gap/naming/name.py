@@ -24,6 +24,7 @@ from models.gap.naming.rank_effects import EffectRanking, Separability, compute_
 from models.gap.naming.second_look import SecondLook, look_again
 from models.gap.naming.thresholds import Thresholds
 from models.records import EffectValue
+from models.simulation.effects.catalogue import CATALOGUE
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,13 +105,24 @@ def _try_candidates(fit: Fit, ranking: EffectRanking) -> CandidateSet:
     """Everything that is tried on a fit: the most promising effects, and patterns without a name."""
     score = score_fit(fit)
     pattern = rank_patterns(fit)[0]
+    singles = fit_candidates(fit, score, ranking, top_candidates(ranking))
+    if singles:
+        known = {single.effects[0] for single in singles}
+        kin = [name for name in _list_confusable(singles[0].effects[0]) if name in ranking.names and name not in known]
+        singles = sorted([*singles, *fit_candidates(fit, score, ranking, kin)], key=lambda single: -single.r2)
     return CandidateSet(
         base=fit,
         score=score,
-        singles=fit_candidates(fit, score, ranking, top_candidates(ranking)),
+        singles=singles,
         pattern=pattern,
         pattern_r2=compute_r2(score, score_fit(pattern.add_to(fit))),
     )
+
+
+def _list_confusable(effect: str) -> list[str]:
+    """Effects that the catalogue calls confusable with this one, in either entry."""
+    own = CATALOGUE[effect].confusable_with
+    return [name for name, spec in CATALOGUE.items() if name in own or effect in spec.confusable_with]
 
 
 def _report_candidates(

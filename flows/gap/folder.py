@@ -51,7 +51,7 @@ def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":
         residuals=rounds[0].residuals,
         evaluation=evaluation,
         theta=_theta_rows(rounds[0].before, rounds[-1].after, _is_real(lake, outcome.run.campaign_id)),
-        separability=rounds[0].naming.separability,
+        separability=rounds[0].proposed.separability,
         assumed=_assumed(outcome),
     )
 

@@ -24,7 +24,7 @@ from models.records import EffectValue, SimulatorVersion
 from tasks.calibration.mean_data import find_base_version
 from tasks.campaign.requests import exclusive
 from tasks.campaign.simulator_versions import newest_calibrated
-from tasks.gap.bank import plan_bank, read_bank
+from tasks.gap.bank import HELD_OUT, LOCAL_BANK, WIDE_BANK, plan_bank, read_bank
 from tasks.gap.data import MeasuredGrasps, check_units, make_data, read_grasps, split_measurements
 from tasks.gap.findings import GapRun, find_run, find_starting_effects, make_gap_id, write_run, write_start
 from tasks.gap.split import Split
@@ -32,7 +32,7 @@ from tasks.simulation.plan import SimulationPlan
 
 if TYPE_CHECKING:
     from models.gap.evaluation.evaluate import Evaluation
-    from tasks.gap.calibrate import CalibratedSimulator, SearchInputs
+    from tasks.gap.calibrate import SearchInputs
     from tasks.gap.rounds import Round
 
 MOST_ROUNDS = 4
@@ -91,8 +91,9 @@ def run_gap(
         version_rows = missing_version_rows(lake, search.version)  # an imported lake has never simulated with it
         if version_rows:
             lake.append(version_rows, current_provenance(seed=order.seed))
-        _fill_bank(lake, search, reporter, should_stop)
-        return _run_rounds(lake, search, reporter)
+        simulator = _Simulator(lake, order, reporter, should_stop)
+        simulator.simulate(WIDE_BANK, search.plans)
+        return _run_rounds(lake, search, simulator, reporter)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,50 +134,64 @@ def _prepare(lake: Lake, order: GapOrder) -> _Search:
     return _Search(order, split, measured, version, make_gap_id(measured, version, split, settings))
 
 
-def _fill_bank(lake: Lake, search: _Search, reporter: ProgressReporter, should_stop: Callable[[], bool]) -> None:
-    """Simulate what the bank lacks, as long as the budget lasts.
+class _Simulator:
+    """Simulates what a search asks for, as long as its budget lasts."""
 
-    Raises:
-        FastError: it is not complete.
-    """
-    minutes, began = search.order.budget_minutes, time.monotonic()
+    def __init__(
+        self, lake: Lake, order: GapOrder, reporter: ProgressReporter, should_stop: Callable[[], bool]
+    ) -> None:
+        self.lake, self.order, self.reporter, self.should_stop = lake, order, reporter, should_stop
+        self.spent_s = 0.0
+        self.n_made: dict[str, int] = {}
 
-    def is_over() -> bool:
-        return should_stop() or (minutes is not None and time.monotonic() - began > 60.0 * minutes)
+    def simulate(self, what: str, plans: Sequence[SimulationPlan]) -> None:
+        """Simulate what the lake lacks of plans, which are called `what`.
 
-    n_all = sum(plan.n_grasps for plan in search.plans)
-    n_left = n_missing(lake, search.plans)
-    reporter.progress(f"bank: {n_all - n_left} of {n_all} simulations are in the lake")
-    simulate_missing(lake, search.plans, search.order.settings.workers, reporter, is_over)
-    n_left = n_missing(lake, search.plans)
-    if n_left:
-        raise FastError(
-            f"the bank lacks {n_left} of {n_all} simulations after "
-            f"{describe_duration(time.monotonic() - began)}; run the same command again to go on from here."
-        )
+        Raises:
+            FastError: it is not complete.
+        """
+        minutes, began = self.order.budget_minutes, time.monotonic()
+
+        def is_over() -> bool:
+            spent_s = self.spent_s + time.monotonic() - began
+            return self.should_stop() or (minutes is not None and spent_s > 60.0 * minutes)
+
+        n_all = sum(plan.n_grasps for plan in plans)
+        n_left = n_missing(self.lake, plans)
+        self.n_made[what] = self.n_made.get(what, 0) + n_all
+        self.reporter.progress(f"{what}: {n_all - n_left} of {n_all} simulations are in the lake")
+        simulate_missing(self.lake, plans, self.order.settings.workers, self.reporter, is_over)
+        self.spent_s += time.monotonic() - began
+        n_left = n_missing(self.lake, plans)
+        if n_left:
+            raise FastError(
+                f"{what} lacks {n_left} of {n_all} simulations after {describe_duration(self.spent_s)} of simulating; "
+                "run the same command again to go on from here."
+            )
 
 
-def _run_rounds(lake: Lake, search: _Search, reporter: ProgressReporter) -> GapOutcome:
+def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: ProgressReporter) -> GapOutcome:
     """Round after round, then what it changed; writes the answer."""
-    from tasks.gap.calibrate import SearchInputs, calibrate_simulator
+    from tasks.gap.calibrate import SearchInputs
     from tasks.gap.rounds import evaluate_rounds, plan_held_out
 
-    order, grasps, began = search.order, search.measured.grasps, time.monotonic()
+    order, grasps, began = search.order, search.measured.grasps, time.monotonic() - simulator.spent_s
     bank = read_bank(lake, search.base, grasps.designs, grasps.objects, grasps.setup)
     data = make_data(search.measured, bank, search.split)
     warnings = [*search.measured.warnings, *check_units(data), *_failed(data)]
     effects = _effects_so_far(lake, search)
-    reporter.progress(f"theta{' and ' if effects else ''}{', '.join(value.effect for value in effects)}: NUTS")
-    inputs = SearchInputs(lake, data, search.base, order.campaign_id, order.settings, reporter.progress)
-    rounds = _repeat_rounds(inputs, calibrate_simulator(inputs, effects), order.rounds, reporter)
+    wide = SearchInputs(
+        lake, search.gap_id, data, search.base, order.campaign_id, order.settings, simulator.simulate,
+        progress=reporter.progress,
+    )  # fmt: skip
+    rounds = _repeat_rounds(wide, effects, order.rounds, reporter)
     if not rounds[-1].is_last:
         warnings.append(f"{len(rounds)} rounds were made and the last one still found something; make more rounds.")
     before, after = rounds[0].before, rounds[-1].after
     reporter.progress("held-out grasps in the simulator, before and after")
-    plans = plan_held_out(data, [before.version, after.version])
-    simulate_missing(lake, plans, order.settings.workers, reporter)
-    evaluation = evaluate_rounds(lake, data, rounds, order.seed)
-    warnings += [*after.warnings, *evaluation.warnings]
+    simulator.simulate(HELD_OUT, plan_held_out(data, [before.version, after.version]))
+    evaluation = evaluate_rounds(rounds, order.seed)
+    warnings += [*_failed(rounds[-1].search.data), *after.warnings, *evaluation.warnings]
     findings = Findings(
         alarm=any(one.findings.named.kind != "none" for one in rounds),
         rounds=tuple(one.findings for one in rounds),
@@ -184,7 +199,7 @@ def _run_rounds(lake: Lake, search: _Search, reporter: ProgressReporter) -> GapO
         aliases=rounds[0].confounds,
         next_experiment=next((one.next_experiment for one in rounds if one.next_experiment), None),
         seed=order.seed,
-        budget=_spent(search, plans, time.monotonic() - began),
+        budget=_spent(simulator, time.monotonic() - began - simulator.spent_s),
         warnings=tuple(dict.fromkeys(warnings)),
         power=_power(data),
     )
@@ -207,19 +222,25 @@ def _run_rounds(lake: Lake, search: _Search, reporter: ProgressReporter) -> GapO
 
 
 def _repeat_rounds(
-    inputs: "SearchInputs", simulator: "CalibratedSimulator", most: int, reporter: ProgressReporter
+    wide: "SearchInputs", effects: Sequence[EffectValue], most: int, reporter: ProgressReporter
 ) -> "list[Round]":
     """Rounds until one changes nothing, or as many as are asked for."""
-    from tasks.gap.rounds import run_round
+    from tasks.gap.calibrate import calibrate_simulator
+    from tasks.gap.rounds import run_round, settle_bank
 
     rounds: list[Round] = []
     while len(rounds) < most and not (rounds and rounds[-1].is_last):
         reporter.progress(f"round {len(rounds) + 1}: where, and by what name")
-        assumed = rounds[-1].assumed if rounds else ()
-        done = run_round(inputs, simulator, assumed)
+        if rounds:
+            last = rounds[-1]
+            settled = settle_bank(wide, [*last.after.effects, *last.assumed], last.search.bank_plan)
+            done = run_round(settled, last.after, last.assumed)
+        else:
+            settled = settle_bank(wide, effects)
+            reporter.progress(f"theta{' and ' if effects else ''}{', '.join(value.effect for value in effects)}: NUTS")
+            done = run_round(settled, calibrate_simulator(settled.search, effects))
         reporter.announce(f"round {len(rounds) + 1}: {done.sentence}")
         rounds.append(done)
-        simulator = done.after
     return rounds
 
 
@@ -246,10 +267,12 @@ def _failed(data: GapData) -> list[str]:
     return [f"{100 * share:.1f} % of the simulations of the bank failed; they are left out."] if share > 0 else []
 
 
-def _spent(search: _Search, plans: Sequence[SimulationPlan], seconds: float) -> dict[str, float]:
+def _spent(simulator: _Simulator, seconds: float) -> dict[str, float]:
+    n_made = simulator.n_made
     return {
-        "bank_simulations": float(sum(plan.n_grasps for plan in search.plans)),
-        "held_out_simulations": float(sum(plan.n_grasps for plan in plans)),
+        "bank_simulations": float(n_made[WIDE_BANK]),
+        "local_bank_simulations": float(n_made.get(LOCAL_BANK, 0)),
+        "held_out_simulations": float(n_made.get(HELD_OUT, 0)),
         "analysis_minutes": round(seconds / 60.0, 2),
     }
 
@@ -257,8 +280,13 @@ def _spent(search: _Search, plans: Sequence[SimulationPlan], seconds: float) -> 
 def write_answer(findings: Findings) -> str:
     """What was found, in a sentence."""
     named = [found.named for found in findings.rounds]
-    effects = [name for found in named if found.kind == "effect" for name in found.effects]
-    parts = [f"found {', '.join(effects)}"] if effects else []
+    found_effects = [one for one in findings.rounds if one.named.kind == "effect"]
+    added, refused = (
+        [name for one in found_effects if bool(one.refused) == is_refused for name in one.named.effects]
+        for is_refused in (False, True)
+    )
+    parts = [f"found {', '.join(added)}"] if added else []
+    parts += [f"{', '.join(refused)} would explain it, but was not added" for _ in refused[:1]]
     parts += [f"one of {', '.join(found.effects)}, not told apart" for found in named if found.kind == "set"]
     if named[-1].kind == "unknown":
         parts.append("something that is not in the catalogue")

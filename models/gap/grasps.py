@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from hashlib import sha256
 
 import numpy as np
 
+from models.ids import content_id
 from models.objects.catalogue import get_object
 from models.records import Design, GraspContext, GraspSetup
 from models.traces.step_noise import SensorNoise
@@ -43,6 +45,16 @@ class Grasps:
             steps_n=self.steps_n[rows],
             grasp_ids=tuple(self.grasp_ids[row] for row in rows),
         )
+
+    @property
+    def content_id(self) -> str:
+        """Id of what was measured: samples of every grasp, as step means, and thicknesses of every tool."""
+        samples = {
+            grasp_id: sha256(np.round(steps_n, 6).astype("<f8").tobytes()).hexdigest()
+            for grasp_id, steps_n in zip(self.grasp_ids, self.steps_n, strict=True)
+        }
+        printed = {tool: design.model_dump(mode="json") for tool, design in zip(self.tools, self.designs, strict=True)}
+        return content_id("M", [samples, printed])
 
     @cached_property
     def design_folds(self) -> np.ndarray:

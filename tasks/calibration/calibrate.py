@@ -37,6 +37,7 @@ class CalibrationData(ABC):
     simulation_ids: tuple[str, ...]
     warnings: tuple[str, ...]
     material_ids: tuple[str, ...] = field(default=(), kw_only=True)
+    held_back: str = field(default="", kw_only=True)
 
     @property
     @abstractmethod
@@ -155,6 +156,8 @@ def infer(
         warnings=(*data.warnings, *result.warnings, *drift),
         cpu_s=result.cpu_s,
     )
+    if version is not None and data.held_back:
+        row = row.model_copy(update={"status": "failed", "reason": data.held_back})
     lake.append([row], _with_parents(provenance, data.parents))
     return row, result
 

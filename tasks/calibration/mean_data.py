@@ -11,10 +11,8 @@ from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, CampaignRow, SimulatorVersionRow, ToolRow
 from models.calibration.means.hypercube import HypercubePlan, draw_hypercube
 from models.calibration.means.problem import MIN_DESIGNS, CalibrationProblem
-from models.calibration.traces.theta_grid import ThetaGrid
 from models.design.space import to_unit
 from models.errors import UsageError
-from models.gap.bank.bank import CENTRE
 from models.ids import canonical_json
 from models.records import Design, GraspSetup, SimulatorVersion
 from models.scientist.surrogate.imputation import mean_over_objects
@@ -22,6 +20,7 @@ from models.simulation.effects.scaling import scales_with_modulus
 from models.validation import closest, load_record
 from tasks.campaign.config import CampaignConfig
 from tasks.campaign.state import THICKNESSES, ProposedTool, load_designs, tuples
+from tasks.gap.bank import read_bank_thetas
 from tasks.simulation.plan import SimulationPlan
 
 LEAST_SHARE = 0.5  # of the objects a tool must have been measured on to count
@@ -305,7 +304,7 @@ def _drawn_versions(lake: Lake, base: SimulatorVersion) -> dict[str, SimulatorVe
     calibrated = {row.version_id for row in lake.records(CalibrationRow)}
     rows = lake.records(SimulatorVersionRow, tier=base.tier)
     # By theta, not id: held-out grasps are also simulated with a calibrated theta less some of its effects.
-    known = {*ThetaGrid().thetas, CENTRE} | {version.theta for version in believed}
+    known = read_bank_thetas(lake) | {version.theta for version in believed}
     known |= {row.version.theta for row in rows if row.version_id in calibrated}
     wanted = describe_family(base)
     return {

@@ -1,20 +1,24 @@
 """The bank of gap discovery in the lake: what to simulate for it, and the simulations as arrays."""
 
+import json
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 
+from lake.provenance import current_provenance
 from lake.store import Lake
-from lake.tables.campaign import SimTraceRow, SimulationRow
+from lake.tables.campaign import EventRow, SimTraceRow, SimulationRow
 from models.calibration.traces.theta_grid import ThetaGrid
 from models.errors import UsageError
 from models.gap.bank.bank import (
     AMPLITUDES,
-    CENTRE,
     NUMERICAL_MESHES,
+    WIDE,
     WIDER_MM,
     Bank,
+    BankPlan,
     EffectRuns,
     list_placed_setups,
     list_versions,
@@ -22,25 +26,32 @@ from models.gap.bank.bank import (
 )
 from models.gap.bank.sensor_effects import N_LEAD, read_lead
 from models.gap.fit.theta import make_grid_bank
-from models.records import Design, GraspSetup, SimulatorVersion, Trace
+from models.ids import canonical_json, content_id
+from models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace
 from models.traces.step_features import N_STEPS, is_usable, step_means
 from tasks.gap.trace_rows import read_traces
 from tasks.simulation.plan import SimulationPlan
 
+BANK = "gap_bank"  # kind of the events that name banks around a fitted theta
+# What a search simulates, in words.
+WIDE_BANK, LOCAL_BANK, HELD_OUT = "the bank", "the bank around the fitted theta", "the set of held-out grasps"
 _AT_ONCE = 4000  # traces held while they are averaged
 
 
 def plan_bank(
-    base: SimulatorVersion, designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup
+    base: SimulatorVersion,
+    designs: Sequence[Design],
+    objects: Sequence[int],
+    setup: GraspSetup,
+    bank_plan: BankPlan = WIDE,
 ) -> tuple[SimulationPlan, ...]:
-    """Simulations of the bank, for `tasks.simulation.plan.simulate_plan`, which makes what the lake lacks.
+    """Simulations of a bank, for `tasks.simulation.plan.simulate_plan`, which makes what the lake lacks.
 
     Version by version over all designs, the centre first: a bank that is not complete lacks effects, not designs.
     """
-    unique, versions = list(dict.fromkeys(designs)), list_versions(base)
-    n_grid = len(ThetaGrid().points)
-    centre = versions[n_grid]
-    order = [centre, *versions[:n_grid], *versions[n_grid + 1 :]]
+    unique, versions = list(dict.fromkeys(designs)), list_versions(base, bank_plan)
+    centre = versions[len(bank_plan.grid.points)]
+    order = {version.version_id: version for version in (centre, *versions)}.values()
     points = tuple((design, version) for version in order for design in unique)
     at_centre = tuple((design, centre) for design in unique)
     others = (*list_placed_setups(setup), *list_wider_setups(setup))
@@ -49,15 +60,20 @@ def plan_bank(
 
 
 def read_bank(
-    lake: Lake, base: SimulatorVersion, designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup
+    lake: Lake,
+    base: SimulatorVersion,
+    designs: Sequence[Design],
+    objects: Sequence[int],
+    setup: GraspSetup,
+    bank_plan: BankPlan = WIDE,
 ) -> Bank:
-    """The bank of t designs on o objects, of what the lake has; NaN where a simulation failed or is missing.
+    """A bank of t designs on o objects, of what the lake has; NaN where a simulation failed or is missing.
 
     Raises:
         UsageError: no simulation at the centre of theta is there.
     """
-    grid, versions = ThetaGrid(), list_versions(base)
-    n_grid = len(grid.points)
+    grid, versions = np.array(bank_plan.grid.points), list_versions(base, bank_plan)
+    n_grid = len(grid)
     steps_n = read_simulated_steps(lake, versions, designs, objects, setup)
     placed_steps_n, wider_steps_n = (
         np.concatenate(
@@ -77,8 +93,8 @@ def read_bank(
     lead_n = read_simulated_steps(lake, versions[:n_grid], designs, objects, setup, of_trace=of_lead, n=N_LEAD)
     parts = [values[..., 0] for values in (steps_n, placed_steps_n, wider_steps_n)]
     return Bank(
-        centre=CENTRE,
-        grid=np.array(grid.points),
+        centre=bank_plan.centre,
+        grid=grid,
         grid_steps_n=steps_n[:, :, :n_grid],
         grid_lead_n=lead_n,
         centre_steps_n=at_centre,
@@ -86,16 +102,45 @@ def read_bank(
         placed_steps_n=placed_steps_n,
         wider_mm=np.array(WIDER_MM),
         wider_steps_n=wider_steps_n,
-        effects=_part_effects(steps_n[:, :, after:]),
+        effects=_part_effects(steps_n[:, :, after:], bank_plan.effects),
         failed_share=float(sum(np.isnan(part).sum() for part in parts) / sum(part.size for part in parts)),
     )
 
 
 def list_bank_ids(
-    base: SimulatorVersion, designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup
+    base: SimulatorVersion,
+    designs: Sequence[Design],
+    objects: Sequence[int],
+    setup: GraspSetup,
+    bank_plan: BankPlan = WIDE,
 ) -> list[str]:
-    """Ids of all simulations of the bank."""
-    return list_plan_ids(plan_bank(base, designs, objects, setup))
+    """Ids of all simulations of a bank."""
+    return list_plan_ids(plan_bank(base, designs, objects, setup, bank_plan))
+
+
+def note_bank(lake: Lake, gap_id: str, bank_plan: BankPlan) -> None:
+    """Write down that a search simulates a bank of its own, so that its thetas are known for what they are."""
+    thetas = [theta.model_dump(mode="json") for theta in (bank_plan.centre, *bank_plan.grid_thetas)]
+    centre, grid = bank_plan.centre, bank_plan.grid
+    row = EventRow(
+        event_id=content_id("E", [BANK, gap_id, thetas]),
+        kind=BANK,
+        message=(
+            f"gap search {gap_id} simulates a bank around {centre.young_modulus_mpa:g} MPa, friction "
+            f"{centre.friction:g} ({grid.friction[0]:g} to {grid.friction[1]:g}), Poisson ratio "
+            f"{centre.poisson_ratio:g} ({grid.poisson_ratio[0]:g} to {grid.poisson_ratio[1]:g})"
+        ),
+        payload_json=canonical_json({"gap_id": gap_id, "thetas": thetas}),
+    )
+    if not lake.has(EventRow, row.event_id):
+        lake.append([row], current_provenance())
+
+
+def read_bank_thetas(lake: Lake) -> set[Theta]:
+    """Every theta that a bank of gap discovery in this lake was simulated at, the wide bank's too."""
+    payloads = (json.loads(row["payload_json"]) for row in lake.rows(EventRow, kind=BANK))
+    own = {Theta.model_validate(theta) for payload in payloads for theta in payload["thetas"]}
+    return {WIDE.centre, *WIDE.grid_thetas} | own
 
 
 def list_plan_ids(plans: Sequence[SimulationPlan]) -> list[str]:
@@ -133,10 +178,11 @@ def read_grid_bank(
     )
 
 
-def _part_effects(steps_n: np.ndarray) -> dict[str, EffectRuns]:
-    """Effects of the bank from their simulations (t x o x n x 120) in the order of `AMPLITUDES`."""
+def _part_effects(steps_n: np.ndarray, effects: Sequence[str]) -> dict[str, EffectRuns]:
+    """Effects of a bank from their simulations (t x o x n x 120), in order."""
     found, start = {}, 0
-    for effect, parameters in AMPLITUDES.items():
+    for effect in effects:
+        parameters = AMPLITUDES[effect]
         end = start + len(parameters)
         found[effect] = EffectRuns(effect, parameters, steps_n[:, :, start:end])
         start = end
@@ -157,18 +203,20 @@ def read_simulated_steps(
 
     of_trace: another reading of a trace instead, of `n` numbers.
     """
-    version_ids, setup_id = [version.version_id for version in versions], setup.setup_id
-    places: dict[str, tuple[list[int], int, int]] = {}
+    setup_id, columns_of = setup.setup_id, defaultdict[str, list[int]](list)
+    for v, version in enumerate(versions):
+        columns_of[version.version_id].append(v)
+    places: dict[str, tuple[list[int], int, list[int]]] = {}
     for design in dict.fromkeys(designs):
         rows = [t for t, other in enumerate(designs) if other == design]
         for o, object_id in enumerate(objects):
-            for v, version_id in enumerate(version_ids):
-                places[SimulationRow.make_id(design.design_id, object_id, version_id, setup_id)] = rows, o, v
+            for version_id, columns in columns_of.items():
+                places[SimulationRow.make_id(design.design_id, object_id, version_id, setup_id)] = rows, o, columns
     steps_n = np.full((len(designs), len(objects), len(versions), n), np.nan)
     ids = list(places)
     for start in range(0, len(ids), _AT_ONCE):
         for simulation_id, trace in read_traces(lake, SimTraceRow, ids[start : start + _AT_ONCE]):
             if is_usable(trace):
-                rows, o, v = places[simulation_id]
-                steps_n[rows, o, v] = of_trace(trace)
+                rows, o, columns = places[simulation_id]
+                steps_n[np.ix_(rows, [o], columns)] = of_trace(trace)
     return steps_n

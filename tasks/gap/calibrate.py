@@ -1,19 +1,21 @@
 """The simulator calibrated together with the effects that gap discovery named; the lake keeps each that was made."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from lake.provenance import current_provenance
 from lake.store import Lake
-from lake.tables.campaign import PosteriorDrawsRow, SimulationRow, SimulatorVersionRow
+from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow, SimulationRow, SimulatorVersionRow
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.inference.summary import check_quality, find_theta, summarise_theta
 from models.calibration.means.problem import THETA
 from models.errors import FastError
+from models.gap.bank.bank import WIDE, BankPlan
 from models.gap.bank.surrogate import Surrogate
 from models.gap.data import GapData
 from models.gap.findings import ParameterEstimate
@@ -21,17 +23,29 @@ from models.ids import canonical_json
 from models.records import EffectValue, SimulatorVersion
 from tasks.calibration.calibrate import CalibrationData, Progress, calibrate_once, write_settings
 from tasks.gap.bank import list_bank_ids
+from tasks.simulation.plan import SimulationPlan
+
+_NOT_JUDGED = "its held-out error has not been compared yet"
+
+Simulate = Callable[[str, Sequence[SimulationPlan]], None]
 
 
 @dataclass(frozen=True, eq=False)
 class SearchInputs:
-    """What every round of a search works with; `base`: the simulator of the bank, without effects."""
+    """What every round of a search works with.
+
+    gap_id: of the search. data: with the bank of `bank_plan`. base: the simulator of the bank, without effects.
+    simulate: makes what the lake lacks of plans, which the first argument names; it fails if it cannot make all.
+    """
 
     lake: Lake
+    gap_id: str
     data: GapData
     base: SimulatorVersion
     campaign_id: str | None
     settings: CalibrationSettings
+    simulate: Simulate
+    bank_plan: BankPlan = WIDE
     progress: Progress | None = None
 
 
@@ -73,19 +87,34 @@ class CalibratedSimulator:
         return [(row[: len(THETA)], effects_at(self.names, row.tolist())) for row in rows]
 
 
-def calibrate_simulator(search: SearchInputs, effects: Sequence[EffectValue]) -> CalibratedSimulator:
+def calibrate_simulator(
+    search: SearchInputs, effects: Sequence[EffectValue], *, is_on_trial: bool = False
+) -> CalibratedSimulator:
     """The simulator with effects, calibrated on training grasps, from the lake if it has been made before.
+
+    is_on_trial: it is written as one that nobody may use, until `admit_simulator`.
 
     Raises:
         FastError: no simulator may be built on the draws.
     """
     lake, data = search.lake, gather_effects(search, effects)
+    if is_on_trial:
+        data = replace(data, held_back=_NOT_JUDGED)
     row = calibrate_once(lake, data, search.settings, search.progress).row
     if row.version_id is None:
         raise FastError(f"calibration {row.calibration_id} with {', '.join(data.names) or 'theta alone'}: {row.reason}")
     (version,) = lake.records(SimulatorVersionRow, version_id=row.version_id)
     names, draws = _read_draws(lake, row.calibration_id)
     return CalibratedSimulator(version.version, row.calibration_id, names, draws, row.warnings)
+
+
+def admit_simulator(lake: Lake, simulator: CalibratedSimulator, refused: str = "") -> None:
+    """Write down that campaigns may use a simulator that was on trial, or why not (`refused`)."""
+    row = lake.rows(CalibrationRow, calibration_id=simulator.calibration_id)[-1]
+    found = CalibrationRow.model_validate({name: row[name] for name in CalibrationRow.model_fields})
+    judged = found.model_copy(update={"status": "failed" if refused else "ok", "reason": refused})
+    if judged != found:
+        lake.append([judged], current_provenance(row["config_hash"], row["seed"], row["parents"]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +142,8 @@ class EffectData(CalibrationData):
         return tuple(value.effect for value in self.effects)
 
     def describe(self, settings: CalibrationSettings) -> str:
-        """Settings and effects: what decides the result besides simulator, rows and seed."""
-        return canonical_json([write_settings(settings), list(self.names)])
+        """Settings, effects and samples: what decides the result besides simulator, rows and seed."""
+        return canonical_json([write_settings(settings), list(self.names), self.training.grasps.content_id])
 
     def learn(
         self, settings: CalibrationSettings, progress: Progress | None
@@ -147,7 +176,7 @@ def gather_effects(search: SearchInputs, effects: Sequence[EffectValue]) -> Effe
     """What a calibration with effects is made of; without any, of theta alone."""
     training = search.data.training
     grasps = training.grasps
-    wanted = list_bank_ids(search.base, grasps.designs, grasps.objects, grasps.setup)
+    wanted = list_bank_ids(search.base, grasps.designs, grasps.objects, grasps.setup, search.bank_plan)
     known = tuple(sorted(search.lake.ids(SimulationRow, simulation_id=wanted, status="ok")))
     share = training.bank.failed_share
     warnings = (f"{100 * share:.1f} % of the simulations of the bank failed.",) if share > 0 else ()

@@ -37,9 +37,9 @@ class GapRun(Record):
 
 
 def make_gap_id(measured: MeasuredGrasps, base: SimulatorVersion, split: Split, settings: Mapping[str, object]) -> str:
-    """Id of a search: the same grasps, simulator, split, catalogue and settings give the same answer."""
+    """Id of a search: the same grasps, samples, measured walls, simulator, split, catalogue and settings."""
     catalogue = {name: spec.version for name, spec in CATALOGUE.items()}
-    content = [sorted(measured.grasps.grasp_ids), base.version_id, split.split_id, catalogue, dict(settings)]
+    content = [measured.grasps.content_id, base.version_id, split.split_id, catalogue, dict(settings)]
     return content_id("A", content)
 
 

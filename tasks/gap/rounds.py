@@ -1,33 +1,36 @@
 """Rounds of gap discovery, and the evaluation of what they changed.
 
-A round says where the calibrated simulator disagrees and what is missing, and calibrates the simulator with it. The
-evaluation compares simulators on held-out grasps: not by any emulator. What an effect needs of finite elements is
-simulated. What depends on the single grasp (repeat, clock) or acts on a finished trace is no other simulation: its
-change, as the surrogate predicts it for each grasp, is added.
+The wide bank proposes theta and effects, and a bank around that theta answers (`settle_bank`). A round says where the
+calibrated simulator disagrees and what is missing, and calibrates the simulator with it; what makes held-out grasps no
+better is not added. The evaluation compares simulators on held-out grasps: not by any emulator. What an effect needs of
+finite elements is simulated. What depends on the single grasp (repeat, clock) or acts on a finished trace is no other
+simulation: its change, as the surrogate predicts it for each grasp, is added.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lake.store import Lake
+from models.gap.bank.bank import AMPLITUDES, BankPlan
 from models.gap.data import GapData
-from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate
+from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate, measure_change
 from models.gap.evaluation.held_out import HeldOut, Prediction, add_scatter
 from models.gap.evaluation.next_experiment import choose_next_experiment, find_confounds
 from models.gap.findings import Confound, Decision, NextExperiment, RoundFindings
 from models.gap.fit.fit import Fit
 from models.gap.fit.recalibrate import TOOL_SD
 from models.gap.fit.whitened_features import PLACEMENT_SHARE, REPEAT_SD
+from models.gap.local_bank import choose_bank, has_left, move_bank
 from models.gap.naming.name import NamingResult, name_effect
 from models.gap.where.locate import Where, locate
 from models.gap.where.residuals import Residuals
 from models.records import EffectValue, SimulatorVersion
 from models.simulation.effects.catalogue import CATALOGUE
 from models.traces.step_features import N_STEPS
-from tasks.gap.bank import read_simulated_steps
-from tasks.gap.calibrate import CalibratedSimulator, SearchInputs, calibrate_simulator
+from tasks.gap.bank import HELD_OUT, LOCAL_BANK, note_bank, plan_bank, read_bank, read_simulated_steps
+from tasks.gap.calibrate import CalibratedSimulator, SearchInputs, admit_simulator, calibrate_simulator
 from tasks.simulation.plan import SimulationPlan
 
 _FRICTION_STEP = 0.02  # relative, of a finite difference
@@ -39,12 +42,15 @@ _SCATTER = {"tool_sd": TOOL_SD, "cell_sd": PLACEMENT_SHARE, "repeat_sd": REPEAT_
 class Round:
     """A finished round.
 
-    before, after: the calibrated simulator, the same if the round changed nothing. assumed: first effects of sets that
-    were not told apart, which the next round takes for granted and no simulator gets.
+    search: with the bank that answered. proposed: the names by the wide bank, naming: by that one. before, after: the
+    calibrated simulator, the same if the round changed nothing. assumed: first effects of sets that were not told
+    apart, which the next round takes for granted and no simulator gets.
     """
 
+    search: SearchInputs
     findings: RoundFindings
     where: Where
+    proposed: NamingResult
     naming: NamingResult
     residuals: Residuals
     before: CalibratedSimulator
@@ -64,7 +70,8 @@ class Round:
         names = f" ({', '.join(named.effects)})" if named.effects else ""
         # Nothing, or nothing that is known, is decided by lines of alarm; its share among candidates says little.
         sure = f", probability {named.probability:.2f}" if named.effects else ""
-        return f"{named.kind}{names}{sure}. {named.sentence}{gone}"
+        refused = f" {self.findings.refused}" if self.findings.refused else ""
+        return f"{named.kind}{names}{sure}. {named.sentence}{gone}{refused}"
 
     @property
     def next_experiment(self) -> NextExperiment | None:
@@ -83,41 +90,75 @@ class Round:
         return find_confounds(visible)
 
 
-def run_round(search: SearchInputs, before: CalibratedSimulator, assumed: Sequence[EffectValue] = ()) -> Round:
-    """The next round, from the simulator `before`; what it names is calibrated together with the effects of that.
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """A bank that answers: `search` with it, and the names by the wide bank (`proposed`) and by this one (`naming`)."""
 
-    assumed: of earlier rounds, see `Round`.
+    search: SearchInputs
+    proposed: NamingResult
+    naming: NamingResult
+
+
+def settle_bank(wide: SearchInputs, in_model: Sequence[EffectValue], former: BankPlan | None = None) -> Settled:
+    """Name what is missing with the wide bank, and again with one around the theta that was found, which is simulated.
+
+    in_model: effects of the simulator, and those that are taken for granted. former: the bank of the round before,
+    which stays if it can. A bank that theta leaves is moved, once.
 
     Raises:
         UsageError: too few tools or objects are left to look at.
-        FastError: the chains of the new simulator did not converge.
+        FastError: the bank could not be simulated as a whole.
     """
-    naming = name_effect(search.data, [*before.effects, *assumed])
+    proposed = name_effect(wide.data, in_model)
+    search = _with_bank(wide, choose_bank(proposed, former))
+    naming = name_effect(search.data, in_model)
+    if has_left(naming, search.bank_plan):
+        search = _with_bank(wide, move_bank(naming, search.bank_plan))
+        naming = name_effect(search.data, in_model)
+    return Settled(search, proposed, naming)
+
+
+def run_round(settled: Settled, before: CalibratedSimulator, assumed: Sequence[EffectValue] = ()) -> Round:
+    """The next round, from the simulator `before`; what it names is calibrated together with the effects of that.
+
+    What was named is added if it makes the held-out error smaller, and refused if not. assumed: of earlier rounds, see
+    `Round`.
+
+    Raises:
+        FastError: the chains of the new simulator did not converge, or held-out grasps could not be simulated.
+    """
+    search, naming = settled.search, settled.naming
     residuals, friction_slope_n = _compute_residuals(naming.fit)
     where = locate(residuals, friction_slope_n, seed=search.settings.seed)
     kept = [value for value in before.effects if value.effect not in naming.dropped]
-    after = before
-    if naming.values or len(kept) < len(before.effects):
-        after = calibrate_simulator(search, [*kept, *naming.values])
+    after, refused, named = before, "", naming.named
+    if naming.values:
+        after = calibrate_simulator(search, [*kept, *naming.values], is_on_trial=True)
+        named = _with_posterior(named, after)
+        refused = _find_refusal(search, before, after, named.effects)
+        admit_simulator(search.lake, after, refused)
+    elif len(kept) < len(before.effects):
+        after = calibrate_simulator(search, kept)
+    if refused:
+        after = before
     found = RoundFindings(
         where=where.findings,
         candidates=naming.candidates,
-        named=_with_posterior(naming.named, after) if naming.values else naming.named,
+        named=named,
         version=after.version.version_id if after is not before else None,
-        dropped=naming.dropped,
+        dropped=() if refused else naming.dropped,
+        refused=refused,
     )
     still = [value for value in assumed if value.effect not in naming.dropped]
     if naming.named.kind == "set":
         still += naming.taken
-    return Round(found, where, naming, residuals, before, after, tuple(still))
+    return Round(search, found, where, settled.proposed, naming, residuals, before, after, tuple(still))
 
 
 def plan_held_out(data: GapData, versions: Sequence[SimulatorVersion]) -> tuple[SimulationPlan, ...]:
     """Simulations of the held-out cells by versions: held-out tools on all objects, the others on held-out objects."""
     grasps = data.grasps
-    solid = {
-        found.version_id: found for found in (keep_simulated_effects(data, version) for version in versions)
-    }.values()
+    solid = {found.version_id: found for found in (keep_simulated_effects(version) for version in versions)}.values()
     is_new, is_new_object = data.held_out_tools, data.held_out_objects
     plans = []
     for tools, objects in ((is_new, np.ones_like(is_new_object)), (~is_new, is_new_object)):
@@ -129,13 +170,13 @@ def plan_held_out(data: GapData, versions: Sequence[SimulatorVersion]) -> tuple[
     return tuple(plans)
 
 
-def keep_simulated_effects(data: GapData, version: SimulatorVersion) -> SimulatorVersion:
+def keep_simulated_effects(version: SimulatorVersion) -> SimulatorVersion:
     """The version with those effects alone that have simulations of their own."""
-    solid = tuple(value for value in version.effects if value.effect in data.bank.effects)
+    solid = tuple(value for value in version.effects if value.effect in AMPLITUDES)
     return version.model_copy(update={"effects": solid})
 
 
-def evaluate_rounds(lake: Lake, data: GapData, rounds: Sequence[Round], seed: int) -> Evaluation:
+def evaluate_rounds(rounds: Sequence[Round], seed: int) -> Evaluation:
     """Compare the simulators before and after all rounds, and what any machine would have learnt, on held-out grasps.
 
     Grasps that either simulator could not simulate are left out of it.
@@ -143,21 +184,50 @@ def evaluate_rounds(lake: Lake, data: GapData, rounds: Sequence[Round], seed: in
     Raises:
         UsageError: there is no held-out grasp that both simulated.
     """
-    simulators = (rounds[0].before, rounds[-1].after)
-    steps_n = [_simulate_held_out(lake, data, simulator) for simulator in simulators]
-    rows = np.flatnonzero(np.isfinite(np.array(steps_n)).all(axis=(0, 2)))
-    held_out = HeldOut.of(data, simulators[0].version.theta, rows)
+    search, simulators = rounds[-1].search, (rounds[0].before, rounds[-1].after)
+    data = search.data
+    held_out, rows, *steps_n = _compare_held_out(search, simulators)
     surrogate, noise_sd_n = data.held_out.select(rows), _step_noise_sd_n(data)
 
     def predict(label: str, simulator: CalibratedSimulator, simulated_n: np.ndarray) -> Prediction:
         """The simulated means with intervals: draws as the surrogate predicts them, moved to the simulated means."""
         draws = simulator.draw(_N_DRAWS, seed)
         draws_n = np.array([surrogate.predict_steps(theta, effects) for theta, effects in draws])
-        draws_n += simulated_n[rows] - draws_n.mean(axis=0)
+        draws_n += simulated_n - draws_n.mean(axis=0)
         return add_scatter(label, draws_n, held_out, _SCATTER, noise_sd_n)
 
     before, after = map(predict, (BEFORE, AFTER), simulators, steps_n)
     return evaluate(held_out, before, after, rounds[0].residuals, seed)
+
+
+def _with_bank(wide: SearchInputs, plan: BankPlan) -> SearchInputs:
+    """The search in another bank, of which what the lake lacks is simulated."""
+    grasps = wide.data.grasps
+    around = (wide.base, grasps.designs, grasps.objects, grasps.setup, plan)
+    note_bank(wide.lake, wide.gap_id, plan)
+    wide.simulate(LOCAL_BANK, plan_bank(*around))
+    data = replace(wide.data, bank=read_bank(wide.lake, *around))
+    return replace(wide, data=data, bank_plan=plan)
+
+
+def _find_refusal(
+    search: SearchInputs, before: CalibratedSimulator, after: CalibratedSimulator, effects: Sequence[str]
+) -> str:
+    """Why effects are not added to the simulator; empty if they make the error of held-out grasps smaller."""
+    search.simulate(HELD_OUT, plan_held_out(search.data, [before.version, after.version]))
+    held_out, _, before_n, after_n = _compare_held_out(search, (before, after))
+    change = measure_change(held_out, before_n, after_n, search.settings.seed)
+    return "" if change.is_gain else f"Not added ({', '.join(effects)}): {change.sentence}."
+
+
+def _compare_held_out(
+    search: SearchInputs, simulators: tuple[CalibratedSimulator, CalibratedSimulator]
+) -> tuple[HeldOut, np.ndarray, np.ndarray, np.ndarray]:
+    """Held-out grasps that both simulators have simulated, their rows, and the step means of each (m x 120)."""
+    steps_n = [_simulate_held_out(search.lake, search.data, simulator) for simulator in simulators]
+    rows = np.flatnonzero(np.isfinite(np.array(steps_n)).all(axis=(0, 2)))
+    held_out = HeldOut.of(search.data, simulators[0].version.theta, rows)
+    return held_out, rows, steps_n[0][rows], steps_n[1][rows]
 
 
 def _compute_residuals(fit: Fit) -> tuple[Residuals, np.ndarray]:
@@ -185,9 +255,9 @@ def _with_posterior(named: Decision, simulator: CalibratedSimulator) -> Decision
 
 
 def _simulate_held_out(lake: Lake, data: GapData, simulator: CalibratedSimulator) -> np.ndarray:
-    """Step means of held-out grasps by a simulator, m x 120; NaN where one was not simulated or failed."""
+    """Step means of held-out grasps by a simulator, m x 120, from the lake; NaN where one is missing or failed."""
     version = simulator.version
-    surrogate, solid = data.held_out, keep_simulated_effects(data, version)
+    surrogate, solid = data.held_out, keep_simulated_effects(version)
     grasps = surrogate.grasps
     steps_n = read_simulated_steps(lake, [solid], grasps.designs, grasps.objects, grasps.setup)[:, :, 0]
     simulated = steps_n[grasps.tool, grasps.obj]

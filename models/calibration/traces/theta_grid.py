@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.errors import UsageError
-from models.records import Theta
 
 GRID_MODULUS_MPA = 10.0  # of the simulations to make; others count too, since forces are proportional to it
 
@@ -46,14 +45,6 @@ class ThetaGrid:
         frictions = _chebyshev(*self.friction, self.n_friction)
         ratios = _chebyshev(*self.poisson_ratio, self.n_poisson_ratio)
         return [(friction, ratio) for friction in frictions for ratio in ratios]
-
-    @property
-    def thetas(self) -> list[Theta]:
-        """Theta of every simulation to make."""
-        return [
-            Theta(young_modulus_mpa=GRID_MODULUS_MPA, friction=friction, poisson_ratio=ratio)
-            for friction, ratio in self.points
-        ]
 
 
 def _chebyshev(low: float, high: float, n: int) -> list[float]:

@@ -6,15 +6,15 @@ is left, effects of cost C and F, is simulated at a few amplitudes around one th
 since a stalling jaw or a touching finger has none.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from models.calibration.traces.theta_grid import ThetaGrid
+from models.calibration.traces.theta_grid import GRID_MODULUS_MPA, ThetaGrid
 from models.records import EffectValue, GraspSetup, MeshSettings, SimulatorVersion, Theta
 
-CENTRE = Theta(young_modulus_mpa=10.0, friction=0.6, poisson_ratio=0.42)
+CENTRE = Theta(young_modulus_mpa=GRID_MODULUS_MPA, friction=0.6, poisson_ratio=0.42)
 
 # Amplitudes from what is hardly seen to what is plausible; both signs where the effect has them. At the centre a jaw
 # closes with 1.5 N (one rib, an edge) to 27 N (ten ribs, a wide object): its limits of force span that.
@@ -50,6 +50,61 @@ DEEPER_MM = (-0.25, 0.25)
 
 # Gaps at which jaws stop that lose pressure, wider than the setup's by so much, in mm.
 WIDER_MM = (1.0, 3.0)
+
+
+# Of a bank around a fitted theta, which may lie this near to an end of its grid before the bank is moved.
+LOCAL_FRICTION_SHARE, LOCAL_RATIO = 0.2, 0.04
+_EDGE_SHARE = 0.02
+
+
+@dataclass(frozen=True)
+class BankPlan:
+    """What a bank holds: simulations of a grid of theta, and of everything else at its centre.
+
+    The default is the wide bank: all that is plausible, with every effect. `effects`: names, of `AMPLITUDES`.
+    """
+
+    centre: Theta = CENTRE
+    grid: ThetaGrid = ThetaGrid()
+    effects: tuple[str, ...] = tuple(AMPLITUDES)
+
+    @staticmethod
+    def around(theta: np.ndarray, within: np.ndarray, effects: Sequence[str]) -> "BankPlan":
+        """A bank around theta (3), whose grid also holds other frictions and Poisson ratios (`within`, p x 2).
+
+        The grid reaches friction by 20 % and Poisson ratio by 0.04 to either side, and never beyond the wide bank.
+        Values are rounded: a fit that is the same but for the last digits has the same bank.
+        """
+        wide = ThetaGrid()
+        friction = float(np.clip(float(f"{theta[1]:.3g}"), *wide.friction))
+        ratio = float(np.clip(float(f"{theta[2]:.3g}"), *wide.poisson_ratio))
+        centre = Theta(young_modulus_mpa=float(f"{theta[0]:.3g}"), friction=friction, poisson_ratio=ratio)
+        grid = ThetaGrid(
+            friction=_find_range(friction, LOCAL_FRICTION_SHARE * friction, within[:, 0], wide.friction),
+            poisson_ratio=_find_range(ratio, LOCAL_RATIO, within[:, 1], wide.poisson_ratio),
+            n_friction=3,
+            n_poisson_ratio=3,
+        )
+        return BankPlan(centre, grid, tuple(name for name in AMPLITUDES if name in effects))
+
+    @property
+    def grid_thetas(self) -> tuple[Theta, ...]:
+        """Theta of every point of the grid, with the centre's modulus."""
+        points = self.grid.points
+        return tuple(self.centre.model_copy(update={"friction": mu, "poisson_ratio": nu}) for mu, nu in points)
+
+    def is_at_edge(self, theta: np.ndarray) -> bool:
+        """Whether theta (3) lies at an end of the grid, beyond which the wide bank goes on."""
+        wide = ThetaGrid()
+        sides = ((self.grid.friction, wide.friction), (self.grid.poisson_ratio, wide.poisson_ratio))
+        for value, ((low, high), (lowest, highest)) in zip(theta[1:], sides, strict=True):
+            margin = _EDGE_SHARE * (high - low)
+            if (low > lowest and value < low + margin) or (high < highest and value > high - margin):
+                return True
+        return False
+
+
+WIDE = BankPlan()
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,15 +143,15 @@ class Bank:
     failed_share: float = 0.0
 
 
-def list_versions(base: SimulatorVersion, grid: ThetaGrid = ThetaGrid()) -> tuple[SimulatorVersion, ...]:  # noqa: B008 - frozen
-    """Simulator versions of the bank around `base`: the grid of theta, the centre, other meshes, and every effect.
+def list_versions(base: SimulatorVersion, plan: BankPlan = WIDE) -> tuple[SimulatorVersion, ...]:
+    """Simulator versions of a bank around `base`: the grid of theta, the centre, other meshes, and every effect.
 
-    Forces of the grid are for `GRID_MODULUS_MPA`, the same as the centre's.
+    A centre that is a point of the grid is there twice.
     """
-    centre = base.model_copy(update={"theta": CENTRE})
-    thetas = [base.model_copy(update={"theta": theta}) for theta in grid.thetas]
+    centre = base.model_copy(update={"theta": plan.centre})
+    thetas = [base.model_copy(update={"theta": theta}) for theta in plan.grid_thetas]
     meshes = [centre.model_copy(update={"mesh": mesh}) for mesh in NUMERICAL_MESHES]
-    effects = [add_effect(centre, name, values) for name, rows in AMPLITUDES.items() for values in rows]
+    effects = [add_effect(centre, name, values) for name in plan.effects for values in AMPLITUDES[name]]
     return (*thetas, centre, *meshes, *effects)
 
 
@@ -104,6 +159,14 @@ def add_effect(version: SimulatorVersion, effect: str, parameters: Mapping[str, 
     """The version with one more effect; parameters that are not given take their neutral values."""
     value = EffectValue(effect=effect, parameters=dict(parameters))
     return version.model_copy(update={"effects": (*version.effects, value)})
+
+
+def _find_range(middle: float, reach: float, within: np.ndarray, widest: tuple[float, float]) -> tuple[float, float]:
+    """An interval of three decimals around the middle that holds `within`, of the widest at most."""
+    half = round(reach, 3)
+    low = min(middle - half, float(np.floor(1e3 * within.min()) / 1e3))
+    high = max(middle + half, float(np.ceil(1e3 * within.max()) / 1e3))
+    return max(round(low, 3), widest[0]), min(round(high, 3), widest[1])
 
 
 def list_placed_setups(setup: GraspSetup) -> tuple[GraspSetup, ...]:

@@ -74,6 +74,43 @@ def measure_gap_closed(held_out: HeldOut, before: Prediction, after: Prediction,
     )
 
 
+@dataclass(frozen=True)
+class Change:
+    """Root mean square errors of two simulators on held-out grasps, and the 90 % interval of their difference, in N."""
+
+    before_n: float
+    after_n: float
+    ci90_n: tuple[float, float]
+
+    @property
+    def is_gain(self) -> bool:
+        """Whether the second simulator is better, whichever designs and objects had been held out."""
+        return self.ci90_n[1] < 0.0
+
+    @property
+    def sentence(self) -> str:
+        """Both errors, and how sure their difference is."""
+        low, high = self.ci90_n
+        return (
+            f"the held-out error goes from {self.before_n:.3g} to {self.after_n:.3g} N, a change of "
+            f"{self.after_n - self.before_n:+.2g} N [{low:+.2g}, {high:+.2g}]"
+        )
+
+
+def measure_change(held_out: HeldOut, before_n: np.ndarray, after_n: np.ndarray, seed: int = 0) -> Change:
+    """Compare two simulators by their step means of the held-out grasps (m x 120 each).
+
+    Designs and objects are drawn with replacement, both at once, as in `measure_gap_closed`; both simulators are judged
+    on the same draws.
+    """
+    parts = _Cells.of(held_out, Prediction(BEFORE, before_n), Prediction(AFTER, after_n))
+    rng = np.random.default_rng(seed)
+    before, after, _ = parts.rmse(np.stack([parts.weights(rng) for _ in range(N_BOOTSTRAP)]))
+    low, high = np.nanquantile(after - before, (0.05, 0.95))
+    whole = parts.rmse(np.ones((1, len(parts.n))))
+    return Change(float(whole[0][0]), float(whole[1][0]), (float(low), float(high)))
+
+
 def _warnings(held_out: HeldOut, before: dict[str, float], after: dict[str, float]) -> tuple[str, ...]:
     worse = [name for name in before if after[name] > WORSE * before[name]]
     found = [f"Held-out grasps of class {name} got worse, {before[name]:.2f} to {after[name]:.2f} N." for name in worse]

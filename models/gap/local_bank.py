@@ -1,0 +1,66 @@
+"""The bank around a fitted theta: where it lies, and which effects are worth simulating in it.
+
+Far from the centre of the wide bank, what an effect changes is off by a fifth, and the surface of theta by 0.2 N. So
+the wide bank only proposes: theta, and the effects that may explain the gap. They are simulated again around that
+theta, in a grid small enough for its surface, and there the answer is found.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from models.gap.bank.bank import AMPLITUDES, LOCAL_FRICTION_SHARE, LOCAL_RATIO, BankPlan
+from models.gap.fit.fit import Fit
+from models.gap.naming.name import NamingResult
+
+MOST_EFFECTS = 4  # that are proposed by a round
+_REACH_SD = 3.0  # of theta's posterior that the grid holds, as long as it is no more than twice the usual grid
+_BESIDE_SHARE, _BESIDE_RATIO = 0.05, 0.01  # of a theta at which no surface should end
+
+
+def choose_bank(proposed: NamingResult, former: BankPlan | None = None) -> BankPlan:
+    """The bank to answer in after a round's proposal: the former one with more effects, else one around its theta.
+
+    The grid holds theta with the best effect and without any: else a theta that may not go where it wants would make
+    every effect look needed.
+    """
+    if former is not None:
+        return replace(former, effects=_merge(former.effects, _list_effects(proposed)))
+    return BankPlan.around(proposed.best.theta, _list_reached(proposed), _list_effects(proposed))
+
+
+def has_left(found: NamingResult, plan: BankPlan) -> bool:
+    """Whether theta, with what was named or without, wants to leave the grid of the bank in which it was fitted."""
+    return plan.is_at_edge(found.fit.theta) or plan.is_at_edge(found.best.theta)
+
+
+def move_bank(found: NamingResult, plan: BankPlan) -> BankPlan:
+    """The bank, with the same effects, around where theta went."""
+    return BankPlan.around(found.best.theta, _list_reached(found), _merge(plan.effects, _list_effects(found)))
+
+
+def _list_effects(found: NamingResult) -> tuple[str, ...]:
+    """Simulated effects that are in the model, and the best of those that predict anything that was left out."""
+    known = {value.effect for fit in (found.fit, found.best) for value in fit.effects}
+    tried = [row for row in found.candidates if row.effect in AMPLITUDES and (row.grouped_r2 or 0.0) > 0.0]
+    credible = sorted(tried, key=lambda row: -(row.grouped_r2 or 0.0))[:MOST_EFFECTS]
+    return _merge(tuple(known), tuple(row.effect for row in credible))
+
+
+def _merge(*effects: tuple[str, ...]) -> tuple[str, ...]:
+    """All of these that are simulated, in the order of the bank."""
+    return tuple(name for name in AMPLITUDES if any(name in some for some in effects))
+
+
+def _list_reached(found: NamingResult) -> np.ndarray:
+    """Frictions and Poisson ratios (p x 2) that the posterior of theta may reach, with what was named and without."""
+    return np.concatenate([_reach(fit) for fit in (found.fit, found.best)])
+
+
+def _reach(fit: Fit) -> np.ndarray:
+    """Ends of friction and Poisson ratio of a fit, 2 x 2."""
+    at = fit.theta[1:]
+    beside = np.array([_BESIDE_SHARE * at[0], _BESIDE_RATIO])
+    most = 2.0 * np.array([LOCAL_FRICTION_SHARE * at[0], LOCAL_RATIO])
+    reach = np.clip(_REACH_SD * np.sqrt(np.diag(fit.covariance)[1:3]), beside, most)
+    return np.stack([at - reach, at + reach])

@@ -38,17 +38,26 @@ def gap(
         Parameter(help="Minutes to simulate in; what is left is simulated by the next call.", validator=Number(gt=0)),
     ] = None,
     workers: Annotated[int, Parameter(help="Worker processes; changes no result.", validator=_AT_LEAST_ONE)] = 2,
+    tools: Annotated[
+        int | None, Parameter(help="Search with so many designs, spread over those measured; default: all.")
+    ] = None,
+    objects: Annotated[
+        int | None, Parameter(help="Search with so many objects, spread over their classes; default: all.")
+    ] = None,
+    dry_run: Annotated[bool, Parameter(negative="", help="Only say what would be simulated and how long.")] = False,
     json: AsJson = False,
 ) -> None:
     """Find where simulation and measurement disagree, name the missing effect, add it, and show the gap shrink.
 
     Designs and objects are held out first. What the lake lacks of the bank of simulations around the measured tools is
-    simulated, so the first call takes an hour or more on two cores; a killed command continues when it is given again.
+    simulated, which may take hours: `--dry-run` says how long, `--tools` and `--objects` take fewer of the measured
+    ones. A killed command continues when it is given again.
     """
     from flows.cli.campaign import open_lake, resolve_campaign
     from flows.gap.folder import write_folder
-    from flows.gap.search import GapOrder, run_gap
+    from flows.gap.search import GapOrder, run_gap, tell_cost
     from flows.progress import ProgressReporter
+    from tasks.gap.panel import PanelSize
 
     if catalogue:
         from models.simulation.effects.catalogue import catalogue_entries, catalogue_rows
@@ -57,9 +66,13 @@ def gap(
         return
     found = open_lake(lake)
     name = resolve_campaign(found, campaign) if campaign is not None else None
-    order = GapOrder(name, seed, rounds, budget_minutes)
-    order = order.with_workers(workers)
-    outcome = run_gap(found, order, ProgressReporter(tell, tell))
+    order = GapOrder(name, seed, rounds, budget_minutes, PanelSize(tools, objects)).with_workers(workers)
+    reporter = ProgressReporter(tell, tell)
+    if dry_run:
+        cost = tell_cost(found, order, reporter)
+        show({"cost": cost}, cost, json)
+        return
+    outcome = run_gap(found, order, reporter)
     page = write_folder(found, outcome, out)
     show(_data(outcome) | {"report": str(page)}, _text(outcome, page), json)
 
@@ -76,6 +89,7 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
     lines = [f"{outcome.sentence}.", ""]
     for number, found in enumerate(findings.rounds, start=1):
         lines += [f"round {number}: {found.named.kind}. {found.named.sentence}"]
+        lines += [f"  {found.refused}"] if found.refused else []
         lines += [f"  where: {where.sentence}" for where in found.where[:3]]
         rows = [
             {

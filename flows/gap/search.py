@@ -4,6 +4,7 @@ All that costs anything is in the lake: simulations, calibrations, the finished 
 the same call, and one that has ended is told again without computing it.
 """
 
+import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,8 +26,10 @@ from tasks.calibration.mean_data import find_base_version
 from tasks.campaign.requests import exclusive
 from tasks.campaign.simulator_versions import newest_calibrated
 from tasks.gap.bank import HELD_OUT, LOCAL_BANK, WIDE_BANK, plan_bank, read_bank
+from tasks.gap.cost import GraspCosts, choose_largest_bank, estimate_cost, plan_probe
 from tasks.gap.data import MeasuredGrasps, check_units, make_data, read_grasps, split_measurements
 from tasks.gap.findings import GapRun, find_run, find_starting_effects, make_gap_id, write_run, write_start
+from tasks.gap.panel import WHOLE, PanelSize
 from tasks.gap.split import Split
 from tasks.simulation.plan import SimulationPlan
 
@@ -40,12 +43,16 @@ MOST_ROUNDS = 4
 
 @dataclass(frozen=True)
 class GapOrder:
-    """What is asked for. `campaign_id` None: all measurements of the lake. `budget_minutes`: of simulating the bank."""
+    """What is asked for. `campaign_id` None: all measurements of the lake. `budget_minutes`: of simulating.
+
+    `panel`: of how many designs and objects.
+    """
 
     campaign_id: str | None = None
     seed: int = 0
     rounds: int = MOST_ROUNDS
     budget_minutes: float | None = None
+    panel: PanelSize = WHOLE
     settings: CalibrationSettings = field(
         default_factory=lambda: CalibrationSettings(chains=4, draws=1000, tune=1000, target_accept=0.95)
     )
@@ -91,9 +98,28 @@ def run_gap(
         version_rows = missing_version_rows(lake, search.version)  # an imported lake has never simulated with it
         if version_rows:
             lake.append(version_rows, current_provenance(seed=order.seed))
+        if n_missing(lake, search.plans):
+            reporter.announce(_write_cost(lake, search, reporter))
         simulator = _Simulator(lake, order, reporter, should_stop)
         simulator.simulate(WIDE_BANK, search.plans)
         return _run_rounds(lake, search, simulator, reporter)
+
+
+def tell_cost(lake: Lake, order: GapOrder, reporter: ProgressReporter) -> str:
+    """What a search would simulate and how long that takes, in a sentence; the split is frozen, nothing is searched.
+
+    A lake that has never simulated such grasps makes a few of the bank's, which tell how long one takes.
+
+    Raises:
+        UsageError: measurements are missing, too few, not of one kind, or not in N.
+        FastError: another process searches in this lake.
+    """
+    with exclusive(lake, "gap", f"the lake {lake.address} is already being searched for a gap"):
+        search = _prepare(lake, order)
+        known = find_run(lake, search.gap_id)
+        if known is not None:
+            return f"Nothing to simulate: gap search {known.gap_id} of these {known.n_grasps} grasps has ended."
+        return f"{search.summary}. {_write_cost(lake, search, reporter)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +149,8 @@ class _Search:
 
 def _prepare(lake: Lake, order: GapOrder) -> _Search:
     """Freeze the split, then read what was measured."""
-    split = split_measurements(lake, order.campaign_id, order.seed)
-    measured = read_grasps(lake, order.campaign_id)
+    split = split_measurements(lake, order.campaign_id, order.seed, order.panel)
+    measured = read_grasps(lake, order.campaign_id, order.panel)
     version = find_base_version(lake, measured.campaigns, None)
     settings = {
         "rounds": order.rounds,
@@ -132,6 +158,27 @@ def _prepare(lake: Lake, order: GapOrder) -> _Search:
         **order.settings.model_dump(mode="json", exclude={"workers"}),
     }
     return _Search(order, split, measured, version, make_gap_id(measured, version, split, settings))
+
+
+def _write_cost(lake: Lake, search: _Search, reporter: ProgressReporter) -> str:
+    """How many simulations the search needs at most, and how long they take on its workers."""
+    grasps, n_workers = search.measured.grasps, search.order.settings.workers
+    around = plan_bank(search.base, grasps.designs, grasps.objects, grasps.setup, choose_largest_bank())
+    probe = plan_probe(lake, search.plans, GraspCosts.read(lake))
+    if n_missing(lake, probe):
+        simulate_missing(lake, probe, n_workers, reporter)
+    costs = GraspCosts.read(lake)
+    wide, local = (estimate_cost(lake, plans, costs) for plans in (search.plans, around))
+    n_all = sum(plan.n_grasps for plan in search.plans)
+    what = f"To simulate: {wide.n_grasps} of the {n_all} grasps of the bank, then at most {local.n_grasps} around theta"
+    if wide.cpu_s is None or local.cpu_s is None:
+        return f"{what}; how long one takes is not known yet."
+    cpu_s = wide.cpu_s + local.cpu_s
+    n_at_once = min(n_workers, os.cpu_count() or 1)
+    return (
+        f"{what}; at most about {describe_duration(cpu_s)} of CPU, {describe_duration(cpu_s / n_at_once)} on "
+        f"{n_at_once} free core{'s' if n_at_once > 1 else ''}."
+    )
 
 
 class _Simulator:
@@ -160,7 +207,8 @@ class _Simulator:
         n_left = n_missing(self.lake, plans)
         self.n_made[what] = self.n_made.get(what, 0) + n_all
         self.reporter.progress(f"{what}: {n_all - n_left} of {n_all} simulations are in the lake")
-        simulate_missing(self.lake, plans, self.order.settings.workers, self.reporter, is_over)
+        cost_s = GraspCosts.read(self.lake).of
+        simulate_missing(self.lake, plans, self.order.settings.workers, self.reporter, is_over, cost_s)
         self.spent_s += time.monotonic() - began
         n_left = n_missing(self.lake, plans)
         if n_left:

@@ -3,14 +3,17 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import accumulate
 
 from flows.progress import ProgressReporter, RateEstimate, describe_time_left
 from lake.maintenance import compact
 from lake.store import Lake
 from lake.tables.campaign import SimTraceRow, SimulationRow
+from models.records import SimulatorVersion
 from tasks.simulation.plan import PointDone, SimulationPlan, missing_objects, simulate_plan
 
 _PROGRESS_INTERVAL_S = 10.0
+_PARTS = 10**6  # of all the work, in which its progress is counted
 
 
 def n_missing(lake: Lake, plans: Sequence[SimulationPlan]) -> int:
@@ -24,12 +27,22 @@ def simulate_missing(
     n_workers: int,
     reporter: ProgressReporter,
     should_stop: Callable[[], bool] = lambda: False,
+    cost_s: Callable[[SimulatorVersion], float | None] = lambda _: None,
 ) -> None:
-    """Simulate what the lake lacks of the plans, one after the other; killed, the same call continues."""
-    total = n_missing(lake, plans)
+    """Simulate what the lake lacks of the plans, one after the other; killed, the same call continues.
+
+    cost_s: about how long a grasp takes with a version, as far as it is known: grasps on a fine mesh come last, and the
+    time left would be told too short without.
+    """
+    missing = [
+        cost_s(version) for plan in plans for (_, version), objects in missing_objects(lake, plan) for _ in objects
+    ]
+    total = len(missing)
     if not total:
         return
-    counter = _SimulationCounter(reporter, total)
+    known = [cost for cost in missing if cost is not None]
+    worth = [float(cost or 0.0) for cost in missing] if len(known) == total else [1.0] * total
+    counter = _SimulationCounter(reporter, total, list(accumulate(worth, initial=0.0)))
     n_failed = 0
     for plan in plans:
         counter.begin(n_missing(lake, [plan]))
@@ -46,6 +59,7 @@ class _SimulationCounter:
 
     reporter: ProgressReporter
     total: int
+    worth: Sequence[float]  # of the first 0, 1, ... total grasps, in any unit of time
     before: int = 0
     of_plan: int = 0
     rate: RateEstimate = field(default_factory=RateEstimate)
@@ -59,11 +73,12 @@ class _SimulationCounter:
         """Note that a point ended."""
         now = time.monotonic()
         made = self.before + self.of_plan - (done.n_grasps - done.n_done)
-        self.rate.update(made, now)
+        share = self.worth[made] / self.worth[-1]
+        self.rate.update(round(_PARTS * share), now)
         if now - self.last_s < _PROGRESS_INTERVAL_S:
             return
         self.last_s = now
-        left = describe_time_left(self.rate.seconds_left(self.total - made))
+        left = describe_time_left(self.rate.seconds_left(round(_PARTS * (1.0 - share))))
         failed = f", {done.n_failed} failed" if done.n_failed else ""
         self.reporter.progress(
             f"{time.strftime('%H:%M:%S')}  simulated {made}/{self.total} missing grasps{failed}  |  {left}"

@@ -118,12 +118,13 @@ def list_bank_ids(
     return list_plan_ids(plan_bank(base, designs, objects, setup, bank_plan))
 
 
-def note_bank(lake: Lake, gap_id: str, bank_plan: BankPlan) -> None:
+def note_bank(lake: Lake, gap_id: str, campaign_id: str | None, bank_plan: BankPlan) -> None:
     """Write down that a search simulates a bank of its own, so that its thetas are known for what they are."""
     thetas = [theta.model_dump(mode="json") for theta in (bank_plan.centre, *bank_plan.grid_thetas)]
     centre, grid = bank_plan.centre, bank_plan.grid
     row = EventRow(
         event_id=content_id("E", [BANK, gap_id, thetas]),
+        campaign_id=campaign_id or "",
         kind=BANK,
         message=(
             f"gap search {gap_id} simulates a bank around {centre.young_modulus_mpa:g} MPa, friction "

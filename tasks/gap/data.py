@@ -20,6 +20,7 @@ from models.records import Design, GraspContext, GraspSetup, Trace
 from models.traces.step_features import N_STEPS, STEP_MM, is_usable, step_means
 from models.traces.step_noise import QUIET_S, SensorNoise, noise_of_readings, noise_of_repeats
 from tasks.campaign.state import THICKNESSES
+from tasks.gap.panel import WHOLE, PanelSize, select_panel
 from tasks.gap.split import Split, freeze_split
 from tasks.gap.trace_rows import designs_of, measured_grasps, read_traces
 
@@ -54,16 +55,29 @@ class Contexts:
     warnings: tuple[str, ...]
 
 
-def split_measurements(lake: Lake, campaign_id: str | None, seed: int) -> Split:
-    """The frozen split of what was measured, without a look at any force.
+def split_measurements(lake: Lake, campaign_id: str | None, seed: int, size: PanelSize = WHOLE) -> Split:
+    """The frozen split of what was measured, or of a smaller panel of it, without a look at any force.
 
     Raises:
-        UsageError: nothing was measured, or not in one way; too few designs or objects; a design is unknown.
+        UsageError: nothing was measured, or not in one way; too few designs or objects; a design is unknown; an earlier
+            split holds out none of the panel.
     """
     rows = measured_grasps(lake, campaign_id)
     designs = designs_of(lake, [row.design_id for row in rows])
-    ids = [design.design_id for design in designs.values()]
-    return freeze_split(lake, campaign_id, ids, [row.object_id for row in rows], seed)
+    rows = select_panel(rows, designs, size)
+    ids = {designs[row.design_id].design_id for row in rows}
+    objects = {row.object_id for row in rows}
+    split = freeze_split(lake, campaign_id, sorted(ids), sorted(objects), seed)
+    for what, held in (
+        ("designs", [split.designs[name] for name in ids]),
+        ("objects", [split.objects[number] for number in objects]),
+    ):
+        if len(set(held)) < 2:
+            raise UsageError(
+                f"of the {len(held)} {what} of this panel, {sum(held)} are held out by the split of seed {seed}, which "
+                "an earlier search froze; ask for more of them, or take another seed."
+            )
+    return split
 
 
 def make_data(measured: MeasuredGrasps, bank: Bank, split: Split) -> GapData:
@@ -90,13 +104,15 @@ def check_units(data: GapData) -> list[str]:
     return find_unit_warnings(float(np.median(share)) * bank.centre.young_modulus_mpa, ThetaPriors())
 
 
-def read_grasps(lake: Lake, campaign_id: str | None) -> MeasuredGrasps:
-    """Measured grasps: the last good attempt of each repeat, with a trace that can be used.
+def read_grasps(lake: Lake, campaign_id: str | None, size: PanelSize = WHOLE) -> MeasuredGrasps:
+    """Measured grasps, or those of a smaller panel: the last good attempt of each repeat, with a usable trace.
 
     Raises:
         UsageError: nothing was measured, or not in one way; a design is unknown; no trace can be used.
     """
     rows = measured_grasps(lake, campaign_id)
+    if size != WHOLE:
+        rows = select_panel(rows, designs_of(lake, [row.design_id for row in rows]), size)
     by_tool: dict[str, list[GraspRow]] = defaultdict(list)
     for row in rows:
         by_tool[row.tool_id].append(row)

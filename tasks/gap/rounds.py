@@ -204,7 +204,7 @@ def _with_bank(wide: SearchInputs, plan: BankPlan) -> SearchInputs:
     """The search in another bank, of which what the lake lacks is simulated."""
     grasps = wide.data.grasps
     around = (wide.base, grasps.designs, grasps.objects, grasps.setup, plan)
-    note_bank(wide.lake, wide.gap_id, plan)
+    note_bank(wide.lake, wide.gap_id, wide.campaign_id, plan)
     wide.simulate(LOCAL_BANK, plan_bank(*around))
     data = replace(wide.data, bank=read_bank(wide.lake, *around))
     return replace(wide, data=data, bank_plan=plan)

@@ -2,8 +2,9 @@
 
 Arguments: a lake, then words. `pool` makes the work pool of prefect.yaml, `deploy` the deployment, `run` runs the flow,
 `announce` sends the event of a new calibration; `search` searches without a server. Prints the messages of the flow's
-states. DIE_AT=bank kills the process in the middle of the bank, DIE_AT=chains while it samples the simulator with what
-was named, DIE_AT=show when that is calibrated.
+states. DIE_AT=bank kills the process in the middle of the bank, DIE_AT=local in the middle of the one around the fitted
+theta, DIE_AT=chains while it samples the simulator with what was named, DIE_AT=show when that is calibrated and not yet
+compared with the one before.
 """
 
 import os
@@ -69,21 +70,28 @@ def make_up() -> None:
     """Made-up answers in the place of finite elements, and normal draws in the place of NUTS."""
     from flows.gap import search
     from models.gap.fit import posterior
+    from tasks.gap.bank import HELD_OUT, LOCAL_BANK, WIDE_BANK
     from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
     from tests.tasks.gap.gap_lake import plan_rows
 
-    dies_at, n_sampled, n_simulated = os.environ.get("DIE_AT"), 0, 0
+    dies_at, n_sampled, asked = os.environ.get("DIE_AT"), 0, ""
+    last = {"bank": WIDE_BANK, "local": LOCAL_BANK, "show": HELD_OUT}.get(dies_at or "")
+    as_asked = search._Simulator.simulate
+
+    def note(simulator: search._Simulator, what: str, plans: Sequence[SimulationPlan]) -> None:
+        nonlocal asked
+        asked = what
+        as_asked(simulator, what, plans)
 
     def simulate(lake: Lake, plans: Sequence[SimulationPlan], *_: Any) -> None:
-        nonlocal n_simulated
-        n_simulated += 1
-        if dies_at == "show" and n_simulated == 2:  # the first is of the bank
+        is_last = asked == last
+        if dies_at == "show" and is_last:
             os.kill(os.getpid(), signal.SIGKILL)
         for plan in plans:
             known = set(lake.query("SELECT simulation_id AS id FROM simulations").column("id").to_pylist())
             rows = [row for row in plan_rows([plan]) if getattr(row, "simulation_id", "") not in known]
-            lake.append(rows[: len(rows) // 2] if dies_at == "bank" else rows, PROVENANCE)
-            if dies_at == "bank":
+            lake.append(rows[: len(rows) // 2] if is_last else rows, PROVENANCE)
+            if is_last:
                 os.kill(os.getpid(), signal.SIGKILL)
 
     def sample(*words: Any, **options: Any) -> Any:
@@ -94,6 +102,7 @@ def make_up() -> None:
         return normal_draws(*words, **options)
 
     search.simulate_missing, posterior.sample = simulate, sample
+    search._Simulator.simulate = note  # type: ignore[method-assign]
 
 
 def announce(root: Path) -> None:

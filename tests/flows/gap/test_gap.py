@@ -15,18 +15,22 @@ from flows.progress import ProgressReporter
 from lake.query.lineage import Node, find_lineage
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, EventRow, GapFindingRow, SimulatorVersionRow, TraceRow
+from lake.tables.row import Row
 from models.calibration.inference.settings import CalibrationSettings
 from models.errors import FastError
 from models.gap.bank.surrogate import Surrogate
 from models.gap.findings import Findings
 from models.gap.fit import posterior
+from models.gap.local_bank import MOST_EFFECTS
 from models.records import EffectValue
 from tasks.calibration.mean_data import TooLittleDataError, read_measured_tools, read_simulated_points
-from tasks.gap.bank import plan_bank
+from tasks.campaign.simulator_versions import newest_calibrated
+from tasks.gap.bank import BANK, plan_bank
+from tasks.gap.data import split_measurements
 from tasks.gap.split import KIND as SPLIT
 from tasks.simulation.plan import SimulationPlan
 from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
-from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, gap_lake, plan_rows
+from tests.tasks.gap.gap_lake import BASE, DESIGNS, N_REPEATS, OBJECTS, SETUP, gap_lake, measured_rows, plan_rows
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.4})
 pytestmark = pytest.mark.timeout(600)
@@ -79,6 +83,14 @@ def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path)
     assert {"gap_findings", "calibrations"} <= {node.table for node in lineage.rows}
     assert {"grasps", "simulations"} <= {group.table for group in lineage.groups}
     assert lineage.rows[Node("simulator_versions", outcome.run.base_version_id)] is not None  # not only named
+    (event,) = lagging.records(EventRow, kind=BANK)
+    bank_plan = outcome.rounds[0].search.bank_plan
+    assert json.loads(event.payload_json)["thetas"][0] == bank_plan.centre.model_dump()
+    assert bank_plan.centre.young_modulus_mpa == pytest.approx(9.2, rel=0.05)  # the truth's, within a print's scatter
+    assert len(bank_plan.effects) <= MOST_EFFECTS
+    found = newest_calibrated(lagging, BASE.version_id, "demo")
+    assert found is not None
+    assert found[0].version_id == version.version_id
     page = write_folder(lagging, outcome, tmp_path / "out")
     assert Findings.model_validate(json.loads((tmp_path / "out" / "findings.json").read_text())) == findings
     assert "load-cell transmitter" in page.read_text()
@@ -87,6 +99,33 @@ def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path)
     assert not again.is_new
     assert again.run == outcome.run
     assert again.sentence.startswith("nothing new since gap search")
+
+
+def test_a_name_that_does_not_help_is_in_the_answer_and_in_no_simulator(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Held-out grasps without the lag: on them, a simulator with it is worse."""
+    lake = gap_lake(tmp_path / "lake")
+    split = split_measurements(lake, "demo", 0)
+    rows: list[Row] = []
+    for number, design in enumerate(DESIGNS):
+        for object_id in OBJECTS:
+            if not split.designs[design.design_id] and not split.objects[object_id]:
+                for repeat in range(N_REPEATS):
+                    rows += measured_rows(design, f"demo/B01T{number}", object_id, repeat, hidden=[LAG])
+    lake.append(rows, PROVENANCE)
+    outcome = run_gap(lake, ORDER, silent())
+    (found,) = outcome.run.findings.rounds
+    assert found.named.effects == ("load_cell_lag",)
+    assert found.version is None
+    assert found.refused.startswith("Not added (load_cell_lag): the held-out error goes from ")
+    assert outcome.run.after_version_id == outcome.run.before_version_id
+    assert "load_cell_lag would explain it, but was not added" in outcome.sentence
+    newest = newest_calibrated(lake, BASE.version_id, "demo")
+    assert newest is not None
+    assert newest[0].effects == ()
+    refused = [row for row in lake.records(CalibrationRow) if row.status == "failed"]
+    assert [row.reason for row in refused] == [found.refused]
 
 
 def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -98,7 +137,7 @@ def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path, monkeypatch: p
     assert not outcome.run.findings.alarm
     assert outcome.run.before_version_id == outcome.run.after_version_id
     assert "no gap beyond noise and numerical error" in outcome.sentence
-    assert len(built) == 1  # once for naming, calibration, residuals and evaluation
+    assert len(built) == 2  # of the wide bank for what is proposed, of the other for all else
 
 
 def test_the_split_is_frozen_before_traces_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

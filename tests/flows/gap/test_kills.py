@@ -12,6 +12,7 @@ import pytest
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, EventRow, SimulationRow
 from models.records import EffectValue
+from tasks.campaign.simulator_versions import newest_calibrated
 from tasks.gap.bank import list_bank_ids
 from tasks.gap.findings import KIND, GapRun
 from tests.flows.cli.cli_lakes import ROOT
@@ -35,7 +36,7 @@ def answer(lake: Lake) -> GapRun:
     return run.model_copy(update={"findings": run.findings.model_copy(update={"budget": {}})})
 
 
-@pytest.mark.parametrize("moments", [("chains",), ("bank", "chains", "show")], ids=", ".join)
+@pytest.mark.parametrize("moments", [("chains",), ("bank", "local", "chains", "show")], ids=", ".join)
 def test_a_killed_search_goes_on_and_says_the_same(tmp_path: Path, moments: tuple[str, ...]) -> None:
     killed = gap_lake(tmp_path / "killed", hidden=[LAG], has_bank=False)
     shutil.copytree(tmp_path / "killed", tmp_path / "whole")
@@ -47,13 +48,18 @@ def test_a_killed_search_goes_on_and_says_the_same(tmp_path: Path, moments: tupl
             assert 0 < n_made < len(wanted)
         else:
             assert n_made == len(wanted)
-            # Theta alone is calibrated once; at `show` so is the effect, in a simulator version, and not yet told.
-            assert n_calibrations == (1 if moment == "chains" else 2)
+            # Theta alone is calibrated once; at `show` so is the effect, in a simulator that nobody may use yet.
+            assert n_calibrations == {"local": 0, "chains": 1, "show": 2}[moment]
+            newest = newest_calibrated(killed, BASE.version_id, "demo")
+            assert newest is None if moment == "local" else newest is not None and not newest[0].effects
     assert search(killed.root) == 0
     assert search(tmp_path / "whole") == 0
     said = answer(killed)
     assert said.findings.rounds[0].named.effects == ("load_cell_lag",)
     assert said == answer(Lake.open(tmp_path / "whole"))
+    newest = newest_calibrated(killed, BASE.version_id, "demo")
+    assert newest is not None
+    assert [value.effect for value in newest[0].effects] == ["load_cell_lag"]
     assert not killed.query(
         "SELECT simulation_id FROM raw_simulations GROUP BY simulation_id HAVING count(*) > 1"
     ).to_pylist()

@@ -9,8 +9,7 @@ from models.calibration.inference.settings import CalibrationSettings
 from models.gap.findings import Decision
 from models.records import EffectValue
 from tasks.gap import rounds
-from tasks.gap.calibrate import SearchInputs
-from tasks.gap.rounds import Round, run_round
+from tasks.gap.rounds import Round, Settled, run_round
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.2})
 WEAR = EffectValue(effect="friction_wear", parameters={"loss": 0.2})
@@ -26,27 +25,25 @@ def named(answer: Decision, values: tuple[EffectValue, ...], dropped: tuple[str,
     )
 
 
-def run(monkeypatch: pytest.MonkeyPatch, answer: Any, assumed: tuple[EffectValue, ...] = ()) -> tuple[Round, list[Any]]:
-    """A round with this answer, and what it asked NAME and calibration with."""
+def run(
+    monkeypatch: pytest.MonkeyPatch, answer: Any, assumed: tuple[EffectValue, ...] = (), refusal: str = ""
+) -> tuple[Round, list[Any]]:
+    """A round with this answer, and what it asked of calibration, of held-out grasps, and to be written."""
     asked: list[Any] = []
 
-    def name_effect(data: object, effects: Any) -> Any:
-        asked.append(tuple(effects))
-        return answer
-
-    def calibrate_simulator(search: object, effects: Any) -> Any:
-        asked.append(tuple(effects))
+    def calibrate_simulator(search: object, effects: Any, *, is_on_trial: bool = False) -> Any:
+        asked.append((tuple(effects), is_on_trial))
         return SimpleNamespace(effects=tuple(effects), version=SimpleNamespace(version_id="V2"))
 
-    monkeypatch.setattr(rounds, "name_effect", name_effect)
     monkeypatch.setattr(rounds, "calibrate_simulator", calibrate_simulator)
+    monkeypatch.setattr(rounds, "_find_refusal", lambda *words: refusal)
+    monkeypatch.setattr(rounds, "admit_simulator", lambda lake, simulator, refused: asked.append(refused))
     monkeypatch.setattr(rounds, "_compute_residuals", lambda fit: (None, None))
     monkeypatch.setattr(rounds, "locate", lambda *args, **kwargs: SimpleNamespace(findings=()))
     monkeypatch.setattr(rounds, "_with_posterior", lambda answer, simulator: answer)
     simulator: Any = SimpleNamespace(effects=(), version=SimpleNamespace(version_id="V1"))
-    nothing: Any = None
-    inputs = SearchInputs(nothing, nothing, nothing, None, CalibrationSettings())
-    return run_round(inputs, simulator, assumed), asked
+    search: Any = SimpleNamespace(lake=None, settings=CalibrationSettings())
+    return run_round(Settled(search, answer, answer), simulator, assumed), asked
 
 
 def test_a_set_is_taken_for_granted_and_in_no_simulator(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -54,13 +51,13 @@ def test_a_set_is_taken_for_granted_and_in_no_simulator(monkeypatch: pytest.Monk
     assert found.assumed == (LAG,)
     assert not found.is_last
     assert found.findings.version is None
-    assert asked == [()]  # nothing was calibrated
+    assert asked == []  # nothing was calibrated
 
 
 def test_the_next_round_looks_behind_the_set(monkeypatch: pytest.MonkeyPatch) -> None:
     wear = Decision(kind="effect", effects=("friction_wear",), probability=0.95)
     found, asked = run(monkeypatch, named(wear, (WEAR,)), (LAG,))
-    assert asked == [(LAG,), (WEAR,)]  # named beside the set, calibrated without it
+    assert asked == [((WEAR,), True), ""]  # calibrated without the set, compared, and admitted
     assert found.assumed == (LAG,)
     assert found.findings.version == "V2"
 
@@ -74,4 +71,16 @@ def test_a_set_that_is_no_longer_needed_is_let_go(monkeypatch: pytest.MonkeyPatc
     found, asked = run(monkeypatch, named(NONE, (), ("load_cell_lag",)), (LAG,))
     assert found.assumed == ()
     assert found.findings.dropped == ("load_cell_lag",)
-    assert asked == [(LAG,)]  # the simulator never had it
+    assert asked == []  # the simulator never had it
+
+
+def test_what_does_not_help_is_not_added_and_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    wear = Decision(kind="effect", effects=("friction_wear",), probability=0.95)
+    why = "Not added (friction_wear): the held-out error goes from 0.52 to 0.55 N."
+    found, asked = run(monkeypatch, named(wear, (WEAR,)), refusal=why)
+    assert asked == [((WEAR,), True), why]
+    assert found.after is found.before
+    assert (found.findings.version, found.findings.refused) == (None, why)
+    assert found.findings.named.effects == ("friction_wear",)  # the name stays in the answer
+    assert found.is_last
+    assert found.sentence.endswith(why)

@@ -1,0 +1,95 @@
+"""What simulating costs, before it begins: what the lake lacks, and CPU time by what such grasps have taken."""
+
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from lake.store import Lake
+from lake.tables.campaign import SimulatorVersionRow
+from models.gap.bank.bank import AMPLITUDES, CENTRE, BankPlan
+from models.gap.local_bank import MOST_EFFECTS
+from models.ids import canonical_json
+from models.records import Design, SimulatorVersion, Theta
+from tasks.simulation.plan import SimulationPlan, missing_objects
+
+_T = TypeVar("_T")
+_PROBED_DESIGNS, _PROBED_OBJECTS = 2, 2
+
+
+@dataclass(frozen=True)
+class GraspCosts:
+    """Mean CPU seconds of a simulated grasp by kind of simulator: its mesh costs most, theta and effects little."""
+
+    cpu_s: Mapping[str, float]
+
+    @staticmethod
+    def read(lake: Lake) -> "GraspCosts":
+        """What the grasps of this lake have taken, the failed ones too."""
+        sql = "SELECT version_id, sum(cpu_s) AS cpu_s, count(*) AS n FROM simulations WHERE cpu_s > 0 GROUP BY 1"
+        spent = {row["version_id"]: (row["cpu_s"], row["n"]) for row in lake.query(sql).to_pylist()}
+        total, count = defaultdict[str, float](float), Counter[str]()
+        rows = lake.records(SimulatorVersionRow, version_id=list(spent)) if spent else []
+        for row in rows:
+            if row.tier != "imported":
+                cpu_s, n = spent[row.version_id]
+                kind = name_kind(row.version)
+                total[kind] += cpu_s
+                count[kind] += n
+        return GraspCosts({kind: total[kind] / count[kind] for kind in total})
+
+    def of(self, version: SimulatorVersion) -> float | None:
+        """CPU seconds of a grasp with a version; None if no such grasp is known."""
+        return self.cpu_s.get(name_kind(version))
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Grasps to simulate and their CPU seconds; None where a kind of them has never been measured."""
+
+    n_grasps: int
+    cpu_s: float | None
+
+
+def name_kind(version: SimulatorVersion) -> str:
+    """What a simulator version is but for theta and effects."""
+    return canonical_json(version.model_copy(update={"theta": Theta(), "effects": ()}).model_dump(mode="json"))
+
+
+def estimate_cost(lake: Lake, plans: Sequence[SimulationPlan], costs: GraspCosts) -> Cost:
+    """Cost of what the lake lacks of plans."""
+    missing = [
+        (costs.of(version), len(objects)) for plan in plans for (_, version), objects in missing_objects(lake, plan)
+    ]
+    known = [cpu_s * n for cpu_s, n in missing if cpu_s is not None]
+    return Cost(sum(n for _, n in missing), sum(known) if len(known) == len(missing) else None)
+
+
+def plan_probe(lake: Lake, plans: Sequence[SimulationPlan], costs: GraspCosts) -> tuple[SimulationPlan, ...]:
+    """The few grasps of plans that tell what is not known of their cost: of each kind, on two designs and objects."""
+    found: dict[str, SimulationPlan] = {}
+    for plan in plans:
+        by_kind: dict[str, list[tuple[Design, SimulatorVersion]]] = defaultdict(list)
+        for point, _ in missing_objects(lake, plan):
+            if costs.of(point[1]) is None:
+                by_kind[name_kind(point[1])].append(point)
+        for kind, points in by_kind.items():
+            same = [point for point in points if point[1] == points[0][1]]
+            probed = _spread(same, _PROBED_DESIGNS)
+            objects = _spread(plan.object_ids, _PROBED_OBJECTS)
+            found.setdefault(kind, SimulationPlan(tuple(probed), tuple(objects), plan.setup))
+    return tuple(found.values())
+
+
+def choose_largest_bank() -> BankPlan:
+    """A bank as large as one around a fitted theta can be, for its cost alone: at a theta where the wide one is not."""
+    most = sorted(AMPLITUDES, key=lambda name: -len(AMPLITUDES[name]))[:MOST_EFFECTS]
+    theta = np.array(list(CENTRE.model_dump().values())) * np.array([1.01, 1.0, 1.0])
+    return BankPlan.around(theta, theta[None, 1:], most)
+
+
+def _spread(values: Sequence[_T], n: int) -> list[_T]:
+    """At most n of the values: the first, and others at equal steps."""
+    return list(values[:: max(len(values) // n, 1)][:n])

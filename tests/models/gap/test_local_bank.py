@@ -1,0 +1,93 @@
+"""The bank around a fitted theta: where it lies, when it moves, and which effects it holds."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from models.calibration.traces.theta_grid import ThetaGrid
+from models.gap.bank.bank import AMPLITUDES, CENTRE, WIDE, BankPlan, list_versions
+from models.gap.findings import Candidate
+from models.gap.local_bank import MOST_EFFECTS, choose_bank, has_left, move_bank
+from models.records import EffectValue, SimulatorVersion
+
+THETA = np.array([9.23456, 0.61341, 0.43219])
+
+
+def fit(theta: np.ndarray, sd: float = 0.01, effects: tuple[str, ...] = ()) -> Any:
+    values = tuple(EffectValue(effect=name, parameters={}) for name in effects)
+    return SimpleNamespace(theta=theta, covariance=np.diag([0.01, sd, sd]) ** 2, effects=values)
+
+
+def naming(base: Any, best: Any, r2: dict[str, float]) -> Any:
+    """What the choice of a bank looks at."""
+    rows = [
+        Candidate(effect=name, probability=0.1, held_out_gain_nats=1.0, held_out_rmse_change=0.0, grouped_r2=value)
+        for name, value in r2.items()
+    ]
+    return SimpleNamespace(fit=base, best=best, candidates=tuple(rows))
+
+
+def test_the_wide_bank_is_the_default() -> None:
+    assert (WIDE.centre, WIDE.grid, WIDE.effects) == (CENTRE, ThetaGrid(), tuple(AMPLITUDES))
+    assert len(list_versions(SimulatorVersion())) == 12 + 1 + 3 + sum(map(len, AMPLITUDES.values()))
+
+
+def test_a_bank_around_theta_has_its_modulus_and_few_points() -> None:
+    plan = BankPlan.around(THETA, THETA[None, 1:], ("shear_adhesion",))
+    assert plan.centre.model_dump() == {"young_modulus_mpa": 9.23, "friction": 0.613, "poisson_ratio": 0.432}
+    assert plan.centre in plan.grid_thetas  # so that it is simulated once
+    assert plan.grid.friction == pytest.approx((0.8 * 0.613, 1.2 * 0.613), abs=1e-3)
+    assert plan.grid.poisson_ratio == pytest.approx((0.392, 0.472))
+    versions = list_versions(SimulatorVersion(), plan)
+    assert len(versions) == 9 + 1 + 3 + len(AMPLITUDES["shear_adhesion"])
+    assert {version.theta.young_modulus_mpa for version in versions} == {9.23}
+    assert BankPlan.around(THETA * (1.0 + 1e-6), THETA[None, 1:], ("shear_adhesion",)) == plan
+
+
+def test_no_bank_is_beyond_the_wide_one() -> None:
+    plan = BankPlan.around(np.array([9.0, 0.1, 0.499]), np.array([[0.05, 0.55]]), ())
+    wide = ThetaGrid()
+    assert plan.grid.friction[0] == wide.friction[0]
+    assert plan.grid.poisson_ratio[1] == wide.poisson_ratio[1]
+    assert not plan.is_at_edge(np.array([9.0, 0.2, 0.49]))  # there is nowhere to go
+
+
+def test_the_grid_holds_theta_without_the_effect_and_what_is_not_known_of_it() -> None:
+    without = np.array([9.0, 0.42, 0.41])
+    plan = choose_bank(naming(fit(without), fit(THETA), {}))
+    assert plan.centre.friction == 0.613
+    assert plan.grid.friction[0] <= 0.42 * 0.95
+    unsure = choose_bank(naming(fit(THETA), fit(THETA, sd=0.06), {}))
+    assert unsure.grid.friction == pytest.approx((0.6134 - 0.18, 0.6134 + 0.18), abs=2e-3)
+    lost = choose_bank(naming(fit(THETA), fit(THETA, sd=9.0), {}))
+    assert lost.grid.friction == pytest.approx((0.6 * 0.6134, 1.4 * 0.6134), abs=2e-3)  # and no further
+
+
+def test_only_credible_effects_are_simulated_again_and_those_of_the_model() -> None:
+    r2 = {"shear_adhesion": 0.2, "rib_imperfection": 0.1, "load_cell_lag": 0.5, "print_anisotropy": -0.1}
+    model = fit(THETA, effects=("static_kinetic_friction", "load_cell_lag"))
+    plan = choose_bank(naming(model, fit(THETA), r2))
+    assert set(plan.effects) == {"shear_adhesion", "rib_imperfection", "static_kinetic_friction"}
+    many = choose_bank(naming(fit(THETA), fit(THETA), {name: 0.1 + 0.01 * i for i, name in enumerate(AMPLITUDES)}))
+    assert set(many.effects) == set(list(AMPLITUDES)[-MOST_EFFECTS:])
+
+
+def test_a_later_round_adds_effects_and_the_bank_moves_only_if_theta_leaves_it() -> None:
+    former = choose_bank(naming(fit(THETA), fit(THETA), {"shear_adhesion": 0.2}))
+    inside = naming(fit(THETA), fit(THETA * [1.0, 1.1, 1.0]), {"object_edge_radius": 0.1})
+    again = choose_bank(inside, former)
+    assert (again.centre, again.grid) == (former.centre, former.grid)
+    assert set(again.effects) == {"shear_adhesion", "object_edge_radius"}
+    assert not has_left(inside, former)
+    for outside in (
+        naming(fit(THETA * [1.0, 1.2, 1.0]), fit(THETA), {}),
+        naming(fit(THETA), fit(THETA * [1, 1.2, 1]), {}),
+    ):
+        assert has_left(outside, former)
+    moved = move_bank(naming(fit(THETA), fit(THETA * [1.0, 1.2, 1.0]), {}), former)
+    assert moved.centre.friction == pytest.approx(0.736)
+    assert moved.effects == former.effects
+    assert not moved.is_at_edge(THETA * [1.0, 1.2, 1.0])
+    assert not moved.is_at_edge(THETA)

@@ -6,6 +6,7 @@ the same call, and one that has ended is told again without computing it.
 
 import os
 import time
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -25,7 +26,7 @@ from models.records import EffectValue, SimulatorVersion
 from tasks.calibration.mean_data import find_base_version
 from tasks.campaign.requests import exclusive
 from tasks.campaign.simulator_versions import newest_calibrated
-from tasks.gap.bank import HELD_OUT, LOCAL_BANK, WIDE_BANK, plan_bank, read_bank
+from tasks.gap.bank import HELD_OUT, LOCAL_BANK, WIDE_BANK, list_plan_ids, plan_bank, read_bank
 from tasks.gap.cost import GraspCosts, choose_largest_bank, estimate_cost, plan_probe
 from tasks.gap.data import MeasuredGrasps, check_units, make_data, read_grasps, split_measurements
 from tasks.gap.findings import GapRun, find_run, find_starting_effects, make_gap_id, write_run, write_start
@@ -189,7 +190,7 @@ class _Simulator:
     ) -> None:
         self.lake, self.order, self.reporter, self.should_stop = lake, order, reporter, should_stop
         self.spent_s = 0.0
-        self.n_made: dict[str, int] = {}
+        self.asked: dict[str, set[str]] = defaultdict(set)  # ids of what was asked for, by what it is called
 
     def simulate(self, what: str, plans: Sequence[SimulationPlan]) -> None:
         """Simulate what the lake lacks of plans, which are called `what`.
@@ -205,7 +206,7 @@ class _Simulator:
 
         n_all = sum(plan.n_grasps for plan in plans)
         n_left = n_missing(self.lake, plans)
-        self.n_made[what] = self.n_made.get(what, 0) + n_all
+        self.asked[what].update(list_plan_ids(plans))
         self.reporter.progress(f"{what}: {n_all - n_left} of {n_all} simulations are in the lake")
         cost_s = GraspCosts.read(self.lake).of
         simulate_missing(self.lake, plans, self.order.settings.workers, self.reporter, is_over, cost_s)
@@ -316,11 +317,10 @@ def _failed(data: GapData) -> list[str]:
 
 
 def _spent(simulator: _Simulator, seconds: float) -> dict[str, float]:
-    n_made = simulator.n_made
     return {
-        "bank_simulations": float(n_made[WIDE_BANK]),
-        "local_bank_simulations": float(n_made.get(LOCAL_BANK, 0)),
-        "held_out_simulations": float(n_made.get(HELD_OUT, 0)),
+        "bank_simulations": float(len(simulator.asked[WIDE_BANK])),
+        "local_bank_simulations": float(len(simulator.asked[LOCAL_BANK])),
+        "held_out_simulations": float(len(simulator.asked[HELD_OUT])),
         "analysis_minutes": round(seconds / 60.0, 2),
     }
 

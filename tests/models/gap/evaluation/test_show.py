@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from models.errors import UsageError
-from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate
+from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate, measure_change
 from models.gap.evaluation.held_out import HeldOut, Prediction, add_scatter, compute_metrics
 from models.gap.where.residuals import Residuals
 from models.records import EffectValue
@@ -54,6 +54,28 @@ def test_no_change_closes_nothing_and_harm_is_negative(
     worse = evaluate(held_out, after, before)
     assert worse.gap.closed_fraction < 0.0
     assert any("got worse" in warning for warning in worse.warnings)
+
+
+def test_only_what_helps_whatever_was_held_out_is_a_gain(
+    world: tuple[HeldOut, Prediction, Prediction, Residuals],
+) -> None:
+    held_out, before, after, _ = world
+    better = measure_change(held_out, before.steps_n, after.steps_n)
+    errors = [float(np.sqrt(((held_out.measured_n - p.steps_n) ** 2).mean())) for p in (before, after)]
+    assert [better.before_n, better.after_n] == pytest.approx(errors)
+    low, high = better.ci90_n
+    assert low < errors[1] - errors[0] < high < 0.0
+    assert better.is_gain
+    assert not measure_change(held_out, before.steps_n, before.steps_n).is_gain
+    worse = measure_change(held_out, after.steps_n, before.steps_n)
+    assert worse.ci90_n == pytest.approx((-high, -low))
+    assert not worse.is_gain
+    # A gain of one object that another pays for.
+    of_one = held_out.obj == held_out.obj[0]
+    lucky = np.where(of_one[:, None], after.steps_n, before.steps_n)
+    lucky[held_out.obj == held_out.obj[-1]] += 0.3
+    assert not measure_change(held_out, before.steps_n, lucky).is_gain
+    assert f"goes from {worse.before_n:.3g} to {worse.after_n:.3g} N, a change of +" in worse.sentence
 
 
 def test_peers_learn_on_the_same_split_and_help(evaluation: Evaluation) -> None:

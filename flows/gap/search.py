@@ -208,6 +208,8 @@ class _Simulator:
         n_left = n_missing(self.lake, plans)
         self.asked[what].update(list_plan_ids(plans))
         self.reporter.progress(f"{what}: {n_all - n_left} of {n_all} simulations are in the lake")
+        if not n_left:
+            return
         cost_s = GraspCosts.read(self.lake).of
         simulate_missing(self.lake, plans, self.order.settings.workers, self.reporter, is_over, cost_s)
         self.spent_s += time.monotonic() - began

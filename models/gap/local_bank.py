@@ -14,7 +14,7 @@ from models.gap.fit.fit import Fit
 from models.gap.naming.name import NamingResult
 
 MOST_EFFECTS = 4  # that are proposed by a round
-_REACH_SD = 3.0  # of theta's posterior that the grid holds, as long as it is no more than twice the usual grid
+_REACH_SD = 2.0  # of theta's posterior that the grid holds, as long as it is no more than twice the usual grid
 _BESIDE_SHARE, _BESIDE_RATIO = 0.05, 0.01  # of a theta at which no surface should end
 
 
@@ -62,5 +62,5 @@ def _reach(fit: Fit) -> np.ndarray:
     at = fit.theta[1:]
     beside = np.array([_BESIDE_SHARE * at[0], _BESIDE_RATIO])
     most = 2.0 * np.array([LOCAL_FRICTION_SHARE * at[0], LOCAL_RATIO])
-    reach = np.clip(_REACH_SD * np.sqrt(np.diag(fit.covariance)[1:3]), beside, most)
+    reach = np.clip(_REACH_SD * np.sqrt(np.diag(fit.deflated_covariance)[1:3]), beside, most)
     return np.stack([at - reach, at + reach])

@@ -77,8 +77,9 @@ class Answer(Record):
 def naming_code() -> str:
     """Id of the code that names effects; lines have one of their own (`thresholds_id`)."""
     root = Path(models.__file__).parent
-    naming = [file.relative_to(root).as_posix() for file in (root / "gap").rglob("*.py") if file.stem != "thresholds"]
-    return source_id(root, (*naming, "simulation/effects", "calibration/traces"))
+    kept = ("gap/bank", "gap/fit", "gap/naming", "gap/grasps.py", "gap/data.py")
+    files = [file.relative_to(root).as_posix() for file in (root / "gap").rglob("*.py") if file.stem != "thresholds"]
+    return source_id(root, (*(f for f in files if f.startswith(kept)), "simulation/effects", "calibration/traces"))
 
 
 def answer(

@@ -162,8 +162,8 @@ def test_the_cost_is_told_and_nothing_is_searched(tmp_path: Path, monkeypatch: p
     )
     took = describe_duration(3.0 * (n_wide - 16 + n_local))
     assert sentence == (
-        f"96 grasps of 8 tools on 6 objects. To simulate: {n_wide - 16} of the {n_wide} grasps of the bank, then at "
-        f"most {n_local} around theta; at most about {took} of CPU, {took} on 1 free core."
+        f"96 grasps of 8 tools on 6 objects. To simulate: {n_wide - 16} of the {n_wide} grasps of the bank, then up "
+        f"to {n_local} around the fitted theta (again if it leaves them); about {took} of CPU, {took} on 1 free core."
     )
     assert len(simulated) == 16  # of the bank, to know how long one takes
     assert tell_cost(lake, ORDER, silent()) == sentence

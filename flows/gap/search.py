@@ -172,8 +172,8 @@ def _write_cost(lake: Lake, search: _Search, reporter: ProgressReporter) -> str:
     wide, local = (estimate_cost(lake, plans, costs) for plans in (search.plans, around))
     n_all = sum(plan.n_grasps for plan in search.plans)
     what = (
-        f"To simulate: {wide.n_grasps} of the {n_all} grasps of the bank, then up to {local.n_grasps} around the fitted "
-        "theta (again if it leaves them)"
+        f"To simulate: {wide.n_grasps} of the {n_all} grasps of the bank, then up to {local.n_grasps} around the "
+        "fitted theta (again if it leaves them)"
     )
     if wide.cpu_s is None or local.cpu_s is None:
         return f"{what}; how long one takes is not known yet."

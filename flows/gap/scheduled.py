@@ -73,6 +73,7 @@ def markdown(outcome: GapOutcome, page: str) -> str:
     lines = [f"# {outcome.sentence}", ""]
     for number, found in enumerate(findings.rounds, start=1):
         lines.append(f"- round {number}, {found.named.kind}: {found.named.sentence}")
+        lines += [f"  - {found.refused}"] if found.refused else []
         lines += [f"  - {where.sentence}" for where in found.where[:3]]
     if findings.next_experiment is not None:
         lines.append(f"- next experiment: {findings.next_experiment.sentence}")

@@ -162,7 +162,7 @@ def _prepare(lake: Lake, order: GapOrder) -> _Search:
 
 
 def _write_cost(lake: Lake, search: _Search, reporter: ProgressReporter) -> str:
-    """How many simulations the search needs at most, and how long they take on its workers."""
+    """How many grasps the search simulates, and how long they take on its workers; not counted are held-out ones."""
     grasps, n_workers = search.measured.grasps, search.order.settings.workers
     around = plan_bank(search.base, grasps.designs, grasps.objects, grasps.setup, choose_largest_bank())
     probe = plan_probe(lake, search.plans, GraspCosts.read(lake))
@@ -171,13 +171,16 @@ def _write_cost(lake: Lake, search: _Search, reporter: ProgressReporter) -> str:
     costs = GraspCosts.read(lake)
     wide, local = (estimate_cost(lake, plans, costs) for plans in (search.plans, around))
     n_all = sum(plan.n_grasps for plan in search.plans)
-    what = f"To simulate: {wide.n_grasps} of the {n_all} grasps of the bank, then at most {local.n_grasps} around theta"
+    what = (
+        f"To simulate: {wide.n_grasps} of the {n_all} grasps of the bank, then up to {local.n_grasps} around the "
+        "fitted theta (again if it leaves them)"
+    )
     if wide.cpu_s is None or local.cpu_s is None:
         return f"{what}; how long one takes is not known yet."
     cpu_s = wide.cpu_s + local.cpu_s
     n_at_once = min(n_workers, os.cpu_count() or 1)
     return (
-        f"{what}; at most about {describe_duration(cpu_s)} of CPU, {describe_duration(cpu_s / n_at_once)} on "
+        f"{what}; about {describe_duration(cpu_s)} of CPU, {describe_duration(cpu_s / n_at_once)} on "
         f"{n_at_once} free core{'s' if n_at_once > 1 else ''}."
     )
 
@@ -232,9 +235,15 @@ def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: Pr
     warnings = [*search.measured.warnings, *check_units(data), *_failed(data)]
     effects = _effects_so_far(lake, search)
     wide = SearchInputs(
-        lake, search.gap_id, data, search.base, order.campaign_id, order.settings, simulator.simulate,
+        lake=lake,
+        gap_id=search.gap_id,
+        data=data,
+        base=search.base,
+        campaign_id=order.campaign_id,
+        settings=order.settings,
+        simulate=simulator.simulate,
         progress=reporter.progress,
-    )  # fmt: skip
+    )
     rounds = _repeat_rounds(wide, effects, order.rounds, reporter)
     if not rounds[-1].is_last:
         warnings.append(f"{len(rounds)} rounds were made and the last one still found something; make more rounds.")

@@ -7,14 +7,13 @@ and those with a memory are the catalogue's own.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
-from models.calibration.traces.theta_grid import ThetaGrid
 from models.design.space import numbered_design, to_unit
-from models.gap.bank.bank import AMPLITUDES, CENTRE, DEEPER_MM, NUMERICAL_MESHES, WIDER_MM, Bank, EffectRuns
+from models.gap.bank.bank import AMPLITUDES, DEEPER_MM, NUMERICAL_MESHES, WIDE, WIDER_MM, Bank, BankPlan, EffectRuns
 from models.gap.bank.sensor_effects import read_lead
 from models.gap.data import GapData
 from models.gap.grasps import Grasps
@@ -87,29 +86,42 @@ def _bank_of(designs: tuple[Design, ...], objects: tuple[int, ...]) -> Bank:
     return made_up_bank(_shapes(designs, objects))
 
 
-def made_up_bank(shapes: np.ndarray) -> Bank:
-    """The bank of grasps of these shapes (t x o x 4), as `models.gap.bank.bank` asks for it."""
-    points = ThetaGrid().points
-    grid = [CENTRE.model_copy(update={"friction": mu, "poisson_ratio": nu}) for mu, nu in points]
+def made_up_bank(shapes: np.ndarray, plan: BankPlan = WIDE) -> Bank:
+    """A bank of grasps of these shapes (t x o x 4), as `models.gap.bank.bank` asks for it."""
+    centre, grid = plan.centre, plan.grid_thetas
     effects = {
         name: EffectRuns(
-            name, rows, np.stack([_steps(shapes, CENTRE, {name: _whole(name, row)}) for row in rows], axis=2)
+            name,
+            AMPLITUDES[name],
+            np.stack([_steps(shapes, centre, {name: _whole(name, row)}) for row in AMPLITUDES[name]], axis=2),
         )
-        for name, rows in AMPLITUDES.items()
+        for name in plan.effects
         if name in _MADE_UP
     }
     return Bank(
-        centre=CENTRE,
-        grid=np.array(points),
+        centre=centre,
+        grid=np.array(plan.grid.points),
         grid_steps_n=np.stack([_steps(shapes, theta) for theta in grid], axis=2),
         grid_lead_n=np.stack([_leads(shapes, theta) for theta in grid], axis=2),
-        centre_steps_n=_steps(shapes, CENTRE),
-        numerical_steps_n=np.stack([_steps(shapes, CENTRE, mesh=row) for row in np.eye(len(NUMERICAL_MESHES))], axis=2),
-        placed_steps_n=np.stack([_steps(shapes, CENTRE, late_mm=deeper) for deeper in DEEPER_MM], axis=2),
+        centre_steps_n=_steps(shapes, centre),
+        numerical_steps_n=np.stack([_steps(shapes, centre, mesh=row) for row in np.eye(len(NUMERICAL_MESHES))], axis=2),
+        placed_steps_n=np.stack([_steps(shapes, centre, late_mm=deeper) for deeper in DEEPER_MM], axis=2),
         wider_mm=np.array(WIDER_MM),
-        wider_steps_n=np.stack([_steps(shapes, CENTRE, wider_mm=wider) for wider in WIDER_MM], axis=2),
+        wider_steps_n=np.stack([_steps(shapes, centre, wider_mm=wider) for wider in WIDER_MM], axis=2),
         effects=effects,
     )
+
+
+def made_up_steps(data: GapData, theta: Theta, hidden: Hidden) -> np.ndarray:
+    """What the made-up simulator says of every grasp at theta and with effects of cost C and F, n x 120."""
+    whole = {name: _whole(name, parameters) for name, parameters in hidden.items()}
+    shapes = _shapes(data.grasps.designs, data.grasps.objects)
+    return np.asarray(_steps(shapes, theta, whole)[data.grasps.tool, data.grasps.obj])
+
+
+def with_bank(data: GapData, plan: BankPlan) -> GapData:
+    """The same grasps with another bank."""
+    return replace(data, bank=made_up_bank(_shapes(data.grasps.designs, data.grasps.objects), plan))
 
 
 def made_up_trace(

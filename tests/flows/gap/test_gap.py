@@ -10,14 +10,15 @@ import pytest
 from flows.gap import search
 from flows.gap.folder import write_folder
 from flows.gap.scheduled import markdown
-from flows.gap.search import GapOrder, run_gap
-from flows.progress import ProgressReporter
+from flows.gap.search import GapOrder, run_gap, tell_cost
+from flows.progress import ProgressReporter, describe_duration
 from lake.query.lineage import Node, find_lineage
 from lake.store import Lake
-from lake.tables.campaign import CalibrationRow, EventRow, GapFindingRow, SimulatorVersionRow, TraceRow
+from lake.tables.campaign import CalibrationRow, EventRow, GapFindingRow, SimulationRow, SimulatorVersionRow, TraceRow
 from lake.tables.row import Row
 from models.calibration.inference.settings import CalibrationSettings
 from models.errors import FastError
+from models.gap.bank.bank import WIDE
 from models.gap.bank.surrogate import Surrogate
 from models.gap.findings import Findings
 from models.gap.fit import posterior
@@ -26,6 +27,7 @@ from models.records import EffectValue
 from tasks.calibration.mean_data import TooLittleDataError, read_measured_tools, read_simulated_points
 from tasks.campaign.simulator_versions import newest_calibrated
 from tasks.gap.bank import BANK, plan_bank
+from tasks.gap.cost import choose_largest_bank
 from tasks.gap.data import split_measurements
 from tasks.gap.split import KIND as SPLIT
 from tasks.simulation.plan import SimulationPlan
@@ -126,6 +128,8 @@ def test_a_name_that_does_not_help_is_in_the_answer_and_in_no_simulator(
     assert newest[0].effects == ()
     refused = [row for row in lake.records(CalibrationRow) if row.status == "failed"]
     assert [row.reason for row in refused] == [found.refused]
+    with pytest.raises(TooLittleDataError, match="no design that is simulated with a theta of its own"):
+        read_simulated_points(lake, BASE, read_measured_tools(lake, "demo"))
 
 
 def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -138,6 +142,33 @@ def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path, monkeypatch: p
     assert outcome.run.before_version_id == outcome.run.after_version_id
     assert "no gap beyond noise and numerical error" in outcome.sentence
     assert len(built) == 2  # of the wide bank for what is proposed, of the other for all else
+
+
+def test_the_cost_is_told_and_nothing_is_searched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lake, simulated = gap_lake(tmp_path / "lake", has_bank=False), []
+
+    def simulate(lake: Lake, plans: Sequence[SimulationPlan], *_: Any) -> None:
+        rows = [
+            row.model_copy(update={"cpu_s": 3.0}) if isinstance(row, SimulationRow) else row for row in plan_rows(plans)
+        ]
+        simulated.extend(row for row in rows if isinstance(row, SimulationRow))
+        lake.append(rows, PROVENANCE)
+
+    monkeypatch.setattr(search, "simulate_missing", simulate)
+    sentence = tell_cost(lake, ORDER, silent())
+    n_wide, n_local = (
+        sum(plan.n_grasps for plan in plan_bank(BASE, DESIGNS, OBJECTS, SETUP, of))
+        for of in (WIDE, choose_largest_bank())
+    )
+    took = describe_duration(3.0 * (n_wide - 16 + n_local))
+    assert sentence == (
+        f"96 grasps of 8 tools on 6 objects. To simulate: {n_wide - 16} of the {n_wide} grasps of the bank, then up "
+        f"to {n_local} around the fitted theta (again if it leaves them); about {took} of CPU, {took} on 1 free core."
+    )
+    assert len(simulated) == 16  # of the bank, to know how long one takes
+    assert tell_cost(lake, ORDER, silent()) == sentence
+    assert len(simulated) == 16
+    assert not lake.rows(CalibrationRow)
 
 
 def test_the_split_is_frozen_before_traces_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

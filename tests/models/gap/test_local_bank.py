@@ -8,9 +8,11 @@ import pytest
 
 from models.calibration.traces.theta_grid import ThetaGrid
 from models.gap.bank.bank import AMPLITUDES, CENTRE, WIDE, BankPlan, list_versions
+from models.gap.data import GapData
 from models.gap.findings import Candidate
 from models.gap.local_bank import MOST_EFFECTS, choose_bank, has_left, move_bank
-from models.records import EffectValue, SimulatorVersion
+from models.records import EffectValue, SimulatorVersion, Theta
+from tests.synthetic.gap import made_up_gap, made_up_steps, with_bank
 
 THETA = np.array([9.23456, 0.61341, 0.43219])
 
@@ -91,3 +93,32 @@ def test_a_later_round_adds_effects_and_the_bank_moves_only_if_theta_leaves_it()
     assert moved.effects == former.effects
     assert not moved.is_at_edge(THETA * [1.0, 1.2, 1.0])
     assert not moved.is_at_edge(THETA)
+
+
+def test_a_bank_around_theta_knows_what_the_wide_one_guesses() -> None:
+    """At a theta far from the wide bank's centre: forces without an effect, and what effects change."""
+    data = made_up_gap(4, 3, 0, n_repeats=1)
+    names = ("static_kinetic_friction", "pressure_dependent_friction", "force_limited_closing", "base_compliance")
+    theta = Theta(young_modulus_mpa=8.0, friction=0.85, poisson_ratio=0.46)
+    at = np.array(list(theta.model_dump().values()))
+    near = with_bank(data, BankPlan.around(at * [1.02, 1.03, 0.99], at[None, 1:], names))
+    laws = {
+        "static_kinetic_friction": {"kinetic_ratio": 0.7, "slip_scale_mm": 2.0},
+        "pressure_dependent_friction": {"exponent": 0.18},
+        "force_limited_closing": {"max_force_n": 5.5},
+        "base_compliance": {"compliance_mm_per_n": 0.05},
+    }
+    base_n = made_up_steps(data, theta, {})
+
+    def change_n(found: GapData, name: str) -> np.ndarray:
+        of_effect = found.surrogate.predict_steps(at, [EffectValue(effect=name, parameters=laws[name])])
+        return of_effect - found.surrogate.predict_steps(at)
+
+    def size(values_n: np.ndarray) -> float:
+        return float(np.sqrt((values_n**2).mean()))
+
+    assert size(near.surrogate.predict_steps(at) - base_n) < 0.2 * size(data.surrogate.predict_steps(at) - base_n)
+    for name, law in laws.items():
+        true_n = made_up_steps(data, theta, {name: law}) - base_n
+        assert size(change_n(near, name) - true_n) < 0.2 * size(true_n), name
+        assert size(change_n(near, name) - true_n) < 0.7 * size(change_n(data, name) - true_n), name

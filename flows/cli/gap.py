@@ -70,22 +70,26 @@ def _data(outcome: "GapOutcome") -> dict[str, Any]:
 
 
 def _text(outcome: "GapOutcome", page: Path) -> str:
-    from flows.report.gap.answer import describe_probability
+    from flows.report.gap.answer import describe_notes, describe_probability
 
     findings = outcome.run.findings
     lines = [f"{outcome.sentence}.", ""]
-    for number, found in enumerate(findings.rounds, start=1):
-        lines += [f"round {number}: {found.named.kind}. {found.named.sentence}"]
+    for place, found in enumerate(findings.rounds):
+        sure = describe_probability(found.named.probability)
+        lines += [f"round {place + 1}: {found.named.kind}, right with probability {sure}. {found.named.sentence}"]
+        lines += [f"  left: {found.named.rest.sentence}"] if found.named.rest is not None else []
+        lines += [f"  {note}" for note in describe_notes(found, findings.is_leftover(place))]
         lines += [f"  where: {where.sentence}" for where in found.where[:3]]
+        tried = [row for row in found.candidates if row.effect != "none"]
         rows = [
             {
-                "candidate": row.effect,
-                "P": describe_probability(row.probability),
+                "candidate": "any model" if row.effect == "unknown" else row.effect,
+                "predicts": None if row.grouped_r2 is None else f"{100 * row.grouped_r2:.1f} %",
                 "gain_nats": round(row.held_out_gain_nats, 1),
                 "rmse": f"{100 * row.held_out_rmse_change:+.0f} %",
                 "visible": None if row.visible_fraction is None else f"{100 * row.visible_fraction:.0f} %",
             }
-            for row in sorted(found.candidates, key=lambda row: -row.probability)[:_MOST_CANDIDATES]
+            for row in sorted(tried, key=lambda row: -(row.grouped_r2 or 0.0))[:_MOST_CANDIDATES]
         ]
         lines += ["", table_text(rows), ""]
     lines.append(f"held out: {_held_out(findings)}")
@@ -100,10 +104,12 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
 
 def _held_out(findings: "Findings") -> str:
     gap = findings.gap
-    low, high = gap.ci95
     if not any(found.version for found in findings.rounds):
         return f"error {gap.rmse_before_n:.2f} N, floor {gap.rmse_floor_n:.2f} N; nothing was added to the simulator"
+    interval = "(too few designs or objects held out for an interval)"
+    if gap.ci95 is not None:
+        interval = f"[{100 * gap.ci95[0]:.0f}, {100 * gap.ci95[1]:.0f}]"
     return (
         f"{gap.rmse_before_n:.2f} -> {gap.rmse_after_n:.2f} N, floor {gap.rmse_floor_n:.2f} N, closed "
-        f"{100 * gap.closed_fraction:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
+        f"{100 * gap.closed_fraction:.0f} % {interval}"
     )

@@ -26,6 +26,10 @@ def gap(
     campaign: Annotated[
         str | None, Parameter(help="Campaign whose measurements count; default: all of the lake.")
     ] = None,
+    example: Annotated[
+        bool,
+        Parameter(negative="", help="Search a small lake that comes with FAST, in --out or a temporary folder."),
+    ] = False,
     catalogue: Annotated[bool, Parameter(negative="", help="Only print the catalogue of effects.")] = False,
     out: Annotated[
         Path | None,
@@ -44,6 +48,7 @@ def gap(
 
     Designs and objects are held out first. What the lake lacks of the bank of simulations around the measured tools is
     simulated, so the first call takes an hour or more on two cores; a killed command continues when it is given again.
+    `--example` has its simulations with it and takes two minutes.
     """
     from flows.cli.campaign import open_lake, resolve_campaign
     from flows.gap.folder import write_folder
@@ -55,7 +60,13 @@ def gap(
 
         show(catalogue_entries(), f"{table_text(catalogue_rows())}\n\n{_COSTS}", json)
         return
-    found = open_lake(lake)
+    if example:
+        from flows.gap.example import CAMPAIGN, open_example
+
+        found, out = open_example(out)
+        campaign = campaign or CAMPAIGN
+    else:
+        found = open_lake(lake)
     name = resolve_campaign(found, campaign) if campaign is not None else None
     order = GapOrder(name, seed, rounds, budget_minutes)
     order = order.with_workers(workers)

@@ -343,13 +343,15 @@ def _heavy_cells(content: GapPage) -> Markup:
     cells = find_heaviest_cells(content.residuals)
     rows = [(c.tool, c.object_name, f"{100 * c.share:.0f} %", number(c.gap_n, 2), number(c.peak_n, 1)) for c in cells]
     headings = ("tool", "object", "of all squares", "gap (N)", "peak (N)")
-    return Markup("<h3>Where most of the gap is</h3>") + table(headings, rows, (2, 3, 4))
+    return Markup("<h3>Where most of the gap is</h3>" + table(headings, rows, (2, 3, 4)))
 
 
 def _unsure_cells(content: GapPage) -> Markup:
     head = Markup("<h3>Where the simulator itself is unsure</h3>")
     if not content.unsure:
-        return head + paragraph("Nowhere do other meshes or heights change the force by more than a tenth of the peak.")
+        return Markup(
+            head + paragraph("Nowhere do other meshes or heights change the force by more than a tenth of the peak.")
+        )
     causes = {"mesh": "other meshes", "height": "object 0.25 mm higher or lower"}
     rows = [
         (c.tool, c.object_name, causes[c.cause], number(c.spread_n, 2), number(c.peak_n, 1))
@@ -360,7 +362,7 @@ def _unsure_cells(content: GapPage) -> Markup:
         "Here the force changes by more than a tenth of the peak, mostly because a rim may snap or not. These grasps "
         "count little." + (f" {more} more cells are like this." if more else ""), "note",
     )  # fmt: skip
-    return head + table(("tool", "object", "changed by", "by (N)", "peak (N)"), rows, (3, 4)) + note
+    return Markup(head + table(("tool", "object", "changed by", "by (N)", "peak (N)"), rows, (3, 4)) + note)
 
 
 def _clues(sentences: Sequence[str]) -> Markup:

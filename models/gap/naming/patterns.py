@@ -123,5 +123,3 @@ def _weigh(fit: Fit, what: str, how: str, columns: np.ndarray) -> Pattern:
 def _width_mm(object_id: int) -> float:
     low, high = bounds(get_object(object_id).primitives)
     return float(high[0] - low[0])
-
-

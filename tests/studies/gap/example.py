@@ -20,6 +20,7 @@ from flows.gap.example import CAMPAIGN, FILE
 from flows.gap.folder import write_folder
 from flows.gap.search import GapOrder, run_gap
 from flows.progress import ProgressReporter
+from lake.handoff.campaign import IMPORTED
 from lake.handoff.packed import write_packed
 from lake.provenance import current_provenance
 from lake.store import Lake
@@ -42,24 +43,26 @@ from lake.tables.row import Row
 from models.design.space import numbered_design
 from models.records import GraspSetup, SimulatorVersion
 from tasks.gap.bank import list_plan_ids, plan_bank
-from tests.studies.gap.panels import Panels
-from tests.studies.gap.small import read_small
-from tests.studies.hidden.lab import TOOLS_PER_BATCH, Lab, Site
+from tests.studies.gap.small import read_cells
+from tests.studies.hidden.lab import TOOLS_PER_BATCH, Lab, Site, Variants
 
 SMALL = Path(__file__).parents[2] / "data" / "gap-small.npz"
-WORLD, SEED, REPEATS = "static_kinetic_friction-strong", 41, 3
+LAW, SEED, REPEATS = "static_kinetic_friction", 41, 3
 _BEGAN = datetime(2026, 1, 5, 8, 0, tzinfo=UTC)
-_CONFIG = f"""# Made-up measurements: `{WORLD}` of the hidden-effect study, {REPEATS} repeats, seed {SEED}.
-[imported]
-source = "hidden-effect study"
+_CONFIG = f"""# Made-up measurements: there is no schedule to run.
+kind = "{IMPORTED}"
+
+[[sources]]
+folder = "true grasps of {LAW} of the hidden-effect study, seed {SEED}"
+content_hash = ""
 """
 
 
 def measure_example() -> list[Row]:
     """Rows of the measured grasps: campaign, batches, designs, tools, grasps and traces."""
-    panels, _ = read_small(SMALL)
-    lab = Lab(panels.designs, panels.objects, SEED, REPEATS)
-    designs = [numbered_design(number) for number in panels.designs]
+    numbers, objects, cells = read_cells(SMALL, LAW)
+    lab = Lab(numbers, objects, SEED, REPEATS)
+    designs = [numbered_design(number) for number in numbers]
     rows: list[Row] = [CampaignRow(campaign_id=CAMPAIGN, name=CAMPAIGN, config_toml=_CONFIG)]
     rows += [DesignRow.of(design) for design in designs]
     for batch in sorted({_place(tool)[0] for tool in range(len(designs))}):
@@ -79,14 +82,17 @@ def measure_example() -> list[Row]:
                 confirmed_by="auto",
             )
         )
-    return [*rows, *_grasp_rows(lab, panels)]
+    for site, trace in lab.measure(lambda tool, obj: Variants(cells[tool, obj]), ()):
+        grasp = _grasp_row(site, lab)
+        rows += [TraceRow.of(grasp.grasp_id, trace), grasp]
+    return rows
 
 
 def copy_bank(source: Lake, lake: Lake) -> int:
     """Take the simulations of the bank that another lake has; returns how many."""
-    panels, _ = read_small(SMALL)
-    designs = [numbered_design(number) for number in panels.designs]
-    ids = list_plan_ids(plan_bank(SimulatorVersion(), designs, panels.objects, GraspSetup()))
+    numbers, objects, _ = read_cells(SMALL, LAW)
+    designs = [numbered_design(number) for number in numbers]
+    ids = list_plan_ids(plan_bank(SimulatorVersion(), designs, objects, GraspSetup()))
     rows = [*_simulation_rows(source, ids)]
     lake.append(rows, current_provenance(seed=SEED))
     return sum(isinstance(row, SimulationRow) for row in rows)
@@ -114,23 +120,16 @@ def _simulation_rows(lake: Lake, ids: Sequence[str]) -> Iterator[Row]:
         yield from lake.records(table)
 
 
-def _grasp_rows(lab: Lab, panels: Panels) -> Iterator[Row]:
-    for site, trace in lab.measure(panels.truth(WORLD, 1.0), ()):
-        row = _grasp_row(site, panels)
-        yield TraceRow.of(row.grasp_id, trace)
-        yield row
-
-
-def _grasp_row(site: Site, panels: Panels) -> GraspRow:
+def _grasp_row(site: Site, lab: Lab) -> GraspRow:
     batch, slot = _place(site.tool)
-    tool_id, object_id = ToolRow.make_id(CAMPAIGN, batch, slot), panels.objects[site.obj]
+    tool_id, object_id = ToolRow.make_id(CAMPAIGN, batch, slot), lab.objects[site.obj]
     return GraspRow(
         grasp_id=GraspRow.make_id(tool_id, object_id, site.context.repeat),
         campaign_id=CAMPAIGN,
         tool_id=tool_id,
         batch=batch,
         slot=slot,
-        design_id=numbered_design(panels.designs[site.tool]).design_id,
+        design_id=numbered_design(lab.designs[site.tool]).design_id,
         object_id=object_id,
         repeat=site.context.repeat,
         order=site.context.batch_grasps,

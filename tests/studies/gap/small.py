@@ -60,7 +60,18 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
     names = [name.removeprefix("cells ") for name in arrays if name.startswith("cells ")]
     cells = {name: _cells(arrays[f"cells {name}"], arrays[f"samples {name}"].astype(float)) for name in names}
     designs, objects = (tuple(int(number) for number in arrays[key]) for key in ("designs", "objects"))
-    return Panels(designs, objects, {name: TrueSet.model_validate_json(str(arrays[f"set {name}"])) for name in names}, cells), bank
+    return Panels(
+        designs, objects, {name: TrueSet.model_validate_json(str(arrays[f"set {name}"])) for name in names}, cells
+    ), bank
+
+
+def read_cells(path: Path, law: str) -> tuple[tuple[int, ...], tuple[int, ...], dict[tuple[int, int], Trace]]:
+    """Designs and objects (numbers) of a file of `write_small`, and the true grasps of the first set with this law."""
+    with np.load(path) as file:
+        name = next(key.removeprefix("cells ") for key in file.files if key.startswith(f"cells {law}"))
+        cells = _cells(file[f"cells {name}"], file[f"samples {name}"].astype(float))
+        designs, objects = (tuple(int(number) for number in file[key]) for key in ("designs", "objects"))
+    return designs, objects, cells
 
 
 def _cells(table: np.ndarray, samples: np.ndarray) -> dict[tuple[int, int], Trace]:

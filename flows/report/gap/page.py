@@ -57,6 +57,7 @@ from models.gap.where.cells import find_heaviest_cells
 from models.gap.where.locate import describe_silence
 from models.gap.where.permutation_tests import Q
 from models.gap.where.residuals import PHASES
+from models.simulation.effects.catalogue import CATALOGUE
 from models.units import spell_name
 
 PAGE, FINDINGS = "report.html", "findings.json"
@@ -185,7 +186,10 @@ def write_name(content: GapPage, folder: Folder) -> Markup:
 
 def _answer(found: RoundFindings, title: str, is_leftover: bool) -> Markup:
     named = found.named
-    told = Markup(f"<h3>{text(title)}</h3>") + paragraph(named.sentence)
+    told = Markup(f"<h3>{text(title)}</h3>")
+    formulas = [CATALOGUE[effect].formula for effect in named.effects if effect in CATALOGUE and named.parameters]
+    # The sentence of one effect is its title and parameters again; the table shows them better.
+    told += "".join(Markup(f"<p><code>{text(f)}</code></p>") for f in formulas) or paragraph(named.sentence)
     if named.rest is not None and named.rest.sentence != named.sentence:
         told += paragraph(named.rest.sentence)
     told += paragraph(f"Probability that this answer is right: {describe_probability(named.probability)}.")

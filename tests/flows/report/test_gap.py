@@ -37,7 +37,7 @@ NAMED = Decision(
     effects=("load_cell_lag",),
     probability=0.97,
     parameters={"time_constant_s": ParameterEstimate(median=0.29, ci90=(0.27, 0.31))},
-    sentence="Held-out grasps are <better> with it.",
+    sentence="Held-out grasps are better with it.",
 )
 NOTHING = Decision(kind="none", probability=0.99)
 
@@ -91,7 +91,7 @@ def _findings(evaluation: Evaluation, rounds: tuple[RoundFindings, ...]) -> Find
         ),
         seed=3,
         budget={"bank_simulations": 100.0},
-        warnings=("Few designs.",),
+        warnings=("<Few> designs.",),
     )
 
 
@@ -107,8 +107,8 @@ def test_page_says_where_what_and_how_much(content: GapPage, tmp_path: Path) -> 
     assert "Where most of the gap is" in page
     assert "Looked at and not found:" in page
     assert "nearer" in page  # 9 to 10 MPa, tensile bars say 11.5
-    assert "Warning: Few designs." in page
-    assert "&lt;better&gt;" in page  # what comes from data is escaped
+    assert "time_constant_s dF" in page  # the law of the named effect
+    assert "&lt;Few&gt; designs." in page  # what comes from data is escaped
     for source in re.findall(r'(?:src|href)="((?:figures|data)/[^"]+)"', page):
         assert (tmp_path / source).is_file(), source
     assert "http" not in page

@@ -186,20 +186,19 @@ def write_name(content: GapPage, folder: Folder) -> Markup:
 
 def _answer(found: RoundFindings, title: str, is_leftover: bool) -> Markup:
     named = found.named
-    told = Markup(f"<h3>{text(title)}</h3>")
     formulas = [CATALOGUE[effect].formula for effect in named.effects if effect in CATALOGUE and named.parameters]
     # The sentence of one effect is its title and parameters again; the table shows them better.
-    told += "".join(Markup(f"<p><code>{text(f)}</code></p>") for f in formulas) or paragraph(named.sentence)
+    told = [f"<p><code>{text(formula)}</code></p>" for formula in formulas] or [paragraph(named.sentence)]
     if named.rest is not None and named.rest.sentence != named.sentence:
-        told += paragraph(named.rest.sentence)
-    told += paragraph(f"Probability that this answer is right: {describe_probability(named.probability)}.")
+        told.append(paragraph(named.rest.sentence))
+    told.append(paragraph(f"Probability that this answer is right: {describe_probability(named.probability)}."))
     if named.family:
-        told += paragraph(f"Family: {named.family}.")
-    told += _parameters(named)
-    told += "".join(paragraph(note, "note") for note in describe_notes(found, is_leftover))
+        told.append(paragraph(f"Family: {named.family}."))
+    told.append(_parameters(named))
+    told += [paragraph(note, "note") for note in describe_notes(found, is_leftover)]
     if found.dropped:
-        told += paragraph(f"No longer needed: {', '.join(describe_effect(e) for e in found.dropped)}.")
-    return Markup(told)
+        told.append(paragraph(f"No longer needed: {', '.join(describe_effect(e) for e in found.dropped)}."))
+    return Markup(f"<h3>{text(title)}</h3>{''.join(told)}")
 
 
 def _law_or_rest(named: Decision, place: int, folder: Folder) -> Markup:

@@ -67,7 +67,7 @@ NAV = {
     "name": "What is missing",
     "where": "Where",
     "show": "Before and after",
-    "theta": "Theta",
+    "theta": "Material and friction",
     "next": "What to measure next",
     "assumed": "What was assumed",
 }
@@ -170,13 +170,11 @@ def write_name(content: GapPage, folder: Folder) -> Markup:
         if len(rounds) > 1:
             title = f"Round {place + 1}: {title}"
         told = _answer(found, title, content.findings.is_leftover(place))
-        bars = folder.figure(
-            f"gap_names_{place + 1}", draw_names(found.candidates, found.named), "What each candidate predicts"
-        ) + (_names_note() if place == 0 else "")
-        pictures = _law_or_rest(found.named, place, folder)
+        bars = _bars(found, place, folder)
+        pictures = _law_or_rest(found, place, folder)
         parts += [columns(told, pictures or bars)]
         if pictures:
-            parts.append(folded("What each candidate predicts", f'<div class="two"><div>{bars}</div></div>'))
+            parts.append(folded("What each candidate predicts", columns(bars, "")) if bars else "")
     if content.separability is not None and len(content.separability.effects) > 1:
         parts.append(_isolability(content.separability, folder))
     parts.append(_visible_sizes(content))
@@ -201,10 +199,11 @@ def _answer(found: RoundFindings, title: str, is_leftover: bool) -> Markup:
     return Markup(f"<h3>{text(title)}</h3>{''.join(told)}")
 
 
-def _law_or_rest(named: Decision, place: int, folder: Folder) -> Markup:
-    shown = ""
+def _law_or_rest(found: RoundFindings, place: int, folder: Folder) -> Markup:
+    shown, named = "", found.named
     if named.law is not None:
-        caption = "The law as the data have it, with its 90 % band. It is part of the new simulator."
+        added = " The new simulator has it." if found.version and not found.refused else ""
+        caption = f"The law as the data have it, with its 90 % band.{added}"
         shown += folder.figure(f"gap_law_{place + 1}", draw_law(named.law), "The law that was found", caption)
     if named.rest is not None:
         caption = "The force that nothing in the simulator explains: mean and 90 % band over tools and objects."
@@ -212,11 +211,16 @@ def _law_or_rest(named: Decision, place: int, folder: Folder) -> Markup:
     return Markup(shown)
 
 
-def _names_note() -> Markup:
-    return paragraph(
+def _bars(found: RoundFindings, place: int, folder: Folder) -> Markup:
+    if all(c.grouped_r2 is None for c in found.candidates):
+        return Markup("")
+    figure = draw_names(found.candidates, found.named)
+    shown = folder.figure(f"gap_names_{place + 1}", figure, "What each candidate predicts")
+    note = paragraph(
         "Each candidate was fitted to some of the grasps and had to predict the gap of designs and objects that were "
         "left out. Several may do well; the probability beside the answer says how sure the choice is.", "note",
     )  # fmt: skip
+    return Markup(shown + note)
 
 
 def _isolability(separability: Separability, folder: Folder) -> Markup:
@@ -324,16 +328,18 @@ def write_theta(content: GapPage, folder: Folder) -> Markup:
         for r in content.theta
     ]
     words_ = paragraph(
-        "Median and 90 % interval. A missing effect bends theta; with the right effect it moves back to what other "
-        "instruments say.", "note",
+        "Median and 90 % interval. A missing effect bends these constants; with the right effect they move back to "
+        "what other instruments say.", "note",
     )  # fmt: skip
-    return section("theta", "Theta before and after", table(headings, rows, empty=OLD), words_ if rows else "")
+    return section(
+        "theta", "Material and friction before and after", table(headings, rows, empty=OLD), words_ if rows else ""
+    )
 
 
 def _sentences(found: RoundFindings, place: int, n_rounds: int) -> Markup:
     head = Markup(f"<h3>Round {place + 1}</h3>") if n_rounds > 1 else Markup("")
     if not found.where:
-        pattern = " What is named below shows in the pattern of all traces." if found.named.kind != "none" else ""
+        pattern = " What is named above shows in the pattern of all traces." if found.named.kind != "none" else ""
         sentence = "No single tool, object or phase stands out from noise, scatter of prints and meshes." + pattern
         return Markup(head + paragraph(sentence))
     first, *others = found.where

@@ -26,6 +26,10 @@ def gap(
     campaign: Annotated[
         str | None, Parameter(help="Campaign whose measurements count; default: all of the lake.")
     ] = None,
+    example: Annotated[
+        bool,
+        Parameter(negative="", help="Search a small lake that comes with FAST, in --out or a temporary folder."),
+    ] = False,
     catalogue: Annotated[bool, Parameter(negative="", help="Only print the catalogue of effects.")] = False,
     out: Annotated[
         Path | None,
@@ -51,7 +55,7 @@ def gap(
 
     Designs and objects are held out first. What the lake lacks of the bank of simulations around the measured tools is
     simulated, which may take hours: `--dry-run` says how long, `--tools` and `--objects` take fewer of the measured
-    ones. A killed command continues when it is given again.
+    ones. A killed command continues when it is given again. `--example` has its simulations with it: two minutes.
     """
     from flows.cli.campaign import open_lake, resolve_campaign
     from flows.gap.folder import write_folder
@@ -64,7 +68,13 @@ def gap(
 
         show(catalogue_entries(), f"{table_text(catalogue_rows())}\n\n{_COSTS}", json)
         return
-    found = open_lake(lake)
+    if example:
+        from flows.gap.example import CAMPAIGN, open_example
+
+        found, out = open_example(out)
+        campaign = campaign or CAMPAIGN
+    else:
+        found = open_lake(lake)
     name = resolve_campaign(found, campaign) if campaign is not None else None
     order = GapOrder(name, seed, rounds, budget_minutes, PanelSize(tools, objects)).with_workers(workers)
     reporter = ProgressReporter(tell, tell)
@@ -83,23 +93,26 @@ def _data(outcome: "GapOutcome") -> dict[str, Any]:
 
 
 def _text(outcome: "GapOutcome", page: Path) -> str:
-    from flows.report.gap.answer import describe_probability
+    from flows.report.gap.answer import describe_notes, describe_probability
 
     findings = outcome.run.findings
     lines = [f"{outcome.sentence}.", ""]
-    for number, found in enumerate(findings.rounds, start=1):
-        lines += [f"round {number}: {found.named.kind}. {found.named.sentence}"]
-        lines += [f"  {found.refused}"] if found.refused else []
+    for place, found in enumerate(findings.rounds):
+        sure = describe_probability(found.named.probability)
+        lines += [f"round {place + 1}: {found.named.kind}, right with probability {sure}. {found.named.sentence}"]
+        lines += [f"  left: {found.named.rest.sentence}"] if found.named.rest is not None else []
+        lines += [f"  {note}" for note in describe_notes(found, findings.is_leftover(place))]
         lines += [f"  where: {where.sentence}" for where in found.where[:3]]
+        tried = [row for row in found.candidates if row.effect != "none"]
         rows = [
             {
-                "candidate": row.effect,
-                "P": describe_probability(row.probability),
+                "candidate": "any model" if row.effect == "unknown" else row.effect,
+                "predicts": None if row.grouped_r2 is None else f"{100 * row.grouped_r2:.1f} %",
                 "gain_nats": round(row.held_out_gain_nats, 1),
                 "rmse": f"{100 * row.held_out_rmse_change:+.0f} %",
                 "visible": None if row.visible_fraction is None else f"{100 * row.visible_fraction:.0f} %",
             }
-            for row in sorted(found.candidates, key=lambda row: -row.probability)[:_MOST_CANDIDATES]
+            for row in sorted(tried, key=lambda row: -(row.grouped_r2 or 0.0))[:_MOST_CANDIDATES]
         ]
         lines += ["", table_text(rows), ""]
     lines.append(f"held out: {_held_out(findings)}")
@@ -114,10 +127,12 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
 
 def _held_out(findings: "Findings") -> str:
     gap = findings.gap
-    low, high = gap.ci95
     if not any(found.version for found in findings.rounds):
         return f"error {gap.rmse_before_n:.2f} N, floor {gap.rmse_floor_n:.2f} N; nothing was added to the simulator"
+    interval = "(too few designs or objects held out for an interval)"
+    if gap.ci95 is not None:
+        interval = f"[{100 * gap.ci95[0]:.0f}, {100 * gap.ci95[1]:.0f}]"
     return (
         f"{gap.rmse_before_n:.2f} -> {gap.rmse_after_n:.2f} N, floor {gap.rmse_floor_n:.2f} N, closed "
-        f"{100 * gap.closed_fraction:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
+        f"{100 * gap.closed_fraction:.0f} % {interval}"
     )

@@ -41,10 +41,14 @@ def write_folder(lake: Lake, outcome: GapOutcome, out: Path | None = None) -> Pa
 
 def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":
     from flows.report.gap.answer import GapPage
+    from models.gap.evaluation.power import find_visible_sizes
+    from models.gap.where.cells import find_unsure_cells
 
     rounds, evaluation = outcome.rounds, outcome.evaluation
     if not rounds or evaluation is None:
         return GapPage(outcome.run.findings, assumed=_assumed(outcome))
+    first, last = rounds[0].naming, rounds[-1].naming
+    surrogate = first.fit.features.surrogate
     return GapPage(
         findings=outcome.run.findings,
         where=tuple(one.where for one in rounds),
@@ -53,6 +57,8 @@ def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":
         theta=_theta_rows(rounds[0].before, rounds[-1].after, _is_real(lake, outcome.run.campaign_id)),
         separability=rounds[0].proposed.separability,
         assumed=_assumed(outcome),
+        unsure=find_unsure_cells(surrogate.bank, surrogate.grasps.tools, surrogate.grasps.objects),
+        visible=find_visible_sizes(last.best, first.ranking),
     )
 
 

@@ -293,8 +293,8 @@ def _repeat_rounds(
         reporter.progress(f"round {len(rounds) + 1}: where, and by what name")
         if rounds:
             last = rounds[-1]
-            settled = settle_bank(wide, [*last.after.effects, *last.assumed], last.search.bank_plan)
-            done = run_round(settled, last.after, last.assumed)
+            settled = settle_bank(wide, last.after.effects, last.search.bank_plan)
+            done = run_round(settled, last.after)
         else:
             settled = settle_bank(wide, effects)
             reporter.progress(f"theta{' and ' if effects else ''}{', '.join(value.effect for value in effects)}: NUTS")

@@ -5,6 +5,7 @@ from typing import Literal
 from models.records import Record
 
 Interval = tuple[float, float]
+LEFTOVER = 0.1  # of what the first name explained
 
 
 class WhereFinding(Record):
@@ -107,15 +108,24 @@ class RoundFindings(Record):
     refused: str = ""
     patternless_n: float | None = None
 
+    @property
+    def explained_nats(self) -> float:
+        """The evidence for the answer: of its best effect, or of any model where it is unknown."""
+        wanted = set(self.named.effects) or {self.named.kind}
+        return max((c.held_out_gain_nats for c in self.candidates if c.effect in wanted), default=0.0)
+
 
 class Gap(Record):
-    """Root mean square difference of traces on held-out designs and objects, before and after."""
+    """Root mean square difference of traces on held-out designs and objects, before and after.
+
+    `ci95`: of the closed share; None where fewer than three designs or objects were held out.
+    """
 
     rmse_before_n: float
     rmse_after_n: float
     rmse_floor_n: float
     closed_fraction: float
-    ci95: Interval
+    ci95: Interval | None
 
 
 class Confound(Record):
@@ -147,3 +157,16 @@ class Findings(Record):
     budget: dict[str, float]
     warnings: tuple[str, ...] = ()
     power: str = ""
+
+    def is_leftover(self, place: int) -> bool:
+        """Whether a later round speaks of what an earlier name left over, and not of something else that is missing.
+
+        The parameters of a name are never exact: what they leave is less than a tenth of what the name explained.
+        """
+        named = self.rounds[place].named
+        if place == 0 or named.kind == "none" or not self.rounds[0].named.effects:
+            return False
+        if named.kind == "unknown" and self.rounds[0].named.left_share is not None:
+            return self.rounds[0].named.left_share < LEFTOVER
+        first, now = (self.rounds[k].explained_nats for k in (0, place))
+        return first > 0.0 and now < LEFTOVER * first

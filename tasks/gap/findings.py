@@ -134,8 +134,8 @@ def _named_rows(run: GapRun, number: int, found: RoundFindings) -> list[GapFindi
             rmse_after_n=gap.rmse_after_n,
             rmse_floor_n=gap.rmse_floor_n,
             closed_fraction=gap.closed_fraction,
-            closed_ci95_lower=gap.ci95[0],
-            closed_ci95_upper=gap.ci95[1],
+            closed_ci95_lower=gap.ci95[0] if gap.ci95 else None,
+            closed_ci95_upper=gap.ci95[1] if gap.ci95 else None,
             version_id=found.version,
             calibration_id=run.calibration_ids[number],
         )

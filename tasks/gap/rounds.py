@@ -14,10 +14,12 @@ import numpy as np
 
 from lake.store import Lake
 from models.gap.bank.bank import AMPLITUDES, BankPlan
+from models.gap.bank.surrogate import N_BINS
 from models.gap.data import GapData
 from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate, measure_change
 from models.gap.evaluation.held_out import HeldOut, Prediction, add_scatter
 from models.gap.evaluation.next_experiment import choose_next_experiment, find_confounds
+from models.gap.evaluation.rest import describe_rest
 from models.gap.findings import Confound, Decision, NextExperiment, RoundFindings
 from models.gap.fit.fit import Fit
 from models.gap.fit.recalibrate import TOOL_SD
@@ -43,8 +45,8 @@ class Round:
     """A finished round.
 
     search: with the bank that answered. proposed: the names by the wide bank, naming: by that one. before, after: the
-    calibrated simulator, the same if the round changed nothing. assumed: first effects of sets that were not told
-    apart, which the next round takes for granted and no simulator gets.
+    calibrated simulator, the same if the round changed nothing. Of a set that was not told apart, the simulator gets
+    the first, since its members correct alike.
     """
 
     search: SearchInputs
@@ -55,12 +57,11 @@ class Round:
     residuals: Residuals
     before: CalibratedSimulator
     after: CalibratedSimulator
-    assumed: tuple[EffectValue, ...] = ()
 
     @property
     def is_last(self) -> bool:
         """Whether another round could say nothing else."""
-        return self.after is self.before and self.findings.named.kind != "set"
+        return self.after is self.before
 
     @property
     def sentence(self) -> str:
@@ -68,8 +69,7 @@ class Round:
         named, dropped = self.findings.named, self.findings.dropped
         gone = f" No longer needed: {', '.join(dropped)}." if dropped else ""
         names = f" ({', '.join(named.effects)})" if named.effects else ""
-        # Nothing, or nothing that is known, is decided by lines of alarm; its share among candidates says little.
-        sure = f", probability {named.probability:.2f}" if named.effects else ""
+        sure = f", probability {named.probability:.2f}"
         refused = f" {self.findings.refused}" if self.findings.refused else ""
         return f"{named.kind}{names}{sure}. {named.sentence}{gone}{refused}"
 
@@ -118,11 +118,10 @@ def settle_bank(wide: SearchInputs, in_model: Sequence[EffectValue], former: Ban
     return Settled(search, proposed, naming)
 
 
-def run_round(settled: Settled, before: CalibratedSimulator, assumed: Sequence[EffectValue] = ()) -> Round:
+def run_round(settled: Settled, before: CalibratedSimulator) -> Round:
     """The next round, from the simulator `before`; what it names is calibrated together with the effects of that.
 
-    What was named is added if it makes the held-out error smaller, and refused if not. assumed: of earlier rounds, see
-    `Round`.
+    What was named is added if it makes the held-out error smaller, and refused if not.
 
     Raises:
         FastError: the chains of the new simulator did not converge, or held-out grasps could not be simulated.
@@ -141,6 +140,8 @@ def run_round(settled: Settled, before: CalibratedSimulator, assumed: Sequence[E
         after = calibrate_simulator(search, kept)
     if refused:
         after = before
+    if named.kind == "unknown":
+        named = named.model_copy(update={"rest": describe_rest(residuals, search.settings.seed)})
     found = RoundFindings(
         where=where.findings,
         candidates=naming.candidates,
@@ -148,11 +149,9 @@ def run_round(settled: Settled, before: CalibratedSimulator, assumed: Sequence[E
         version=after.version.version_id if after is not before else None,
         dropped=() if refused else naming.dropped,
         refused=refused,
+        patternless_n=_compute_patternless(naming.best),
     )
-    still = [value for value in assumed if value.effect not in naming.dropped]
-    if naming.named.kind == "set":
-        still += naming.taken
-    return Round(search, found, where, settled.proposed, naming, residuals, before, after, tuple(still))
+    return Round(search, found, where, settled.proposed, naming, residuals, before, after)
 
 
 def plan_held_out(data: GapData, versions: Sequence[SimulatorVersion]) -> tuple[SimulationPlan, ...]:
@@ -244,14 +243,25 @@ def _compute_residuals(fit: Fit) -> tuple[Residuals, np.ndarray]:
 
 def _with_posterior(named: Decision, simulator: CalibratedSimulator) -> Decision:
     """The answer with the parameters of the joint posterior instead of the fit's."""
-    (effect,) = named.effects
-    estimates = simulator.estimate_parameters(named.effects)
+    effect = named.effects[0]
+    estimates = simulator.estimate_parameters([effect])
     found = {name.partition(".")[2]: value for name, value in estimates.items()}
     values = ", ".join(
         f"{name} = {value.median:.3g} [{value.ci90[0]:.3g}, {value.ci90[1]:.3g}]" for name, value in found.items()
     )
-    sentence = f"{CATALOGUE[effect].title}: {values}."
+    if named.kind == "set":
+        sentence = f"{named.sentence} In the simulator, the first stands for them: {values}."
+    else:
+        sentence = f"{CATALOGUE[effect].title}: {values}."
     return named.model_copy(update={"parameters": found, "sentence": sentence})
+
+
+def _compute_patternless(fit: Fit) -> float:
+    """Root mean square of what a fit leaves of the means of cells over the force of the lift, N."""
+    features = fit.features
+    rest_n = (features.measured - fit.modelled)[:, :N_BINS]
+    cells = [rest_n[rows].mean(axis=1) for rows in features.cells]
+    return float(np.sqrt(np.mean(np.concatenate(cells) ** 2)))
 
 
 def _simulate_held_out(lake: Lake, data: GapData, simulator: CalibratedSimulator) -> np.ndarray:

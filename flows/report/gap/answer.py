@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass
 
-from models.gap.evaluation.evaluate import Evaluation
-from models.gap.findings import Decision, Findings, RoundFindings
+from models.gap.evaluation.evaluate import FEWEST_HELD_OUT, Evaluation
+from models.gap.evaluation.power import VisibleSize
+from models.gap.findings import Decision, Findings, Gap, RoundFindings
 from models.gap.naming.rank_effects import Separability
+from models.gap.where.cells import UnsureCell
 from models.gap.where.locate import Where
 from models.gap.where.residuals import Residuals
 from models.simulation.effects.catalogue import CATALOGUE
@@ -13,7 +15,7 @@ OLD = "Only the answer of this search is kept; run it again with another seed to
 
 # Tensile bars of the paper (Methods); friction and Poisson ratio were not measured on their own.
 INDEPENDENT = {"young_modulus_mpa": (11.5, 1.75)}
-_MOST = 0.98  # of what is unusual: who explains more is told without reserve
+_LEAST_LEFT = 0.02  # of what a name explains: less is told without reserve
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,8 @@ class ThetaRow:
 class GapPage:
     """A finished search; all but the answer is optional.
 
-    `where`: of each round; `residuals`, `separability`: of the first; `assumed`: sentences.
+    `where`: of each round; `residuals`, `separability`: of the first; `assumed`: sentences. `unsure`: cells in which
+    meshes or heights differ; `visible`: sizes of effects that would have been seen.
     """
 
     findings: Findings
@@ -43,6 +46,8 @@ class GapPage:
     theta: tuple[ThetaRow, ...] = ()
     separability: Separability | None = None
     assumed: tuple[str, ...] = ()
+    unsure: tuple[UnsureCell, ...] = ()
+    visible: tuple[VisibleSize, ...] = ()
 
 
 def describe_effect(effect: str) -> str:
@@ -59,12 +64,22 @@ def describe_answer(findings: Findings) -> str:
     """The finding that a lab head should read."""
     lead = next((r.where[0].sentence for r in findings.rounds if r.where), "")
     if findings.alarm:
-        names = [describe_decision(r.named) for r in findings.rounds if r.named.kind != "none"]
-        return f"{lead} Missing: {', then '.join(names)}.".strip()
+        names = [describe_decision(found.named) for found in list_discoveries(findings)]
+        rest = next((r.named.rest.sentence for r in findings.rounds if r.named.rest), "")
+        return " ".join(part for part in (f"Missing: {', then '.join(names)}.", rest or lead) if part)
     if lead:
         return f"Nothing can be named: no effect predicts what was left out better than in worlds without a gap. {lead}"
     nothing = "Simulation and measurement agree as well as noise and meshes allow: these data show nothing missing."
     return f"{nothing} {findings.power}".strip()
+
+
+def list_discoveries(findings: Findings) -> list[RoundFindings]:
+    """Rounds that found something, without those that speak of what an earlier name left over."""
+    return [
+        found
+        for place, found in enumerate(findings.rounds)
+        if found.named.kind != "none" and not findings.is_leftover(place)
+    ]
 
 
 def describe_decision(named: Decision) -> str:
@@ -78,7 +93,7 @@ def describe_decision(named: Decision) -> str:
 
 def shorten_answer(findings: Findings) -> str:
     """What is missing, for a tile; a rest that has no name stands in the line under it."""
-    named = [r.named for r in findings.rounds if r.named.kind != "none"]
+    named = [found.named for found in list_discoveries(findings)]
     if not named:
         return "no gap"
     known = [
@@ -88,29 +103,54 @@ def shorten_answer(findings: Findings) -> str:
 
 
 def describe_sureness(findings: Findings) -> str:
-    """The line under the tile: what it is, and how sure."""
+    """The line under the tile: how probably the answer is right, whatever it is."""
     if not findings.alarm:
-        return "no statistic is beyond what it is in worlds without a gap"
-    sure = [r.named.probability for r in findings.rounds if r.named.kind in ("effect", "set")]
-    if not sure:
-        return "not in the catalogue"
-    rest = "; the rest is not in the catalogue" if findings.rounds[-1].named.kind == "unknown" else ""
-    return f"what is missing, probability {', '.join(map(describe_probability, sure))}{rest}"
+        sure = describe_probability(findings.rounds[0].named.probability)
+        return f"nothing is missing, as far as these data can show; right with probability {sure}"
+    found = [one.named for one in list_discoveries(findings)]
+    named = [one for one in found if one.effects] or found
+    what = "is missing" if named[0].effects else "something is missing that the catalogue does not have"
+    rest = "; something else is missing that the catalogue does not have" if len(found) > len(named) else ""
+    return f"{what}; right with probability {', '.join(describe_probability(n.probability) for n in named)}{rest}"
 
 
-def describe_reserve(found: RoundFindings) -> str:
-    """What keeps a name or set from being sure, and what the next round makes of a set; empty if there is nothing."""
-    named = found.named
-    if not named.effects:
+def describe_closed(gap: Gap) -> tuple[str, str]:
+    """How much of the gap is closed, and the line under it: an interval only where enough was held out."""
+    closed = f"{100 * gap.closed_fraction:.0f}\u00a0%"
+    if gap.ci95 is None:
+        few = f"too few designs or objects held out for an interval, which takes {FEWEST_HELD_OUT} of either"
+        return closed, f"of the gap above the floor closed; {few}"
+    low, high = gap.ci95
+    return closed, f"of the gap above the floor closed, 95 %: {100 * low:.0f} to {100 * high:.0f} %"
+
+
+def describe_smallness(gap: Gap) -> str:
+    """A sentence for a gap that is no larger than what repeats scatter or other meshes change; else empty."""
+    if gap.rmse_before_n > gap.rmse_floor_n:
         return ""
-    among = min(sum(c.probability for c in found.candidates if c.effect in named.effects), 1.0)
-    parts = []
-    if among > 0.0 and named.probability < _MOST * among:
-        parts.append(
-            f"Probability among all that was tried: {describe_probability(among)}. It takes away "
-            f"{100.0 * named.probability / among:.0f} % of what is unusual; the rest may be another effect's or law's: "
-            f"{describe_probability(named.probability)}."
+    return (
+        f"The whole gap, {gap.rmse_before_n:.2f} N, is not larger than what repeats scatter or other meshes change, "
+        f"{gap.rmse_floor_n:.2f} N: another honest solver would disagree as much."
+    )
+
+
+def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
+    """What keeps an answer from being the last word: sentences."""
+    named, notes = found.named, []
+    if is_leftover:
+        notes.append("This is what is left of the name before, whose parameters are never exact: no new discovery.")
+    if named.left_share is not None and named.left_share >= _LEAST_LEFT:
+        notes.append(
+            f"Another effect, or a model without a name, would still explain {100.0 * named.left_share:.0f} % of what "
+            "this answer explains."
         )
     if named.kind == "set":
-        parts.append(f"The next round takes {describe_effect(named.effects[0])} for granted; no simulator gets it.")
-    return " ".join(parts)
+        notes.append(f"The next round takes {describe_effect(named.effects[0])} for granted; no simulator gets it.")
+    if found.refused:
+        notes.append(f"Not added to the simulator: {found.refused}")
+    if found.patternless_n is not None:
+        notes.append(
+            f"Differences of this size, {found.patternless_n:.2g} N, occur between honest solvers; no pattern over "
+            "designs, objects or repeats: not counted as a gap."
+        )
+    return notes

@@ -7,10 +7,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import binned_statistic_2d
 
-from flows.report.gap.answer import describe_effect, describe_probability
+from flows.report.gap.answer import describe_effect
 from flows.report.style import BEST, FAINT, FIRST, INK, MUTED, SIMULATED, WIDTH_IN, new_axes
 from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation
-from models.gap.findings import Candidate, Decision
+from models.gap.findings import Candidate, Decision, LawCurve, Rest
 from models.gap.naming.rank_effects import LEAST_NATS, Separability
 from models.gap.where.residuals import AT, PHASES, Residuals
 from models.gap.where.variance_components import SOURCES, PhaseComponents
@@ -21,7 +21,8 @@ MEASURED, SIM_BEFORE, SIM_AFTER = INK, FIRST, BEST
 _SOURCE_COLOURS = dict(
     zip(SOURCES, (FIRST, BEST, SIMULATED, "#cc79a7", "#e69f00", "#56b4e9", FAINT), strict=True)
 )  # Okabe and Ito 2008
-_FEWEST_NAMES, _MOST_NAMES = 4, 8
+_MOST_NAMES = 6
+_LEAST_AXIS = 5.0  # per cent: bars of nothing should look like it
 _LEAST_SHARE = 2.0  # per cent that the colours of a map always span
 
 
@@ -106,23 +107,49 @@ def draw_components(components: Sequence[PhaseComponents]) -> Figure:
     return figure
 
 
+def draw_law(law: LawCurve) -> Figure:
+    """The law of what was named, as the data have it, with its 90 % band."""
+    figure, axes = new_axes(WIDTH_IN, 2.9, grid="both")
+    axes.fill_between(law.at, law.low, law.high, color=BEST, alpha=0.18, linewidth=0)
+    axes.plot(law.at, law.median, color=BEST, linewidth=2.0)
+    axes.set_xlim(min(law.at), max(law.at))
+    axes.set_xlabel(law.state)
+    axes.set_ylabel(law.quantity)
+    return figure
+
+
+def draw_rest(rest: Rest) -> Figure:
+    """The force over the lift that nothing in the simulator explains, with its 90 % band over tools and objects."""
+    figure, axes = new_axes(WIDTH_IN, 2.9, grid="both")
+    axes.axhline(0.0, color=MUTED, linewidth=0.8)
+    axes.fill_between(rest.lift_mm, rest.low_n, rest.high_n, color=FIRST, alpha=0.18, linewidth=0)
+    axes.plot(rest.lift_mm, rest.force_n, color=FIRST, linewidth=1.8)
+    axes.set_xlim(0.0, max(rest.lift_mm))
+    axes.set_xlabel("lift (mm)")
+    axes.set_ylabel("measured less simulated force (N)")
+    return figure
+
+
 def draw_names(candidates: Sequence[Candidate], named: Decision) -> Figure:
-    """Probabilities of names, the answer's in blue; `none` and `unknown` are among them."""
-    ranked = sorted(candidates, key=lambda c: -c.probability)
-    n_likely = sum(c.probability >= 0.005 or c.effect in named.effects for c in ranked)
-    chosen = ranked[: min(max(n_likely, _FEWEST_NAMES), _MOST_NAMES)]
+    """What each candidate predicts of the gap on left-out designs and objects, the answer's in blue."""
+    known = [c for c in candidates if c.grouped_r2 is not None]
+    by_name = sorted((c for c in known if c.effect != "unknown"), key=lambda c: -(c.grouped_r2 or 0.0))
+    chosen = by_name[:_MOST_NAMES]
+    chosen += [c for c in by_name[_MOST_NAMES:] if c.effect in named.effects]
+    chosen += [c for c in known if c.effect == "unknown"]
+    values = [max(100.0 * (c.grouped_r2 or 0.0), 0.0) for c in chosen]
     figure, axes = new_axes(WIDTH_IN, 0.8 + 0.32 * len(chosen), grid="x")
     answer = set(named.effects) or {named.kind}
     places = np.arange(len(chosen))
-    colours = [BEST if c.effect in answer else FAINT for c in chosen]
-    axes.barh(places, [c.probability for c in chosen], height=0.62, color=colours)
-    for place, c in enumerate(chosen):
-        axes.text(c.probability, place, f" {describe_probability(c.probability)}", va="center", fontsize=8.5)
-    axes.set_yticks(places, [describe_effect(c.effect) for c in chosen])
+    axes.barh(places, values, height=0.62, color=[BEST if c.effect in answer else FAINT for c in chosen])
+    for place, value in enumerate(values):
+        axes.text(value, place, f" {value:.1f} %" if value < 10.0 else f" {value:.0f} %", va="center", fontsize=8.5)
+    labels = ["any model, without a name" if c.effect == "unknown" else describe_effect(c.effect) for c in chosen]
+    axes.set_yticks(places, labels)
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
-    axes.set_xlim(0.0, 1.12)
-    axes.set_xlabel("probability")
+    axes.set_xlim(0.0, max(1.18 * max(values, default=0.0), _LEAST_AXIS))
+    axes.set_xlabel("share of the gap predicted where it was not fitted (%)")
     return figure
 
 

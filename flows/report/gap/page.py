@@ -14,9 +14,12 @@ from flows.report.gap.answer import (
     OLD,
     GapPage,
     describe_answer,
+    describe_closed,
     describe_decision,
     describe_effect,
-    describe_reserve,
+    describe_notes,
+    describe_probability,
+    describe_smallness,
     describe_sureness,
     shorten_answer,
 )
@@ -25,8 +28,10 @@ from flows.report.gap.figures import (
     draw_classes,
     draw_components,
     draw_errors,
+    draw_law,
     draw_map,
     draw_names,
+    draw_rest,
     draw_separability,
     draw_trace,
     name_cell,
@@ -47,17 +52,22 @@ from flows.report.html import (
 )
 from models.gap.evaluation.evaluate import Evaluation
 from models.gap.findings import Decision, Findings, RoundFindings
+from models.gap.naming.rank_effects import Separability
+from models.gap.where.cells import find_heaviest_cells
+from models.gap.where.locate import describe_silence
 from models.gap.where.permutation_tests import Q
 from models.gap.where.residuals import PHASES
+from models.simulation.effects.catalogue import CATALOGUE
 from models.units import spell_name
 
 PAGE, FINDINGS = "report.html", "findings.json"
+_MOST_UNSURE = 5
 
 NAV = {
-    "where": "Where",
     "name": "What is missing",
+    "where": "Where",
     "show": "Before and after",
-    "theta": "Theta",
+    "theta": "Material and friction",
     "next": "What to measure next",
     "assumed": "What was assumed",
 }
@@ -65,10 +75,6 @@ _KEY = Markup(
     '<div class="key"><span><i style="border-color:#1a1a1a;border-width:2px"></i>measured, each repeat</span>'
     '<span><i style="border-color:#d55e00;border-top-style:dashed"></i>simulated before</span>'
     "<span><i></i>simulated after, band: 90 %</span></div>"
-)
-_NONE = (
-    "Probabilities are shares among the candidates. None of them predicts what was left out better than the best one "
-    "does in worlds without a gap."
 )
 _THETA = {"young_modulus_mpa": "Young's modulus (MPa)", "friction": "friction", "poisson_ratio": "Poisson ratio"}
 
@@ -98,7 +104,7 @@ def write_gap_report(content: GapPage, out: Path, name: str, of: str = "") -> Pa
         nav=NAV,
         file=PAGE,
     )
-    sections = (write_where, write_name, write_show, write_theta, write_next, write_assumed)
+    sections = (write_name, write_where, write_show, write_theta, write_next, write_assumed)
     return write_page(folder, content, page, headline, sections)
 
 
@@ -106,22 +112,22 @@ def headline(content: GapPage) -> Markup:
     """The answer in a sentence and four numbers."""
     findings = content.findings
     gap = findings.gap
-    low, high = gap.ci95
     shown = [(shorten_answer(findings), describe_sureness(findings))]
     if any(found.version for found in findings.rounds):
-        closed = f"{100 * gap.closed_fraction:.0f}\u00a0%"
         shown += [
-            (number(gap.rmse_before_n, 2, "N"), "held-out error before, theta alone recalibrated"),
-            (number(gap.rmse_after_n, 2, "N"), f"held-out error after; noise floor {gap.rmse_floor_n:.2f} N"),
-            (closed, f"of the gap above the floor closed, 95 %: {100 * low:.0f} to {100 * high:.0f} %"),
+            (number(gap.rmse_before_n, 2, "N"), "error on held-out grasps before, material and friction recalibrated"),
+            (number(gap.rmse_after_n, 2, "N"), f"after; noise floor {gap.rmse_floor_n:.2f} N"),
+            describe_closed(gap),
         ]
     else:
         shown += [
-            (number(gap.rmse_before_n, 2, "N"), "held-out error; nothing was added to the simulator"),
+            (number(gap.rmse_before_n, 2, "N"), "error on held-out grasps; nothing was added to the simulator"),
             (number(gap.rmse_floor_n, 2, "N"), "noise floor: repeats and meshes, without scatter of prints"),
         ]
+    small = describe_smallness(gap)
+    notes = "".join(paragraph(sentence, "note") for sentence in ([small] if small else []))
     warnings = "".join(paragraph(f"Warning: {sentence}", "note") for sentence in findings.warnings)
-    return Markup(paragraph(describe_answer(findings), "lead") + tiles(shown) + warnings)
+    return Markup(paragraph(describe_answer(findings), "lead") + tiles(shown) + notes + warnings)
 
 
 def write_where(content: GapPage, folder: Folder) -> Markup:
@@ -146,6 +152,9 @@ def write_where(content: GapPage, folder: Folder) -> Markup:
         shares = folder.figure("gap_shares", draw_components(where.components), "What the gap goes with")
         clues = [t.sentence for t in where.trends if t.is_clue]
         parts.append(columns(maps[lead] + note, shares + _components_note() + _clues(clues)))
+        parts.append(columns(_heavy_cells(content), _unsure_cells(content)))
+        if silence := describe_silence(where.tests):
+            parts.append(paragraph(silence, "note"))
         others = "".join(picture for phase, picture in maps.items() if phase != lead)
         parts.append(folded("Maps of the other phases", f'<div class="two">{others}</div>'))
         parts.append(_components_table(content, folder))
@@ -153,37 +162,87 @@ def write_where(content: GapPage, folder: Folder) -> Markup:
 
 
 def write_name(content: GapPage, folder: Folder) -> Markup:
-    """Probabilities of names round by round, parameters, and what could not be told apart."""
+    """The answer of every round with its law or what is left, what each candidate predicts, and what could be told."""
     rounds = content.findings.rounds
     parts: list[str] = []
     for place, found in enumerate(rounds):
-        title = (
-            f"Round {place + 1}: {describe_decision(found.named)}"
-            if len(rounds) > 1
-            else describe_decision(found.named)
-        )
-        figure = folder.figure(
-            f"gap_names_{place + 1}", draw_names(found.candidates, found.named), "Probabilities of names"
-        )
-        told = Markup(f"<h3>{text(title)}</h3>") + paragraph(found.named.sentence) + _parameters(found.named)
-        if note := describe_reserve(found):
-            told += paragraph(note, "note")
-        if found.named.kind == "none":
-            told += paragraph(_NONE, "note")
-        dropped = f"No longer needed: {', '.join(describe_effect(e) for e in found.dropped)}." if found.dropped else ""
-        parts.append(columns(Markup(told + (paragraph(dropped) if dropped else "")), figure))
+        title = describe_decision(found.named)
+        if len(rounds) > 1:
+            title = f"Round {place + 1}: {title}"
+        told = _answer(found, title, content.findings.is_leftover(place))
+        bars = _bars(found, place, folder)
+        pictures = _law_or_rest(found, place, folder)
+        parts += [columns(told, pictures or bars)]
+        if pictures:
+            parts.append(folded("What each candidate predicts", columns(bars, "")) if bars else "")
     if content.separability is not None and len(content.separability.effects) > 1:
-        figure = folder.figure(
-            "gap_isolability", draw_separability(content.separability), "Which effects could be told apart"
-        )
-        note = paragraph(
-            "What these designs, objects and repeats could tell apart at all, computed before looking at the gap: each "
-            "row against each column, at a plausible size. Crosses: less than 3 nats, so that such a pair is reported "
-            "as a set.", "note",
-        )  # fmt: skip
-        parts.append(Markup("<h3>What could be told apart</h3>") + columns(figure, note))
+        parts.append(_isolability(content.separability, folder))
+    parts.append(_visible_sizes(content))
     parts.append(_candidates(rounds, folder))
     return section("name", "What is missing", *parts)
+
+
+def _answer(found: RoundFindings, title: str, is_leftover: bool) -> Markup:
+    named = found.named
+    formulas = [CATALOGUE[effect].formula for effect in named.effects if effect in CATALOGUE and named.parameters]
+    # The sentence of one effect is its title and parameters again; the table shows them better.
+    told = [f"<p><code>{text(formula)}</code></p>" for formula in formulas] or [paragraph(named.sentence)]
+    if named.rest is not None and named.rest.sentence != named.sentence:
+        told.append(paragraph(named.rest.sentence))
+    told.append(paragraph(f"Probability that this answer is right: {describe_probability(named.probability)}."))
+    if named.family:
+        told.append(paragraph(f"Family: {named.family}."))
+    told.append(_parameters(named))
+    told += [paragraph(note, "note") for note in describe_notes(found, is_leftover)]
+    if found.dropped:
+        told.append(paragraph(f"No longer needed: {', '.join(describe_effect(e) for e in found.dropped)}."))
+    return Markup(f"<h3>{text(title)}</h3>{''.join(told)}")
+
+
+def _law_or_rest(found: RoundFindings, place: int, folder: Folder) -> Markup:
+    shown, named = "", found.named
+    if named.law is not None:
+        added = " The new simulator has it." if found.version and not found.refused else ""
+        caption = f"The law as the data have it, with its 90 % band.{added}"
+        shown += folder.figure(f"gap_law_{place + 1}", draw_law(named.law), "The law that was found", caption)
+    if named.rest is not None:
+        caption = "The force that nothing in the simulator explains: mean and 90 % band over tools and objects."
+        shown += folder.figure(f"gap_rest_{place + 1}", draw_rest(named.rest), "What is left", caption)
+    return Markup(shown)
+
+
+def _bars(found: RoundFindings, place: int, folder: Folder) -> Markup:
+    if all(c.grouped_r2 is None for c in found.candidates):
+        return Markup("")
+    figure = draw_names(found.candidates, found.named)
+    shown = folder.figure(f"gap_names_{place + 1}", figure, "What each candidate predicts")
+    note = paragraph(
+        "Each candidate was fitted to some of the grasps and had to predict the gap of designs and objects that were "
+        "left out. Several may do well; the probability beside the answer says how sure the choice is.", "note",
+    )  # fmt: skip
+    return Markup(shown + note)
+
+
+def _isolability(separability: Separability, folder: Folder) -> Markup:
+    figure = folder.figure("gap_isolability", draw_separability(separability), "Which effects could be told apart")
+    note = paragraph(
+        "What these designs, objects and repeats could tell apart at all, computed before looking at the gap: each row "
+        "against each column, at a plausible size. Dark: surely. White, with a cross: not at all; such a pair is "
+        "reported as a set.", "note",
+    )  # fmt: skip
+    return folded("What could be told apart", columns(figure, note))
+
+
+def _visible_sizes(content: GapPage) -> Markup:
+    rows = [(describe_effect(one.effect), one.words) for one in content.visible]
+    if not rows:
+        return Markup("")
+    note = paragraph(
+        "The smallest size of each effect that would have been seen here, if nothing else were missing. Smaller ones "
+        "may be there.", "note",
+    )  # fmt: skip
+    listed = table(("effect", "smallest size that would have been seen"), rows)
+    return folded("How large an effect must be to be seen", note + f'<div class="words">{listed}</div>')
 
 
 def write_show(content: GapPage, folder: Folder) -> Markup:
@@ -269,20 +328,50 @@ def write_theta(content: GapPage, folder: Folder) -> Markup:
         for r in content.theta
     ]
     words_ = paragraph(
-        "Median and 90 % interval. A missing effect bends theta; with the right effect it moves back to what other "
-        "instruments say.", "note",
+        "Median and 90 % interval. A missing effect bends these constants; with the right effect they move back to "
+        "what other instruments say.", "note",
     )  # fmt: skip
-    return section("theta", "Theta before and after", table(headings, rows, empty=OLD), words_ if rows else "")
+    return section(
+        "theta", "Material and friction before and after", table(headings, rows, empty=OLD), words_ if rows else ""
+    )
 
 
 def _sentences(found: RoundFindings, place: int, n_rounds: int) -> Markup:
     head = Markup(f"<h3>Round {place + 1}</h3>") if n_rounds > 1 else Markup("")
     if not found.where:
-        pattern = " What is named below shows in the pattern of all traces." if found.named.kind != "none" else ""
+        pattern = " What is named above shows in the pattern of all traces." if found.named.kind != "none" else ""
         sentence = "No single tool, object or phase stands out from noise, scatter of prints and meshes." + pattern
         return Markup(head + paragraph(sentence))
     first, *others = found.where
     return Markup(head + paragraph(first.sentence, "lead" if place == 0 else "") + _list([f.sentence for f in others]))
+
+
+def _heavy_cells(content: GapPage) -> Markup:
+    if content.residuals is None:
+        return Markup("")
+    cells = find_heaviest_cells(content.residuals)
+    rows = [(c.tool, c.object_name, f"{100 * c.share:.0f} %", number(c.gap_n, 2), number(c.peak_n, 1)) for c in cells]
+    headings = ("tool", "object", "of all squares", "gap (N)", "peak (N)")
+    return Markup("<h3>Where most of the gap is</h3>" + table(headings, rows, (2, 3, 4)))
+
+
+def _unsure_cells(content: GapPage) -> Markup:
+    head = Markup("<h3>Where the simulator itself is unsure</h3>")
+    if not content.unsure:
+        return Markup(
+            head + paragraph("Nowhere do other meshes or heights change the force by more than a tenth of the peak.")
+        )
+    causes = {"mesh": "other meshes", "height": "object 0.25 mm higher or lower"}
+    rows = [
+        (c.tool, c.object_name, causes[c.cause], number(c.spread_n, 2), number(c.peak_n, 1))
+        for c in content.unsure[:_MOST_UNSURE]
+    ]
+    more = len(content.unsure) - len(rows)
+    note = paragraph(
+        "Here the force changes by more than a tenth of the peak, mostly because a rim may snap or not. These grasps "
+        "count little." + (f" {more} more cells are like this." if more else ""), "note",
+    )  # fmt: skip
+    return Markup(head + table(("tool", "object", "changed by", "by (N)", "peak (N)"), rows, (3, 4)) + note)
 
 
 def _clues(sentences: Sequence[str]) -> Markup:

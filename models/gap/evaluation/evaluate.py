@@ -16,6 +16,7 @@ from models.objects.catalogue import get_object
 BEFORE, AFTER = "theta recalibrated", "with the named effect"
 WORSE = 1.05  # an effect that makes a class of objects worse by more than this is reported
 N_BOOTSTRAP = 2000
+FEWEST_HELD_OUT = 3  # designs, and objects: an interval over fewer is too narrow
 _LEAST_GAP = 1.02  # before over floor: less than that above it is no gap to close
 
 
@@ -57,20 +58,22 @@ def measure_gap_closed(held_out: HeldOut, before: Prediction, after: Prediction,
     """Root mean square errors before and after, the floor, and the closed share of what is above it.
 
     The floor is the scatter of repeats or what other meshes change, whichever is larger. Designs and objects are drawn
-    with replacement, both at once, for the 95 % interval: too wide rather than too narrow.
+    with replacement, both at once, for the 95 % interval: too wide rather than too narrow. Fewer than three of either
+    have none.
     """
     parts = _Cells.of(held_out, before, after)
     rng = np.random.default_rng(seed)
     weights = np.stack([parts.weights(rng) for _ in range(N_BOOTSTRAP)])
     value, drawn = parts.closed(np.ones((1, len(parts.n))))[0], parts.closed(weights)
     low, high = np.nanquantile(drawn, (0.025, 0.975)) if np.isfinite(drawn).any() else (-1.0, 1.0)
+    has_interval = min(_count_held_out(held_out)) >= FEWEST_HELD_OUT
     rmse_before, rmse_after, floor = parts.rmse(np.ones((1, len(parts.n))))
     return Gap(
         rmse_before_n=float(rmse_before[0]),
         rmse_after_n=float(rmse_after[0]),
         rmse_floor_n=float(floor[0]),
         closed_fraction=float(np.nan_to_num(value)),
-        ci95=(float(low), float(high)),
+        ci95=(float(low), float(high)) if has_interval else None,
     )
 
 
@@ -114,15 +117,18 @@ def measure_change(held_out: HeldOut, before_n: np.ndarray, after_n: np.ndarray,
 def _warnings(held_out: HeldOut, before: dict[str, float], after: dict[str, float]) -> tuple[str, ...]:
     worse = [name for name in before if after[name] > WORSE * before[name]]
     found = [f"Held-out grasps of class {name} got worse, {before[name]:.2f} to {after[name]:.2f} N." for name in worse]
-    n_tools, n_objects = (
-        len(np.unique(x)) for x in (held_out.tool[held_out.is_new_tool], held_out.obj[held_out.is_new_object])
-    )
-    if min(n_tools, n_objects) < 3:
+    n_tools, n_objects = _count_held_out(held_out)
+    if min(n_tools, n_objects) < FEWEST_HELD_OUT:
         found.append(
-            f"{n_tools} designs and {n_objects} objects were held out; intervals of fewer than 3 of either are too "
-            "narrow, hold out more."
+            f"{n_tools} designs and {n_objects} objects were held out, too few for an interval, which takes "
+            f"{FEWEST_HELD_OUT} of either; measure more designs or objects."
         )
     return tuple(found)
+
+
+def _count_held_out(held_out: HeldOut) -> tuple[int, int]:
+    """Numbers of designs and of objects that are new."""
+    return len(np.unique(held_out.tool[held_out.is_new_tool])), len(np.unique(held_out.obj[held_out.is_new_object]))
 
 
 class _Cells:

@@ -1,13 +1,23 @@
-"""How many designs and objects a claim takes: said with every answer, and with none most of all."""
+"""How many designs and objects a claim takes, and how large an effect must be: with every answer, most of all none."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import t as student
+
+from models.gap.fit.fit import Fit, axes_of
+from models.gap.naming.rank_effects import DEFLATION, LEAST_NATS, EffectRanking
+from models.gap.naming.thresholds import Thresholds
+from models.records import EffectValue
+from models.simulation.effects.catalogue import CATALOGUE
+from models.units import spell_name, unit_of
 
 TOOL_SD, CELL_SD = 0.04, 0.02  # of a print and of a placement, relative; what other labs see
 LEVEL = 0.005  # of one factor, so that all factors of all phases together hold 5 %
 POWER = 0.8
 LEAST_TOOLS = 8  # fewer give too few permutations for that level
 _MOST = 200
+_FURTHEST = 3.0  # times a secant: an effect is not in proportion any more
 
 
 def compute_smallest_share(n_tools: int, n_objects: int) -> float:
@@ -37,3 +47,59 @@ def write_power_sentence(n_tools: int, n_objects: int) -> str:
         f"{n_tools} designs on {n_objects} objects to learn from show a gap on half of the designs with "
         f"{100 * POWER:.0f} % power if it is {100 * seen:.0f} % of the force or more{more}."
     )
+
+
+@dataclass(frozen=True)
+class VisibleSize:
+    """The smallest size of an effect that these data would have shown; None: none that is plausible."""
+
+    effect: str
+    value: EffectValue | None
+
+    @property
+    def words(self) -> str:
+        """The size as people write it: its first parameter that is not neutral."""
+        if self.value is None:
+            return "not at any plausible size"
+        spec = CATALOGUE[self.effect]
+        chosen = [p for p in spec.parameters if self.value.parameters.get(p.name, p.neutral) != p.neutral]
+        name = (chosen or spec.parameters)[0].name
+        return f"{spell_name(name)} {self.value.parameters[name]:.2g} {unit_of(name) or ''}".strip()
+
+
+def find_visible_sizes(
+    fit: Fit,
+    ranking: EffectRanking,
+    line_r2: float = Thresholds.model_fields["effect_r2"].default,
+) -> tuple[VisibleSize, ...]:
+    """The smallest size of every ranked effect whose expected evidence passes the lines, in the order of the ranking.
+
+    fit: with all that was named; its residual is what an effect must show against. An effect that is scaled to a
+    changes a times what theta, tools and meshes cannot make up for. It passes if that is at least `line_r2` of all
+    squares, and `LEAST_NATS` of evidence.
+    """
+    noise = float((fit.residual**2).sum())
+    wanted = max(line_r2 / (1.0 - line_r2) * noise, 2.0 * LEAST_NATS / DEFLATION)
+    squares = (ranking.own**2).sum(axis=(1, 2))
+    scales = np.sqrt(wanted / np.maximum(squares, 1e-12))
+    found = []
+    for effect in ranking.names:
+        places = [place for place, name in enumerate(ranking.effects) if name == effect]
+        # The secant whose own size is nearest to what is wanted has to be stretched least.
+        place = min(places, key=lambda one: abs(float(np.log(scales[one]))))
+        found.append(VisibleSize(effect, _scale(ranking.values[place], float(scales[place]))))
+    return tuple(found)
+
+
+def _scale(value: EffectValue, share: float) -> EffectValue | None:
+    """An effect with its amplitudes times a share, on the axes on which effects are fitted; None beyond its bounds."""
+    if share > _FURTHEST:
+        return None
+    parameters = dict(value.parameters)
+    for axis in axes_of(value.effect):
+        if axis.name in parameters and axis.kind != "log":
+            inner = share * axis.inner(parameters[axis.name])
+            parameters[axis.name] = axis.value(inner)
+            if not np.isclose(axis.inner(parameters[axis.name]), inner, atol=1e-6):
+                return None
+    return value.model_copy(update={"parameters": parameters})

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from models.gap.findings import Decision
-from models.gap.fit.fit import DEFLATION, Fit
+from models.gap.fit.fit import Fit
 from models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
 from models.gap.naming.candidates import FittedCandidate, Score, compute_gain_nats, compute_lead
 from models.gap.naming.families import WORDS, find_families
@@ -13,7 +13,6 @@ from models.gap.naming.second_look import SecondLook
 from models.gap.naming.thresholds import Thresholds
 from models.simulation.effects.catalogue import CATALOGUE
 
-_Z90 = 1.645
 _LARGEST_SET = 3
 _CLEAR_LEAD = 3.3  # standard deviations of evidence: effects that the catalogue calls confusable are told apart
 _NEARLY = 0.5  # of what the best effect predicts: another that explains less is not reported with it
@@ -78,21 +77,13 @@ def decide(candidates: CandidateSet, look: SecondLook | None, thresholds: Thresh
     lead = compute_lead_over_others(look, chosen, candidates)
     description = look.describe(lead, candidates.pattern_r2)
     name = thresholds.judge_name(description)
-    if name < _EVEN or not is_needed(look.fit, candidates.base):
+    if name < _EVEN:
         decision = _answer_unknown(candidates, gap * (1.0 - name), look)
     elif len(chosen) == 1:
         decision = _answer_effect(look, gap * name)
     else:
         decision = _answer_set(chosen, look, gap * name)
     return Judgement(decision, gap, over_line, name, tuple(description.tolist()))
-
-
-def is_needed(fit: Fit, base: Fit) -> bool:
-    """Whether the training grasps are so much better explained that an amplitude of zero is outside 90 %.
-
-    By the ratio of likelihoods: an interval of the curvature is wide where amplitude and shape make up for each other.
-    """
-    return DEFLATION * (base.loss - fit.loss) > 0.5 * _Z90**2
 
 
 def choose_alike(look: SecondLook, candidates: CandidateSet) -> list[str]:

@@ -56,12 +56,7 @@ class NamingResult:
 
     @property
     def values(self) -> tuple[EffectValue, ...]:
-        """The named effect with its parameters, to go into the model; nothing unless exactly one was named."""
-        return self.taken if self.named.kind == "effect" else ()
-
-    @property
-    def taken(self) -> tuple[EffectValue, ...]:
-        """What the next round takes for granted, with its parameters: the named effect, or the first of a set."""
+        """The named effect with its parameters, to go into the model; of a set, the first stands for all."""
         return tuple(value for value in self.best.effects if value.effect in self.named.effects[:1])
 
 

@@ -15,6 +15,7 @@ from models.gap.where.theta_by_stratum import ThetaStratum, ThetaTrend, fit_thet
 from models.gap.where.tree import Leaf, grow_honest_tree
 from models.gap.where.variance_components import PhaseComponents, estimate_variance_components, jackknife
 from models.objects.catalogue import get_object
+from models.units import spell_name
 
 # Of the peak, beyond what other meshes of the bank change: meshes and contact laws that the bank does not know make
 # gaps of 2 % here and there in null worlds (docs/explanation/gap-discovery-limits.md).
@@ -22,6 +23,14 @@ LEAST_SHARE = 0.025
 LEAST_DRIFT = 0.01  # meshes do not drift, so that less can be believed
 MOST = 8
 _MOST_OBJECTS = 3
+_FACTOR_WORDS = {
+    BY_OBJECT: "the object",
+    REPEAT: "the repeat",
+    ORDER: "the order of a tool's grasps",
+    FAMILY: "the shape of the object",
+    "object width": "the width of the object",
+    "object height": "the height of the object",
+}
 _FACTORS = frozenset({*TOOL_FEATURES, *OBJECT_FEATURES[:2], FAMILY})
 
 
@@ -65,6 +74,17 @@ def locate(residuals: Residuals, friction_slope_n: np.ndarray | None = None, see
         strata=fit_theta_by_stratum(residuals, friction_slope_n),
         trends=fit_theta_trends(residuals, friction_slope_n),
     )
+
+
+def describe_silence(tests: TestTree) -> str:
+    """What was looked at and not found, in a sentence: phases without a gap, and what no phase goes with."""
+    quiet = [WORDS[phase] for phase in tests.phases if not tests.rejected[phase]]
+    asked = dict.fromkeys(h.factor for h in tests.factors)
+    seen = {h.factor for phase in PHASES for h in tests.rejected[phase]}
+    factors = [_FACTOR_WORDS.get(name, spell_name(name)) for name in asked if name not in seen and name != EVERYWHERE]
+    parts = [f"no gap in {', '.join(quiet)}"] if quiet else []
+    parts += [f"no change with {', '.join(factors)}"] if factors else []
+    return f"Looked at and not found: {'; '.join(parts)}." if parts else ""
 
 
 def find_where(residuals: Residuals, tests: TestTree, seed: int = 0) -> tuple[WhereFinding, ...]:

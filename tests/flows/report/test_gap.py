@@ -1,6 +1,7 @@
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,8 +19,10 @@ from models.gap.findings import (
     Decision,
     Findings,
     Gap,
+    LawCurve,
     NextExperiment,
     ParameterEstimate,
+    Rest,
     RoundFindings,
 )
 from models.gap.naming.rank_effects import Separability
@@ -34,7 +37,7 @@ NAMED = Decision(
     effects=("load_cell_lag",),
     probability=0.97,
     parameters={"time_constant_s": ParameterEstimate(median=0.29, ci90=(0.27, 0.31))},
-    sentence="Held-out grasps are <better> with it.",
+    sentence="Held-out grasps are better with it.",
 )
 NOTHING = Decision(kind="none", probability=0.99)
 
@@ -88,7 +91,7 @@ def _findings(evaluation: Evaluation, rounds: tuple[RoundFindings, ...]) -> Find
         ),
         seed=3,
         budget={"bank_simulations": 100.0},
-        warnings=("Few designs.",),
+        warnings=("<Few> designs.",),
     )
 
 
@@ -101,9 +104,11 @@ def test_page_says_where_what_and_how_much(content: GapPage, tmp_path: Path) -> 
     assert f"noise floor {gap.rmse_floor_n:.2f} N" in page
     assert "Lift fast." in page
     assert "a dead weight" in page
+    assert "Where most of the gap is" in page
+    assert "Looked at and not found:" in page
     assert "nearer" in page  # 9 to 10 MPa, tensile bars say 11.5
-    assert "Warning: Few designs." in page
-    assert "&lt;better&gt;" in page  # what comes from data is escaped
+    assert "time_constant_s dF" in page  # the law of the named effect
+    assert "&lt;Few&gt; designs." in page  # what comes from data is escaped
     for source in re.findall(r'(?:src|href)="((?:figures|data)/[^"]+)"', page):
         assert (tmp_path / source).is_file(), source
     assert "http" not in page
@@ -133,23 +138,89 @@ def test_answer_alone_makes_a_page_and_silence_is_said(tmp_path: Path) -> None:
     assert "No single tool, object or phase stands out" in page
 
 
+def _told(*rounds: RoundFindings) -> Findings:
+    gap = Gap(rmse_before_n=0.5, rmse_after_n=0.3, rmse_floor_n=0.1, closed_fraction=0.5, ci95=(0.4, 0.6))
+    is_alarm = any(r.named.kind != "none" for r in rounds)
+    return Findings(alarm=is_alarm, rounds=rounds, gap=gap, aliases=(), next_experiment=None, seed=0, budget={})
+
+
+def _round(named: Decision, *candidates: Candidate, **more: Any) -> RoundFindings:
+    return RoundFindings(where=(), candidates=candidates or (_candidate("none", 0.1),), named=named, **more)
+
+
 def test_a_set_and_a_name_behind_it_are_both_said() -> None:
     either = Decision(kind="set", effects=("load_cell_lag", "lift_misalignment"), probability=0.9)
     wear = Decision(kind="effect", effects=("friction_wear",), probability=0.95)
-    rounds = tuple(
-        RoundFindings(where=(), candidates=(_candidate("none", 0.1),), named=one) for one in (either, wear, NOTHING)
-    )
-    gap = Gap(rmse_before_n=0.5, rmse_after_n=0.3, rmse_floor_n=0.1, closed_fraction=0.5, ci95=(0.4, 0.6))
-    findings = Findings(alarm=True, rounds=rounds, gap=gap, aliases=(), next_experiment=None, seed=0, budget={})
+    findings = _told(*map(_round, (either, wear, NOTHING)))
     said = write_answer(findings)
     assert said.startswith("found friction_wear; one of load_cell_lag, lift_misalignment, not told apart; held-out")
     assert answer.shorten_answer(findings) == "one of a set, friction wear"
     assert "cannot tell apart, then Friction drifts" in answer.describe_answer(findings)
-    assert answer.describe_reserve(rounds[0]) == "The next round takes load cell lag for granted; no simulator gets it."
-    half = RoundFindings(where=(), candidates=(_candidate("friction_wear", 0.99),), named=wear)
-    half = half.model_copy(update={"named": wear.model_copy(update={"probability": 0.495})})
-    assert "takes away 50 % of what is unusual" in answer.describe_reserve(half)
-    assert answer.describe_reserve(rounds[2]) == ""
+    assert answer.describe_sureness(findings) == "is missing; right with probability 0.90, 0.95"
+    (note,) = answer.describe_notes(findings.rounds[0], False)
+    assert note == "The next round takes load cell lag for granted; no simulator gets it."
+    assert answer.describe_notes(findings.rounds[2], False) == []
+
+
+def test_what_a_name_leaves_over_is_no_second_discovery() -> None:
+    lag = Decision(kind="effect", effects=("load_cell_lag",), probability=0.95)
+    unknown = Decision(kind="unknown", probability=0.7)
+    first = _round(lag, _candidate("load_cell_lag", 0.9))  # 12 nats
+    weak = Candidate(effect="unknown", probability=0.5, held_out_gain_nats=1.1, held_out_rmse_change=0.0)
+    strong = weak.model_copy(update={"held_out_gain_nats": 1.3})
+    little, much = _told(first, _round(unknown, weak)), _told(first, _round(unknown, strong))
+    assert "then" not in answer.describe_answer(little)
+    assert "something else" not in answer.describe_sureness(little)
+    assert "no new discovery" in " ".join(answer.describe_notes(little.rounds[1], little.is_leftover(1)))
+    assert "then something that is not in the catalogue" in answer.describe_answer(much)
+    assert answer.describe_sureness(much).endswith("; something else is missing that the catalogue does not have")
+    said = _round(lag.model_copy(update={"left_share": 0.3}), _candidate("load_cell_lag", 0.9))
+    assert not _told(said, _round(unknown, weak)).is_leftover(1)  # the round itself says how much is left
+
+
+def test_law_rest_and_reserve_are_on_the_page(tmp_path: Path) -> None:
+    at = tuple(np.linspace(0.0, 20.0, 9))
+    law = LawCurve(
+        quantity="friction over friction at rest", state="slip (mm)", at=at,
+        median=tuple(1.0 - 0.01 * x for x in at), low=tuple(0.95 - 0.01 * x for x in at), high=(1.05,) * 9,
+    )  # fmt: skip
+    rest = Rest(sentence="A pull stays.", lift_mm=at, force_n=(0.5,) * 9, low_n=(0.4,) * 9, high_n=(0.6,) * 9)
+    slips = Decision(
+        kind="effect", effects=("static_kinetic_friction",), family="friction laws", probability=0.93, law=law,
+        left_share=0.12,
+    )  # fmt: skip
+    unknown = Decision(kind="unknown", probability=0.71, rest=rest, sentence="No effect explains it.")
+    best = _candidate("static_kinetic_friction", 0.96).model_copy(update={"grouped_r2": 0.42})
+    findings = _told(
+        _round(slips, best, refused="It made held-out grasps worse."), _round(unknown, best, patternless_n=0.104)
+    )
+    page = write_gap_report(GapPage(findings), tmp_path, "X3").read_text(encoding="utf-8")
+    for words in (
+        "Family: friction laws.",
+        "Probability that this answer is right: 0.93.",
+        "Probability that this answer is right: 0.71.",
+        "would still explain 12 % of what this answer explains",
+        "Not added to the simulator: It made held-out grasps worse.",
+        "A pull stays.",
+        "Differences of this size, 0.1 N, occur between honest solvers",
+    ):
+        assert words in page, words
+    assert page.index("gap_law_1.svg") < page.index('id="where"')
+    assert "friction over friction at rest" in (tmp_path / "figures" / "gap_law_1.svg").read_text()
+    assert "measured less simulated force" in (tmp_path / "figures" / "gap_rest_2.svg").read_text()
+    bars = (tmp_path / "figures" / "gap_names_2.svg").read_text()
+    assert "0.96" not in bars  # a share among candidates is not the probability of the answer
+    assert "42 %" in bars
+
+
+def test_too_few_held_out_and_a_small_gap_are_said(tmp_path: Path) -> None:
+    named = _round(NAMED, _candidate("load_cell_lag", 0.9), version="V1")
+    gap = Gap(rmse_before_n=0.12, rmse_after_n=0.11, rmse_floor_n=0.13, closed_fraction=0.0, ci95=None)
+    findings = _told(named).model_copy(update={"gap": gap})
+    page = write_gap_report(GapPage(findings), tmp_path, "X4").read_text(encoding="utf-8")
+    assert "too few designs or objects held out for an interval, which takes 3 of either" in page
+    assert "95 %: " not in page
+    assert "not larger than what repeats scatter or other meshes change, 0.13 N" in page
 
 
 def test_recording_holds_measured_before_and_after(content: GapPage, tmp_path: Path) -> None:

@@ -64,8 +64,8 @@ class Answer(Record):
 
     @property
     def named(self) -> tuple[str, ...]:
-        """Effects that were named one by one, over all rounds."""
-        return tuple(name for said in self.rounds if said.kind == "effect" for name in said.effects)
+        """Effects that were named, of a set the first, over all rounds."""
+        return tuple(said.effects[0] for said in self.rounds if said.effects)
 
     @property
     def is_alarm(self) -> bool:
@@ -85,7 +85,7 @@ def naming_code() -> str:
 def answer(
     problem: GapData, thresholds: "Thresholds", *, without: Sequence[str] = (), max_rounds: int = MAX_ROUNDS
 ) -> Answer:
-    """Name effects round by round until nothing more is said; a set goes on with its first.
+    """Name effects round by round until nothing more is said; of a set, the first stands for all.
 
     without: effects taken out of the catalogue.
     """
@@ -98,7 +98,7 @@ def answer(
     for _ in range(max_rounds):
         result = name_effect(problem, in_model, thresholds, catalogue)
         results.append(result)
-        if not result.taken:
+        if not result.values:
             break
         in_model = tuple(result.best.effects)
     return Answer(

@@ -65,6 +65,15 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
     ), bank
 
 
+def read_cells(path: Path, law: str) -> tuple[tuple[int, ...], tuple[int, ...], dict[tuple[int, int], Trace]]:
+    """Designs and objects (numbers) of a file of `write_small`, and the true grasps of the first set with this law."""
+    with np.load(path) as file:
+        name = next(key.removeprefix("cells ") for key in file.files if key.startswith(f"cells {law}"))
+        cells = _cells(file[f"cells {name}"], file[f"samples {name}"].astype(float))
+        designs, objects = (tuple(int(number) for number in file[key]) for key in ("designs", "objects"))
+    return designs, objects, cells
+
+
 def _cells(table: np.ndarray, samples: np.ndarray) -> dict[tuple[int, int], Trace]:
     ends = np.cumsum(table[:, 2])
     return {

@@ -19,15 +19,10 @@ NONE = Decision(kind="none", probability=0.8)
 
 def named(answer: Decision, values: tuple[EffectValue, ...], dropped: tuple[str, ...] = ()) -> Any:
     """What NAME answers, as far as a round looks at it."""
-    is_one = answer.kind == "effect"
-    return SimpleNamespace(
-        named=answer, taken=values, values=values if is_one else (), dropped=dropped, candidates=(), fit=None
-    )
+    return SimpleNamespace(named=answer, values=values, dropped=dropped, candidates=(), fit=None, best=None)
 
 
-def run(
-    monkeypatch: pytest.MonkeyPatch, answer: Any, assumed: tuple[EffectValue, ...] = (), refusal: str = ""
-) -> tuple[Round, list[Any]]:
+def run(monkeypatch: pytest.MonkeyPatch, answer: Any, refusal: str = "") -> tuple[Round, list[Any]]:
     """A round with this answer, and what it asked of calibration, of held-out grasps, and to be written."""
     asked: list[Any] = []
 
@@ -39,39 +34,25 @@ def run(
     monkeypatch.setattr(rounds, "_find_refusal", lambda *words: refusal)
     monkeypatch.setattr(rounds, "admit_simulator", lambda lake, simulator, refused: asked.append(refused))
     monkeypatch.setattr(rounds, "_compute_residuals", lambda fit: (None, None))
+    monkeypatch.setattr(rounds, "_compute_patternless", lambda fit: 0.1)
     monkeypatch.setattr(rounds, "locate", lambda *args, **kwargs: SimpleNamespace(findings=()))
     monkeypatch.setattr(rounds, "_with_posterior", lambda answer, simulator: answer)
     simulator: Any = SimpleNamespace(effects=(), version=SimpleNamespace(version_id="V1"))
     search: Any = SimpleNamespace(lake=None, settings=CalibrationSettings())
-    return run_round(Settled(search, answer, answer), simulator, assumed), asked
+    return run_round(Settled(search, answer, answer), simulator), asked
 
 
-def test_a_set_is_taken_for_granted_and_in_no_simulator(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_a_set_the_simulator_gets_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
     found, asked = run(monkeypatch, named(SET, (LAG,)))
-    assert found.assumed == (LAG,)
+    assert asked == [((LAG,), True), ""]  # calibrated, compared, and admitted
     assert not found.is_last
-    assert found.findings.version is None
-    assert asked == []  # nothing was calibrated
-
-
-def test_the_next_round_looks_behind_the_set(monkeypatch: pytest.MonkeyPatch) -> None:
-    wear = Decision(kind="effect", effects=("friction_wear",), probability=0.95)
-    found, asked = run(monkeypatch, named(wear, (WEAR,)), (LAG,))
-    assert asked == [((WEAR,), True), ""]  # calibrated without the set, compared, and admitted
-    assert found.assumed == (LAG,)
     assert found.findings.version == "V2"
 
 
-def test_nothing_behind_the_set_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    found, _ = run(monkeypatch, named(NONE, ()), (LAG,))
+def test_nothing_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, asked = run(monkeypatch, named(NONE, ()))
     assert found.is_last
-
-
-def test_a_set_that_is_no_longer_needed_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
-    found, asked = run(monkeypatch, named(NONE, (), ("load_cell_lag",)), (LAG,))
-    assert found.assumed == ()
-    assert found.findings.dropped == ("load_cell_lag",)
-    assert asked == []  # the simulator never had it
+    assert asked == []
 
 
 def test_what_does_not_help_is_not_added_and_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,71 @@
+"""`fast gap --example`: a lake in a file, on which the ordinary search runs without simulating anything."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flows.gap import example, search
+from flows.gap.example import open_example
+from flows.gap.folder import write_folder
+from flows.gap.search import GapOrder, run_gap
+from flows.progress import ProgressReporter
+from flows.simulation.progress import n_missing
+from lake.handoff.packed import write_packed
+from lake.tables.campaign import CampaignRow, GraspRow, SimulationRow, TraceRow
+from models.calibration.inference.settings import CalibrationSettings
+from models.errors import UsageError
+from models.gap.fit import posterior
+from models.records import EffectValue
+from tests.studies.gap.example import REPEATS, collect_example, measure_example
+from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
+from tests.tasks.gap.gap_lake import gap_lake, plan_rows
+
+pytestmark = pytest.mark.timeout(600)
+ORDER = GapOrder("demo", settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
+LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.4})
+IMPORTED_CONFIG = 'kind = "imported"\nsources = []\n'
+SILENT = ProgressReporter(lambda _: None, lambda _: None)
+
+
+def test_a_finished_search_is_repeated_from_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def simulate(lake: Any, plans: Any, *_: Any) -> None:
+        lake.append(plan_rows(plans), PROVENANCE)
+
+    def refuse(lake: Any, plans: Any, *_: Any) -> None:
+        assert n_missing(lake, plans) == 0
+
+    monkeypatch.setattr(posterior, "sample", normal_draws)
+    monkeypatch.setattr(example, "CAMPAIGN", "demo")
+    lake = gap_lake(tmp_path / "lake", hidden=[LAG])
+    lake.append([CampaignRow(campaign_id="demo", name="demo", config_toml=IMPORTED_CONFIG)], PROVENANCE)
+    monkeypatch.setattr(search, "simulate_missing", simulate)
+    found = run_gap(lake, ORDER, SILENT).run
+    file = tmp_path / "example.npz"
+    write_packed(file, collect_example(lake, "demo"))
+    monkeypatch.setattr(search, "simulate_missing", refuse)
+    small, folder = open_example(tmp_path / "out", file)
+    again = run_gap(small, ORDER, SILENT)
+    assert again.is_new  # searched, not told again
+    assert [r.named.effects for r in again.run.findings.rounds] == [r.named.effects for r in found.findings.rounds]
+    assert again.run.findings.gap.rmse_after_n == pytest.approx(found.findings.gap.rmse_after_n, abs=0.005)
+    assert again.run.after_version_id == found.after_version_id
+    assert write_folder(small, again, folder).is_file()
+    same, _ = open_example(tmp_path / "out", file)
+    assert same.ids(GraspRow) == lake.ids(GraspRow)
+
+
+def test_another_lake_is_left_alone(tmp_path: Path) -> None:
+    lake = gap_lake(tmp_path / "lake", has_bank=False)
+    lake.append([CampaignRow(campaign_id="mine", name="mine", config_toml=IMPORTED_CONFIG)], PROVENANCE)
+    with pytest.raises(UsageError, match=r"is another lake \(campaign mine\); give a new folder as --out"):
+        open_example(tmp_path)
+
+
+def test_measurements_of_the_example() -> None:
+    rows = measure_example()
+    grasps = [row for row in rows if isinstance(row, GraspRow)]
+    assert len(grasps) == sum(isinstance(row, TraceRow) for row in rows)
+    assert 0.95 * 8 * 6 * REPEATS < len(grasps) <= 8 * 6 * REPEATS
+    assert not any(isinstance(row, SimulationRow) for row in rows)
+    assert all(row.started_at is not None for row in grasps)

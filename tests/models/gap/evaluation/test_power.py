@@ -1,0 +1,43 @@
+"""How large an effect must be to be seen: the size that is given carries the evidence that is asked for."""
+
+import pytest
+
+from models.gap.evaluation.power import find_visible_sizes
+from models.gap.fit.fit import Fit
+from models.gap.fit.recalibrate import recalibrate
+from models.gap.naming.rank_effects import DEFLATION, LEAST_NATS, rank_effects
+from tests.synthetic.gap import GapTruth, made_up_gap
+
+EFFECTS = ("load_cell_offset", "load_cell_lag", "force_limited_closing")
+
+
+@pytest.fixture(scope="module")
+def fit() -> Fit:
+    return recalibrate(made_up_gap(8, 6, 0, GapTruth()).training, ())
+
+
+def test_an_offset_of_the_given_size_passes_the_line_and_no_smaller_one(fit: Fit) -> None:
+    line = 0.05
+    sizes = {one.effect: one for one in find_visible_sizes(fit, rank_effects(fit, EFFECTS), line)}
+    assert list(sizes) == list(EFFECTS)
+    offset = sizes["load_cell_offset"]
+    assert offset.value is not None
+    assert offset.words == f"offset {offset.value.parameters['offset_n']:.2g} N"
+    assert 0.0 < abs(offset.value.parameters["offset_n"]) < 0.5
+    change = fit.features.whiten(fit.predict_features([offset.value]) - fit.predict_features())[None] * fit.weight
+    flat, columns = change.reshape(1, -1), fit.columns.reshape(len(fit.columns), -1)
+    own = flat - (flat @ columns.T) @ fit.covariance @ columns
+    squares, noise = float((own**2).sum()), float((fit.residual**2).sum())
+    assert max(squares / (squares + noise) / line, 0.5 * DEFLATION * squares / LEAST_NATS) >= 0.95
+    assert min(squares / (squares + noise) / line, 0.5 * DEFLATION * squares / LEAST_NATS) == pytest.approx(1.0, 0.05)
+
+
+def test_more_noise_hides_larger_effects(fit: Fit) -> None:
+    ranking = rank_effects(fit, ("load_cell_offset",))
+    small, large = (find_visible_sizes(fit, ranking, line)[0].value for line in (0.05, 0.2))
+    assert small is not None
+    assert large is not None
+    assert abs(large.parameters["offset_n"]) > 1.5 * abs(small.parameters["offset_n"])
+    (never,) = find_visible_sizes(fit, ranking, 0.9999)
+    assert never.value is None
+    assert never.words == "not at any plausible size"

@@ -1,0 +1,166 @@
+"""The data of `fast gap --example`: eight tools measured on six objects with friction that falls with slip, their bank.
+
+The true grasps are those of the small panel of the hidden-effect study: another law of friction and another mesh than
+the simulator's. A lab with scatter, noise and lost traces measures them three times. The bank and what else the search
+simulates come from the search itself, which runs here once; the file then has all that it needs.
+
+    python -m tests.studies.gap.example LAKE [--bank OTHER_LAKE]
+
+LAKE is made or gone on with; OTHER_LAKE is a lake whose simulations of the bank are taken instead of making them. The
+bank takes about 25 minutes of two cores. A change of the simulator, the bank or the catalogue makes it due again.
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from flows.cli.common import tell
+from flows.gap.example import CAMPAIGN, FILE
+from flows.gap.folder import write_folder
+from flows.gap.search import GapOrder, run_gap
+from flows.progress import ProgressReporter
+from lake.handoff.campaign import IMPORTED
+from lake.handoff.packed import write_packed
+from lake.provenance import current_provenance
+from lake.store import Lake
+from lake.tables.campaign import (
+    BatchRow,
+    CalibrationRow,
+    CampaignRow,
+    DesignRow,
+    EffectRow,
+    GraspRow,
+    PosteriorDrawsRow,
+    SimTraceRow,
+    SimulationRow,
+    SimulatorVersionRow,
+    ToolRow,
+    TraceRow,
+    setup_columns,
+)
+from lake.tables.row import Row
+from models.design.space import numbered_design
+from models.records import GraspSetup, SimulatorVersion
+from tasks.gap.bank import list_plan_ids, plan_bank
+from tests.studies.gap.small import read_cells
+from tests.studies.hidden.lab import TOOLS_PER_BATCH, Lab, Site, Variants
+
+SMALL = Path(__file__).parents[2] / "data" / "gap-small.npz"
+LAW, SEED, REPEATS = "static_kinetic_friction", 41, 3
+_BEGAN = datetime(2026, 1, 5, 8, 0, tzinfo=UTC)
+_CONFIG = f"""# Made-up measurements: there is no schedule to run.
+kind = "{IMPORTED}"
+
+[[sources]]
+folder = "true grasps of {LAW} of the hidden-effect study, seed {SEED}"
+content_hash = ""
+"""
+
+
+def measure_example() -> list[Row]:
+    """Rows of the measured grasps: campaign, batches, designs, tools, grasps and traces."""
+    numbers, objects, cells = read_cells(SMALL, LAW)
+    lab = Lab(numbers, objects, SEED, REPEATS)
+    designs = [numbered_design(number) for number in numbers]
+    rows: list[Row] = [CampaignRow(campaign_id=CAMPAIGN, name=CAMPAIGN, config_toml=_CONFIG)]
+    rows += [DesignRow.of(design) for design in designs]
+    for batch in sorted({_place(tool)[0] for tool in range(len(designs))}):
+        n_tools = sum(_place(tool)[0] == batch for tool in range(len(designs)))
+        batch_id = BatchRow.make_id(CAMPAIGN, batch)
+        rows.append(BatchRow(batch_id=batch_id, campaign_id=CAMPAIGN, batch=batch, kind="imported", n_tools=n_tools))
+    for tool, design in enumerate(designs):
+        batch, slot = _place(tool)
+        rows.append(
+            ToolRow(
+                tool_id=ToolRow.make_id(CAMPAIGN, batch, slot),
+                campaign_id=CAMPAIGN,
+                batch=batch,
+                slot=slot,
+                design_id=design.design_id,
+                status="printed",
+                confirmed_by="auto",
+            )
+        )
+    for site, trace in lab.measure(lambda tool, obj: Variants(cells[tool, obj]), ()):
+        grasp = _grasp_row(site, lab)
+        rows += [TraceRow.of(grasp.grasp_id, trace), grasp]
+    return rows
+
+
+def copy_bank(source: Lake, lake: Lake) -> int:
+    """Take the simulations of the bank that another lake has; returns how many."""
+    numbers, objects, _ = read_cells(SMALL, LAW)
+    designs = [numbered_design(number) for number in numbers]
+    ids = list_plan_ids(plan_bank(SimulatorVersion(), designs, objects, GraspSetup()))
+    rows = [*_simulation_rows(source, ids)]
+    lake.append(rows, current_provenance(seed=SEED))
+    return sum(isinstance(row, SimulationRow) for row in rows)
+
+
+def collect_example(lake: Lake, campaign_id: str = CAMPAIGN) -> list[Row]:
+    """All that a search on the campaign needs or can go on from: grasps, simulations and calibrations of a lake."""
+    grasps = lake.records(GraspRow, campaign_id=campaign_id)
+    design_ids = sorted({row.design_id for row in grasps})
+    found: list[Row] = [*grasps, *lake.records(TraceRow, grasp_id=[row.grasp_id for row in grasps])]
+    for table in (CampaignRow, BatchRow, ToolRow):
+        found += lake.records(table, campaign_id=campaign_id)
+    found += lake.records(DesignRow, design_id=design_ids)
+    found += _simulation_rows(lake, sorted(lake.ids(SimulationRow, design_id=design_ids)))
+    calibrations = lake.records(CalibrationRow, campaign_id=campaign_id)
+    ids = [row.calibration_id for row in calibrations]
+    return [*found, *calibrations, *lake.records(PosteriorDrawsRow, calibration_id=ids)]
+
+
+def _simulation_rows(lake: Lake, ids: Sequence[str]) -> Iterator[Row]:
+    simulations = lake.records(SimulationRow, simulation_id=list(ids))
+    yield from lake.records(SimTraceRow, simulation_id=[row.simulation_id for row in simulations])
+    yield from simulations
+    for table in (SimulatorVersionRow, EffectRow):
+        yield from lake.records(table)
+
+
+def _grasp_row(site: Site, lab: Lab) -> GraspRow:
+    batch, slot = _place(site.tool)
+    tool_id, object_id = ToolRow.make_id(CAMPAIGN, batch, slot), lab.objects[site.obj]
+    return GraspRow(
+        grasp_id=GraspRow.make_id(tool_id, object_id, site.context.repeat),
+        campaign_id=CAMPAIGN,
+        tool_id=tool_id,
+        batch=batch,
+        slot=slot,
+        design_id=numbered_design(lab.designs[site.tool]).design_id,
+        object_id=object_id,
+        repeat=site.context.repeat,
+        order=site.context.batch_grasps,
+        status="ok",
+        started_at=_BEGAN + timedelta(days=batch - 1, seconds=site.context.clock_s),
+        bench="virtual",
+        **setup_columns(GraspSetup()),
+    )
+
+
+def _place(tool: int) -> tuple[int, int]:
+    """Batch and slot of a tool."""
+    return 1 + tool // TOOLS_PER_BATCH, tool % TOOLS_PER_BATCH
+
+
+def main() -> None:
+    """Measure, search, and write the file."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("lake", type=Path)
+    parser.add_argument("--bank", type=Path)
+    parser.add_argument("--out", type=Path, default=FILE)
+    words = parser.parse_args()
+    lake = Lake.open(words.lake, create=True)
+    lake.append(measure_example(), current_provenance(seed=SEED))
+    if words.bank is not None:
+        tell(f"{copy_bank(Lake.open(words.bank), lake)} simulations taken from {words.bank}")
+    outcome = run_gap(lake, GapOrder(CAMPAIGN), ProgressReporter(tell, tell))
+    tell(f"{outcome.sentence}; page {write_folder(lake, outcome)}")
+    write_packed(words.out, collect_example(lake))
+    tell(f"{words.out}: {words.out.stat().st_size / 1e6:.2f} MB")
+
+
+if __name__ == "__main__":
+    main()

@@ -138,6 +138,8 @@ def _look(base_score: Score, candidate: FittedCandidate, names: Sequence[str]) -
 
 
 def _best_further(fit: Fit, score: Score, names: Sequence[str]) -> FittedCandidate | None:
+    if not names:
+        return None
     ranking = rank_effects(fit, names)
     return next(iter(fit_candidates(fit, score, ranking, top_candidates(ranking, N_FURTHER))), None)
 

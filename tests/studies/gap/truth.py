@@ -82,20 +82,23 @@ class Panel(Record):
 
     @staticmethod
     def draw(seed: str, designs: Sequence[int] = (), objects: Sequence[int] = ()) -> "Panel":
-        """Draw thetas and amplitudes, and eight designs and six objects of different classes if none are given."""
+        """Draw thetas and amplitudes, and eight designs and six objects of different classes if none are given.
+
+        Sets come in the order of their worth: a run that is stopped lacks the last of them.
+        """
         rng = np.random.default_rng(seed_from("gap panel", seed))
         drawn_designs = tuple(int(n) for n in rng.choice(np.arange(40, 400), 8, replace=False))
         thetas = [(round(float(rng.uniform(*FRICTIONS)), 3), round(float(rng.uniform(*RATIOS)), 3)) for _ in range(4)]
         first = thetas[0]
         sets = [TrueSet(name=f"base-{number}", theta=theta) for number, theta in enumerate(thetas)]
+        for law, ranges in LAWS.items():
+            parameters = {key: round(float(rng.uniform(*ends)), 5) for key, ends in ranges.items()}
+            sets.append(TrueSet(name=law, theta=thetas[int(rng.integers(N_BASES))], law=law, parameters=parameters))
         sets += [
             TrueSet(name=LOWER, theta=(round(0.7 * first[0], 3), first[1])),
             TrueSet(name=WIDER, theta=first, law="wider_closing", parameters={"wider_mm": 2.0}),
             TrueSet(name=RAISED, theta=first, raised_mm=1.0),
         ]
-        for law, ranges in LAWS.items():
-            parameters = {key: round(float(rng.uniform(*ends)), 5) for key, ends in ranges.items()}
-            sets.append(TrueSet(name=law, theta=thetas[int(rng.integers(N_BASES))], law=law, parameters=parameters))
         return Panel(
             seed=seed,
             designs=tuple(designs) or drawn_designs,
@@ -185,9 +188,14 @@ def measure_gap_truth(options: Options) -> Tables:
 
 
 def _draw_panel(folder: Path) -> Panel:
-    """The development panel in a folder of that name, one from a secret in any other."""
+    """The development panel in a folder of that name, one from a secret in any other.
+
+    A folder called `sealed-same` gets the designs and objects of the development panel, whose bank it can share.
+    """
     if folder.name == PUBLIC_SEED:
         return Panel.draw(PUBLIC_SEED, DEVELOPMENT_DESIGNS, DEVELOPMENT_OBJECTS)
+    if folder.name == "sealed-same":
+        return Panel.draw(secrets.token_hex(16), DEVELOPMENT_DESIGNS, DEVELOPMENT_OBJECTS)
     return Panel.draw(secrets.token_hex(16))
 
 

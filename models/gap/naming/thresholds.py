@@ -5,6 +5,9 @@ import numpy as np
 from models.records import Record
 
 
+LEAST_OVER_LINE = 0.05  # nothing is surer than this that nothing is predicted
+
+
 class Thresholds(Record):
     """When gap discovery speaks.
 
@@ -17,8 +20,8 @@ class Thresholds(Record):
     Defaults are those of the study `gap` on worlds of a public seed (docs/reference/measured-figures.md).
     """
 
-    effect_r2: float = 0.01
-    pattern_r2: float = 0.005
+    effect_r2: float = 0.015
+    pattern_r2: float = 0.0075
     least_nats: float = 3.0
     temperature: float = 5.28
     gap_logit: tuple[float, float] = (2.0, 1.0)
@@ -27,7 +30,7 @@ class Thresholds(Record):
     def judge_gap(self, r2_over_line: float) -> float:
         """Probability that an alarm is right; r2_over_line: of what predicts best, over its line."""
         intercept, slope = self.gap_logit
-        return _logistic(intercept + slope * float(np.log(max(r2_over_line, 1e-6))))
+        return _logistic(intercept + slope * float(np.log(max(r2_over_line, LEAST_OVER_LINE))))
 
     def judge_name(self, description: np.ndarray) -> float:
         """Probability that a named family is right."""

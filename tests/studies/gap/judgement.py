@@ -9,6 +9,7 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from models.gap.naming.families import WORDS
+from models.gap.naming.thresholds import LEAST_OVER_LINE
 from tests.studies.gap.answers import Answer
 from tests.studies.gap.worlds import WorldKey
 
@@ -58,7 +59,7 @@ def fit_probabilities(worlds: Sequence[Judged], base: "Thresholds") -> "Threshol
     That an alarm is right: null worlds against visible ones. That a family is right: all alarms with a name looked at.
     """
     shown = [one for one in worlds if not one.key.effects or one.is_visible]
-    over = np.array([max(one.said.rounds[0].over_line, 1e-6) for one in shown])
+    over = np.array([max(one.said.rounds[0].over_line, LEAST_OVER_LINE) for one in shown])
     gap = _fit_logistic(np.log(over)[:, None], np.array([bool(one.key.effects) for one in shown]), base.gap_logit)
     looked = [one for one in worlds if one.said.rounds[0].description]
     described = np.array([one.said.rounds[0].description for one in looked])

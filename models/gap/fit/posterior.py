@@ -221,7 +221,8 @@ class LikelihoodSurface:
 
     def rows(self, v: np.ndarray) -> np.ndarray:
         """Weighted residual at v with tools and meshes as fitted, with what those take up added back, (m f)."""
-        nuisance = np.concatenate([self.fit.tool_log, self.fit.numerical])
+        fitted = np.concatenate([self.fit.tool_log, self.fit.numerical])
+        nuisance = np.pad(fitted, (0, len(self.nuisance) - len(fitted)))  # laws are the catalogue's at the fit
         is_free = self.fit.precision[_N_THETA : _N_THETA + len(nuisance)] < HELD
         taken = np.where(is_free, nuisance, 0.0) @ self.nuisance
         return np.asarray((_residual(self.fit, self.density.axes, v) * self.weight).ravel() + taken)

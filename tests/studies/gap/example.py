@@ -14,6 +14,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from flows.cli.common import tell
 from flows.gap.example import CAMPAIGN, FILE
@@ -21,7 +22,7 @@ from flows.gap.folder import write_folder
 from flows.gap.search import GapOrder, run_gap
 from flows.progress import ProgressReporter
 from lake.handoff.campaign import IMPORTED
-from lake.handoff.packed import write_packed
+from lake.handoff.packed import read_packed, write_packed
 from lake.provenance import current_provenance
 from lake.store import Lake
 from lake.tables.campaign import (
@@ -30,6 +31,7 @@ from lake.tables.campaign import (
     CampaignRow,
     DesignRow,
     EffectRow,
+    EventRow,
     GraspRow,
     PosteriorDrawsRow,
     SimTraceRow,
@@ -43,6 +45,7 @@ from lake.tables.row import Row
 from models.design.space import numbered_design
 from models.records import GraspSetup, SimulatorVersion
 from tasks.gap.bank import list_plan_ids, plan_bank
+from tasks.gap.findings import STARTED
 from tests.studies.gap.small import read_cells
 from tests.studies.hidden.lab import TOOLS_PER_BATCH, Lab, Site, Variants
 
@@ -88,18 +91,27 @@ def measure_example() -> list[Row]:
     return rows
 
 
-def copy_bank(source: Lake, lake: Lake) -> int:
-    """Take the simulations of the bank that another lake has; returns how many."""
+def read_bank_rows(source: Lake) -> list[Row]:
+    """The simulations of the bank that another lake has."""
     numbers, objects, _ = read_cells(SMALL, LAW)
     designs = [numbered_design(number) for number in numbers]
     ids = list_plan_ids(plan_bank(SimulatorVersion(), designs, objects, GraspSetup()))
-    rows = [*_simulation_rows(source, ids)]
-    lake.append(rows, current_provenance(seed=SEED))
-    return sum(isinstance(row, SimulationRow) for row in rows)
+    return [*_simulation_rows(source, ids)]
+
+
+def round_rows(rows: Sequence[Row]) -> list[Row]:
+    """Rows as the file keeps them: the search is made on the very numbers that it is repeated on."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "rows.npz"
+        write_packed(path, rows)
+        return read_packed(path)
 
 
 def collect_example(lake: Lake, campaign_id: str = CAMPAIGN) -> list[Row]:
-    """All that a search on the campaign needs or can go on from: grasps, simulations and calibrations of a lake."""
+    """All that a search on the campaign needs or goes on from: grasps, simulations, calibrations, how it began.
+
+    Draws of two machines differ, and so do the simulations at their medians: with the calibrations none is missing.
+    """
     grasps = lake.records(GraspRow, campaign_id=campaign_id)
     design_ids = sorted({row.design_id for row in grasps})
     found: list[Row] = [*grasps, *lake.records(TraceRow, grasp_id=[row.grasp_id for row in grasps])]
@@ -107,6 +119,7 @@ def collect_example(lake: Lake, campaign_id: str = CAMPAIGN) -> list[Row]:
         found += lake.records(table, campaign_id=campaign_id)
     found += lake.records(DesignRow, design_id=design_ids)
     found += _simulation_rows(lake, sorted(lake.ids(SimulationRow, design_id=design_ids)))
+    found += lake.records(EventRow, campaign_id=campaign_id, kind=STARTED)
     calibrations = lake.records(CalibrationRow, campaign_id=campaign_id)
     ids = [row.calibration_id for row in calibrations]
     return [*found, *calibrations, *lake.records(PosteriorDrawsRow, calibration_id=ids)]
@@ -153,9 +166,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=FILE)
     words = parser.parse_args()
     lake = Lake.open(words.lake, create=True)
-    lake.append(measure_example(), current_provenance(seed=SEED))
-    if words.bank is not None:
-        tell(f"{copy_bank(Lake.open(words.bank), lake)} simulations taken from {words.bank}")
+    bank = read_bank_rows(Lake.open(words.bank)) if words.bank is not None else []
+    lake.append(round_rows([*measure_example(), *bank]), current_provenance(seed=SEED))
     outcome = run_gap(lake, GapOrder(CAMPAIGN), ProgressReporter(tell, tell))
     tell(f"{outcome.sentence}; page {write_folder(lake, outcome)}")
     write_packed(words.out, collect_example(lake))

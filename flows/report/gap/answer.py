@@ -150,7 +150,7 @@ def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
         notes.append(f"Not added to the simulator: {found.refused}")
     if found.patternless_n is not None:
         notes.append(
-            f"Differences of this size, {found.patternless_n:.2g} N, occur between honest solvers; no pattern over "
-            "designs, objects or repeats: not counted as a gap."
+            f"Differences of {found.patternless_n:.2g} N are left in which designs, objects and repeats show no "
+            "pattern. Honest solvers differ by as much: they are not counted as a gap."
         )
     return notes

@@ -1,7 +1,7 @@
 """The data of `fast gap --example`: eight tools measured on six objects with friction that falls with slip, their bank.
 
 The true grasps are those of the small panel of the hidden-effect study: another law of friction and another mesh than
-the simulator's. A lab with scatter, noise and lost traces measures them three times. The bank and what else the search
+the simulator's. A careful lab, with scatter, noise and lost traces, measures them three times. The bank and what else the search
 simulates come from the search itself, which runs here once; the file then has all that it needs.
 
     python -m tests.studies.gap.example LAKE [--bank OTHER_LAKE]
@@ -47,10 +47,11 @@ from models.records import GraspSetup, SimulatorVersion
 from tasks.gap.bank import list_plan_ids, plan_bank
 from tasks.gap.findings import STARTED
 from tests.studies.gap.small import read_cells
-from tests.studies.hidden.lab import TOOLS_PER_BATCH, Lab, Site, Variants
+from tests.studies.hidden.lab import TOOLS_PER_BATCH, Lab, Nuisance, Site, Variants
 
 SMALL = Path(__file__).parents[2] / "data" / "gap-small.npz"
 LAW, SEED, REPEATS = "static_kinetic_friction", 41, 3
+CAREFUL = Nuisance(tool_sd=0.015, cell_sd=0.01, noise_sd_n=0.06)  # prints and placements of a lab that measures them
 _BEGAN = datetime(2026, 1, 5, 8, 0, tzinfo=UTC)
 _CONFIG = f"""# Made-up measurements: there is no schedule to run.
 kind = "{IMPORTED}"
@@ -64,7 +65,7 @@ content_hash = ""
 def measure_example() -> list[Row]:
     """Rows of the measured grasps: campaign, batches, designs, tools, grasps and traces."""
     numbers, objects, cells = read_cells(SMALL, LAW)
-    lab = Lab(numbers, objects, SEED, REPEATS)
+    lab = Lab(numbers, objects, SEED, REPEATS, CAREFUL)
     designs = [numbered_design(number) for number in numbers]
     rows: list[Row] = [CampaignRow(campaign_id=CAMPAIGN, name=CAMPAIGN, config_toml=_CONFIG)]
     rows += [DesignRow.of(design) for design in designs]

@@ -47,7 +47,7 @@ def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":
     rounds, evaluation = outcome.rounds, outcome.evaluation
     if not rounds or evaluation is None:
         return GapPage(outcome.run.findings, assumed=_assumed(outcome))
-    first, proposed = rounds[0].naming, rounds[0].proposed
+    first, last = rounds[0].proposed, rounds[-1].proposed  # the wide bank has every effect
     surrogate = first.fit.features.surrogate
     return GapPage(
         findings=outcome.run.findings,
@@ -55,10 +55,10 @@ def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":
         residuals=rounds[0].residuals,
         evaluation=evaluation,
         theta=_theta_rows(rounds[0].before, rounds[-1].after, _is_real(lake, outcome.run.campaign_id)),
-        separability=proposed.separability,
+        separability=first.separability,
         assumed=_assumed(outcome),
         unsure=find_unsure_cells(surrogate.bank, surrogate.grasps.tools, surrogate.grasps.objects),
-        visible=find_visible_sizes(proposed.best, proposed.ranking),
+        visible=find_visible_sizes(last.fit, first.ranking),
     )
 
 

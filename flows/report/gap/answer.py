@@ -55,6 +55,11 @@ def describe_effect(effect: str) -> str:
     return {"none": "nothing is missing", "unknown": "not in the catalogue"}.get(effect, effect.replace("_", " "))
 
 
+def shorten_tool(tool: str) -> str:
+    """A tool without its campaign, as it is written on it: `B01T0`."""
+    return tool.rpartition("/")[2]
+
+
 def describe_probability(probability: float) -> str:
     """A probability to two digits, never 1.00 or 0.00."""
     return "> 0.99" if probability > 0.995 else "< 0.01" if probability < 0.005 else f"{probability:.2f}"
@@ -139,7 +144,7 @@ def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
     named, notes = found.named, []
     if is_leftover:
         notes.append("This is what is left of the name before, whose parameters are never exact: no new discovery.")
-    if named.left_share is not None and named.left_share >= _LEAST_LEFT:
+    if named.effects and named.left_share is not None and named.left_share >= _LEAST_LEFT:
         notes.append(
             f"Another effect, or a model without a name, would still explain {100.0 * named.left_share:.0f} % of what "
             "this answer explains."
@@ -150,7 +155,7 @@ def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
         notes.append(f"Not added to the simulator: {found.refused}")
     if found.patternless_n is not None:
         notes.append(
-            f"Differences of this size, {found.patternless_n:.2g} N, occur between honest solvers; no pattern over "
-            "designs, objects or repeats: not counted as a gap."
+            f"Differences of {found.patternless_n:.2g} N are left in which designs, objects and repeats show no "
+            "pattern. Honest solvers differ by as much: they are not counted as a gap."
         )
     return notes

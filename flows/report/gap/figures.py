@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import binned_statistic_2d
 
-from flows.report.gap.answer import describe_effect
+from flows.report.gap.answer import describe_effect, shorten_tool
 from flows.report.style import BEST, FAINT, FIRST, INK, MUTED, SIMULATED, WIDTH_IN, new_axes
 from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation
 from models.gap.findings import Candidate, Decision, LawCurve, Rest
@@ -57,7 +57,7 @@ def draw_map(residuals: Residuals, phase: str) -> Figure:
     # Objects go down, where their names can be read; tools across.
     image = axes.imshow(shown.T, cmap="PuOr", vmin=-top, vmax=top, aspect="auto")
     axes.set_yticks(range(len(objects)), [get_object(objects[c]).name for c in columns], fontsize=7.8)
-    axes.set_xticks(range(len(tools)), [tools[r] for r in rows], rotation=90, fontsize=7.2)
+    axes.set_xticks(range(len(tools)), [shorten_tool(tools[r]) for r in rows], rotation=90, fontsize=7.2)
     axes.tick_params(length=0)
     for side in ("left", "bottom"):
         axes.spines[side].set_visible(False)
@@ -149,7 +149,7 @@ def draw_names(candidates: Sequence[Candidate], named: Decision) -> Figure:
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
     axes.set_xlim(0.0, max(1.18 * max(values, default=0.0), _LEAST_AXIS))
-    axes.set_xlabel("share of the gap predicted where it was not fitted (%)")
+    axes.set_xlabel("share of the left-out gap predicted (%)")
     return figure
 
 

@@ -22,6 +22,7 @@ from flows.report.gap.answer import (
     describe_smallness,
     describe_sureness,
     shorten_answer,
+    shorten_tool,
 )
 from flows.report.gap.figures import (
     choose_cells,
@@ -220,7 +221,7 @@ def _bars(found: RoundFindings, place: int, folder: Folder) -> Markup:
         "Each candidate was fitted to some of the grasps and had to predict the gap of designs and objects that were "
         "left out. Several may do well; the probability beside the answer says how sure the choice is.", "note",
     )  # fmt: skip
-    return Markup(shown + note)
+    return Markup(shown + note) if place == 0 else shown
 
 
 def _isolability(separability: Separability, folder: Folder) -> Markup:
@@ -350,7 +351,10 @@ def _heavy_cells(content: GapPage) -> Markup:
     if content.residuals is None:
         return Markup("")
     cells = find_heaviest_cells(content.residuals)
-    rows = [(c.tool, c.object_name, f"{100 * c.share:.0f} %", number(c.gap_n, 2), number(c.peak_n, 1)) for c in cells]
+    rows = [
+        (shorten_tool(c.tool), c.object_name, f"{100 * c.share:.0f} %", number(c.gap_n, 2), number(c.peak_n, 1))
+        for c in cells
+    ]
     headings = ("tool", "object", "of all squares", "gap (N)", "peak (N)")
     return Markup("<h3>Where most of the gap is</h3>" + table(headings, rows, (2, 3, 4)))
 
@@ -361,9 +365,9 @@ def _unsure_cells(content: GapPage) -> Markup:
         return Markup(
             head + paragraph("Nowhere do other meshes or heights change the force by more than a tenth of the peak.")
         )
-    causes = {"mesh": "other meshes", "height": "object 0.25 mm higher or lower"}
+    causes = {"mesh": "other meshes", "height": "0.25 mm of height"}
     rows = [
-        (c.tool, c.object_name, causes[c.cause], number(c.spread_n, 2), number(c.peak_n, 1))
+        (shorten_tool(c.tool), c.object_name, causes[c.cause], f"{c.spread_n:.2f} of {c.peak_n:.1f} N")
         for c in content.unsure[:_MOST_UNSURE]
     ]
     more = len(content.unsure) - len(rows)
@@ -371,7 +375,7 @@ def _unsure_cells(content: GapPage) -> Markup:
         "Here the force changes by more than a tenth of the peak, mostly because a rim may snap or not. These grasps "
         "count little." + (f" {more} more cells are like this." if more else ""), "note",
     )  # fmt: skip
-    return Markup(head + table(("tool", "object", "changed by", "by (N)", "peak (N)"), rows, (3, 4)) + note)
+    return Markup(head + table(("tool", "object", "changed by", "by"), rows, (3,)) + note)
 
 
 def _clues(sentences: Sequence[str]) -> Markup:

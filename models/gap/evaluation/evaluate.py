@@ -14,7 +14,7 @@ from models.gap.where.residuals import Residuals
 from models.objects.catalogue import get_object
 
 BEFORE, AFTER = "theta recalibrated", "with the named effect"
-WORSE = 1.05  # an effect that makes a class of objects worse by more than this is reported
+WORSE, WORSE_N = 1.05, 0.01  # an effect that makes a class of objects worse by more than both is reported
 N_BOOTSTRAP = 2000
 FEWEST_HELD_OUT = 3  # designs, and objects: an interval over fewer is too narrow
 _LEAST_GAP = 1.02  # before over floor: less than that above it is no gap to close
@@ -115,7 +115,7 @@ def measure_change(held_out: HeldOut, before_n: np.ndarray, after_n: np.ndarray,
 
 
 def _warnings(held_out: HeldOut, before: dict[str, float], after: dict[str, float]) -> tuple[str, ...]:
-    worse = [name for name in before if after[name] > WORSE * before[name]]
+    worse = [n for n in before if after[n] > max(WORSE * before[n], before[n] + WORSE_N)]
     found = [f"Held-out grasps of class {name} got worse, {before[name]:.2f} to {after[name]:.2f} N." for name in worse]
     n_tools, n_objects = _count_held_out(held_out)
     if min(n_tools, n_objects) < FEWEST_HELD_OUT:

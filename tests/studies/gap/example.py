@@ -1,7 +1,7 @@
 """The data of `fast gap --example`: eight tools measured on six objects with friction that falls with slip, their bank.
 
 The true grasps are those of the small panel of the hidden-effect study: another law of friction and another mesh than
-the simulator's. A lab with scatter, noise and lost traces measures them three times. The bank and what else the search
+the simulator's. A careful lab, with scatter, noise and lost traces, measures them three times. The bank and what else the search
 simulates come from the search itself, which runs here once; the file then has all that it needs.
 
     python -m tests.studies.gap.example LAKE [--bank OTHER_LAKE]
@@ -14,6 +14,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from flows.cli.common import tell
 from flows.gap.example import CAMPAIGN, FILE
@@ -21,7 +22,7 @@ from flows.gap.folder import write_folder
 from flows.gap.search import GapOrder, run_gap
 from flows.progress import ProgressReporter
 from lake.handoff.campaign import IMPORTED
-from lake.handoff.packed import write_packed
+from lake.handoff.packed import read_packed, write_packed
 from lake.provenance import current_provenance
 from lake.store import Lake
 from lake.tables.campaign import (
@@ -30,6 +31,7 @@ from lake.tables.campaign import (
     CampaignRow,
     DesignRow,
     EffectRow,
+    EventRow,
     GraspRow,
     PosteriorDrawsRow,
     SimTraceRow,
@@ -43,11 +45,13 @@ from lake.tables.row import Row
 from models.design.space import numbered_design
 from models.records import GraspSetup, SimulatorVersion
 from tasks.gap.bank import list_plan_ids, plan_bank
+from tasks.gap.findings import STARTED
 from tests.studies.gap.small import read_cells
-from tests.studies.hidden.lab import TOOLS_PER_BATCH, Lab, Site, Variants
+from tests.studies.hidden.lab import TOOLS_PER_BATCH, Lab, Nuisance, Site, Variants
 
 SMALL = Path(__file__).parents[2] / "data" / "gap-small.npz"
 LAW, SEED, REPEATS = "static_kinetic_friction", 41, 3
+CAREFUL = Nuisance(tool_sd=0.015, cell_sd=0.01, noise_sd_n=0.06)  # prints and placements of a lab that measures them
 _BEGAN = datetime(2026, 1, 5, 8, 0, tzinfo=UTC)
 _CONFIG = f"""# Made-up measurements: there is no schedule to run.
 kind = "{IMPORTED}"
@@ -61,7 +65,7 @@ content_hash = ""
 def measure_example() -> list[Row]:
     """Rows of the measured grasps: campaign, batches, designs, tools, grasps and traces."""
     numbers, objects, cells = read_cells(SMALL, LAW)
-    lab = Lab(numbers, objects, SEED, REPEATS)
+    lab = Lab(numbers, objects, SEED, REPEATS, CAREFUL)
     designs = [numbered_design(number) for number in numbers]
     rows: list[Row] = [CampaignRow(campaign_id=CAMPAIGN, name=CAMPAIGN, config_toml=_CONFIG)]
     rows += [DesignRow.of(design) for design in designs]
@@ -88,18 +92,27 @@ def measure_example() -> list[Row]:
     return rows
 
 
-def copy_bank(source: Lake, lake: Lake) -> int:
-    """Take the simulations of the bank that another lake has; returns how many."""
+def read_bank_rows(source: Lake) -> list[Row]:
+    """The simulations of the bank that another lake has."""
     numbers, objects, _ = read_cells(SMALL, LAW)
     designs = [numbered_design(number) for number in numbers]
     ids = list_plan_ids(plan_bank(SimulatorVersion(), designs, objects, GraspSetup()))
-    rows = [*_simulation_rows(source, ids)]
-    lake.append(rows, current_provenance(seed=SEED))
-    return sum(isinstance(row, SimulationRow) for row in rows)
+    return [*_simulation_rows(source, ids)]
+
+
+def round_rows(rows: Sequence[Row]) -> list[Row]:
+    """Rows as the file keeps them: the search is made on the very numbers that it is repeated on."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "rows.npz"
+        write_packed(path, rows)
+        return read_packed(path)
 
 
 def collect_example(lake: Lake, campaign_id: str = CAMPAIGN) -> list[Row]:
-    """All that a search on the campaign needs or can go on from: grasps, simulations and calibrations of a lake."""
+    """All that a search on the campaign needs or goes on from: grasps, simulations, calibrations, how it began.
+
+    Draws of two machines differ, and so do the simulations at their medians: with the calibrations none is missing.
+    """
     grasps = lake.records(GraspRow, campaign_id=campaign_id)
     design_ids = sorted({row.design_id for row in grasps})
     found: list[Row] = [*grasps, *lake.records(TraceRow, grasp_id=[row.grasp_id for row in grasps])]
@@ -107,6 +120,7 @@ def collect_example(lake: Lake, campaign_id: str = CAMPAIGN) -> list[Row]:
         found += lake.records(table, campaign_id=campaign_id)
     found += lake.records(DesignRow, design_id=design_ids)
     found += _simulation_rows(lake, sorted(lake.ids(SimulationRow, design_id=design_ids)))
+    found += lake.records(EventRow, campaign_id=campaign_id, kind=STARTED)
     calibrations = lake.records(CalibrationRow, campaign_id=campaign_id)
     ids = [row.calibration_id for row in calibrations]
     return [*found, *calibrations, *lake.records(PosteriorDrawsRow, calibration_id=ids)]
@@ -153,9 +167,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=FILE)
     words = parser.parse_args()
     lake = Lake.open(words.lake, create=True)
-    lake.append(measure_example(), current_provenance(seed=SEED))
-    if words.bank is not None:
-        tell(f"{copy_bank(Lake.open(words.bank), lake)} simulations taken from {words.bank}")
+    bank = read_bank_rows(Lake.open(words.bank)) if words.bank is not None else []
+    lake.append(round_rows([*measure_example(), *bank]), current_provenance(seed=SEED))
     outcome = run_gap(lake, GapOrder(CAMPAIGN), ProgressReporter(tell, tell))
     tell(f"{outcome.sentence}; page {write_folder(lake, outcome)}")
     write_packed(words.out, collect_example(lake))

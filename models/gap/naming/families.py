@@ -58,7 +58,7 @@ WORDS: Mapping[str, str] = {
 _PARAMETER_PRECISION = 0.25  # of a coordinate, as in a fit
 _STEP = 0.04  # of finite differences, of a coordinate
 _SHIFT = "lift_misalignment"
-_DELAY_SHARES = (0.25, 0.5, 1.0, 2.0, 3.0)
+_DELAY_SHARES = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0)
 _MIXTURE_SD = 3.0  # of what an effect and shares of its delay add: next to no prior
 # By how much an effect delays the force, mm of lift, of its parameters and the speed of the lift in mm/s.
 _DELAYS_MM: Mapping[str, Callable[[Mapping[str, float], float], float]] = {

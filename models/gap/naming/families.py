@@ -1,20 +1,20 @@
 """Families: effects that the data cannot tell apart once neither has to obey the catalogue's law to the letter.
 
 A transmitter that lags, a clock that is late and a gantry that starts slowly all delay the force. Two of them with
-their catalogue laws may lie hundreds of nats apart, but so does the bench from either. So the distance of two fitted
-candidates is what is left of the difference of their predictions when theta, tools, numerical error, the parameters of
-the one that stands in, and the laws of both may move (`models.gap.fit.law_freedom`), each at the cost of its prior.
-Where that is below `LEAST_NATS`, they are kin. Membership is measured in these data; only the words for a family are
+their catalogue laws may lie tens of nats apart, but so does the bench from either. So the distance of two fitted
+candidates is what is left of the change that the better one makes when the other stands in for it, with theta, tools
+and numerical error, its parameters, its other shapes and its law free (`models.gap.fit.law_freedom`), each at the cost
+of its prior. Below `LEAST_NATS` they are kin. Membership is measured in these data; only the words for a family are
 fixed.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.fit.fit import DEFLATION, Fit
-from models.gap.fit.law_freedom import LAW_SD, LawFreedom, compute_change
+from models.gap.fit.fit import DEFLATION, Axis, Fit, axes_of
+from models.gap.fit.law_freedom import LAW_SD, LawFreedom
 from models.gap.naming.candidates import FittedCandidate
 from models.gap.naming.rank_effects import LEAST_NATS, list_secants
 from models.records import EffectValue
@@ -52,6 +52,19 @@ WORDS: Mapping[str, str] = {
     "load_cell_offset": _ZERO,
     "load_cell_drift": _ZERO,
     "tool_weight": _ZERO,
+}
+
+
+_PARAMETER_PRECISION = 0.25  # of a coordinate, as in a fit
+_STEP = 0.04  # of finite differences, of a coordinate
+_SHIFT = "lift_misalignment"
+_DELAY_SHARES = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0)
+_MIXTURE_SD = 3.0  # of what an effect and shares of its delay add: next to no prior
+# By how much an effect delays the force, mm of lift, of its parameters and the speed of the lift in mm/s.
+_DELAYS_MM: Mapping[str, Callable[[Mapping[str, float], float], float]] = {
+    "load_cell_lag": lambda p, speed: speed * p["time_constant_s"],
+    "lift_misalignment": lambda p, speed: p["shift_mm"],
+    "lift_start_error": lambda p, speed: p["backlash_mm"] + speed * p["ramp_s"] / (p["ramp_power"] + 1.0),
 }
 
 
@@ -100,27 +113,23 @@ def find_families(base: Fit, candidates: Sequence[FittedCandidate]) -> Families:
 
 
 def compute_kinship(base: Fit, candidates: Sequence[FittedCandidate]) -> np.ndarray:
-    """Nats between the predictions of n candidates, n x n, the less of the two ways; 0 of each from itself.
-
-    base: the fit without them; its effects are in every candidate.
-    """
+    """Nats between n candidates, n x n, see `separates`. base: the fit without them, whose effects all of them have."""
     known = {value.effect for value in base.effects}
-    models = [
-        _Model.of(candidate.fit, [name for name in candidate.effects if name not in known]) for candidate in candidates
-    ]
-    nats = np.array([[0.0 if a is b else b.nats_from(a) for b in models] for a in models])
-    return np.minimum(nats, nats.T)
+    nats = np.zeros((len(candidates), len(candidates)))
+    for place, first in enumerate(candidates):
+        for other in range(place):
+            nats[place, other] = nats[other, place] = _separate(first.fit, candidates[other].fit, known)
+    return nats
 
 
 def separates(first: Fit, second: Fit) -> float:
-    """Nats between the predictions of two fits of the same grasps, the less of the two ways; 0 without a difference.
+    """Nats between two fits of the same grasps with other effects: what is left if the worse stands in for the other.
 
-    What is not in both of them may have another law and, where it stands in for the other, other parameters and shapes.
+    The worse may change its parameters, within their priors, its shape, and its law. The better keeps its own: a law
+    that is free could as well shrink to nothing, as could a candidate that explains little stand for nothing.
     """
-    names = [{value.effect for value in fit.effects} for fit in (first, second)]
-    a = _Model.of(first, sorted(names[0] - names[1]))
-    b = _Model.of(second, sorted(names[1] - names[0]))
-    return min(a.nats_from(b), b.nats_from(a))
+    common = {value.effect for value in first.effects} & {value.effect for value in second.effects}
+    return _separate(first, second, common)
 
 
 def group_families(effects: Sequence[str], nats: np.ndarray) -> tuple[Family, ...]:
@@ -142,109 +151,85 @@ def name_family(members: Sequence[str]) -> str:
     return ", or ".join(dict.fromkeys(WORDS[member] for member in members))
 
 
-@dataclass(frozen=True, eq=False)
-class _Shape:
-    """One way in which a model may look: features without its new effects (m x f), and what each of them changes."""
+def _separate(first: Fit, second: Fit, known: Set[str]) -> float:
+    """Of two fits with effects besides those that are known."""
+    better, worse = (first, second) if first.loss <= second.loss else (second, first)
+    rest = [value for value in better.effects if value.effect in known]
+    goal = better.predict_features() - better.predict_features(rest)
+    values = [value for value in worse.effects if value.effect not in known]
+    stand_ins = [values]
+    if len(values) == 1:
+        stand_ins += [[value] for value in _list_shapes(values[0])]
+    return min(_stand_in(better, rest, goal, stand_in) for stand_in in stand_ins)
 
-    without: np.ndarray
-    changes: tuple[np.ndarray, ...]
+
+def _stand_in(fit: Fit, rest: Sequence[EffectValue], goal: np.ndarray, values: Sequence[EffectValue]) -> float:
+    """Nats that are left of a change (m x f) where effects with these parameters and free laws stand in for it."""
+    whiten, base = fit.features.whiten, fit.predict_features(rest)
+    change = fit.predict_features([*rest, *values]) - base
+    by_parameter, by_law = [], []
+    for place, value in enumerate(values):
+        for axis in axes_of(value.effect):
+            moved = [*values[:place], _move(value, axis), *values[place + 1 :]]
+            by_parameter.append((fit.predict_features([*rest, *moved]) - base - change) / _step_of(axis, value))
+        own = change if len(values) == 1 else fit.predict_features([*rest, value]) - base
+        freedom = LawFreedom.of(fit, value.effect, own)
+        if freedom is not None:
+            by_law.append(LAW_SD * freedom.columns(fit) / fit.weight)
+        by_law.append(_MIXTURE_SD * whiten(_list_delays(fit, rest, value)))
+    is_free = np.ones(len(fit.columns), dtype=bool)
+    names = [value.effect for value in fit.effects for _ in axes_of(value.effect)]
+    is_free[len(fit.columns) - len(names) :] = [name in {value.effect for value in rest} for name in names]
+    columns = np.concatenate(
+        [fit.columns[is_free], fit.weight * whiten(np.array(by_parameter)), *(fit.weight * law for law in by_law)]
+    )
+    tied = [fit.precision[is_free], np.full(len(by_parameter), _PARAMETER_PRECISION)]
+    precision = np.concatenate([*tied, np.ones(len(columns) - sum(map(len, tied)))])
+    flat, wanted = columns.reshape(len(columns), -1), (whiten(goal - change) * fit.weight).ravel()
+    along = DEFLATION * flat @ wanted
+    inside = along @ np.linalg.solve(DEFLATION * flat @ flat.T + np.diag(precision), along)
+    return float(0.5 * (DEFLATION * wanted @ wanted - inside))
 
 
-@dataclass(frozen=True, eq=False)
-class _Model:
-    """A fit with new effects, as it is and in the other shapes that the catalogue's parameters give it.
+def _list_delays(fit: Fit, rest: Sequence[EffectValue], value: EffectValue) -> np.ndarray:
+    """What an effect that delays the force changes, and what shares of its delay do, each per delay, d x m x f.
 
-    free: c x m x f, whitened slopes by theta, tools, numerical error and effects that are not new; precision: c.
-    own: p x m x f, slopes by the new effects' parameters.
+    A transmitter may answer at once but slowly, or late but at once: how a delay is spread is not known at all, so
+    these mix as they please. Nothing for other effects.
     """
-
-    fit: Fit
-    effects: tuple[str, ...]
-    free: np.ndarray
-    precision: np.ndarray
-    own: np.ndarray
-    fitted: _Shape
-    others: tuple[_Shape, ...]
-
-    @staticmethod
-    def of(fit: Fit, effects: Sequence[str]) -> "_Model":
-        columns, first = fit.columns / fit.weight, len(fit.columns) - fit.n_effect_columns
-        names = [value.effect for value in fit.effects for _ in CATALOGUE[value.effect].parameters]
-        is_own = np.array([*[False] * first, *(name in effects for name in names)])
-        changes = tuple(compute_change(fit, effect) for effect in effects)
-        without = fit.modelled - sum(changes, np.zeros_like(fit.modelled))
-        others: list[_Shape] = []
-        if len(effects) == 1:
-            rest = [value for value in fit.effects if value.effect != effects[0]]
-            alone = fit.predict_features(rest)
-            for value in _list_shapes(fit, effects[0]):
-                others.append(_Shape(without, (fit.predict_features([*rest, value]) - alone,)))
-        return _Model(
-            fit=fit,
-            effects=tuple(effects),
-            free=columns[~is_own],
-            precision=fit.precision[~is_own],
-            own=columns[is_own],
-            fitted=_Shape(without, changes),
-            others=tuple(others),
-        )
-
-    def nats_from(self, target: "_Model") -> float:
-        """What is left of another model's prediction when this one, in its best shape, stands in for it."""
-        weight = np.sqrt(0.5 * (self.fit.weight**2 + target.fit.weight**2))
-        whiten = self.fit.features.whiten
-        laws = [target.law_columns(target.fitted.changes), self.law_columns(self.fitted.changes)]
-        tied = np.full(len(self.own), 0.25)
-        columns = np.concatenate([self.free, self.own, *laws])
-        found = [self._solve(whiten(target.fit.modelled - self.fit.modelled), columns, tied, weight)]
-        for shape in self.others:
-            (change,) = shape.changes
-            difference, line = whiten(target.fit.modelled - shape.without), whiten(change)[None]
-            share = self._scale(difference, line, weight)
-            if share <= 0.0:
-                continue
-            columns = np.concatenate([self.free, line, laws[0], self.law_columns((share * change,))])
-            found.append(self._solve(difference, columns, np.full(1, 0.25), weight))
-        return min(found)
-
-    def law_columns(self, changes: Sequence[np.ndarray]) -> np.ndarray:
-        """Columns of the freedom of the new effects' laws, whitened, in units of their priors."""
-        found = [np.zeros((0, *self.fit.raw.shape))]
-        for effect, change in zip(self.effects, changes, strict=True):
-            freedom = LawFreedom.of(self.fit, effect, change)
-            if freedom is not None:
-                found.append(LAW_SD * freedom.columns(self.fit) / self.fit.weight)
-        return np.concatenate(found)
-
-    def _scale(self, difference: np.ndarray, line: np.ndarray, weight: np.ndarray) -> float:
-        """How much of a shape explains a difference best, besides theta and tools."""
-        columns = np.concatenate([line, self.free]) * weight
-        flat, precision = columns.reshape(len(columns), -1), np.concatenate([[1e-9], self.precision])
-        gram = flat @ flat.T + np.diag(precision)
-        return float(np.linalg.solve(gram, flat @ (difference * weight).ravel())[0])
-
-    def _solve(self, difference: np.ndarray, columns: np.ndarray, tied: np.ndarray, weight: np.ndarray) -> float:
-        """Least of the deflated squares of what columns leave of a whitened difference, with their priors, in nats."""
-        flat, goal = (columns * weight).reshape(len(columns), -1), (difference * weight).ravel()
-        n_laws = len(columns) - len(self.precision) - len(tied)
-        precision = np.concatenate([self.precision, tied, np.ones(n_laws)])
-        along = DEFLATION * flat @ goal
-        gram = DEFLATION * flat @ flat.T + np.diag(precision)
-        return float(0.5 * (DEFLATION * goal @ goal - along @ np.linalg.solve(gram, along)))
+    late_mm = _DELAYS_MM.get(value.effect, lambda parameters, speed: 0.0)(
+        value.parameters, fit.features.surrogate.grasps.setup.lift_speed_mm_per_s
+    )
+    limit, base = CATALOGUE[_SHIFT].parameters[0].upper, fit.predict_features(rest)
+    if late_mm == 0.0:
+        return np.zeros((0, *base.shape))
+    found = [(fit.predict_features([*rest, value]) - base)[None]]
+    for share in _DELAY_SHARES:
+        shift_mm = float(np.clip(share * late_mm, -limit, limit))
+        shifted = EffectValue(effect=_SHIFT, parameters={CATALOGUE[_SHIFT].parameters[0].name: shift_mm})
+        found.append((fit.predict_features([*rest, shifted]) - base)[None] * late_mm / shift_mm)
+    return np.concatenate(found)
 
 
-def _list_shapes(fit: Fit, effect: str) -> list[EffectValue]:
-    """Secants of an effect, largest amplitude of each sign, whose shape is not the fit's."""
-    spec = CATALOGUE[effect]
-    if len(spec.parameters) == 1:
-        return []
-    best: dict[tuple[object, ...], EffectValue] = {}
-    first = spec.parameters[0]
-    for value in list_secants(effect):
-        size = value.parameters.get(first.name, first.neutral) - first.neutral
-        shape = tuple(number for name, number in sorted(value.parameters.items()) if name != first.name)
-        key = (size > 0, shape)
-        known = best.get(key)
-        if known is None or abs(size) > abs(known.parameters.get(first.name, first.neutral) - first.neutral):
-            best[key] = value
-    return list(best.values())
+def _move(value: EffectValue, axis: Axis) -> EffectValue:
+    """The value with one parameter a step further along its axis."""
+    inner = axis.inner(value.parameters[axis.name]) + _step_of(axis, value)
+    return value.model_copy(update={"parameters": {**value.parameters, axis.name: axis.value(inner)}})
+
+
+def _step_of(axis: Axis, value: EffectValue) -> float:
+    """A step of the coordinate away from the nearer bound."""
+    low, high = axis.limits
+    inner = axis.inner(value.parameters[axis.name])
+    return _STEP if inner - low < high - inner else -_STEP
+
+
+def _list_shapes(value: EffectValue) -> list[EffectValue]:
+    """The value with the other shapes at which its effect is tried (`list_secants`)."""
+    amplitude = CATALOGUE[value.effect].parameters[0].name
+    shapes: list[dict[str, float]] = []
+    for secant in list_secants(value.effect):
+        shape = {name: number for name, number in secant.parameters.items() if name != amplitude}
+        if shape and shape not in shapes:
+            shapes.append(shape)
+    return [value.model_copy(update={"parameters": {**value.parameters, **shape}}) for shape in shapes]

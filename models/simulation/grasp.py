@@ -55,7 +55,8 @@ class FingerResult:
     """Samples of one finger (full width) at the reference modulus, and the work it took.
 
     `time_s`, `lift_mm` (n); `force_n` (n, 3) of the clamp on the finger: z > 0 pulls it up, x < 0 presses it on.
-    `n_closing` samples belong to the closing.
+    `n_closing` samples belong to the closing. `has_snapped`: in the lift. What snaps while the jaws close has no part in
+    the force that is compared.
     """
 
     time_s: np.ndarray
@@ -67,7 +68,7 @@ class FingerResult:
     n_factorisations: int
     n_dof: int
     setup_cpu_s: float
-    n_snaps: int
+    has_snapped: bool
     ribs_touch: bool
 
 
@@ -146,7 +147,7 @@ def simulate_grasp(
         setup_cpu_s=ready - started + sum(f.setup_cpu_s for f in fingers),
         mesh_id=mesh.mesh_id,
         twist_deg=gauge.largest_deg,
-        flag="snap" if any(f.n_snaps for f in fingers) else "",
+        flag="snap" if any(f.has_snapped for f in fingers) else "",
         ribs_touch=any(f.ribs_touch for f in fingers),
     )
 
@@ -200,7 +201,7 @@ def simulate_finger(
     if recorder is not None:
         scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
         camera = Camera(recorder, side, finger.body.mesh, finger.nodes, finger.surface, obstacle, scale)
-    record, n_closing = _close_and_lift(finger, stepper, problem, camera)
+    record, n_closing, has_snapped = _close_and_lift(finger, stepper, problem, camera)
     share = 2.0 if problem.mesh.is_half else 1.0
     return FingerResult(
         time_s=np.array(record.time_s),
@@ -212,7 +213,7 @@ def simulate_finger(
         n_factorisations=newton.n_factorisations,
         n_dof=model.body.n_dof,
         setup_cpu_s=setup_cpu_s,
-        n_snaps=stepper.n_snaps,
+        has_snapped=has_snapped,
         ribs_touch=stepper.finger.ribs_touch,
     )
 
@@ -232,7 +233,8 @@ def _friction(problem: FingerProblem, n: int) -> Callable[[FingerState], np.ndar
 
 def _close_and_lift(
     finger: FingerStep, stepper: Stepper, problem: FingerProblem, camera: Camera | None
-) -> tuple[FingerRecord, int]:
+) -> tuple[FingerRecord, int, bool]:
+    """Samples of the whole grasp, how many of them belong to the closing, and whether the finger snapped in the lift."""
     setup, limits = problem.setup, problem.numerics.limits
     record = FingerRecord()
     record.add(0.0, 0.0, np.zeros(3))
@@ -267,8 +269,9 @@ def _close_and_lift(
         limits.first_lift_mm,
         limits.event_mm,
     )
-    n_free = 0
+    n_free, has_snapped = 0, False
     for step in stepper.walk(state, lift):
+        has_snapped |= step.is_snap
         record.add(time_s + step.travel_mm / setup.lift_speed_mm_per_s, step.travel_mm, step.clamp_n)
         if camera is not None:
             camera.take("lift", record.time_s[-1], step.travel_mm, step.state, step.clamp_n)
@@ -276,7 +279,7 @@ def _close_and_lift(
         is_slack = abs(step.clamp_n[2]) < RESIDUAL_FORCE_N
         if n_free >= FREE_STEPS and is_slack and _is_clear(finger, lift, step.travel_mm):
             break
-    return record, n_closing
+    return record, n_closing, has_snapped
 
 
 def _is_clear(finger: FingerStep, lift: Path, travel: float) -> bool:

@@ -21,7 +21,7 @@ MAX_RIB_DEPTH_MM = 0.4
 SMOOTH_SHARE = 0.25  # of the distance from a straight line that is the error of a smooth curve, generously (1/6 is)
 LOCATED = 1.5  # times `event_mm`: a stretch this short is not halved again
 AFTER_EVENT = 2.0  # growth of the first step behind an event
-# A drop of the pull within an event, in shares of the largest so far, that is a snap if the finger still touches.
+# A change of the pull within an event, in shares of the largest so far, that is a snap if the finger still touches.
 SNAP_SHARE = 0.1
 # A node this much faster than the base has just snapped; where it was is a better guess than where it was going.
 MAX_SPEED_RATIO = 3.0
@@ -75,11 +75,15 @@ class Path:
 
 @dataclass(frozen=True)
 class Step:
-    """A converged step: travel along the path in mm, the state, and the force (3) of the clamp on the finger in N."""
+    """A converged step: travel along the path in mm, the state, and the force (3) of the clamp on the finger in N.
+
+    `is_snap`: the pull jumped in this step while the finger kept touching, by `SNAP_SHARE` of the largest so far.
+    """
 
     travel_mm: float
     state: FingerState
     clamp_n: np.ndarray
+    is_snap: bool = False
 
 
 @dataclass
@@ -135,7 +139,7 @@ class FingerRecord:
 
 @dataclass
 class Stepper:
-    """Walks a finger along paths with step control; counts steps, and snaps: events in which the finger keeps touching.
+    """Walks a finger along paths with step control, and counts the steps.
 
     Events are what a straight line between two steps would get wrong: loss of contact, a snap, a rim that is crossed.
     """
@@ -146,7 +150,6 @@ class Stepper:
     friction: Callable[[FingerState], np.ndarray]
     n_steps: int = 0
     n_cuts: int = 0
-    n_snaps: int = 0
     largest_n: float = 0.0
 
     def walk(self, state: FingerState, path: Path) -> Iterator[Step]:
@@ -181,8 +184,8 @@ class Stepper:
             if has_event and step > LOCATED * path.event_mm:
                 event_end = travel + step
                 continue
+            is_snap = has_event and self._is_snap(new[0], pull_n - last_n)
             if has_event:
-                self._note_snap(new[0], pull_n - last_n)
                 history = _PullHistory()
             travel += step
             state, last_n = new[0], pull_n
@@ -194,7 +197,7 @@ class Stepper:
                 proposed = max(proposed, step) * GROW
             else:
                 proposed = step
-            yield Step(travel, state, new[1])
+            yield Step(travel, state, new[1], is_snap)
 
     def _has_event(self, state: FingerState, new: FingerState, missed_n_mm: float) -> bool:
         """True if the step from one state to the next lets go of the object, or misses too much of the pull."""
@@ -202,9 +205,8 @@ class Stepper:
             return True
         return self.finger.is_touching(state) and not self.finger.is_touching(new)
 
-    def _note_snap(self, state: FingerState, change_n: float) -> None:
-        if abs(change_n) > SNAP_SHARE * self.largest_n and self.finger.is_touching(state):
-            self.n_snaps += 1
+    def _is_snap(self, new: FingerState, change_n: float) -> bool:
+        return abs(change_n) > SNAP_SHARE * self.largest_n and self.finger.is_touching(new)
 
     def _try(
         self, state: FingerState, path: Path, travel: float, dt_s: float

@@ -55,7 +55,7 @@ class FingerResult:
     """Samples of one finger (full width) at the reference modulus, and the work it took.
 
     `time_s`, `lift_mm` (n); `force_n` (n, 3) of the clamp on the finger: z > 0 pulls it up, x < 0 presses it on.
-    `n_closing` samples belong to the closing. `has_snapped`: in the lift. What snaps while the jaws close has no part in
+    `n_closing` samples belong to the closing. `has_snapped`: in the lift. A snap while the jaws close is no part of
     the force that is compared.
     """
 
@@ -130,23 +130,32 @@ def simulate_grasp(
     gauge = TwistGauge(design.tip_length_mm, _as_half_turned(recorder) if symmetry.is_only_half_turn else recorder)
     watch = recorder if mesh.is_half else gauge.add
     fingers = [simulate_finger(f.problem, f.obstacle, deadline, watch, f.side) for f in solved]
-    trace = _sum_of_fingers(fingers, theta.young_modulus_mpa / REFERENCE_MODULUS_MPA)
-    for effect in active:
+    return replace(
+        _result_of(fingers, problem),
+        cpu_s=time.process_time() - started,
+        setup_cpu_s=ready - started + sum(f.setup_cpu_s for f in fingers),
+        twist_deg=gauge.largest_deg,
+    )
+
+
+def _result_of(fingers: Sequence[FingerResult], problem: FingerProblem) -> GraspSimulation:
+    """What the load cell sees of the solved fingers, and the work it took; without the time and the twist."""
+    scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
+    trace = _sum_of_fingers(fingers, scale)
+    for effect in problem.effects:
         trace = effect.modify_trace(trace)
     contact = np.mean([-f.force_n[f.n_closing - 1, 0] for f in fingers])
     return GraspSimulation(
         trace=trace,
         peak_force_n=peak_force_n(trace),
-        contact_force_n=float(contact) * theta.young_modulus_mpa / REFERENCE_MODULUS_MPA,
+        contact_force_n=float(contact) * problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA,
         work_j=work_j(trace),
         n_steps=sum(f.n_steps for f in fingers),
         n_newton=sum(f.n_newton for f in fingers),
         n_dof=fingers[0].n_dof,
-        cpu_s=time.process_time() - started,
+        cpu_s=0.0,
         n_factorisations=sum(f.n_factorisations for f in fingers),
-        setup_cpu_s=ready - started + sum(f.setup_cpu_s for f in fingers),
-        mesh_id=mesh.mesh_id,
-        twist_deg=gauge.largest_deg,
+        mesh_id=problem.mesh.mesh_id,
         flag="snap" if any(f.has_snapped for f in fingers) else "",
         ribs_touch=any(f.ribs_touch for f in fingers),
     )
@@ -234,7 +243,7 @@ def _friction(problem: FingerProblem, n: int) -> Callable[[FingerState], np.ndar
 def _close_and_lift(
     finger: FingerStep, stepper: Stepper, problem: FingerProblem, camera: Camera | None
 ) -> tuple[FingerRecord, int, bool]:
-    """Samples of the whole grasp, how many of them belong to the closing, and whether the finger snapped in the lift."""
+    """Samples of the whole grasp, how many of them belong to the closing, whether the finger snapped in the lift."""
     setup, limits = problem.setup, problem.numerics.limits
     record = FingerRecord()
     record.add(0.0, 0.0, np.zeros(3))

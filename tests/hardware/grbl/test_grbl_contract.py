@@ -104,7 +104,7 @@ def test_a_move_ends_at_its_target_and_takes_its_time(gantry, clock):
 
 
 def test_a_lift_is_even_and_stops_anywhere(gantry, clock):
-    """A sample holds for some moment within `late_s` of its time: on a busy machine it tells less, but nothing false."""
+    """A sample holds for a moment within `late_s` of its time: on a busy machine it tells less, but nothing false."""
     speed_mm_per_s, samples = 5, []
     gantry.start_lift(-70, speed_mm_per_s)
     while len(samples) < 2 or samples[-1].z_mm > samples[0].z_mm - 20:

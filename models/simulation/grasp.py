@@ -45,6 +45,7 @@ from models.traces import peak_force_n, work_j
 
 __all__ = ["FingerProblem", "FingerResult", "Numerics", "simulate_finger", "simulate_grasp"]
 
+SNAP = "snap"  # the flag of a grasp whose finger snapped in the lift and held on
 INWARD, UPWARD = np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 FREE_STEPS = 2  # steps without contact before the end of the lift is considered
 RESIDUAL_FORCE_N = 0.05  # at the reference modulus: what may be left of the force when the lift ends
@@ -156,7 +157,7 @@ def _result_of(fingers: Sequence[FingerResult], problem: FingerProblem) -> Grasp
         cpu_s=0.0,
         n_factorisations=sum(f.n_factorisations for f in fingers),
         mesh_id=problem.mesh.mesh_id,
-        flag="snap" if any(f.has_snapped for f in fingers) else "",
+        flag=SNAP if any(f.has_snapped for f in fingers) else "",
         ribs_touch=any(f.ribs_touch for f in fingers),
     )
 

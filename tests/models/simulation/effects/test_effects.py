@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from models.design.space import numbered_design
+from models.design.space import BEST_PUBLISHED
 from models.errors import ConfigError, UsageError
 from models.objects.catalogue import get_object
 from models.records import EffectValue, GraspContext, GraspSetup, GraspSimulation, MeshSettings, SimulatorVersion, Theta
@@ -23,7 +23,7 @@ CUBE = get_object(30)
 # Late in a batch, so that effects with a memory act; a short lift over which the fingers slip.
 LATE = GraspContext(repeat=2, tool_grasps=60, batch_grasps=300, clock_s=5400.0)
 SHORT = GraspSetup(max_lift_mm=4)
-FINGER, COARSE = numbered_design(1), MeshSettings(edge_mm=12)  # of one rib: what is compared holds for all
+COARSE = MeshSettings(edge_mm=12)  # what is compared holds on every mesh
 # Where the prior median does not act on this grasp.
 STRONG = {
     "force_limited_closing": {"max_force_n": 10.0},
@@ -43,7 +43,7 @@ def strong(spec: EffectSpec) -> EffectValue:
 def grasp(*effects: EffectValue, young_modulus_mpa: float = 11.5) -> GraspSimulation:
     theta = Theta(young_modulus_mpa=young_modulus_mpa)
     version = SimulatorVersion(theta=theta, mesh=COARSE, effects=effects)
-    return simulate_grasp(FINGER, CUBE, version, SHORT, context=LATE)
+    return simulate_grasp(BEST_PUBLISHED, CUBE, version, SHORT, context=LATE)
 
 
 @cache
@@ -81,8 +81,8 @@ def test_effects_are_visible_and_those_of_cost_p_need_no_simulation(effect: str,
     common = np.interp(plain.trace.time_s, simulated.time_s, simulated.force_n)
     assert np.abs(common - plain.trace.force_n).max() > 0.003 * plain.peak_force_n
     if CATALOGUE[effect].cost == "P":
-        effects = [e.in_grasp(FINGER, SHORT, LATE) for e in build_effects([value])]
-        again = replayed(plain.trace, effects, FINGER, Theta())
+        effects = [e.in_grasp(BEST_PUBLISHED, SHORT, LATE) for e in build_effects([value])]
+        again = replayed(plain.trace, effects, BEST_PUBLISHED, Theta())
         assert np.allclose(again.force_n, simulated.force_n, rtol=1e-12)
         assert np.allclose(again.time_s, simulated.time_s, rtol=1e-12)
 
@@ -133,4 +133,4 @@ def test_an_effect_that_needs_a_simulation_is_not_replayed(plain: GraspSimulatio
             return theta.model_copy(update={"poisson_ratio": 0.49})
 
     with pytest.raises(UsageError, match="simulate the grasp with it"):
-        replayed(plain.trace, [Stiffer()], FINGER, Theta())
+        replayed(plain.trace, [Stiffer()], BEST_PUBLISHED, Theta())

@@ -11,7 +11,7 @@ from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show
 from flows.cli.simulate_output import make_folder, write_outputs
 
 if TYPE_CHECKING:
-    from models.records import Design, GraspSetup, Placement, SimulatorVersion
+    from models.records import Branches, Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion
 
 BEST = Path("best")
 
@@ -57,6 +57,7 @@ def simulate(
     from models.errors import UsageError
     from models.objects.catalogue import get_object
     from models.records import Placement
+    from models.simulation.branches import find_branches
     from models.simulation.grasp import simulate_grasp
     from models.simulation.output.recording import GraspRecording
 
@@ -78,34 +79,9 @@ def simulate(
     recording = GraspRecording()
     recorder = None if out is None else recording.add
     result = simulate_grasp(chosen, met, simulator, setup, placement=placement, recorder=recorder)
-    data = {
-        "design_id": chosen.design_id,
-        "object_id": object,
-        "version_id": simulator.version_id,
-        "placement": placement.model_dump(),
-        "peak_force_n": result.peak_force_n,
-        "contact_force_n": result.contact_force_n,
-        "work_j": result.work_j,
-        "twist_deg": result.twist_deg,
-        "n_steps": result.n_steps,
-        "n_dof": result.n_dof,
-        "cpu_s": result.cpu_s,
-    }
-    found = None
-    if branches:
-        from models.simulation.branches import find_branches
-
-        found = find_branches(chosen, met, simulator, setup, result)
-        data["branches"] = [
-            {
-                "branch": number,
-                "branch_share": branch.share,
-                "peak_force_n": branch.result.peak_force_n,
-                "work_j": branch.result.work_j,
-            }
-            for number, branch in enumerate(found.branches)
-        ]
-        data |= {"branch_cause": found.cause, "share_error": found.share_error, "branch_runs": found.n_runs}
+    found = find_branches(chosen, met, simulator, setup, result) if branches else None
+    ids = {"design_id": chosen.design_id, "object_id": object, "version_id": simulator.version_id}
+    data = {**ids, "placement": placement.model_dump(), **_numbers_of(result), **_branches_of(found)}
     show(data, describe_grasp(data), json)
     files = [] if out is None else write_outputs(out, chosen, met, placement, data, result, recording, found)
     if export_calculix is not None:
@@ -114,6 +90,28 @@ def simulate(
         files += write_calculix(export_calculix, chosen, met, simulator, setup, placement)
     if files and not json:
         say("wrote " + ", ".join(map(str, files)))
+
+
+def _numbers_of(result: "GraspSimulation") -> dict[str, Any]:
+    names = ("peak_force_n", "contact_force_n", "work_j", "twist_deg", "n_steps", "n_dof", "cpu_s")
+    return {name: getattr(result, name) for name in names}
+
+
+def _branches_of(found: "Branches | None") -> dict[str, Any]:
+    """The branches of a cell that was searched; nothing if it was not."""
+    if found is None:
+        return {}
+    rows = [
+        {
+            "branch": number,
+            "branch_share": branch.share,
+            "peak_force_n": branch.result.peak_force_n,
+            "work_j": branch.result.work_j,
+        }
+        for number, branch in enumerate(found.branches)
+    ]
+    found_by = {"branch_cause": found.cause, "share_error": found.share_error, "branch_runs": found.n_runs}
+    return {"branches": rows, **found_by}
 
 
 def read_design(path: Path | None) -> "Design":

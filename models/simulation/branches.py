@@ -3,7 +3,7 @@
 A cell is a design on an object. Its lift may pass a point where the finger snaps off an edge, or buckles. If a slightly
 different placement avoids the snap, two force traces belong to the same cell, and the bench shows now one, now the
 other. `find_branches` simulates again: at other placements, on another mesh, with shorter steps. Most cells need one
-such run: with wider jaws, as a finger that holds less snaps first. The others are those whose grasp snaps (`may_snap`).
+such run: with wider jaws, as a finger that holds less snaps first. The others are those whose grasp is flagged `snap`.
 
     two runs are on different branches  <=>  their forces differ by more than `LEAST_JUMP` of the peak over
                                              `LASTING_MM` of lift, whatever shift of up to `SHIFT_MM` in lift
@@ -34,7 +34,7 @@ from models.records import (
     SimulatorVersion,
     Trace,
 )
-from models.simulation.grasp import simulate_grasp
+from models.simulation.grasp import SNAP, simulate_grasp
 from models.simulation.problem import Numerics
 from models.simulation.solver.stepping import StepLimits
 
@@ -46,35 +46,12 @@ LASTING_MM = 4.0  # of lift, in all: letting go makes larger differences, but sh
 SHIFT_MM = 1.0  # of lift: events move with the placement, and steps of up to 2 mm blur them
 SMOOTH_SHARE = 0.75  # a change that halving its interval reduces to less on both sides is no jump
 SMOOTH_RATIO = 3.0  # times the largest smooth change by placement: what a change by another mesh must exceed
-SNAP_DROP = 0.2  # of the peak: what a snap lets the force fall by, at least
-SNAP_MM = 2.0  # of lift, within which: the longest step
-END_FORCE = 0.1  # of the peak: below, the object has been let go
-END_MM = 1.0  # of lift before that, the force falls because the object is let go
 OTHER_EDGE = 0.75  # edges of the other mesh, in those of the nominal one
 OTHER_STEP = 0.5  # the shorter steps, in the nominal ones
 _GRID_MM = 0.25
 _NORMAL = NormalDist()
 
 Simulate = Callable[..., GraspSimulation]
-
-
-def may_snap(trace: Trace) -> bool:
-    """True if the force falls by `SNAP_DROP` of its peak within `SNAP_MM` of lift while the object is held.
-
-    Counted is by how much more it falls there than in the `SNAP_MM` before and after: a slope is no snap.
-    """
-    lift, force = trace.lift_mm[trace.is_lift], trace.force_n[trace.is_lift]
-    peak = float(force.max(initial=0.0))
-    if peak <= 0.0:
-        return False
-    end_mm = float(lift[force > END_FORCE * peak][-1]) - END_MM
-    starts = np.arange(SNAP_MM, end_mm - SNAP_MM, _GRID_MM)
-    before, fall, after = (
-        np.interp(starts + k * SNAP_MM, lift, force) - np.interp(starts + (k + 1) * SNAP_MM, lift, force)
-        for k in (-1, 0, 1)
-    )
-    drop = np.minimum(fall, fall - np.maximum(before, after))
-    return bool((drop > SNAP_DROP * peak).any())
 
 
 def lasting_difference(one: Trace, other: Trace) -> float:
@@ -112,7 +89,7 @@ def find_branches(
     """The branches of a cell whose grasp at the nominal placement is known, and the share of placements on each.
 
     The first run has the fingers `REACH_SD` standard deviations further from the object. If it stays on the branch and
-    the nominal grasp has no snap (`may_snap`), there is one branch. Else there are five more: fingers as much nearer,
+    the nominal grasp is not flagged `snap`, there is one branch. Else there are five more: fingers as much nearer,
     the object as much higher and lower; a mesh with `OTHER_EDGE` of the edges; steps of `OTHER_STEP` the length. A
     placement on another branch takes up to `N_HALVINGS` more, to find where it switches. In x, both fingers are moved:
     they are solved alone, so this is what each of them meets, for half the cost of an object that is moved.
@@ -128,7 +105,7 @@ def find_branches(
     cell = _Cell(design, obj, version, setup, nominal, simulate, deadline_s)
     reach_mm = REACH_SD * placement_sd_mm
     sides = [cell.find_switch(-reach_mm, 0.0)]
-    if sides[0].beyond is None and not may_snap(nominal.trace):
+    if sides[0].beyond is None and nominal.flag != SNAP:
         return cell.result((Branch(1.0, nominal),))
     sides += [cell.find_switch(x * reach_mm, z * reach_mm) for x, z in ((1, 0), (0, -1), (0, 1))]
     least = max(LEAST_JUMP, SMOOTH_RATIO * max(side.smooth for side in sides))

@@ -45,6 +45,7 @@ from models.traces import peak_force_n, work_j
 
 __all__ = ["FingerProblem", "FingerResult", "Numerics", "simulate_finger", "simulate_grasp"]
 
+SNAP = "snap"  # the flag of a grasp whose finger snapped in the lift and held on
 INWARD, UPWARD = np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 FREE_STEPS = 2  # steps without contact before the end of the lift is considered
 RESIDUAL_FORCE_N = 0.05  # at the reference modulus: what may be left of the force when the lift ends
@@ -55,7 +56,8 @@ class FingerResult:
     """Samples of one finger (full width) at the reference modulus, and the work it took.
 
     `time_s`, `lift_mm` (n); `force_n` (n, 3) of the clamp on the finger: z > 0 pulls it up, x < 0 presses it on.
-    `n_closing` samples belong to the closing.
+    `n_closing` samples belong to the closing. `has_snapped`: in the lift. A snap while the jaws close is no part of
+    the force that is compared.
     """
 
     time_s: np.ndarray
@@ -67,7 +69,7 @@ class FingerResult:
     n_factorisations: int
     n_dof: int
     setup_cpu_s: float
-    n_snaps: int
+    has_snapped: bool
     ribs_touch: bool
 
 
@@ -129,24 +131,33 @@ def simulate_grasp(
     gauge = TwistGauge(design.tip_length_mm, _as_half_turned(recorder) if symmetry.is_only_half_turn else recorder)
     watch = recorder if mesh.is_half else gauge.add
     fingers = [simulate_finger(f.problem, f.obstacle, deadline, watch, f.side) for f in solved]
-    trace = _sum_of_fingers(fingers, theta.young_modulus_mpa / REFERENCE_MODULUS_MPA)
-    for effect in active:
+    return replace(
+        _result_of(fingers, problem),
+        cpu_s=time.process_time() - started,
+        setup_cpu_s=ready - started + sum(f.setup_cpu_s for f in fingers),
+        twist_deg=gauge.largest_deg,
+    )
+
+
+def _result_of(fingers: Sequence[FingerResult], problem: FingerProblem) -> GraspSimulation:
+    """What the load cell sees of the solved fingers, and the work it took; without the time and the twist."""
+    scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
+    trace = _sum_of_fingers(fingers, scale)
+    for effect in problem.effects:
         trace = effect.modify_trace(trace)
     contact = np.mean([-f.force_n[f.n_closing - 1, 0] for f in fingers])
     return GraspSimulation(
         trace=trace,
         peak_force_n=peak_force_n(trace),
-        contact_force_n=float(contact) * theta.young_modulus_mpa / REFERENCE_MODULUS_MPA,
+        contact_force_n=float(contact) * problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA,
         work_j=work_j(trace),
         n_steps=sum(f.n_steps for f in fingers),
         n_newton=sum(f.n_newton for f in fingers),
         n_dof=fingers[0].n_dof,
-        cpu_s=time.process_time() - started,
+        cpu_s=0.0,
         n_factorisations=sum(f.n_factorisations for f in fingers),
-        setup_cpu_s=ready - started + sum(f.setup_cpu_s for f in fingers),
-        mesh_id=mesh.mesh_id,
-        twist_deg=gauge.largest_deg,
-        flag="snap" if any(f.n_snaps for f in fingers) else "",
+        mesh_id=problem.mesh.mesh_id,
+        flag=SNAP if any(f.has_snapped for f in fingers) else "",
         ribs_touch=any(f.ribs_touch for f in fingers),
     )
 
@@ -200,7 +211,7 @@ def simulate_finger(
     if recorder is not None:
         scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
         camera = Camera(recorder, side, finger.body.mesh, finger.nodes, finger.surface, obstacle, scale)
-    record, n_closing = _close_and_lift(finger, stepper, problem, camera)
+    record, n_closing, has_snapped = _close_and_lift(finger, stepper, problem, camera)
     share = 2.0 if problem.mesh.is_half else 1.0
     return FingerResult(
         time_s=np.array(record.time_s),
@@ -212,7 +223,7 @@ def simulate_finger(
         n_factorisations=newton.n_factorisations,
         n_dof=model.body.n_dof,
         setup_cpu_s=setup_cpu_s,
-        n_snaps=stepper.n_snaps,
+        has_snapped=has_snapped,
         ribs_touch=stepper.finger.ribs_touch,
     )
 
@@ -232,7 +243,8 @@ def _friction(problem: FingerProblem, n: int) -> Callable[[FingerState], np.ndar
 
 def _close_and_lift(
     finger: FingerStep, stepper: Stepper, problem: FingerProblem, camera: Camera | None
-) -> tuple[FingerRecord, int]:
+) -> tuple[FingerRecord, int, bool]:
+    """Samples of the whole grasp, how many of them belong to the closing, whether the finger snapped in the lift."""
     setup, limits = problem.setup, problem.numerics.limits
     record = FingerRecord()
     record.add(0.0, 0.0, np.zeros(3))
@@ -267,8 +279,9 @@ def _close_and_lift(
         limits.first_lift_mm,
         limits.event_mm,
     )
-    n_free = 0
+    n_free, has_snapped = 0, False
     for step in stepper.walk(state, lift):
+        has_snapped |= step.is_snap
         record.add(time_s + step.travel_mm / setup.lift_speed_mm_per_s, step.travel_mm, step.clamp_n)
         if camera is not None:
             camera.take("lift", record.time_s[-1], step.travel_mm, step.state, step.clamp_n)
@@ -276,7 +289,7 @@ def _close_and_lift(
         is_slack = abs(step.clamp_n[2]) < RESIDUAL_FORCE_N
         if n_free >= FREE_STEPS and is_slack and _is_clear(finger, lift, step.travel_mm):
             break
-    return record, n_closing
+    return record, n_closing, has_snapped
 
 
 def _is_clear(finger: FingerStep, lift: Path, travel: float) -> bool:

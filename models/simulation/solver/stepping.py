@@ -21,10 +21,10 @@ MAX_RIB_DEPTH_MM = 0.4
 SMOOTH_SHARE = 0.25  # of the distance from a straight line that is the error of a smooth curve, generously (1/6 is)
 LOCATED = 1.5  # times `event_mm`: a stretch this short is not halved again
 AFTER_EVENT = 2.0  # growth of the first step behind an event
-# A drop of the pull within an event, in shares of the largest so far, that is a snap if the finger still touches.
-SNAP_SHARE = 0.1
 # A node this much faster than the base has just snapped; where it was is a better guess than where it was going.
 MAX_SPEED_RATIO = 3.0
+# Of the largest pull so far: by how much it changes where a finger snaps, at least, and what is left if it holds on.
+SNAP_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -75,11 +75,16 @@ class Path:
 
 @dataclass(frozen=True)
 class Step:
-    """A converged step: travel along the path in mm, the state, and the force (3) of the clamp on the finger in N."""
+    """A converged step: travel along the path in mm, the state, and the force (3) of the clamp on the finger in N.
+
+    `is_snap`: a node moved more than `MAX_SPEED_RATIO` times as fast as the base, and the pull changed by more than
+    `SNAP_SHARE` of the largest so far, of which more than that is left. Where less is left, the object is let go.
+    """
 
     travel_mm: float
     state: FingerState
     clamp_n: np.ndarray
+    is_snap: bool = False
 
 
 @dataclass
@@ -135,7 +140,7 @@ class FingerRecord:
 
 @dataclass
 class Stepper:
-    """Walks a finger along paths with step control; counts steps, and snaps: events in which the finger keeps touching.
+    """Walks a finger along paths with step control, and counts the steps.
 
     Events are what a straight line between two steps would get wrong: loss of contact, a snap, a rim that is crossed.
     """
@@ -146,7 +151,6 @@ class Stepper:
     friction: Callable[[FingerState], np.ndarray]
     n_steps: int = 0
     n_cuts: int = 0
-    n_snaps: int = 0
     largest_n: float = 0.0
 
     def walk(self, state: FingerState, path: Path) -> Iterator[Step]:
@@ -182,8 +186,8 @@ class Stepper:
                 event_end = travel + step
                 continue
             if has_event:
-                self._note_snap(new[0], pull_n - last_n)
                 history = _PullHistory()
+            is_snap = self._is_snap(new[0], path, pull_n, last_n)
             travel += step
             state, last_n = new[0], pull_n
             history.add(travel, pull_n)
@@ -194,7 +198,7 @@ class Stepper:
                 proposed = max(proposed, step) * GROW
             else:
                 proposed = step
-            yield Step(travel, state, new[1])
+            yield Step(travel, state, new[1], is_snap)
 
     def _has_event(self, state: FingerState, new: FingerState, missed_n_mm: float) -> bool:
         """True if the step from one state to the next lets go of the object, or misses too much of the pull."""
@@ -202,16 +206,16 @@ class Stepper:
             return True
         return self.finger.is_touching(state) and not self.finger.is_touching(new)
 
-    def _note_snap(self, state: FingerState, change_n: float) -> None:
-        if abs(change_n) > SNAP_SHARE * self.largest_n and self.finger.is_touching(state):
-            self.n_snaps += 1
+    def _is_snap(self, new: FingerState, path: Path, pull_n: float, last_n: float) -> bool:
+        least_n = SNAP_SHARE * self.largest_n
+        return _is_fast(new, path) and abs(pull_n - last_n) > least_n and pull_n > least_n
 
     def _try(
         self, state: FingerState, path: Path, travel: float, dt_s: float
     ) -> tuple[str, tuple[FingerState, np.ndarray] | None]:
         base = path.at(travel)
         u = self.finger.begin(state, base, dt_s, self.friction(state))
-        if np.abs(state.v).max() > MAX_SPEED_RATIO * path.speed_mm_per_s:
+        if _is_fast(state, path):
             u = self.finger.start_from(state)
         outcome = self.newton.solve(self.finger, u)
         if outcome == "inverted_element":
@@ -246,6 +250,11 @@ class Stepper:
                 f"Stopped after {self.limits.max_steps} steps at {travel:.3f} mm of travel; the grasp does not settle.",
                 reason="max_steps",
             )
+
+
+def _is_fast(state: FingerState, path: Path) -> bool:
+    """True if a node has just moved much faster than the base."""
+    return bool(np.abs(state.v).max() > MAX_SPEED_RATIO * path.speed_mm_per_s)
 
 
 def _half_way(rest_mm: float, event_mm: float) -> float:

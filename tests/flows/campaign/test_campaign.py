@@ -29,6 +29,8 @@ simulations_per_batch = 1
 [objects]
 ids = [0, 14]
 repeats = 1
+[simulator]
+find_branches = false
 [bench]
 world = "world.toml"
 [execution]

@@ -104,17 +104,20 @@ def test_a_move_ends_at_its_target_and_takes_its_time(gantry, clock):
 
 
 def test_a_lift_is_even_and_stops_anywhere(gantry, clock):
-    gantry.start_lift(-40, 5)
-    clock.sleep(1)
-    first = gantry.sample()
-    clock.sleep(3)
-    second = gantry.sample()
+    """A sample holds for a moment within `late_s` of its time: on a busy machine it tells less, but nothing false."""
+    speed_mm_per_s, samples = 5, []
+    gantry.start_lift(-70, speed_mm_per_s)
+    while len(samples) < 2 or samples[-1].z_mm > samples[0].z_mm - 20:
+        clock.sleep(1)
+        samples.append(gantry.sample())
     stopped = gantry.stop_lift()
-    assert first.is_moving
-    assert second.is_moving
-    speed = (second.z_mm - first.z_mm) / (second.time_s - first.time_s)
-    assert speed == pytest.approx(-5, abs=0.5)
-    assert stopped[2] <= second.z_mm
+    assert all(sample.is_moving for sample in samples)
+    first = min(samples[: len(samples) // 2], key=lambda sample: sample.late_s)
+    for sample in samples:
+        expected_mm = -speed_mm_per_s * (sample.time_s - first.time_s)
+        unknown_mm = speed_mm_per_s * (sample.late_s + first.late_s)
+        assert sample.z_mm - first.z_mm == pytest.approx(expected_mm, abs=0.1 + unknown_mm)
+    assert stopped[2] <= samples[-1].z_mm
     assert gantry.position_mm() == pytest.approx(stopped, abs=1e-9)
     assert gantry.is_position_known
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.design.space import BEST_PUBLISHED, random_designs
+from models.design.space import BEST_PUBLISHED, numbered_design, random_designs
 from models.errors import SimulationFailed, UsageError
 from models.objects.catalogue import RigidObject, get_object
 from models.records import Design, GraspSetup, GraspSimulation, MeshSettings, Placement, SimulatorVersion, Theta
@@ -17,6 +17,8 @@ from models.traces.step_features import step_means
 
 SPHERE, CUBE, CONE, SPIRAL, TRIANGLE = (get_object(i) for i in (1, 30, 24, 13, 21))
 COARSE = SimulatorVersion(mesh=MeshSettings(edge_mm=12))  # for what holds on every mesh
+ONE_RIB = numbered_design(1)  # for what holds for every finger
+SHORT = GraspSetup(max_lift_mm=5)  # to the peak and a little further
 PROTOTYPE_SETUP = GraspSetup(closed_gap_mm=26)  # overlap of 12 mm with objects of 50 mm
 
 
@@ -71,11 +73,11 @@ def test_result_repeats_bit_for_bit(cube: GraspSimulation) -> None:
 
 
 def test_full_width_and_both_fingers_agree_with_the_symmetric_model() -> None:
-    cube = simulate_grasp(BEST_PUBLISHED, CUBE, COARSE)
-    wide = simulate_grasp(BEST_PUBLISHED, CUBE.model_copy(update={"mirror_y": False}), COARSE)
+    cube = simulate_grasp(ONE_RIB, CUBE, COARSE)
+    wide = simulate_grasp(ONE_RIB, CUBE.model_copy(update={"mirror_y": False}), COARSE, SHORT)
     assert wide.peak_force_n == pytest.approx(cube.peak_force_n, rel=1e-3)
     assert wide.n_dof > 1.7 * cube.n_dof
-    both = simulate_grasp(BEST_PUBLISHED, CUBE.model_copy(update={"mirror_x": False}), COARSE)
+    both = simulate_grasp(ONE_RIB, CUBE.model_copy(update={"mirror_x": False}), COARSE)
     assert np.allclose(both.trace.force_n, cube.trace.force_n, atol=1e-9)
     assert both.contact_force_n == pytest.approx(cube.contact_force_n)
 
@@ -105,24 +107,24 @@ def test_traces_show_the_features_of_the_paper(cube: GraspSimulation) -> None:
 
 def test_friction_and_modulus_enter_as_expected() -> None:
     low, high, none = (
-        simulate_grasp(BEST_PUBLISHED, SPHERE, COARSE.model_copy(update={"theta": Theta(friction=friction)}))
+        simulate_grasp(BEST_PUBLISHED, SPHERE, COARSE.model_copy(update={"theta": Theta(friction=friction)}), SHORT)
         for friction in (0.3, 0.8, 0.0)
     )
     assert none.peak_force_n < 0.3 * low.peak_force_n < 0.3 * high.peak_force_n
 
 
 def test_shifted_object_breaks_the_symmetry_of_the_fingers() -> None:
-    right = simulate_grasp(BEST_PUBLISHED, SPHERE, COARSE, placement=Placement(offset_x_mm=1.5))
-    left = simulate_grasp(BEST_PUBLISHED, SPHERE, COARSE, placement=Placement(offset_x_mm=-1.5))
-    nominal = simulate_grasp(BEST_PUBLISHED, SPHERE, COARSE)
+    right = simulate_grasp(BEST_PUBLISHED, SPHERE, COARSE, SHORT, placement=Placement(offset_x_mm=1.5))
+    left = simulate_grasp(BEST_PUBLISHED, SPHERE, COARSE, SHORT, placement=Placement(offset_x_mm=-1.5))
+    nominal = simulate_grasp(BEST_PUBLISHED, SPHERE, COARSE, SHORT)
     assert right.peak_force_n == pytest.approx(left.peak_force_n, rel=1e-9)
     assert right.peak_force_n == pytest.approx(nominal.peak_force_n, rel=0.1)
     assert right.peak_force_n != nominal.peak_force_n
 
 
 def test_raised_object_is_a_lowered_finger() -> None:
-    raised = simulate_grasp(BEST_PUBLISHED, SPHERE, COARSE, placement=Placement(offset_z_mm=2.0))
-    lowered = simulate_grasp(BEST_PUBLISHED, SPHERE, COARSE, setup=GraspSetup(tip_below_mm=7))
+    raised = simulate_grasp(BEST_PUBLISHED, SPHERE, COARSE, SHORT, placement=Placement(offset_z_mm=2.0))
+    lowered = simulate_grasp(BEST_PUBLISHED, SPHERE, COARSE, SHORT.model_copy(update={"tip_below_mm": 7}))
     assert raised.peak_force_n == pytest.approx(lowered.peak_force_n, rel=1e-6)
 
 
@@ -141,7 +143,7 @@ def test_crossing_jaws_press_on_each_other() -> None:
 
 
 def test_objects_without_symmetry_use_the_full_finger() -> None:
-    result = simulate_grasp(BEST_PUBLISHED, SPIRAL)
+    result = simulate_grasp(BEST_PUBLISHED, SPIRAL, setup=SHORT)
     assert result.n_dof > 2500
     assert result.peak_force_n > 5.0
 
@@ -188,9 +190,9 @@ def test_steps_are_short_only_where_something_happens(letting_go: GraspSimulatio
 
 def test_slip_weakening_converges_with_the_step() -> None:
     effect = StaticKineticFriction(0.6, 1.0)
-    coarse = simulate_grasp(BEST_PUBLISHED, SPHERE, effects=[effect])
+    coarse = simulate_grasp(BEST_PUBLISHED, SPHERE, setup=SHORT, effects=[effect])
     steps = Numerics(limits=StepLimits(closing_mm=1.0, fine_lift_mm=0.25, lift_mm=1.0))
-    fine = simulate_grasp(BEST_PUBLISHED, SPHERE, effects=[effect], numerics=steps)
+    fine = simulate_grasp(BEST_PUBLISHED, SPHERE, setup=SHORT, effects=[effect], numerics=steps)
     assert coarse.peak_force_n == pytest.approx(fine.peak_force_n, rel=0.05)
 
 

@@ -5,9 +5,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from models.design.space import BEST_PUBLISHED
+from models.design.space import BEST_PUBLISHED, numbered_design
 from models.objects.catalogue import get_object
-from models.records import MeshSettings
+from models.records import GraspSetup, MeshSettings
 from models.simulation.body.assembly import Material
 from models.simulation.contact.law import ContactLaw, PointSpacing
 from models.simulation.grasp import Numerics, simulate_grasp
@@ -16,6 +16,8 @@ from models.simulation.model import FingerModel, finger_model
 from models.simulation.solver.broyden import SecantMemory
 from models.simulation.solver.newton import NewtonSettings, NewtonSolver
 
+# What is compared holds for every finger and lift.
+ONE_RIB, COARSE, SHORT_LIFT = numbered_design(1), MeshSettings(edge_mm=12), GraspSetup(max_lift_mm=10)
 N_ROWS = 12
 RANK = 3
 
@@ -88,10 +90,11 @@ def test_without_patience_every_iteration_has_its_own_factor() -> None:
 
 
 def test_result_does_not_depend_on_what_was_computed_before() -> None:
-    mesh = build_mesh(BEST_PUBLISHED, MeshSettings())
+    mesh = build_mesh(ONE_RIB, COARSE)
 
     def force(*object_ids: int) -> list[np.ndarray]:
-        return [simulate_grasp(BEST_PUBLISHED, get_object(i), mesh=mesh).trace.force_n for i in object_ids]
+        met = [get_object(i) for i in object_ids]
+        return [simulate_grasp(ONE_RIB, obj, setup=SHORT_LIFT, mesh=mesh).trace.force_n for obj in met]
 
     cone, block = force(24, 31)
     again, other = force(31, 24)
@@ -131,8 +134,8 @@ def test_model_is_built_once_per_finger() -> None:
 def test_secant_corrections_change_nothing_but_the_cost(object_id: int) -> None:
     mesh, obj = build_mesh(BEST_PUBLISHED, MeshSettings()), get_object(object_id)
     exact = Numerics(newton=NewtonSettings(tolerance_n=1e-3, patience=0.0))
-    quasi = simulate_grasp(BEST_PUBLISHED, obj, mesh=mesh)
-    newton = simulate_grasp(BEST_PUBLISHED, obj, mesh=mesh, numerics=exact)
+    quasi = simulate_grasp(BEST_PUBLISHED, obj, setup=SHORT_LIFT, mesh=mesh)
+    newton = simulate_grasp(BEST_PUBLISHED, obj, setup=SHORT_LIFT, mesh=mesh, numerics=exact)
     assert quasi.peak_force_n == pytest.approx(newton.peak_force_n, rel=3e-3)
     assert quasi.work_j == pytest.approx(newton.work_j, rel=3e-3)
     assert quasi.n_factorisations < 0.4 * newton.n_factorisations

@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from models.design.space import BEST_PUBLISHED
+from models.design.space import BEST_PUBLISHED, numbered_design
 from models.errors import SimulationFailed, UsageError
 from models.objects.catalogue import RigidObject, get_object
 from models.records import GraspSetup, GraspSimulation, MeshSettings, Placement, SimulatorVersion
 from models.simulation.grasp import simulate_grasp
 from models.simulation.mesh.build import build_mesh
 from models.simulation.model import roll
-from models.simulation.output.twist import rotation_between, twist_about_z_deg
+from models.simulation.output.recording import GraspRecording, Snapshot
+from models.simulation.output.twist import rotation_between, tip_twist_deg, twist_about_z_deg
 from models.simulation.placement import check_reach, describe_placement, find_symmetry, needs_full_width
 
 SPHERE, CYLINDER_X, SPIRAL, TRIANGLE, CONE, CUBE, TURNED_CUBE = (get_object(i) for i in (1, 7, 13, 21, 24, 30, 32))
@@ -106,6 +107,28 @@ def test_tips_turn_with_the_flat_side_that_they_press_on() -> None:
     assert grasp(CUBE, Placement(yaw_deg=5.0), closing).twist_deg == pytest.approx(5.0, abs=0.3)
     # A tool that sits askew by the same angle meets the side squarely.
     assert grasp(CUBE, Placement(yaw_deg=5.0, roll_deg=5.0), closing).twist_deg < 1.0
+
+
+def friction_moment_n_mm(snapshot: Snapshot) -> float:
+    """Moment of friction about the normal of the contact, at the centre of pressure."""
+    press = snapshot.contact_areas * snapshot.pressure
+    normal = press @ snapshot.contact_normals
+    arm = snapshot.contact_points - press @ snapshot.contact_points / press.sum()
+    rub = snapshot.contact_areas[:, None] * snapshot.traction
+    return float(np.cross(arm, rub).sum(axis=0) @ normal / np.linalg.norm(normal))
+
+
+def test_a_lifted_finger_slides_and_no_friction_is_left_against_its_twist() -> None:
+    """Why no tip slips off in torsion: pressure alone turns it, and goes on doing so."""
+    recording = GraspRecording()
+    place = Placement(yaw_deg=10.0)
+    simulate_grasp(numbered_design(0), TURNED_CUBE, COARSE, SHORT, placement=place, recorder=recording.add)
+    snapshots = [snapshot for snapshot in recording.of("right") if len(snapshot.pressure)]
+    closing = max(abs(friction_moment_n_mm(snapshot)) for snapshot in snapshots if snapshot.phase == "closing")
+    assert closing > 3.0
+    assert abs(friction_moment_n_mm(snapshots[-1])) < 0.1 * closing
+    twist_deg = [abs(tip_twist_deg(snapshot, numbered_design(0).tip_length_mm)) for snapshot in snapshots]
+    assert twist_deg[-1] > 0.9 * max(twist_deg) > 3.0
 
 
 def test_roll_turns_the_finger_about_the_middle_of_its_base() -> None:

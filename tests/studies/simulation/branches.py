@@ -5,8 +5,8 @@ from flows.benchmarks.base import Options, Rows, Tables
 from models.design.space import numbered_design
 from models.objects.catalogue import OBJECTS, get_object
 from models.records import GraspSetup, SimulatorVersion
-from models.simulation.branches import find_branches, may_snap
-from models.simulation.grasp import simulate_grasp
+from models.simulation.branches import find_branches
+from models.simulation.grasp import SNAP, simulate_grasp
 
 
 def measure_branches(options: Options) -> Tables:
@@ -25,8 +25,7 @@ def measure_branches(options: Options) -> Tables:
                     "design": number,
                     "object_id": object_id,
                     "name": OBJECTS[object_id].name,
-                    "snaps": may_snap(nominal.trace),
-                    "is_flagged": bool(nominal.flag),
+                    "snaps": nominal.flag == SNAP,
                     "branches": len(found.branches),
                     "cause": found.cause,
                     "branch_share": found.branches[0].share,
@@ -47,7 +46,6 @@ def _summary(cells: Rows) -> dict[str, object]:
     return {
         "cells": len(cells),
         "with_a_snap": len(snapped),
-        "flagged": sum(cell["is_flagged"] for cell in cells),
         "with_two_branches": len(two),
         "of_them_without_a_snap": sum(not cell["snaps"] for cell in two),
         "mean_runs": sum(cell["runs"] for cell in cells) / len(cells),

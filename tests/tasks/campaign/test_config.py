@@ -50,12 +50,8 @@ def test_last_initial_tray_may_be_partly_filled():
         ('name = "quick"', 'name = "Quick!"', "`name` is 'Quick!'"),
         ("seed = 1", "seed = one", "is not TOML"),
         ('world = "', 'world = "missing/', "does not exist"),
-        (
-            "[bench]",
-            '[simulator]\ntier = "fine"\n[bench]',
-            r"`simulator\.tier` is 'fine': it must be \"production\" or",
-        ),
-        ("[bench]", '[simulator]\ntier = "screening"\n[bench]', "the simulator tier `screening` was removed; simulate"),
+        ("[simulator]", '[simulator]\ntier = "fine"', r"`simulator\.tier` is 'fine': it must be \"production\" or"),
+        ("[simulator]", '[simulator]\ntier = "screening"', "the simulator tier `screening` was removed; simulate"),
         (
             "[bench]",
             '[scientist]\nacquisition = "ucb"\n[bench]',

@@ -1,6 +1,6 @@
 """The catalogue of effects: its entries, its errors, and every effect at amplitude zero."""
 
-from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ import pytest
 from models.design.space import BEST_PUBLISHED
 from models.errors import ConfigError, UsageError
 from models.objects.catalogue import get_object
-from models.records import EffectValue, GraspContext, GraspSetup, GraspSimulation, SimulatorVersion, Theta
+from models.records import EffectValue, GraspContext, GraspSetup, GraspSimulation, MeshSettings, SimulatorVersion, Theta
 from models.simulation.effects.base import LAYERS, Effect, EffectSpec
 from models.simulation.effects.catalogue import CATALOGUE, build_effects
 from models.simulation.effects.material import StressRelaxation
@@ -23,6 +23,7 @@ CUBE = get_object(30)
 # Late in a batch, so that effects with a memory act; a short lift over which the fingers slip.
 LATE = GraspContext(repeat=2, tool_grasps=60, batch_grasps=300, clock_s=5400.0)
 SHORT = GraspSetup(max_lift_mm=4)
+COARSE = MeshSettings(edge_mm=12)  # what is compared holds on every mesh
 # Where the prior median does not act on this grasp.
 STRONG = {
     "force_limited_closing": {"max_force_n": 10.0},
@@ -39,9 +40,15 @@ def strong(spec: EffectSpec) -> EffectValue:
     return EffectValue(effect=spec.effect, parameters=values | STRONG.get(spec.effect, {}))
 
 
-def grasp(effects: Sequence[EffectValue] = (), young_modulus_mpa: float = 11.5) -> GraspSimulation:
-    version = SimulatorVersion(theta=Theta(young_modulus_mpa=young_modulus_mpa), effects=tuple(effects))
+def grasp(*effects: EffectValue, young_modulus_mpa: float = 11.5) -> GraspSimulation:
+    theta = Theta(young_modulus_mpa=young_modulus_mpa)
+    version = SimulatorVersion(theta=theta, mesh=COARSE, effects=effects)
     return simulate_grasp(BEST_PUBLISHED, CUBE, version, SHORT, context=LATE)
+
+
+@cache
+def grasp_with_strong(effect: str) -> GraspSimulation:
+    return grasp(strong(CATALOGUE[effect]))
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +58,7 @@ def plain() -> GraspSimulation:
 
 @pytest.mark.parametrize("effect", EVERY)
 def test_amplitude_zero_is_identical_to_without(effect: str, plain: GraspSimulation) -> None:
-    neutral = grasp([CATALOGUE[effect].neutral])
+    neutral = grasp(CATALOGUE[effect].neutral)
     assert np.array_equal(neutral.trace.force_n, plain.trace.force_n)
     assert np.array_equal(neutral.trace.time_s, plain.trace.time_s)
     assert np.array_equal(neutral.trace.lift_mm, plain.trace.lift_mm)
@@ -62,7 +69,7 @@ def test_amplitude_zero_is_identical_to_without(effect: str, plain: GraspSimulat
 @pytest.mark.parametrize("effect", EVERY)
 def test_force_scales_with_the_modulus_exactly_where_an_effect_says_so(effect: str) -> None:
     value = strong(CATALOGUE[effect])
-    single, double = (grasp([value], modulus).trace for modulus in (11.5, 23.0))
+    single, double = grasp_with_strong(effect).trace, grasp(value, young_modulus_mpa=23.0).trace
     scales = np.array_equal(double.lift_mm, single.lift_mm) and np.allclose(double.force_n, 2.0 * single.force_n, 1e-9)
     claimed = scales_with_modulus(SimulatorVersion(effects=(value,)))
     assert scales == CATALOGUE[effect].scales_with_modulus == claimed
@@ -70,8 +77,7 @@ def test_force_scales_with_the_modulus_exactly_where_an_effect_says_so(effect: s
 
 @pytest.mark.parametrize("effect", EVERY)
 def test_effects_are_visible_and_those_of_cost_p_need_no_simulation(effect: str, plain: GraspSimulation) -> None:
-    value = strong(CATALOGUE[effect])
-    simulated = grasp([value]).trace
+    value, simulated = strong(CATALOGUE[effect]), grasp_with_strong(effect).trace
     common = np.interp(plain.trace.time_s, simulated.time_s, simulated.force_n)
     assert np.abs(common - plain.trace.force_n).max() > 0.003 * plain.peak_force_n
     if CATALOGUE[effect].cost == "P":

@@ -56,27 +56,32 @@ class Judged:
 def fit_probabilities(worlds: Sequence[Judged], base: "Thresholds") -> "Thresholds":
     """Thresholds whose probabilities are those of these worlds.
 
-    That an alarm is right: null worlds against visible ones. That a family is right: all alarms with a name looked at.
+    That an alarm is right: null worlds against visible ones, as if both were as frequent. That a family is right: all
+    alarms with a name looked at.
     """
     shown = [one for one in worlds if not one.key.effects or one.is_visible]
     over = np.array([max(one.said.rounds[0].over_line, LEAST_OVER_LINE) for one in shown])
-    gap = _fit_logistic(np.log(over)[:, None], np.array([bool(one.key.effects) for one in shown]), base.gap_logit)
+    has_gap = np.array([bool(one.key.effects) for one in shown])
+    weight = np.where(has_gap, 1.0, has_gap.sum() / max((~has_gap).sum(), 1))
+    gap = _fit_logistic(np.log(over)[:, None], has_gap, base.gap_logit, weight)
     looked = [one for one in worlds if one.said.rounds[0].description]
     described = np.array([one.said.rounds[0].description for one in looked])
     is_right = np.array([one.is_family_right(one.said.rounds[0].looked_at) for one in looked])
-    name = _fit_logistic(described, is_right, base.name_logit)
+    name = _fit_logistic(described, is_right, base.name_logit, np.ones(len(looked)))
     return base.model_copy(update={"gap_logit": gap, "name_logit": name})
 
 
-def _fit_logistic(inputs: np.ndarray, is_true: np.ndarray, base: Sequence[float]) -> tuple[float, ...]:
-    """Intercept and slopes of a logistic regression, held near `base` by a ridge."""
+def _fit_logistic(
+    inputs: np.ndarray, is_true: np.ndarray, base: Sequence[float], weight: np.ndarray
+) -> tuple[float, ...]:
+    """Intercept and slopes of a weighted logistic regression, held near `base` by a ridge."""
     columns, about = np.column_stack([np.ones(len(inputs)), inputs]), np.array(base)
     sign = np.where(is_true, 1.0, -1.0)
 
     def loss(at: np.ndarray) -> tuple[float, np.ndarray]:
         log_odds = sign * (columns @ at)
-        value = np.logaddexp(0.0, -log_odds).sum() + 0.5 * _RIDGE * ((at - about) ** 2).sum()
-        return float(value), -columns.T @ (sign * expit(-log_odds)) + _RIDGE * (at - about)
+        value = (weight * np.logaddexp(0.0, -log_odds)).sum() + 0.5 * _RIDGE * ((at - about) ** 2).sum()
+        return float(value), -columns.T @ (weight * sign * expit(-log_odds)) + _RIDGE * (at - about)
 
     found = minimize(loss, about, jac=True, method="BFGS").x
     return tuple(round(float(value), 3) for value in found)

@@ -4,7 +4,6 @@ import numpy as np
 
 from models.records import Record
 
-
 LEAST_OVER_LINE = 0.3  # below it, how little is predicted says nothing more
 
 

@@ -129,7 +129,7 @@ def _said(result: "NamingResult") -> Said:
         effects=named.effects,
         probability=round(named.probability, _DIGITS),
         parameters={
-            name: (float(f"{value.median:.4g}"), *(float(f"{end:.4g}") for end in value.ci90))
+            name: (_rounded(value.median), _rounded(value.ci90[0]), _rounded(value.ci90[1]))
             for name, value in named.parameters.items()
         },
         candidates={one.effect: round(one.probability, _DIGITS) for one in result.candidates},
@@ -137,6 +137,10 @@ def _said(result: "NamingResult") -> Said:
         looked_at="" if result.look is None else result.look.effect,
         description=tuple(round(value, _DIGITS) for value in judged.description),
     )
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")
 
 
 def _closing(problem: GapData, results: Sequence["NamingResult"]) -> Closing | None:

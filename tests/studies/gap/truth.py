@@ -130,14 +130,10 @@ DEVELOPMENT_DESIGNS, DEVELOPMENT_OBJECTS = tuple(range(8)), (1, 14, 25, 28, 30, 
 
 def _draw_objects(rng: np.random.Generator) -> tuple[int, ...]:
     """Six objects, of as many classes as there are."""
-    numbers, classes = rng.permutation(36), set[str]()
-    first = [
-        int(n)
-        for n in numbers
-        if not (get_object(int(n)).object_class in classes or classes.add(get_object(int(n)).object_class))
-    ]
-    others = [int(n) for n in numbers if int(n) not in first]
-    return tuple(sorted([*first, *others][:6]))
+    numbers = [int(number) for number in rng.permutation(36)]
+    by_class = {get_object(number).object_class: number for number in reversed(numbers)}
+    others = [number for number in numbers if number not in by_class.values()]
+    return tuple(sorted([*by_class.values(), *others][:6]))
 
 
 class TrueTrace(Record):

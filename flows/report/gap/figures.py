@@ -217,7 +217,8 @@ def draw_classes(evaluation: Evaluation) -> Figure:
 def name_cell(evaluation: Evaluation, row: int) -> str:
     """Tool and object of a held-out grasp."""
     held_out = evaluation.held_out
-    return f"{held_out.tools[held_out.tool[row]]} on the {get_object(held_out.objects[held_out.obj[row]]).name}"
+    tool, obj = held_out.tools[held_out.tool[row]], held_out.objects[held_out.obj[row]]
+    return f"{shorten_tool(tool)} on the {get_object(obj).name}"
 
 
 def choose_cells(evaluation: Evaluation, n: int = 6) -> list[list[int]]:

@@ -1,8 +1,8 @@
 """The data of `fast gap --example`: eight tools measured on six objects with friction that falls with slip, their bank.
 
 The true grasps are those of the small panel of the hidden-effect study: another law of friction and another mesh than
-the simulator's. A careful lab, with scatter, noise and lost traces, measures them three times. The bank and what else the
-search simulates come from the search itself, which runs here once; the file then has all that it needs.
+the simulator's. A careful lab, with scatter, noise and lost traces, measures them three times. The bank and what else
+the search simulates come from the search itself, which runs here once; the file then has all that it needs.
 
     python -m tests.studies.gap.example LAKE [--bank OTHER_LAKE]
 

@@ -1,6 +1,6 @@
-"""The data of `fast gap --example`: eight tools measured on six objects with friction that falls with slip, their bank.
+"""The data of `fast gap --example`: eight tools measured on six objects with jaws that stall, and their bank.
 
-The true grasps are those of the small panel of the hidden-effect study: another law of friction and another mesh than
+The true grasps are those of the small panel of the hidden-effect study: another law of the jaws and another mesh than
 the simulator's. A careful lab, with scatter, noise and lost traces, measures them three times. The bank and what else
 the search simulates come from the search itself, which runs here once; the file then has all that it needs.
 
@@ -50,7 +50,7 @@ from tests.studies.gap.small import read_cells
 from tests.studies.hidden.lab import TOOLS_PER_BATCH, Lab, Nuisance, Site, Variants
 
 SMALL = Path(__file__).parents[2] / "data" / "gap-small.npz"
-LAW, SEED, REPEATS = "static_kinetic_friction", 41, 3
+LAW, SEED, REPEATS = "force_limited_closing", 41, 3
 CAREFUL = Nuisance(tool_sd=0.015, cell_sd=0.01, noise_sd_n=0.06)  # prints and placements of a lab that measures them
 _BEGAN = datetime(2026, 1, 5, 8, 0, tzinfo=UTC)
 _CONFIG = f"""# Made-up measurements: there is no schedule to run.

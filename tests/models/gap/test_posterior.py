@@ -58,7 +58,7 @@ def test_theta_and_the_effect_are_found_together(lagging: Fit, monkeypatch: pyte
     assert check_quality(result) == ""
     low, high = np.quantile(result.of("load_cell_lag.time_constant_s"), [0.01, 0.99])
     assert low < 0.25 < high
-    assert high - low < 0.1
+    assert high - low < 0.3  # the law of the lag is free, and a quarter of the data counts
     for name, truth in (("young_modulus_mpa", 9.2), ("friction", 0.66), ("poisson_ratio", 0.43)):
         low, high = np.quantile(result.of(name), [0.002, 0.998])
         assert low < truth < high, name

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from models.gap.naming.thresholds import Thresholds
 
 VISIBLE = 0.02  # from this visible strength on, an effect is expected to be found
+LEAST_VISIBLE = 0.01  # below this one, it is not there for these data
 _RIDGE = 0.3  # precision of slopes about those of the thresholds that answers were given with
 
 
@@ -45,12 +46,16 @@ class Judged:
 
     @property
     def is_right(self) -> bool:
-        """Whether the first answer is right: a hidden family; unknown if there is none; nothing if nothing is there."""
+        """Whether the first answer is right: a hidden family; unknown if there is none; nothing if nothing is there.
+
+        What changes the traces by less than `LEAST_VISIBLE` once theta is fitted is nothing to these data.
+        """
         first = self.said.rounds[0]
         if first.kind in ("effect", "set"):
             return any(self.is_family_right(name) for name in first.effects)
-        is_listed = bool(self.families) and not self.left_out
-        return not self.key.effects if first.kind == "none" else bool(self.key.effects) and not is_listed
+        if first.kind == "none":
+            return all(hidden.visible_strength < LEAST_VISIBLE for hidden in self.key.effects)
+        return bool(self.key.effects) and (self.left_out or not self.families)
 
 
 def fit_probabilities(worlds: Sequence[Judged], base: "Thresholds") -> "Thresholds":

@@ -1,6 +1,7 @@
 """Figures of a gap search: where, by what name, and what it changed."""
 
 from collections.abc import Sequence
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -114,7 +115,7 @@ def draw_law(law: LawCurve) -> Figure:
     axes.plot(law.at, law.median, color=BEST, linewidth=2.0)
     axes.set_xlim(min(law.at), max(law.at))
     axes.set_xlabel(law.state)
-    axes.set_ylabel(law.quantity)
+    axes.set_ylabel("\n".join(wrap(law.quantity, 32)))
     return figure
 
 

@@ -203,7 +203,11 @@ def _answer(found: RoundFindings, title: str, is_leftover: bool) -> Markup:
 def _law_or_rest(found: RoundFindings, place: int, folder: Folder) -> Markup:
     shown, named = "", found.named
     if named.law is not None:
-        added = " The new simulator has it." if found.version and not found.refused else ""
+        added = (
+            " The new simulator has the law of the catalogue that fits best."
+            if found.version and not found.refused
+            else ""
+        )
         caption = f"The law as the data have it, with its 90 % band.{added}"
         shown += folder.figure(f"gap_law_{place + 1}", draw_law(named.law), "The law that was found", caption)
     if named.rest is not None:

@@ -68,14 +68,6 @@ _DELAYS_MM: Mapping[str, Callable[[Mapping[str, float], float], float]] = {
 }
 
 
-@dataclass(frozen=True)
-class Family:
-    """Effects that hang together by kinship, with a name in plain words."""
-
-    name: str
-    members: tuple[str, ...]
-
-
 @dataclass(frozen=True, eq=False)
 class Families:
     """What the data can tell apart among n candidates, with freedom of their laws.
@@ -96,16 +88,6 @@ class Families:
             if self.nats[place, other] < LEAST_NATS and len(self.effects[other]) == 1
         )
 
-    def family_of(self, effect: str) -> Family:
-        """The family of a single effect: all that hang together with it."""
-        return next(family for family in self.groups if effect in family.members)
-
-    @property
-    def groups(self) -> tuple[Family, ...]:
-        """All families of single effects."""
-        single = [place for place, effects in enumerate(self.effects) if len(effects) == 1]
-        return group_families([self.effects[place][0] for place in single], self.nats[np.ix_(single, single)])
-
 
 def find_families(base: Fit, candidates: Sequence[FittedCandidate]) -> Families:
     """Which of the candidates these data cannot tell apart. base: the fit without them."""
@@ -113,42 +95,18 @@ def find_families(base: Fit, candidates: Sequence[FittedCandidate]) -> Families:
 
 
 def compute_kinship(base: Fit, candidates: Sequence[FittedCandidate]) -> np.ndarray:
-    """Nats between n candidates, n x n, see `separates`. base: the fit without them, whose effects all of them have."""
+    """Nats between n candidates, n x n: what is left if the worse of two stands in for the better.
+
+    The worse may change its parameters, within their priors, its shape, and its law. The better keeps its own: a law
+    that is free could as well shrink to nothing, as could a candidate that explains little stand for nothing. base: the
+    fit without them, whose effects all of them have.
+    """
     known = {value.effect for value in base.effects}
     nats = np.zeros((len(candidates), len(candidates)))
     for place, first in enumerate(candidates):
         for other in range(place):
             nats[place, other] = nats[other, place] = _separate(first.fit, candidates[other].fit, known)
     return nats
-
-
-def separates(first: Fit, second: Fit) -> float:
-    """Nats between two fits of the same grasps with other effects: what is left if the worse stands in for the other.
-
-    The worse may change its parameters, within their priors, its shape, and its law. The better keeps its own: a law
-    that is free could as well shrink to nothing, as could a candidate that explains little stand for nothing.
-    """
-    common = {value.effect for value in first.effects} & {value.effect for value in second.effects}
-    return _separate(first, second, common)
-
-
-def group_families(effects: Sequence[str], nats: np.ndarray) -> tuple[Family, ...]:
-    """Connected groups of n effects whose distances (n x n) are below `LEAST_NATS`, in the order of their first."""
-    left, families = list(range(len(effects))), []
-    while left:
-        group = [left.pop(0)]
-        for place in group:
-            near = [other for other in left if nats[place, other] < LEAST_NATS]
-            group += near
-            left = [other for other in left if other not in near]
-        members = tuple(effects[place] for place in sorted(group))
-        families.append(Family(name_family(members), members))
-    return tuple(families)
-
-
-def name_family(members: Sequence[str]) -> str:
-    """The words for a family: those of its members, each once."""
-    return ", or ".join(dict.fromkeys(WORDS[member] for member in members))
 
 
 def _separate(first: Fit, second: Fit, known: Set[str]) -> float:

@@ -130,6 +130,7 @@ def test_a_name_that_does_not_help_is_in_the_answer_and_in_no_simulator(
     assert [row.reason for row in refused] == [found.refused]
 
 
+@pytest.mark.study
 def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     built: list[Surrogate] = []
     of = Surrogate.of

@@ -156,9 +156,9 @@ def test_a_truth_closes_with_less_force_where_the_jaws_stall() -> None:
 @pytest.mark.parametrize("name", sorted(GRASP_LAWS))
 def test_every_law_is_built_for_a_grasp(name: str) -> None:
     """With the parameters that the study uses."""
-    from tests.studies.gap.truth import SETS
+    from tests.studies.gap.truth import Panel
 
-    parameters = next(one.parameters for one in SETS if one.law == name)
+    parameters = next(one.parameters for one in Panel.draw("a").sets if one.law == name)
     law = hidden_law(name)
     built = law.build(parameters, TrueGrasp(theta=THETA, design=0, object_id=1, law=name, parameters=parameters))
     assert isinstance(built, law.kind)

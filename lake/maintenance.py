@@ -12,18 +12,19 @@ import duckdb
 import numpy as np
 import pyarrow as pa
 
+from lake.order import OLDEST_FIRST
 from lake.query.engine import Signature, list_files
-from lake.storage.base import MARKER, QUARANTINE, STAGED_MARKER, Entry, Storage
+from lake.storage.base import LEASES, MARKER, QUARANTINE, STAGED_MARKER, Entry, Storage
 from lake.storage.files import (
     FILE_PREFIX,
     FILE_SUFFIX,
     LEFTOVER_AGE_S,
-    LOCK_NAME,
     TEMPORARY_PREFIX,
     Fault,
     FaultKind,
     fault_of,
     file_name,
+    number_of,
     stage,
 )
 from lake.store import Lake
@@ -32,7 +33,7 @@ from lake.tables.schema import has_samples, schema_of
 from lake.tables.upgrades import forget_copies, older_files, read_upgraded
 
 _LOG = logging.getLogger(__name__)
-_OF_FAST = frozenset({"outputs", ".state"})  # what people read, and what can be made again; no rows
+_OF_FAST = frozenset({"outputs", ".state", LEASES, ".lock"})  # no rows; the last is a lock of version 0.1
 TARGET_BYTES = 64 * 2**20  # of a merged file, 14,000 traces; files over half of it are left alone
 _ALWAYS_MERGED = 16  # files below this part of the target are merged whatever the others are
 _READ_AT_ONCE, _READERS = 50, 2
@@ -41,7 +42,6 @@ _NEEDS_SAMPLES = (
     ("simulations", "sim_traces", "simulation_id"),
     ("calibrations", "posterior_draws", "calibration_id"),
 )
-_REMOVED_AT_ONCE = 100  # writers wait meanwhile
 
 Kind = Literal[FaultKind, "foreign", "leftover", "incomplete"]
 _STAYS = frozenset({"unreadable", "newer", "incomplete"})  # what a person or another program can still read, or no file
@@ -149,7 +149,7 @@ def _groups(files: dict[str, Signature], target_bytes: int, older: set[str]) -> 
     chosen = older | _small_files(files, target_bytes)
     group: dict[str, Signature] = {}
     size = 0
-    for name, signature in sorted(files.items(), key=lambda item: item[1]):
+    for name, signature in sorted(files.items(), key=lambda item: (number_of(item[0]), item[1])):
         if name not in chosen:
             continue
         if size + signature[1] > target_bytes and (len(group) > 1 or older & set(group)):
@@ -183,14 +183,12 @@ def _merge(storage: Storage, row_type: type[Row], group: dict[str, Signature]) -
         return 0
     final = folder / file_name(merged, ignore=_samples_of(row_type))
     storage.publish(stage(folder, merged, row_type.table), final)
-    merged_away = [name for name in group if name != final.name]
-    for first in range(0, len(merged_away), _REMOVED_AT_ONCE):
-        storage.remove(folder, {name: group[name] for name in merged_away[first : first + _REMOVED_AT_ONCE]})
+    storage.remove(folder, [name for name in group if name != final.name])
     return merged.num_rows
 
 
 def _read_merged(folder: Path, row_type: type[Row], names: list[str]) -> pa.Table:
-    """All rows of the files by time and id, with today's columns, exact copies once.
+    """All rows of the files in their order and by id, with today's columns, exact copies once.
 
     Rows of one tool, batch and campaign stay together, so that a question about one of them reads few row groups.
     """
@@ -203,24 +201,24 @@ def _read_merged(folder: Path, row_type: type[Row], names: list[str]) -> pa.Tabl
             # A thousand chunks of a row each take longer to write than to copy together.
             parts.append(pa.concat_tables(read).combine_chunks())
     rows = pa.concat_tables(parts)
-    index = rows.select([key, "created_at"]).append_column("place", pa.array(np.arange(rows.num_rows)))
+    index = rows.select([key, "sequence", "created_at"]).append_column("place", pa.array(np.arange(rows.num_rows)))
     with duckdb.connect(":memory:") as connection:
         connection.register("merged_rows", index)
-        order = f"SELECT min(place) AS place FROM merged_rows GROUP BY {key}, created_at ORDER BY created_at, {key}"
-        places = connection.sql(order).to_arrow_table()["place"].to_numpy()
+        copies = f"SELECT min(place) AS place FROM merged_rows GROUP BY {key}, sequence, created_at"
+        places = connection.sql(f"{copies} ORDER BY {OLDEST_FIRST}, {key}").to_arrow_table()["place"].to_numpy()
     if np.array_equal(places, np.arange(rows.num_rows)):
         return rows  # as they mostly come: no second copy of the samples in memory
     return rows.take(pa.array(places))
 
 
 def _samples_of(row_type: type[Row]) -> frozenset[str]:
-    """Columns of samples: ids and times tell merged files apart, and hashing samples takes as long as writing them."""
+    """Columns of samples: ids and numbers tell merged files apart, and hashing all takes as long as writing."""
     lists = frozenset(field.name for field in schema_of(row_type) if pa.types.is_list(field.type))
     return lists if has_samples(row_type) else frozenset()
 
 
 def _foreign_entries(storage: Storage) -> Iterator[Finding]:
-    known = {MARKER, LOCK_NAME, QUARANTINE, *_OF_FAST, *TABLE_BY_NAME}
+    known = {MARKER, QUARANTINE, *_OF_FAST, *TABLE_BY_NAME}
     for entry in storage.entries():
         if entry.name.startswith(STAGED_MARKER):
             yield from _leftover(entry)

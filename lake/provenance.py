@@ -2,10 +2,9 @@
 
 import subprocess
 from collections.abc import Sequence
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
-from threading import Lock
 
 from models.records import Record
 
@@ -16,7 +15,8 @@ _GIT_TIMEOUT_S = 10.0
 class Provenance(Record):
     """What a row was computed with.
 
-    `created_at` is stamped by the lake when the row is written, unless given (imports, tests).
+    `created_at` is the writer's clock when the row is written, unless given (imports, tests): information, which
+    orders nothing.
     """
 
     code_version: str
@@ -28,9 +28,13 @@ class Provenance(Record):
 
 
 class ProvenanceColumns(Provenance):
-    """Provenance as it is stored: with its time (UTC, microseconds)."""
+    """Provenance as it is stored: with its time (UTC, microseconds) and its place in the order of the lake.
+
+    `sequence` is empty in rows of programs that had none; they come before all others, by `created_at`.
+    """
 
     created_at: datetime
+    sequence: int | None = None
 
 
 def current_provenance(config_hash: str = "", seed: int = 0, parents: Sequence[str] = ()) -> Provenance:
@@ -49,27 +53,11 @@ def current_provenance(config_hash: str = "", seed: int = 0, parents: Sequence[s
     )
 
 
-class _Stamp:
-    """Strictly increasing UTC times within a process, so that the later of two rows is always known."""
-
-    def __init__(self) -> None:
-        self._last = datetime.min.replace(tzinfo=UTC)
-        self._lock = Lock()
-
-    def next(self) -> datetime:
-        with self._lock:
-            self._last = max(datetime.now(UTC), self._last + timedelta(microseconds=1))
-            return self._last
-
-
-_STAMP = _Stamp()
-
-
-def stamped(provenance: Provenance) -> ProvenanceColumns:
-    """Provenance with its time: its own, or now."""
+def stamped(provenance: Provenance, sequence: int) -> ProvenanceColumns:
+    """Provenance with its number (see `lake.order`) and its time: its own, or now."""
     values = provenance.model_dump()
-    values["created_at"] = provenance.created_at or _STAMP.next()
-    return ProvenanceColumns(**values)
+    values["created_at"] = provenance.created_at or datetime.now(UTC)
+    return ProvenanceColumns(**values, sequence=sequence)
 
 
 @cache

@@ -12,10 +12,12 @@ from typing import Any, TypeVar
 import duckdb
 import pyarrow as pa
 
+from lake.leases import require_owned
+from lake.order import CLOCK, LATEST_FIRST, OLDEST_FIRST
 from lake.provenance import Provenance, stamped
 from lake.query.engine import Engine, Mark, check_reads_only, load_views, tables_used, views_used
 from lake.storage.base import MARKER, Storage
-from lake.storage.files import discard, read_row, stage
+from lake.storage.files import discard, older_copies, read_row, stage
 from lake.storage.open import storage_at
 from lake.tables.campaign import TABLE_BY_NAME, TABLES, Row, SimTraceRow, TraceRow
 from lake.tables.schema import has_samples, schema_of, to_arrow
@@ -84,26 +86,35 @@ class Lake:
         """Append rows of one or several tables, durably: when this returns, they survive a power cut.
 
         Each table's rows become visible at once or not at all, samples before the rows that announce them.
-        Appending the same rows again replaces them; a row with a known id and other content supersedes it.
+        Appending the same rows again replaces them; a row with a known id and other content supersedes it. Which row is
+        the later one `lake.order` decides.
 
         Raises:
             UsageError: the lake cannot be written; nothing was.
             LakeError: two different rows share an id or the disk is full, and no row is visible; or a file could
                 not be named, or the object store does not answer, and rows of the first tables may be: append the
                 same rows again.
+            LostLeaseError: this process no longer owns what it took over in the lake; no row is visible.
         """
-        columns = stamped(provenance)
+        groups = _by_table(rows)
+        names = {row_type.table: self.storage.names(row_type.table) for row_type, _ in groups}
+        for known in names.values():
+            CLOCK.see(known)
+        columns = stamped(provenance, CLOCK.next())
         staged: list[tuple[Path, Path]] = []
         try:
-            for row_type, group in _by_table(rows):
+            for row_type, group in groups:
                 table = to_arrow(group, columns)
                 folder = self.root / row_type.table
                 staged.append((stage(folder, table, row_type.table), folder / self.storage.file_name(table)))
-            with self.storage.naming():
-                for temporary, final in staged:
-                    self.storage.publish(temporary, final)
+            require_owned(self.storage)
+            for temporary, final in staged:
+                self.storage.publish(temporary, final)
         finally:
             discard([temporary for temporary, _ in staged])
+        for _, final in staged:
+            if copies := older_copies(final.name, names[final.parent.name]):
+                self.storage.remove(final.parent, copies)
 
     def query(self, sql: str, params: Sequence[Any] | dict[str, Any] | None = None) -> pa.Table:
         """Result of one SELECT over the tables, views and macros, with the rows of this moment.
@@ -124,7 +135,7 @@ class Lake:
             LakeError: the table has no such column.
         """
         where, values = _conditions(table, equals)
-        sql = f"SELECT * FROM {table.table} {where} ORDER BY created_at, {table.id_column()}"
+        sql = f"SELECT * FROM {table.table} {where} ORDER BY {OLDEST_FIRST}, {table.id_column()}"
         return self._query(sql, values, {table.table}).to_pylist()
 
     def records(self, table: type[R], **equals: Any) -> list[R]:
@@ -257,7 +268,7 @@ class Lake:
         files = [str(path) for path in engine.files(table)]
         schema = schema_of(row_type)
         connection.register(f"{table}_files", pads.dataset(files, schema=schema) if files else schema.empty_table())
-        latest = f"QUALIFY row_number() OVER (PARTITION BY {key} ORDER BY created_at DESC) = 1"
+        latest = f"QUALIFY row_number() OVER (PARTITION BY {key} ORDER BY {LATEST_FIRST}) = 1"
         only_latest = latest if engine.has_superseded(table) else ""
         connection.execute(f"CREATE TEMP VIEW {table} AS SELECT * FROM {table}_files {only_latest}")
 

@@ -21,8 +21,10 @@ CREATE MACRO work_j(lift_mm, force_n) AS
         - force_n[lift_start(lift_mm)] * lift_mm[lift_start(lift_mm)], 0);
 
 -- Peak pull-off force, in N: the largest force during the lift.
+-- Where the largest force of all lies in the lift it is the peak, and the start of the lift need not be looked for.
 CREATE MACRO peak_force_n(lift_mm, force_n) AS
-    coalesce(list_max(force_n[lift_start(lift_mm):]), 0);
+    CASE WHEN lift_mm[list_position(force_n, list_max(force_n))] > 0 THEN list_max(force_n)
+        ELSE coalesce(list_max(force_n[lift_start(lift_mm):]), 0) END;
 
 -- Lift at the peak pull-off force, in mm; NULL when nothing was lifted.
 CREATE MACRO peak_lift_mm(lift_mm, force_n) AS
@@ -97,19 +99,56 @@ CREATE MACRO posterior(wanted) AS TABLE
         FROM posterior_draws WHERE calibration_id = wanted GROUP BY chain
     );
 
--- One row per grasp attempt. `is_valid`: it succeeded, and no later attempt of the same grasp did.
+-- The base setup of each campaign: that of most of its ordinary grasps, which nobody asked for.
+CREATE VIEW base_setups AS
+    SELECT campaign_id, setup_id FROM grasps WHERE request_id IS NULL GROUP BY campaign_id, setup_id
+    QUALIFY row_number() OVER (PARTITION BY campaign_id ORDER BY count(*) DESC, setup_id) = 1;
+
+-- One row per grasp attempt. `is_valid`: it succeeded, and no later attempt of the same grasp did. `is_base`: an ordinary
+-- grasp at the base setup of its campaign; others say something of the simulator, and nothing of a tool's quality.
 CREATE VIEW grasp_summary AS
     SELECT
         g.grasp_id, g.campaign_id, g.tool_id, g.batch, g.slot, g.design_id, g.object_id,
         o.name AS object_name, o.object_class, g.repeat, g.attempt, g."order", g.status, g.reason,
         g.status = 'ok' AND g.attempt = max(g.attempt) FILTER (WHERE g.status = 'ok')
-            OVER (PARTITION BY g.tool_id, g.object_id, g.repeat) AS is_valid,
-        g.started_at, g.peak_force_n, g.work_j, g.initial_force_n, g.tare_force_n, g.setup_id, g.bench
-    FROM grasps AS g LEFT JOIN objects AS o USING (object_id);
+            OVER (PARTITION BY g.tool_id, g.object_id, g.repeat, g.setup_id, g.request_id) AS is_valid,
+        g.started_at, g.peak_force_n, g.work_j, g.initial_force_n, g.tare_force_n, g.setup_id,
+        g.request_id IS NULL AND b.setup_id IS NOT NULL AS is_base,
+        g.setup_json, coalesce(g.offset_x_mm, 0) AS offset_x_mm, coalesce(g.offset_y_mm, 0) AS offset_y_mm,
+        coalesce(g.yaw_deg, 0) AS yaw_deg, g.request_id, g.bench
+    FROM grasps AS g LEFT JOIN objects AS o USING (object_id)
+    LEFT JOIN base_setups AS b ON b.campaign_id = g.campaign_id AND b.setup_id = g.setup_id;
 
--- When the trace of each grasp was written. Files are in this order: a join by both columns reads only its stretch.
+-- The setups of each campaign: how its grasps were made, and how many.
+CREATE VIEW campaign_setups AS
+    SELECT
+        campaign_id, setup_id, bool_or(is_base) AS is_base,
+        any_value((setup_json ->> '$.lift_speed_mm_per_s')::DOUBLE) AS lift_speed_mm_per_s,
+        any_value((setup_json ->> '$.close_speed_mm_per_s')::DOUBLE) AS close_speed_mm_per_s,
+        any_value(coalesce((setup_json ->> '$.dwell_s')::DOUBLE, 0)) AS dwell_s,
+        any_value((setup_json ->> '$.open_gap_mm')::DOUBLE) AS open_gap_mm,
+        any_value((setup_json ->> '$.closed_gap_mm')::DOUBLE) AS closed_gap_mm,
+        any_value((setup_json ->> '$.tip_below_mm')::DOUBLE) AS tip_below_mm,
+        any_value((setup_json ->> '$.supply_pressure_psi')::DOUBLE) AS supply_pressure_psi,
+        any_value(offset_x_mm) AS offset_x_mm, any_value(offset_y_mm) AS offset_y_mm, any_value(yaw_deg) AS yaw_deg,
+        count(*) AS n_grasps, count(request_id) AS n_asked
+    FROM grasp_summary WHERE is_valid GROUP BY campaign_id, setup_id;
+
+-- One row per grasp that a search asks for, in its order, with what became of it.
+CREATE VIEW asked_grasps AS
+    SELECT
+        r.search_id, r.place, r.request_id, r.campaign_id, r.tool_id, r.object_id, r.repeat, r.setup_id, r.purpose,
+        CASE WHEN count(g.grasp_id) FILTER (g.status = 'ok') > 0 THEN 'made'
+            WHEN count(g.grasp_id) FILTER (coalesce(g.details_json ->> '$.end', '') <> 'bench_fault') > 1 THEN 'given up'
+            ELSE 'open' END AS state,
+        max(g.grasp_id) FILTER (g.status = 'ok') AS grasp_id,
+        count(g.grasp_id) AS n_attempts
+    FROM grasp_requests AS r LEFT JOIN grasps AS g USING (request_id) GROUP BY ALL;
+
+-- When the trace of each grasp was written, and its place in the order of the lake. Files are mostly in the order of
+-- time too: a join by grasp and time reads only its stretch.
 CREATE VIEW trace_times AS
-    SELECT grasp_id, created_at FROM traces;
+    SELECT grasp_id, created_at, sequence FROM traces;
 
 -- One row per grasp attempt with a trace, with its samples. Of one tool, batch or campaign only those are read.
 CREATE VIEW grasp_traces AS
@@ -120,14 +159,14 @@ CREATE VIEW grasp_traces AS
 -- One row per valid grasp, with what its samples tell. Only the features asked for are computed.
 CREATE VIEW grasp_features AS
     SELECT
-        g.* EXCLUDE (status, reason, is_valid, attempt, time_s, lift_mm, force_n),
+        g.* EXCLUDE (status, reason, is_valid, attempt, setup_json, time_s, lift_mm, force_n),
         peak_lift_mm(lift_mm, force_n) AS peak_lift_mm,
         separation_lift_mm(lift_mm, force_n) AS separation_lift_mm,
         lift_above_mm(lift_mm, force_n, 0.5) AS half_peak_lift_mm,
         lift_above_mm(lift_mm, force_n, 0.8) AS plateau_mm
     FROM grasp_traces AS g WHERE is_valid;
 
--- One row per tool and object: mean over the repeats, and how far the repeats lie apart.
+-- One row per tool and object: mean over the repeats at the base setup, and how far the repeats lie apart.
 CREATE VIEW tool_object AS
     SELECT
         campaign_id, tool_id, batch, slot, design_id, object_id, object_name, object_class, setup_id,
@@ -136,14 +175,14 @@ CREATE VIEW tool_object AS
         stddev_samp(peak_force_n) AS repeat_sd_n,
         avg(work_j) AS work_j,
         avg(initial_force_n) AS initial_force_n
-    FROM grasp_summary WHERE is_valid
+    FROM grasp_summary WHERE is_valid AND is_base
     GROUP BY ALL;
 
 -- One row per valid grasp that `fast features` has seen: its row of `trace_features`, of the newest definitions.
 CREATE VIEW feature_summary AS
     SELECT
         g.campaign_id, g.tool_id, g.batch, g.slot, g.design_id, g.object_id, g.object_name, g.object_class,
-        g.repeat, g.setup_id,
+        g.repeat, g.setup_id, g.is_base,
         f.* EXCLUDE (feature_id, feature_version, code_version, code_dirty, config_hash, seed, parents, created_at)
     FROM grasp_summary AS g JOIN trace_features AS f USING (grasp_id)
     WHERE g.is_valid AND f.feature_version = (SELECT max(feature_version) FROM trace_features);
@@ -156,7 +195,7 @@ CREATE VIEW anomalies AS
     FROM anomaly_flags AS a JOIN grasp_summary AS g USING (grasp_id)
     WHERE a.is_flagged AND g.is_valid;
 
--- One row per tool and object: how well the repeats agree. Coefficients of variation are relative standard deviations.
+-- One row per tool and object: how well the repeats agree at the base setup. Coefficients of variation are relative standard deviations.
 -- `trace_distance_n` is the standard deviation of the repeats' forces at the same lift, root mean square along the
 -- profiles. All three are NULL for a single repeat.
 CREATE VIEW repeatability AS
@@ -168,7 +207,7 @@ CREATE VIEW repeatability AS
                 SELECT
                     tool_id, object_id, setup_id,
                     unnest(range(1, len(profile_n) + 1)) AS step, unnest(profile_n) AS force_n
-                FROM feature_summary
+                FROM feature_summary WHERE is_base
             )
             GROUP BY ALL
         )
@@ -180,7 +219,7 @@ CREATE VIEW repeatability AS
             count(*) AS n_repeats, avg(peak_force_n) AS peak_force_n, avg(work_j) AS work_j,
             stddev_samp(peak_force_n) / nullif(abs(avg(peak_force_n)), 0) AS peak_cv,
             stddev_samp(work_j) / nullif(abs(avg(work_j)), 0) AS work_cv
-        FROM feature_summary GROUP BY ALL
+        FROM feature_summary WHERE is_base GROUP BY ALL
     )
     SELECT g.*, d.trace_distance_n FROM groups AS g JOIN distances AS d USING (tool_id, object_id, setup_id);
 

@@ -11,24 +11,18 @@ import tomllib
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
 
 from lake.handoff.files import FILE_NAMES, HandoffGrasp
 from lake.store import Lake
 from lake.tables.campaign import BatchRow, CampaignRow, ObjectRow, Row, ToolRow
 from lake.tables.catalogue_rows import object_rows
+from lake.tables.imported import IMPORTED, is_imported
 from models.errors import UsageError
 
 _LOG = logging.getLogger(__name__)
 Place = tuple[int, int]  # (batch, slot)
-IMPORTED: Final = "imported"
 _SLOTS = 10
 _TOOL_LABEL = re.compile(r"B(\d{1,6})T(\d)$")
-
-
-def is_imported(config_toml: str) -> bool:
-    """True for the config of a campaign that was imported, which nothing can run."""
-    return tomllib.loads(config_toml).get("kind") == IMPORTED
 
 
 def source_hash(directory: Path) -> str:

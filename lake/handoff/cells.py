@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 
 from annotated_types import Ge, Gt, Le, Lt
 
-from models.records import Design, Theta
+from models.records import Design, GraspSetup, Placement, Record, Theta
 from models.units import unit_of
 
 _LARGEST_INTEGER = 2**53  # what spreadsheets and JSON keep exactly
@@ -43,15 +43,30 @@ def optional_number(name: str) -> Callable[[str], float | None]:
     return read
 
 
-def limits(record_type: type[Design] | type[Theta], name: str) -> str:
+def optional_setting(name: str) -> Callable[[str], float | None]:
+    """Reader of how a grasp was made: a number of its setup, or of the placement, within its range; or nothing."""
+    record_type = GraspSetup if name in GraspSetup.model_fields else Placement
+
+    def read(text: str) -> float | None:
+        if not text:
+            return None
+        value = number_or_nan(text)
+        if not math.isfinite(value) or not all(holds(value, bound) for _, holds, bound in _bounds(record_type, name)):
+            raise ValueError(limits(record_type, name))
+        return value
+
+    return read
+
+
+def limits(record_type: type[Record], name: str) -> str:
     """The range of a field as words with its unit."""
     unit = unit_of(name)
     kind = "an integer" if record_type.model_fields[name].annotation is int else "a number"
     text = " and ".join(f"{word} {bound:g}" for word, _, bound in _bounds(record_type, name))
-    return f"must be {kind}, {text}{' ' + unit if unit else ''}."
+    return f"must be {kind}{', ' + text if text else ''}{' ' + unit if unit else ''}."
 
 
-def _bounds(record_type: type[Design] | type[Theta], name: str) -> list[tuple[str, _Holds, float]]:
+def _bounds(record_type: type[Record], name: str) -> list[tuple[str, _Holds, float]]:
     """Each bound of a field: its word, its comparison, its value."""
     found: list[tuple[str, _Holds, float]] = []
     for bound in record_type.model_fields[name].metadata:

@@ -14,15 +14,18 @@ from lake.handoff.files import (
     DESIGN_COLUMNS,
     FILE_NAMES,
     GRASP_COLUMNS,
+    HOW_COLUMNS,
     SIMULATION_COLUMNS,
     THETA_COLUMNS,
     TRACE_COLUMNS,
 )
-from lake.handoff.import_folder import HandoffCounts, importing_campaign
+from lake.handoff.import_folder import HandoffCounts
 from lake.storage.files import TEMPORARY_PREFIX, discard, make_folder, publish, writing_failed
 from lake.store import Lake
 from lake.tables.campaign import DesignRow, GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow, TraceRow
+from lake.tables.imported import importing_campaign
 from models.errors import LakeError, UsageError
+from models.records import GraspSetup
 
 _TRACE_SCHEMA = pa.schema([(TRACE_COLUMNS[0], pa.string()), *((name, pa.float64()) for name in TRACE_COLUMNS[1:])])
 _TRACES_AT_ONCE = 512  # traces held in memory while exporting
@@ -54,14 +57,20 @@ def export_handoff(
     n_samples = [0]
     blocks = _counted(_sample_blocks(lake, real, sim), n_samples)
     files: list[tuple[str, Callable[[Path], None]]] = [
-        ("designs.csv", lambda path: _write_csv(path, DESIGN_COLUMNS, designs)),
-        ("grasps.csv", lambda path: _write_csv(path, GRASP_COLUMNS, real + sim)),
+        ("designs.csv", lambda path: write_csv(path, DESIGN_COLUMNS, designs)),
+        ("grasps.csv", lambda path: write_csv(path, (*GRASP_COLUMNS, *_list_told(real + sim)), real + sim)),
         (f"traces.{traces}", lambda path: write_traces(path, blocks)),
     ]
     if sim:
-        files.append(("simulations.csv", lambda path: _write_csv(path, SIMULATION_COLUMNS, sim)))
-    _write_all(directory, files)
+        files.append(("simulations.csv", lambda path: write_csv(path, SIMULATION_COLUMNS, sim)))
+    write_files(directory, files)
     return HandoffCounts(len(designs), len(real), len(sim), n_samples[0])
+
+
+def _list_told(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Columns of how a grasp was made that say more than the format takes for granted."""
+    usual: dict[str, Any] = GraspSetup().model_dump()
+    return [name for name in HOW_COLUMNS if any((row[name] or None) != (usual.get(name) or None) for row in rows)]
 
 
 def _exported_real(lake: Lake, campaign_id: str | None) -> list[dict[str, Any]]:
@@ -74,7 +83,7 @@ def _exported_real(lake: Lake, campaign_id: str | None) -> list[dict[str, Any]]:
 def _exported_sim(lake: Lake, campaign_id: str | None) -> list[dict[str, Any]]:
     traced = lake.ids(SimTraceRow)
     versions = {row["version_id"]: row for row in lake.rows(SimulatorVersionRow)}
-    nothing = {"repeat": 0, "tool_id": "", "started_at": "", "order": None}
+    nothing = {"repeat": 0, "tool_id": "", "started_at": "", "order": None, "request_id": None}
     rows = [row for row in lake.rows(SimulationRow, status="ok") if row["simulation_id"] in traced]
     if campaign_id:
         of_campaign = "SELECT design_id FROM {} WHERE campaign_id = $id"
@@ -96,9 +105,12 @@ def _exported_sim(lake: Lake, campaign_id: str | None) -> list[dict[str, Any]]:
 
 def _as_text(row: dict[str, Any]) -> dict[str, Any]:
     started_at = row["started_at"]
-    return row | {
-        "started_at": started_at.isoformat() if started_at and not isinstance(started_at, str) else started_at
-    }
+    setup = GraspSetup.model_validate_json(row["setup_json"])
+    return (
+        setup.model_dump()
+        | row
+        | {"started_at": started_at.isoformat() if started_at and not isinstance(started_at, str) else started_at}
+    )
 
 
 def _sample_blocks(lake: Lake, real: list[dict[str, Any]], sim: list[dict[str, Any]]) -> Iterable[pa.Table]:
@@ -121,7 +133,7 @@ def _counted(blocks: Iterable[pa.Table], n_rows: list[int]) -> Iterable[pa.Table
         yield block
 
 
-def _write_all(directory: Path, files: Sequence[tuple[str, Callable[[Path], None]]]) -> None:
+def write_files(directory: Path, files: Sequence[tuple[str, Callable[[Path], None]]]) -> None:
     """Write all files under temporary names, then name them all; after an error none is there."""
     staged: list[tuple[Path, Path]] = []
     try:
@@ -143,7 +155,8 @@ def _sync_file(path: Path) -> None:
         os.fsync(file.fileno())
 
 
-def _write_csv(path: Path, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
+def write_csv(path: Path, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
+    """Write these columns of rows, with a header."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)

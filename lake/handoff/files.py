@@ -24,15 +24,20 @@ from lake.handoff.cells import (
     number_or_nan,
     one_of_designs,
     optional_number,
+    optional_setting,
     time,
 )
+from lake.tables.requests import PLACEMENT
 from models.design.space import PARAMETERS
 from models.errors import UsageError
-from models.records import Design, Theta, Trace
+from models.records import Design, GraspSetup, Theta, Trace
 from models.units import unit_of
 
 DESIGN_COLUMNS = ("design_id", *PARAMETERS)
 GRASP_COLUMNS = ("grasp_id", "design_id", "object_id", "repeat", "fidelity", "tool_id", "started_at", "order")
+# How a grasp was made, and what asked for it; what is left out means the usual setup, and that nobody asked.
+SETTING_COLUMNS = (*GraspSetup.model_fields, *PLACEMENT)
+HOW_COLUMNS = (*SETTING_COLUMNS, "request_id")
 CHANNELS = ("time_s", "lift_mm", "force_n")
 TRACE_COLUMNS = ("grasp_id", *CHANNELS)
 THETA_COLUMNS = tuple(Theta.model_fields)
@@ -75,7 +80,7 @@ class HandoffError(UsageError):
 
 @dataclass(frozen=True)
 class HandoffGrasp:
-    """One row of grasps.csv with its samples and, if simulated, its row of simulations.csv."""
+    """One row of grasps.csv (`settings`: as it gives them) with its samples, and its row of simulations.csv if any."""
 
     grasp_id: str
     design_id: str
@@ -85,6 +90,8 @@ class HandoffGrasp:
     tool_id: str
     started_at: datetime | None
     order: int | None
+    settings: dict[str, float]
+    request_id: str
     trace: Trace
     simulation: dict[str, float | None] | None
 
@@ -177,7 +184,7 @@ def _design(reader: _Reader, table: _Table, place: int, values: dict[str, float]
 
 def _read_grasps(reader: _Reader, design_ids: set[str]) -> dict[str, tuple[int, dict[str, Any]]]:
     """Row number and cells of each grasp, by id."""
-    table = _read_csv(reader, "grasps.csv", GRASP_COLUMNS)
+    table = _read_csv(reader, "grasps.csv", (*GRASP_COLUMNS, *HOW_COLUMNS), optional=HOW_COLUMNS)
     grasps: dict[str, tuple[int, dict[str, Any]]] = {}
     readers: dict[str, Callable[[str], Any]] = {
         "design_id": one_of_designs(design_ids),
@@ -191,6 +198,10 @@ def _read_grasps(reader: _Reader, design_ids: set[str]) -> dict[str, tuple[int, 
     for place in range(len(table.rows)):
         grasp_id = _new_id(reader, table, "grasp_id", place, grasps)
         values = {name: reader.cell(table, name, place, read) for name, read in readers.items()}
+        given = [name for name in SETTING_COLUMNS if name in table.columns]
+        found = {name: reader.cell(table, name, place, optional_setting(name)) for name in given}
+        values["settings"] = {name: value for name, value in found.items() if value is not None}
+        values["request_id"] = table.columns["request_id"][place] if "request_id" in table.columns else ""
         if values["fidelity"] == "real" and not values["tool_id"]:
             reader.fault(table.name, table.rows[place], "tool_id", "", "must name the tool of a measured grasp.")
         if grasp_id:

@@ -2,17 +2,18 @@
 
 A folder with `designs.csv`, `grasps.csv`, `traces.parquet` (or `traces.csv`) and, for simulated grasps,
 optionally `simulations.csv`. Import writes everything or nothing and keeps every id and number; peak,
-work and initial force are computed from the traces, in the frame of `GraspSetup`. Export is in
-`lake.handoff.export_folder`, files of another format in `lake.handoff.readers`.
+work and initial force are computed from the traces, in the frame of `GraspSetup`. Grasps that a search has
+asked for are answers to it (`lake.handoff.answers`). Export is in `lake.handoff.export_folder`, files of
+another format in `lake.handoff.readers`.
 """
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from lake.handoff.answers import check_answers, find_settings
 from lake.handoff.campaign import Place, bench_rows, campaign_row, source_hash, tool_places
 from lake.handoff.files import CHANNELS, THETA_COLUMNS, Fault, Handoff, HandoffError, HandoffGrasp, read_handoff
 from lake.provenance import Provenance
@@ -25,8 +26,9 @@ from lake.tables.campaign import (
     SimulationRow,
     SimulatorVersionRow,
     TraceRow,
-    setup_columns,
 )
+from lake.tables.imported import importing_campaign
+from lake.tables.requests import setup_columns
 from models import traces as features
 from models.ids import canonical_json, content_id
 from models.records import GraspSetup, Trace
@@ -56,19 +58,23 @@ def import_handoff(
 
     Measured grasps become `grasps` and `traces` of the campaign `campaign_id` (default
     `import-<source>`), simulated ones `simulations` and `sim_traces`. Grasps that the lake has as part of
-    another campaign, or simulated itself, stay as they are. `setup` is how the grasps were made, by default
-    the one of the format (open gap 70, closed gap 16, tips 5 mm below the object); `source` names where the
-    data come from, by default the folder.
+    another campaign, or simulated itself, stay as they are. `setup` is how grasps were made where the files do not
+    say it, by default the one of the format (open gap 70, closed gap 16, tips 5 mm below the object); `source` names
+    where the data come from, by default the folder.
 
     Raises:
         HandoffError: something is wrong; every fault is named and nothing was written.
-        UsageError: the campaign exists and was not imported; nothing was written.
+        UsageError: the campaign exists and was not imported, or answers are not what a search asked for; nothing was
+            written.
     """
     directory = Path(directory)
     known_designs = lake.ids(DesignRow)
     handoff = read_handoff(directory, known_designs)
     source = source or directory.resolve().name
-    campaign = campaign_id or f"import-{source}"
+    real = [grasp for grasp in handoff.grasps if grasp.fidelity == "real"]
+    there = lake.ids(GraspRow, grasp_id=[grasp.grasp_id for grasp in real])
+    asking = check_answers(lake, [grasp for grasp in real if grasp.grasp_id not in there], setup or GraspSetup())
+    campaign = asking or campaign_id or f"import-{source}"
     grasps = _new_grasps(lake, directory, handoff, campaign)
     rows: list[Row] = [
         DesignRow.of(design, design_id)
@@ -78,20 +84,15 @@ def import_handoff(
     content_hash = source_hash(directory)
     if grasps:
         places = tool_places(lake, campaign, [grasp.tool_id for grasp in grasps if grasp.fidelity == "real"])
-        rows += [
-            campaign_row(lake, campaign, source, content_hash),
-            *bench_rows(lake, campaign, source, grasps, places),
-        ]
-        rows += _grasp_rows(grasps, campaign, setup_columns(setup or GraspSetup()), places)
+        if asking is None:  # the lake has the campaign and the tools that a search asks for
+            rows += [
+                campaign_row(lake, campaign, source, content_hash),
+                *bench_rows(lake, campaign, source, grasps, places),
+            ]
+        rows += _grasp_rows(grasps, campaign, setup or GraspSetup(), places)
     if rows:
         lake.append(_unique(rows), _with_config(provenance, content_hash))
     return _counts(len(handoff.designs), handoff.grasps)
-
-
-def importing_campaign(version_json: str) -> str | None:
-    """Campaign with which simulations of this version were imported, None if they were computed here."""
-    imported = json.loads(version_json).get("imported")
-    return None if imported is None else str(imported)
 
 
 def _with_config(provenance: Provenance, content_hash: str) -> Provenance:
@@ -100,14 +101,15 @@ def _with_config(provenance: Provenance, content_hash: str) -> Provenance:
 
 
 def _grasp_rows(
-    grasps: Sequence[HandoffGrasp], campaign_id: str, setup: dict[str, Any], places: dict[str, Place]
+    grasps: Sequence[HandoffGrasp], campaign_id: str, setup: GraspSetup, places: dict[str, Place]
 ) -> list[Row]:
     rows: list[Row] = []
     for grasp in grasps:
+        how = setup_columns(*find_settings(grasp, setup))
         if grasp.fidelity == "real":
-            rows += _real_rows(grasp, campaign_id, setup, places[grasp.tool_id])
+            rows += _real_rows(grasp, campaign_id, how, places[grasp.tool_id])
         else:
-            rows += _sim_rows(grasp, campaign_id, setup)
+            rows += _sim_rows(grasp, campaign_id, how)
     return rows
 
 
@@ -197,6 +199,7 @@ def _real_rows(grasp: HandoffGrasp, campaign_id: str, setup: dict[str, Any], pla
         work_j=features.work_j(grasp.trace),
         initial_force_n=features.initial_force_n(grasp.trace),
         bench="real",
+        request_id=grasp.request_id or None,
         **setup,
     )
     return [row, TraceRow.of(grasp.grasp_id, grasp.trace)]

@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import duckdb
 import pyarrow as pa
 
+from lake.order import CLOCK, LATEST_FIRST
 from lake.storage.files import FILE_PREFIX, FILE_SUFFIX, fault_of
 from lake.tables.campaign import TABLE_BY_NAME, TABLES, Row
 from lake.tables.schema import has_samples, schema_of, sql_columns
@@ -91,7 +92,8 @@ class Engine:
             if row_type.table in _TIMES_VIEW:
                 self._point_views(row_type)
         self.connection.execute("COMMIT")
-        self.connection.execute(f"SET allowed_directories = {_quoted_list([root.resolve(), self._upgrades.temporary])}")
+        readable = [root.resolve() / row_type.table for row_type in TABLES] + self._upgrades.folders
+        self.connection.execute(f"SET allowed_directories = {_quoted_list(readable)}")
         self.connection.execute("SET enable_external_access = false")
         self.connection.execute("SET lock_configuration = true")
 
@@ -142,7 +144,7 @@ class Engine:
         table, key = row_type.table, row_type.id_column()
         found = self.connection.execute(
             f"SELECT _file, _row FROM raw_{table} WHERE _hash = hash($1) AND {key} = $1 "
-            "ORDER BY created_at DESC, _file DESC, _row DESC LIMIT 1",
+            f"ORDER BY {LATEST_FIRST}, _file DESC, _row DESC LIMIT 1",
             [row_id],
         ).fetchall()
         if not found:
@@ -160,7 +162,8 @@ class Engine:
         table, key, columns = row_type.table, row_type.id_column(), sql_columns(row_type)
         # Of a table of traces only the first two are read here: a file of something else must not pass for one.
         held = {name: f"{columns[name]} NOT NULL" for name in (key, "created_at")}
-        held = held | {"_hash": "UBIGINT"} if has_samples(row_type) else columns | held
+        index = {"sequence": columns["sequence"], "_hash": "UBIGINT"}
+        held = held | index if has_samples(row_type) else columns | held
         place = {"_file": "INTEGER", "_row": "BIGINT"}
         for name, own in {
             f"raw_{table}": held | place,
@@ -183,18 +186,19 @@ class Engine:
         rows = self._sql_of_samples(table, {name for (name,) in old})
         self.connection.execute(f"CREATE OR REPLACE VIEW {table} AS {rows}")
         if table in _TIMES_VIEW:
-            times = f"SELECT {row_type.id_column()}, created_at FROM raw_{table} {without_old}"
+            times = f"SELECT {row_type.id_column()}, created_at, sequence FROM raw_{table} {without_old}"
             self.connection.execute(f"CREATE OR REPLACE VIEW {_TIMES_VIEW[table]} AS {times}")
 
     def _sql_of_samples(self, table: str, with_old: set[str]) -> str:
         """SELECT of the rows of a table of traces; the files in `with_old` hold superseded rows too."""
         known, folder = self._files[table], self._root.resolve() / table
-        special = with_old | known.partial
         parts = [f"SELECT * FROM empty_{table}"]
-        if plain := known.paths(folder, sorted(set(known.signatures) - special)):
+        if plain := known.paths(folder, sorted(set(known.signatures) - with_old - known.partial)):
             parts.append(f"SELECT * FROM read_parquet({_quoted_list(plain)})")
-        if special:
-            paths = _quoted_list(known.paths(folder, sorted(special)))
+        if partial := known.paths(folder, sorted(known.partial - with_old)):
+            parts.append(f"SELECT * FROM read_parquet({_quoted_list(partial)}, union_by_name = true)")
+        if with_old:
+            paths = _quoted_list(known.paths(folder, sorted(with_old)))
             parts.append(
                 "SELECT * EXCLUDE (_name, file_row_number) FROM (SELECT * REPLACE (parse_filename(_name) AS _name) "
                 f"FROM read_parquet({paths}, union_by_name = true, filename = '_name', file_row_number = true)) AS new "
@@ -238,6 +242,7 @@ class Engine:
     def _take_in(self, row_type: type[Row], known: _TableFiles, found: dict[str, Signature]) -> _TableFiles:
         """Read the new files, forget the rows of those that are gone or were written again."""
         changed = sorted(name for name, signature in found.items() if known.signatures.get(name) != signature)
+        CLOCK.see(changed)
         stale = [known.numbers[name] for name, signature in known.signatures.items() if found.get(name) != signature]
         numbers = {name: known.next_number + place for place, name in enumerate(changed)}
         table, key = row_type.table, row_type.id_column()
@@ -262,14 +267,15 @@ class Engine:
         table = row_type.table
         self._hold_numbers(numbers)
         paths = _quoted_list(taken.paths(self._root.resolve() / table, numbers))
-        held = "rows.* EXCLUDE (filename, file_row_number)"
+        held = "rows.* EXCLUDE (filename, file_row_number) REPLACE (coalesce(rows.sequence, 0) AS sequence)"
         if has_samples(row_type):
             key = row_type.id_column()
-            held = f"{key}, created_at, hash({key}) AS _hash"
+            held = f"{key}, created_at, coalesce(sequence, 0) AS sequence, hash({key}) AS _hash"
             taken.partial |= self._partial_files(row_type, taken.paths(self._root.resolve() / table, numbers))
         inserted = self.connection.execute(
             f"INSERT INTO raw_{table} BY NAME SELECT {held}, _file, file_row_number AS _row "
-            f"FROM read_parquet({paths}, union_by_name = true, filename = true, file_row_number = true) AS rows "
+            f"FROM (SELECT * FROM empty_{table} UNION ALL BY NAME SELECT * FROM read_parquet({paths}, "
+            "union_by_name = true, filename = true, file_row_number = true)) AS rows "
             "JOIN new_files ON new_files._name = parse_filename(rows.filename)"
         )
         self._n_loose += inserted.fetchall()[0][0]
@@ -316,7 +322,7 @@ class Engine:
         self.connection.execute(
             f"INSERT INTO superseded_{table} SELECT {key}, _file, _row, _name FROM ("
             f"SELECT {key}, _file, _row FROM raw_{table} WHERE {key} IN ({repeated}) "
-            f"QUALIFY row_number() OVER (PARTITION BY {key} ORDER BY created_at DESC, _file DESC, _row DESC) > 1"
+            f"QUALIFY row_number() OVER (PARTITION BY {key} ORDER BY {LATEST_FIRST}, _file DESC, _row DESC) > 1"
             ") JOIN new_files USING (_file)"
         )
 
@@ -340,7 +346,7 @@ def list_files(folder: Path) -> dict[str, Signature]:
     try:
         with os.scandir(folder) as entries:
             for entry in entries:
-                if entry.name.startswith(FILE_PREFIX) and entry.name.endswith(FILE_SUFFIX):
+                if is_rows(entry.name):
                     status = entry.stat()
                     found[entry.name] = status.st_mtime_ns, status.st_size, status.st_ino
     except FileNotFoundError:
@@ -350,6 +356,11 @@ def list_files(folder: Path) -> dict[str, Signature]:
             f"{folder} cannot be read ({error.strerror}): change its permissions or repair the disk."
         ) from error
     return found
+
+
+def is_rows(name: str) -> bool:
+    """True for the name of a file that readers look at."""
+    return name.startswith(FILE_PREFIX) and name.endswith(FILE_SUFFIX)
 
 
 def load_views(connection: duckdb.DuckDBPyConnection) -> None:

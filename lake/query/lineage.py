@@ -8,6 +8,7 @@ from collections.abc import Container, Iterable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from lake.order import OLDEST_FIRST
 from lake.provenance import ProvenanceColumns
 from lake.store import Lake
 from lake.tables.campaign import TABLE_BY_NAME, TABLES
@@ -214,7 +215,7 @@ def _read_rows(lake: Lake, nodes: Iterable[Node]) -> tuple[dict[Node, StoredRow 
     for table, ids in by_table.items():
         if table == UNKNOWN:
             continue
-        sql = f"SELECT * FROM raw_{table} WHERE {key_of(table)} IN (SELECT unnest($ids)) ORDER BY created_at"
+        sql = f"SELECT * FROM raw_{table} WHERE {key_of(table)} IN (SELECT unnest($ids)) ORDER BY {OLDEST_FIRST}"
         for stored in lake.query(sql, {"ids": ids}).to_pylist():
             node = Node(table, str(stored[TABLE_BY_NAME[table].id_column()]))
             before = rows[node]

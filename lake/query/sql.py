@@ -1,12 +1,14 @@
 """Read-only SQL over a lake for people (`fast sql`), and its results as CSV.
 
 Three locks, each enough for its part: only SELECT-like statements are taken, they run in a read-only
-transaction (a WITH clause can hide an INSERT), and the connection has no access to files or network.
+transaction (a WITH clause can hide an INSERT), and the connection has no access to network or files, but for those
+of the tables. Time and memory are limited.
 """
 
 import io
 import json
 import re
+from collections.abc import Callable
 from decimal import Decimal
 from difflib import get_close_matches
 
@@ -15,6 +17,7 @@ import pyarrow as pa
 from pyarrow import csv
 
 from lake.query.engine import check_reads_only
+from lake.query.limits import Limits, limited
 from lake.store import Lake
 from models.errors import UsageError
 from models.validation import closest
@@ -32,10 +35,15 @@ _HINTS = {
 }
 
 
-def run_sql(lake: Lake, sql: str) -> pa.Table:
+def run_sql(
+    lake: Lake, sql: str, limits: Limits | None = None, on_deaf: Callable[[str], object] | None = None
+) -> pa.Table:
     """Result of one SELECT (also FROM, WITH, VALUES, DESCRIBE, SUMMARIZE, SHOW).
 
+    `on_deaf`: see `lake.query.limits`.
+
     Raises:
+        OverLimitError: it took more time or memory than `limits`.
         UsageError: the text is not one reading statement, or DuckDB cannot make sense of it.
         LakeError: a file of the lake cannot be read.
     """
@@ -43,7 +51,8 @@ def run_sql(lake: Lake, sql: str) -> pa.Table:
     for attempt in range(_ATTEMPTS):
         with lake.reading(sql) as engine:
             try:
-                return engine.read(sql)
+                with limited(engine.connection, limits or Limits(), on_deaf):
+                    return engine.read(sql)
             except duckdb.Error as error:
                 if not isinstance(error, duckdb.IOException) or attempt + 1 == _ATTEMPTS:
                     raise UsageError(_sentence(engine.connection, error)) from error

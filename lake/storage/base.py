@@ -6,19 +6,17 @@ belong to the machine and not to the data, are in it too.
 
 import json
 from collections.abc import Iterable, Mapping
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import pyarrow as pa
-
-from lake.query.engine import Signature
 
 MARKER = "lake.json"
 STAGED_MARKER = f".{MARKER}."  # with the number of the process that makes the lake
 
 
 QUARANTINE = "quarantine"
+LEASES = "leases"
 
 
 class Entry(NamedTuple):
@@ -72,8 +70,12 @@ class Storage(Protocol):
     def file_name(self, rows: pa.Table) -> str:
         """Name for the file of appended rows."""
 
-    def naming(self) -> AbstractContextManager[None]:
-        """Hold while files get their names, so that no file of the same name is removed meanwhile."""
+    def names(self, table: str) -> list[str]:
+        """Names of the files of a table that readers look at, as they are now in the store; asked before writing.
+
+        Raises:
+            FastError: the store does not answer, or the folder cannot be listed.
+        """
 
     def publish(self, staged: Path, final: Path) -> None:
         """Give a staged file its name, at once for every reader, and make that last.
@@ -82,11 +84,53 @@ class Storage(Protocol):
             FastError: it may not have its name; the staged file is gone.
         """
 
-    def remove(self, folder: Path, files: Mapping[str, Signature]) -> None:
-        """Remove files whose rows are in other files, but for those that were written again since.
+    def remove(self, folder: Path, names: Iterable[str]) -> None:
+        """Remove files whose rows are in other files; some may be gone.
+
+        No lock is needed: a name stands for one content, so a file of this name that another process writes meanwhile
+        holds rows that are elsewhere too.
 
         Raises:
             FastError: some could not be removed.
+        """
+
+    # Small files, of which `lake.leases` is made; their folders and names are told from the top.
+
+    def claim(self, folder: str, stem: str, text: str) -> str | None:
+        """Write a small file whose name begins with `stem`, if there is none; its name, for one at most who tries.
+
+        All who try at the same moment may hear None.
+
+        Raises:
+            FastError: it cannot be written.
+        """
+
+    def read(self, name: str) -> str | None:
+        """Text of a small file; None if it is not there.
+
+        Raises:
+            FastError: it cannot be read.
+        """
+
+    def overwrite(self, name: str, text: str) -> bool:
+        """Replace the text of a small file by one of the same length; False if it is gone.
+
+        Raises:
+            FastError: it could not be written.
+        """
+
+    def small_files(self, folder: str) -> list[str]:
+        """Names of the small files in a folder, with it; none if there is no such folder.
+
+        Raises:
+            FastError: it cannot be listed.
+        """
+
+    def drop(self, name: str) -> None:
+        """Remove a small file that may be gone.
+
+        Raises:
+            FastError: it could not be removed.
         """
 
     def place(self, table: str) -> Path | str:

@@ -1,17 +1,15 @@
 """Whole files or none: Parquet files are written under a temporary name, synced and renamed."""
 
 import errno
-import fcntl
 import hashlib
 import os
+import re
 import uuid
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from lake.tables.campaign import TABLE_BY_NAME, Row
 from lake.tables.migrations import file_version, migrated, table_version
@@ -20,10 +18,10 @@ from models.errors import FastError, LakeError, UsageError
 
 FILE_PREFIX = "rows-"  # what readers look at; temporary and foreign files are named otherwise
 FILE_SUFFIX = ".parquet"
+_NUMBERED = re.compile(rf"{FILE_PREFIX}([0-9a-f]{{12}})-[0-9a-f]+{re.escape(FILE_SUFFIX)}")
 TEMPORARY_PREFIX = ".writing-"
-LOCK_NAME = ".lock"
 LEFTOVER_AGE_S = 3600.0  # a temporary file this old belongs to a process that died
-NOT_CONTENT = frozenset({"created_at", "code_version", "code_dirty"})  # how rows came, not what they say
+NOT_CONTENT = frozenset({"created_at", "sequence", "code_version", "code_dirty"})  # how rows came, not what they say
 _ROW_GROUP_OF_TRACES = 512  # dictionaries of samples are shared by many grasps, one trace is still decoded in 15 ms
 _ROW_GROUP = 122_880  # of scalars: what one thread of DuckDB takes at a time
 _FALSE_HITS = 1e-3  # rows are in the order of time: an id is found by Bloom filter, a kilobyte for 512 of them
@@ -32,12 +30,27 @@ FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST
 
 
 def file_name(table: pa.Table, ignore: frozenset[str] = frozenset()) -> str:
-    """Name derived from the content of the columns not in `ignore`: the same rows give the same file."""
+    """The largest number of the rows (`lake.order`), then a digest of the columns not in `ignore`."""
     kept = table.select([name for name in table.column_names if name not in ignore])
     digest = hashlib.sha256()
     with pa.ipc.new_stream(_Hasher(digest), kept.schema.remove_metadata()) as stream:
         stream.write_table(kept)
-    return f"{FILE_PREFIX}{digest.hexdigest()[:24]}{FILE_SUFFIX}"
+    import pyarrow.compute as pc  # as with Parquet: only who writes pays for it
+
+    number = pc.max(table["sequence"]).as_py() or 0
+    return f"{FILE_PREFIX}{number:012x}-{digest.hexdigest()[:24]}{FILE_SUFFIX}"
+
+
+def number_of(name: str) -> int:
+    """The number in the name of a file of rows; 0 in one of an older program."""
+    found = _NUMBERED.fullmatch(name)
+    return int(found[1], 16) if found else 0
+
+
+def older_copies(name: str, others: Iterable[str]) -> list[str]:
+    """Those of `others` whose name says that they hold the same rows as `name`, appended before."""
+    digest = name.rpartition("-")[2]
+    return [other for other in others if other != name and other.rpartition("-")[2] == digest]
 
 
 def stage(folder: Path, table: pa.Table, table_name: str) -> Path:
@@ -78,28 +91,14 @@ def publish(staged: Path, final: Path) -> None:
         ) from error
 
 
-@contextmanager
-def locked(root: Path, *, exclusive: bool) -> Iterator[None]:
-    """Hold the lake's lock: shared while files are named, exclusive while merged files are removed.
-
-    It keeps a compaction from removing a file that is being written again under the same name. Readers
-    never take it. The system frees it when a process dies.
-    """
-    with ExitStack() as held:
-        try:
-            file = held.enter_context((root / LOCK_NAME).open("a"))
-            fcntl.flock(file, fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH)
-        except OSError as error:
-            raise writing_failed(root, error) from error
-        yield
-
-
 def read_row(path: Path, row: int, columns: list[str]) -> dict[str, Any] | None:
     """Columns of one row of a file, of which only the row group is read; None if the file has fewer rows.
 
     Raises:
         OSError: the file is gone or cannot be read.
     """
+    import pyarrow.parquet as pq  # 40 ms that a command which asks DuckDB alone does not need
+
     with pq.ParquetFile(path) as file:
         for group in range(file.num_row_groups):
             n_rows = file.metadata.row_group(group).num_rows
@@ -137,6 +136,8 @@ def fault_of(path: Path, row_type: type[Row], *, whole: bool) -> Fault | None:
 
     Looks at the footer alone, or with `whole` at every page and its checksum.
     """
+    import pyarrow.parquet as pq
+
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             schema = file.schema_arrow
@@ -236,6 +237,8 @@ def writing_failed(folder: Path, error: OSError) -> FastError:
 
 
 def _write_parquet(table: pa.Table, file: object, table_name: str) -> None:
+    import pyarrow.parquet as pq
+
     row_type = TABLE_BY_NAME[table_name]
     layout: dict[str, Any] = {"row_group_size": _ROW_GROUP}
     if has_samples(row_type):

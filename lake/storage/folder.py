@@ -2,20 +2,21 @@
 
 import os
 import tempfile
+import uuid
 from collections.abc import Iterable, Mapping
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import pyarrow as pa
 
-from lake.query.engine import Signature, list_files
+from lake.query.engine import is_rows
 from lake.storage.base import MARKER, QUARANTINE, STAGED_MARKER, Entry, reason_of, reason_text
 from lake.storage.files import (
     FORBIDDEN,
     NOT_CONTENT,
+    TEMPORARY_PREFIX,
     discard,
     file_name,
-    locked,
     make_folder,
     publish,
     sync_folder,
@@ -67,31 +68,91 @@ class FolderStorage:
         """See `Storage`; what is read here is the store itself."""
 
     def file_name(self, rows: pa.Table) -> str:
-        """The same for the same rows whenever they are appended, so that a repeated append replaces its file."""
+        """Ends alike for the same rows whenever they are appended, so that a repeated append replaces its file."""
         return file_name(rows, NOT_CONTENT)
 
-    def naming(self) -> AbstractContextManager[None]:
+    def names(self, table: str) -> list[str]:
         """See `Storage`."""
-        return locked(self.root, exclusive=False)
+        folder = self.root / table
+        try:
+            found, before = set(os.listdir(folder)), None
+            while found != before:  # one scan may miss a merged file that appears while it passes
+                found, before = set(os.listdir(folder)), found
+            return [name for name in found if is_rows(name)]
+        except FileNotFoundError:
+            return []  # the table has no rows yet
+        except OSError as error:
+            raise writing_failed(folder, error) from error
 
     def publish(self, staged: Path, final: Path) -> None:
         """See `Storage`."""
         publish(staged, final)
 
-    def remove(self, folder: Path, files: Mapping[str, Signature]) -> None:
+    def remove(self, folder: Path, names: Iterable[str]) -> None:
         """See `Storage`."""
         try:
-            with locked(self.root, exclusive=True):
-                now = list_files(folder)
-                for name, signature in files.items():
-                    if now.get(name) == signature:
-                        (folder / name).unlink(missing_ok=True)
-                sync_folder(folder)
+            for name in names:
+                (folder / name).unlink(missing_ok=True)
+            sync_folder(folder)
         except OSError as error:
             raise LakeError(
-                f"Merged files of {folder} could not be removed ({error.strerror}); no row is lost, and those in two "
-                "files count once: repair the disk or its permissions, then compact again."
+                f"Files of {folder} whose rows are in newer ones could not be removed ({error.strerror}); no row is "
+                "lost, and those in two files count once: repair the disk or its permissions, then run the same "
+                "command again."
             ) from error
+
+    def claim(self, folder: str, stem: str, text: str) -> str | None:
+        """See `Storage`: a link is made for one, also on a file server."""
+        place = self.root / folder
+        staged = place / f"{TEMPORARY_PREFIX}{os.getpid()}-{uuid.uuid4().hex}"
+        try:
+            make_folder(place)
+            write_synced(staged, text)
+            os.link(staged, place / f"{stem}.json")
+        except FileExistsError:
+            return None
+        except OSError as error:
+            raise writing_failed(place, error) from error
+        finally:
+            discard([staged])
+        return f"{folder}/{stem}.json"
+
+    def read(self, name: str) -> str | None:
+        """See `Storage`."""
+        try:
+            return (self.root / name).read_text(errors="replace")
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise _unread(self.root / name, error) from error
+
+    def overwrite(self, name: str, text: str) -> bool:
+        """See `Storage`: in place, which needs no room."""
+        try:
+            with (self.root / name).open("r+") as file:
+                file.write(text)
+        except FileNotFoundError:
+            return False
+        except OSError as error:
+            raise writing_failed(self.root / name, error) from error
+        return True
+
+    def small_files(self, folder: str) -> list[str]:
+        """See `Storage`."""
+        try:
+            names = os.listdir(self.root / folder)
+        except FileNotFoundError:
+            return []
+        except OSError as error:
+            raise _unread(self.root / folder, error) from error
+        return [f"{folder}/{name}" for name in names if name.endswith(".json")]
+
+    def drop(self, name: str) -> None:
+        """See `Storage`."""
+        try:
+            (self.root / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise writing_failed(self.root / name, error) from error
 
     def place(self, table: str) -> Path:
         """See `Storage`."""
@@ -137,6 +198,10 @@ class FolderStorage:
             return False
         names = [entry.name for entry in self.root.iterdir()]
         return any(not name.startswith(STAGED_MARKER) for name in names) and self.marker() is None
+
+
+def _unread(path: Path, error: OSError) -> LakeError:
+    return LakeError(f"{path} cannot be read ({error.strerror}): change its permissions or repair the disk.")
 
 
 def _not_set_aside(path: Path, error: OSError) -> FastError:

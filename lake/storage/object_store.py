@@ -11,9 +11,10 @@ import json
 import os
 import re
 import time
+import uuid
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -21,7 +22,6 @@ from typing import TypeVar
 import pyarrow as pa
 from pyarrow.fs import FileInfo, FileType
 
-from lake.query.engine import Signature
 from lake.storage.base import MARKER, QUARANTINE, STAGED_MARKER, Entry, reason_text
 from lake.storage.files import FILE_PREFIX, FILE_SUFFIX, LEFTOVER_AGE_S, discard, file_name, make_folder, writing_failed
 from lake.storage.s3_client import Connection, refusal
@@ -30,6 +30,7 @@ from models.errors import LakeError, UsageError
 _FETCHED_AT_ONCE = 16  # each waits for the network most of its time
 # pyarrow writes the marker of the folder after each delete, and some servers make writers of one object wait a second.
 _DELETED_AT_ONCE = 4
+_PAGE = 1000  # objects in a listing of one request
 _REFRESH_ATTEMPTS = 50  # an object may be merged into another between listing and reading
 _COPYING_PREFIX = ".copying-"
 
@@ -51,14 +52,7 @@ class ObjectStorage:
 
     def marker(self) -> str | None:
         """See `Storage`."""
-        key = self._key(MARKER)
-
-        def read() -> str | None:
-            with suppress(FileNotFoundError):
-                return self._store.get(key).decode(errors="replace")
-            return None
-
-        return self._asked("could not be read", read)
+        return self.read(MARKER)
 
     def is_empty(self) -> bool:
         """See `Storage`."""
@@ -91,9 +85,9 @@ class ObjectStorage:
         """Made from all columns: rows appended again are another object, and no object ever changes."""
         return file_name(rows)
 
-    def naming(self) -> AbstractContextManager[None]:
-        """See `Storage`; no object is ever written with other content, so nothing needs to be held."""
-        return nullcontext()
+    def names(self, table: str) -> list[str]:
+        """See `Storage`."""
+        return self._asked("could not be read", lambda: list(self._whole_listing(table)))
 
     def publish(self, staged: Path, final: Path) -> None:
         """See `Storage`; what was staged becomes the copy read here."""
@@ -107,8 +101,9 @@ class ObjectStorage:
         finally:
             discard([staged])
 
-    def remove(self, folder: Path, files: Mapping[str, Signature]) -> None:
+    def remove(self, folder: Path, names: Iterable[str]) -> None:
         """See `Storage`."""
+        gone = list(names)
 
         def delete(name: str) -> None:
             with suppress(FileNotFoundError):  # another process was faster
@@ -116,9 +111,51 @@ class ObjectStorage:
 
         self._asked(
             "did not remove all merged objects; no row is lost, and those in two objects count once",
-            lambda: _side_by_side(delete, files, _DELETED_AT_ONCE),
+            lambda: _side_by_side(delete, gone, _DELETED_AT_ONCE),
         )
-        discard([folder / name for name in files])
+        discard([folder / name for name in gone])
+
+    def claim(self, folder: str, stem: str, text: str) -> str | None:
+        """See `Storage`: everybody writes an object of an own name, then looks; who is not alone takes it back.
+
+        A listing shows every object that was acknowledged before. Of two who write, the one who looks last sees both,
+        so two never go on. That needs no conditional writing, which pyarrow has not.
+        """
+        own = f"{folder}/{stem}-{uuid.uuid4().hex}.json"
+        self._asked("could not be written", lambda: self._store.put(self._key(own), text.encode()))
+        if [name for name in self.small_files(folder) if name.startswith(f"{folder}/{stem}-")] == [own]:
+            return own
+        self.drop(own)
+        return None
+
+    def read(self, name: str) -> str | None:
+        """See `Storage`."""
+
+        def get() -> str | None:
+            with suppress(FileNotFoundError):
+                return self._store.get(self._key(name)).decode(errors="replace")
+            return None
+
+        return self._asked("could not be read", get)
+
+    def overwrite(self, name: str, text: str) -> bool:
+        """See `Storage`."""
+        self._asked("could not be written", lambda: self._store.put(self._key(name), text.encode()))
+        return True
+
+    def small_files(self, folder: str) -> list[str]:
+        """See `Storage`."""
+        found = self._asked("could not be read", lambda: self._list(folder))
+        return [f"{folder}/{info.base_name}" for info in found if info.type == FileType.File]
+
+    def drop(self, name: str) -> None:
+        """See `Storage`."""
+
+        def delete() -> None:
+            with suppress(FileNotFoundError):
+                self._store.delete(self._key(name))
+
+        self._asked("could not be cleared", delete)
 
     def place(self, table: str) -> str:
         """See `Storage`."""
@@ -200,6 +237,11 @@ class ObjectStorage:
         while found != before:
             found, before = self._listing(table), found
         return found
+
+    def _whole_listing(self, table: str) -> dict[str, int]:
+        """A listing that misses no object: one page of it is of one moment, and more are asked for twice."""
+        found = self._listing(table)
+        return found if len(found) < _PAGE else self._settled_listing(table, found)
 
     def _fetch(self, folder: Path, name: str) -> None:
         """Copy an object into the folder, whole or not at all."""

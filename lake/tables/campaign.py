@@ -6,17 +6,18 @@ the Parquet schemas, `lake.store` adds the columns of `lake.provenance` to every
 
 from collections.abc import Mapping
 from datetime import datetime
-from typing import Any, ClassVar, Literal, Self
+from typing import ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
 from lake.tables.features import AnomalyFlagRow, TraceFeaturesRow
 from lake.tables.inference import CalibrationRow, EffectRow, GapFindingRow, PosteriorDrawsRow
 from lake.tables.material import MaterialRow
+from lake.tables.requests import GraspRequestRow, read_placement
 from lake.tables.row import Channel, Row, Status
 from models.design.space import PARAMETERS
 from models.ids import canonical_json, content_id
-from models.records import Design, GraspSetup, SimulatorVersion, Trace
+from models.records import Design, Placement, SimulatorVersion, Trace
 
 
 class CampaignRow(Row):
@@ -179,6 +180,9 @@ class SimulationRow(Row):
     branch: int | None = Field(default=None, description="always 0, that of this row's trace; empty: not looked for")
     branch_share: float | None = Field(default=None, description="of placements, those that take this branch")
     flag: str | None = Field(default=None, description="why the numbers are not converged as others are")
+    offset_x_mm: float | None = Field(default=None, description="of the object between the fingers; empty: 0")
+    offset_y_mm: float | None = Field(default=None, description="of the object between the fingers; empty: 0")
+    yaw_deg: float | None = Field(default=None, description="of the object between the fingers; empty: 0")
 
     @staticmethod
     def make_id(design_id: str, object_id: int, version_id: str, setup_id: str) -> str:
@@ -271,11 +275,25 @@ class GraspRow(Row):
     bench: Literal["virtual", "real"]
     world_hash: str | None = None
     details_json: str = "{}"
+    offset_x_mm: float | None = Field(
+        default=None, description="asked for, of the object between the fingers; empty: 0"
+    )
+    offset_y_mm: float | None = Field(
+        default=None, description="asked for, of the object between the fingers; empty: 0"
+    )
+    yaw_deg: float | None = Field(default=None, description="asked for, of the object between the fingers; empty: 0")
+    request_id: str | None = Field(default=None, description="of `grasp_requests`; empty: an ordinary grasp")
+
+    @property
+    def placement(self) -> Placement:
+        """The placement that was asked for."""
+        return read_placement(self.__dict__)
 
     @staticmethod
-    def make_id(tool_id: str, object_id: int, repeat: int, attempt: int = 0) -> str:
+    def make_id(tool_id: str, object_id: int, repeat: int, attempt: int = 0, request_id: str = "") -> str:
         """Id derived from which grasp it is, so that redoing it duplicates nothing."""
-        return content_id("K", [tool_id, object_id, repeat, attempt])
+        asked = [request_id] if request_id else []
+        return content_id("K", [tool_id, object_id, repeat, attempt, *asked])
 
 
 class TraceRow(_SampleColumns):
@@ -396,6 +414,7 @@ TABLES: tuple[type[Row], ...] = (
     ProposalRow,
     ToolRow,
     SimulationRow,
+    GraspRequestRow,
     GraspRow,
     TraceFeaturesRow,
     AnomalyFlagRow,
@@ -406,8 +425,3 @@ TABLES: tuple[type[Row], ...] = (
     FlowRunRow,
 )
 TABLE_BY_NAME: Mapping[str, type[Row]] = {row_type.table: row_type for row_type in TABLES}
-
-
-def setup_columns(setup: GraspSetup) -> dict[str, Any]:
-    """`setup_id` and `setup_json` of a row."""
-    return {"setup_id": setup.setup_id, "setup_json": canonical_json(setup.model_dump())}

@@ -68,7 +68,8 @@ _WRITTEN_OUT = (
         "designs",
         "proposals",
         "first proposal of the design",
-        "SELECT design_id AS child, arg_min(proposal_id, created_at) AS parent FROM raw_proposals GROUP BY design_id",
+        "SELECT design_id AS child, arg_min(proposal_id, (sequence, created_at)) AS parent FROM raw_proposals "
+        "GROUP BY design_id",
     ),
     Link(
         "tools",

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import duckdb
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from lake.storage.files import FILE_PREFIX, FILE_SUFFIX, Fault, publish, reading_fault, schema_fault, stage
 from lake.tables.migrations import VERSION_KEY, file_version, migrated, table_version, version_number
@@ -32,6 +31,11 @@ class Upgrades:
         self._kept = root.resolve() / _COPIES
         self.temporary = Path(tempfile.gettempdir()).resolve() / f"fast-lake-{uuid.uuid4().hex}"
         weakref.finalize(self, _remove_own, self.temporary, os.getpid())
+
+    @property
+    def folders(self) -> list[Path]:
+        """Where copies are."""
+        return [self._kept, self.temporary]
 
     def copies(self, connection: duckdb.DuckDBPyConnection, row_type: type[Row], paths: list[Path]) -> dict[str, Path]:
         """Copy to read in place of a file, by file name; files of today's version need none.
@@ -64,6 +68,8 @@ def read_upgraded(path: Path, row_type: type[Row]) -> pa.Table:
         LakeError: the file cannot be read, or its columns are not those of the table; the message names it.
         FileNotFoundError: it is gone.
     """
+    import pyarrow.parquet as pq  # 40 ms that a command which asks DuckDB alone does not need
+
     schema = schema_of(row_type)
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
@@ -92,6 +98,8 @@ def older_files(folder: Path, row_type: type[Row]) -> set[str]:
     found: set[str] = set()
     if today == 1:
         return found
+    import pyarrow.parquet as pq
+
     for path in folder.glob(f"{FILE_PREFIX}*{FILE_SUFFIX}"):
         try:
             if file_version(pq.read_schema(path)) < today:

@@ -20,8 +20,8 @@ from lake.tables.campaign import (
     SimulatorVersionRow,
     ToolRow,
     TraceRow,
-    setup_columns,
 )
+from lake.tables.requests import setup_columns
 from models import traces as features
 from models.design.space import BEST_PUBLISHED
 from models.records import GraspSetup, SimulatorVersion, Trace

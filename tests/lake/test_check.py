@@ -120,7 +120,7 @@ def test_a_file_that_the_system_refuses_is_named_and_stays(filled, monkeypatch, 
             raise OSError(number, os.strerror(number))
         return opened(source, **options)
 
-    monkeypatch.setattr("lake.storage.files.pq.ParquetFile", refuse)
+    monkeypatch.setattr("pyarrow.parquet.ParquetFile", refuse)
     check_that_it_stays(filled, path, os.strerror(number))
 
 

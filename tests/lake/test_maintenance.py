@@ -115,8 +115,8 @@ def test_a_file_rewritten_during_compaction_is_kept(filled, provenance, make_gra
     monkeypatch.setattr("lake.storage.folder.publish", rewrite_then_publish)
     compact(filled, "traces")
     assert n_files(filled, "traces") == 2
-    newest = max(row["created_at"] for row in filled.rows(TraceRow))
-    assert filled.rows(TraceRow, grasp_id=rows[0].grasp_id)[0]["created_at"] == newest
+    newest = max(row["sequence"] for row in filled.rows(TraceRow))
+    assert filled.rows(TraceRow, grasp_id=rows[0].grasp_id)[0]["sequence"] == newest
 
 
 def test_a_torn_file_is_found_and_set_aside(filled):

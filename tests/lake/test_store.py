@@ -107,9 +107,8 @@ def test_has_and_ids_see_rows_of_another_process_at_once(lake, provenance, make_
 
 def test_appending_the_same_rows_again_duplicates_nothing(lake, provenance, make_grasp):
     lake.append(make_grasp(), provenance)
-    before = files_of(lake, "grasps"), files_of(lake, "traces")
     lake.append(make_grasp(), provenance)
-    assert (files_of(lake, "grasps"), files_of(lake, "traces")) == before
+    assert (len(files_of(lake, "grasps")), len(files_of(lake, "traces"))) == (1, 1)
     assert len(lake.rows(GraspRow)) == len(lake.rows(TraceRow)) == 1
 
 
@@ -123,11 +122,11 @@ def test_a_correction_supersedes_and_can_be_taken_back(lake, provenance, make_gr
     assert len(files_of(lake, "grasps")) == 2
 
 
-def test_the_latest_time_wins_whatever_the_order_of_writing(lake, provenance, make_grasp):
+def test_the_row_appended_last_wins_whatever_the_clock_says(lake, provenance, make_grasp):
     late = provenance.model_copy(update={"created_at": make_grasp()[0].started_at + timedelta(days=1)})
     early = provenance.model_copy(update={"created_at": make_grasp()[0].started_at})
-    lake.append(make_grasp(peak_n=20.0), late)
-    lake.append(make_grasp(peak_n=10.0), early)
+    lake.append(make_grasp(peak_n=10.0), late)
+    lake.append(make_grasp(peak_n=20.0), early)
     assert lake.rows(GraspRow)[0]["peak_force_n"] == pytest.approx(20.0, rel=1e-2)
     assert lake.query("SELECT max(list_max(force_n)) AS m FROM traces").to_pylist()[0]["m"] == pytest.approx(
         20, rel=1e-2

@@ -133,6 +133,9 @@ def folders(draw) -> dict[str, list[dict]]:
                 "tool_id": draw(words) if is_real else draw(st.just("") | words),
                 "started_at": draw(st.sampled_from(["", "2026-03-01T10:00:00.000001+00:00"])),
                 "order": draw(st.just("") | st.integers(-5, 5)),
+                "lift_speed_mm_per_s": draw(st.floats(6, 20)),
+                "dwell_s": draw(st.floats(0.5, 100)),
+                "offset_y_mm": draw(st.floats(1, 5)),
             }
         )
         for i, force_n in enumerate(draw(st.lists(numbers, min_size=1, max_size=3))):

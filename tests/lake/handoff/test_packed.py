@@ -13,8 +13,8 @@ from lake.tables.campaign import (
     SimTraceRow,
     SimulationRow,
     TraceRow,
-    setup_columns,
 )
+from lake.tables.requests import setup_columns
 from lake.tables.row import Row
 from models.design.space import numbered_design
 from models.errors import UsageError

@@ -24,8 +24,8 @@ from lake.tables.campaign import (
     SimulatorVersionRow,
     ToolRow,
     TraceRow,
-    setup_columns,
 )
+from lake.tables.requests import setup_columns
 from models import traces as features
 from models.design.space import random_designs
 from models.ids import canonical_json

@@ -100,6 +100,19 @@ def test_no_file_but_the_lakes_own_can_be_read(lake, outside, sql):
     assert "SQL reads the tables and views of the lake only" in sentence or "There is no table or view" in sentence
 
 
+@pytest.mark.parametrize("name", [".state/prefect/prefect.db", "outputs/quick/report/index.html", "lake.json"])
+@pytest.mark.parametrize("read", ["read_text('{}')", "read_blob('{}')", "'{}'", "read_csv('{}')", "glob('{}')"])
+@pytest.mark.parametrize("way", ["{root}/{name}", "{root}/grasps/../{name}"])
+def test_no_file_of_the_lake_but_the_tables_can_be_read(lake, name, read, way):
+    path = lake.root / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.exists():
+        path.write_text("secret")
+    sentence = refusal(lake, f"FROM {read.format(way.format(root=lake.root, name=name))}")
+    assert "\n" not in sentence
+    assert "SQL reads the tables and views of the lake only" in sentence or "There is no table or view" in sentence
+
+
 def test_a_write_hidden_in_a_select_is_refused(lake):
     before = lake.query("SELECT count(*), sum(repeat) FROM grasps").to_pylist()
     for hidden in (

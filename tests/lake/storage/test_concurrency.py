@@ -98,15 +98,6 @@ def test_a_killed_writer_leaves_only_whole_files(tmp_path):
         assert not [finding for finding in check(lake) if finding.kind in ("torn", "wrong_schema")]
 
 
-def test_reading_never_waits_for_the_lock(tmp_path):
-    from lake.storage.files import locked
-
-    lake = Lake.open(tmp_path / "lake", create=True)
-    lake.append(rows_of(0, 0), PROVENANCE)
-    with locked(lake.root, exclusive=True):
-        assert len(lake.rows(EventRow)) == ROWS_PER_APPEND
-
-
 def test_a_trace_survives_its_file_being_merged_away(tmp_path):
     lake = Lake.open(tmp_path / "lake", create=True)
     channel = [0.0, 1.0]

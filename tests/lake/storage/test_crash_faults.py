@@ -1,7 +1,6 @@
 """Every system call of a write fails once, in turn: earlier rows stay, the failed call is whole or absent."""
 
 import errno
-import fcntl
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -75,7 +74,6 @@ def injected(faults: Faults) -> Iterator[Faults]:
         patch.setattr(os, "replace", faults.around("rename", os.replace))
         patch.setattr(os, "fsync", faults.around("fsync", os.fsync))
         patch.setattr(os, "open", faults.around("open folder", os.open))
-        patch.setattr(fcntl, "flock", faults.around("lock", fcntl.flock))
         patch.setattr(Path, "mkdir", faults.around("mkdir", Path.mkdir))
         patch.setattr(Path, "unlink", faults.around("unlink", Path.unlink))
         patch.setattr(Path, "open", lambda path, *mode, **options: faults.open(path, *mode, **options))
@@ -144,7 +142,7 @@ def test_the_calls_of_an_append_are_all_there(lake, provenance, make_grasp):
     calls = calls_of(lambda: lake.append(make_grasp(slot=8), provenance))
     steps = [name for i, name in enumerate(calls) if name not in calls[i - 1 : i] and name != "unlink"]
     stage, publish = ["open", "write", "fsync"], ["rename", "open folder", "fsync"]
-    assert steps == [*stage, *stage, "open", "lock", *publish, *publish]
+    assert steps == [*stage, *stage, *publish, *publish]
 
 
 @pytest.mark.parametrize("shift", SHIFTS)
@@ -157,7 +155,7 @@ def test_a_lake_that_could_not_be_made_can_be_made_again(tmp_path, provenance, m
         root = tmp_path / f"lake-{at}"
         fails_in_one_sentence(lambda root=root: work(root), at, shift)
         work(root)
-        assert {path.name for path in root.iterdir()} == {"lake.json", ".lock", "grasps", "traces"}
+        assert {path.name for path in root.iterdir()} == {"lake.json", "grasps", "traces"}
         assert len(list(root.rglob(f"{FILE_PREFIX}*"))) == 2
 
 

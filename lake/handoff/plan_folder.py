@@ -1,0 +1,76 @@
+"""A bench plan as a hand-off folder without its samples: whoever makes the grasps adds them, and gives it back."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from lake.handoff.export_folder import write_csv, write_files
+from lake.handoff.files import DESIGN_COLUMNS, FILE_NAMES, GRASP_COLUMNS, HOW_COLUMNS
+from lake.store import Lake
+from lake.tables.campaign import DesignRow, GraspRow, ToolRow
+from models.errors import UsageError
+from models.records import GraspRequest
+
+SHEET = "sheet.html"
+
+
+def write_plan(lake: Lake, requests: Sequence[GraspRequest], sheet_html: str, directory: Path) -> None:
+    """Write `designs.csv`, `grasps.csv` in the order of the requests, and the sheet for whoever makes them.
+
+    Raises:
+        UsageError: the folder holds files of these names, or cannot be written, or a tool is no longer there.
+    """
+    there = [name for name in (*FILE_NAMES, SHEET) if (directory / name).exists()]
+    if there:
+        raise UsageError(f"{directory} already holds {', '.join(there)}; nothing was written: give a new folder.")
+    tools = find_tools(lake, requests)
+    designs = lake.rows(DesignRow, design_id=[row.design_id for row in tools.values()])
+    rows = [_row(request, tools[request.tool_id], place) for place, request in enumerate(requests)]
+    write_files(
+        directory,
+        [
+            ("designs.csv", lambda path: write_csv(path, DESIGN_COLUMNS, designs)),
+            ("grasps.csv", lambda path: write_csv(path, (*GRASP_COLUMNS, *HOW_COLUMNS), rows)),
+            (SHEET, lambda path: _write_text(path, sheet_html)),
+        ],
+    )
+
+
+def find_tools(lake: Lake, requests: Sequence[GraspRequest]) -> dict[str, ToolRow]:
+    """Rows of the tools that requests need, by id.
+
+    Raises:
+        UsageError: one is not in the lake, or was rejected.
+    """
+    wanted = list(dict.fromkeys(request.tool_id for request in requests))
+    rows = {row.tool_id: row for row in lake.records(ToolRow, tool_id=wanted)}
+    for tool_id in wanted:
+        row = rows.get(tool_id)
+        if row is None or row.status == "rejected":
+            why = "is not in the table of tools" if row is None else f"was rejected ({row.reason or 'no reason given'})"
+            n = sum(request.tool_id == tool_id for request in requests)
+            raise UsageError(
+                f"{n} of {len(requests)} grasps are asked of tool {tool_id}, which {why}; mount it again and confirm "
+                "it with `fast print confirm`, or run `fast gap` again to ask for grasps of the tools that are there."
+            )
+    return rows
+
+
+def _row(request: GraspRequest, tool: ToolRow, place: int) -> dict[str, Any]:
+    return {
+        "grasp_id": GraspRow.make_id(request.tool_id, request.object_id, request.repeat, 0, request.request_id),
+        "design_id": tool.design_id,
+        "object_id": request.object_id,
+        "repeat": request.repeat,
+        "fidelity": "real",
+        "tool_id": request.tool_id,
+        "started_at": "",
+        "order": place,
+        **request.setup.model_dump(),
+        **request.placement.model_dump(),
+        "request_id": request.request_id,
+    }
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")

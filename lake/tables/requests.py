@@ -1,0 +1,80 @@
+"""How a grasp was made, as columns of a row, and the row records of grasps that are asked for."""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+from pydantic import Field
+
+from lake.tables.row import Row
+from models.ids import canonical_json, content_id
+from models.records import GraspRequest, GraspSetup, Placement, find_setup_id
+
+PLACEMENT = ("offset_x_mm", "offset_y_mm", "yaw_deg")  # what of a placement can be asked for
+
+
+def read_placement(row: Mapping[str, Any]) -> Placement:
+    """The placement that was asked for, of the columns of a row; an empty one is 0."""
+    return Placement(**{name: row[name] or 0.0 for name in PLACEMENT})
+
+
+def setup_columns(setup: GraspSetup, placement: Placement = Placement()) -> dict[str, Any]:  # noqa: B008 - frozen record
+    """`setup_id` and `setup_json` of a row, and the placement that was asked for, where it is not the nominal one."""
+    offsets = {name: value for name in PLACEMENT if (value := getattr(placement, name))}
+    return {
+        "setup_id": find_setup_id(setup, placement),
+        "setup_json": canonical_json(setup.model_dump()),
+        **offsets,
+    }
+
+
+class GraspRequestRow(Row):
+    """A grasp that a search asks for; the view `asked_grasps` says what became of it."""
+
+    table: ClassVar[str] = "grasp_requests"
+    request_id: str
+    search_id: str = Field(description="of what asks, such as a gap search")
+    campaign_id: str | None = None
+    place: int = Field(ge=0, description="order in which the grasps of a search are made")
+    tool_id: str
+    object_id: int
+    repeat: int
+    setup_id: str
+    setup_json: str
+    offset_x_mm: float | None = None
+    offset_y_mm: float | None = None
+    yaw_deg: float | None = None
+    purpose: str = Field(default="", description="what it shall tell, in words")
+
+    @classmethod
+    def of(cls, search_id: str, place: int, request: GraspRequest, campaign_id: str | None = None) -> Self:
+        """Row of a request of a search."""
+        where = setup_columns(request.setup, request.placement)
+        return cls(
+            request_id=cls.make_id(search_id, place),
+            search_id=search_id,
+            campaign_id=campaign_id,
+            place=place,
+            tool_id=request.tool_id,
+            object_id=request.object_id,
+            repeat=request.repeat,
+            purpose=request.purpose,
+            **where,
+        )
+
+    @property
+    def request(self) -> GraspRequest:
+        """The request of this row."""
+        return GraspRequest(
+            tool_id=self.tool_id,
+            object_id=self.object_id,
+            repeat=self.repeat,
+            setup=GraspSetup.model_validate_json(self.setup_json),
+            placement=read_placement(self.__dict__),
+            purpose=self.purpose,
+            request_id=self.request_id,
+        )
+
+    @staticmethod
+    def make_id(search_id: str, place: int) -> str:
+        """Id derived from which request of which search it is."""
+        return content_id("I", [search_id, place])

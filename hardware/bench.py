@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -17,6 +17,7 @@ from hardware.cell.force_sensor import ForceSensor
 from hardware.cell.gantry import Gantry
 from hardware.cell.layout import BenchLayout
 from hardware.cell.pneumatics import Pneumatics
+from hardware.click import tags
 from hardware.click.driver import ClickPlc
 from hardware.clock import Clock, RealClock, ScaledClock, VirtualClock
 from hardware.laumas.codec import PLAIN_DIVISIONS, Scale
@@ -46,20 +47,25 @@ logger = logging.getLogger(__name__)
 
 _VIRTUAL_LOG_BYTES = 32_000_000  # of one device: a virtual bench says in a minute what a real one says in hours
 _EXIT_OF_A_SIGNAL = 128  # plus its number, as shells say it
+_LONGEST_READ_S = tags.HOST_TIME_OUT_S - ClickPlc.heartbeat_period_s  # a read that takes longer costs the heartbeat
 _PHYSICS_PATIENCE_S = 1800.0  # real seconds a virtual gripper may wait for its physics
 
 
 class BenchSettings(Record):
     """Addresses and figures of a real bench; the defaults are the paper's rig."""
 
-    serial_port: str = Field(default="/dev/ttyACM0", description="GRBL on an Arduino Mega")
-    plc_host: str = "192.168.0.10"
+    serial_port: str = Field(default="/dev/ttyACM0", min_length=1, description="GRBL on an Arduino Mega")
+    plc_host: str = Field(default="192.168.0.10", min_length=1)
     plc_port: int = Field(default=502, ge=1, le=65535)
     plc_device_id: int = Field(default=1, ge=0, le=255, description="Modbus unit id")
-    transmitter_host: str = Field(default="192.168.0.20", description="Modbus TCP; unused with a serial port")
+    transmitter_host: str = Field(
+        default="192.168.0.20", min_length=1, description="Modbus TCP; unused with a serial port"
+    )
     transmitter_port: int = Field(default=502, ge=1, le=65535)
     transmitter_device_id: int = Field(default=1, ge=0, le=255, description="Modbus unit id or serial address")
-    transmitter_serial_port: str | None = Field(default=None, description="serial line instead of Modbus TCP")
+    transmitter_serial_port: str | None = Field(
+        default=None, min_length=1, description="serial line instead of Modbus TCP"
+    )
     transmitter_baud_rate: int = Field(default=115200, ge=2400, le=115200)
     transmitter_mode: Literal["modbus", "continuous"] = Field(
         default="modbus", description="`continuous`: the serial line sends force_rate_hz strings a second by itself"
@@ -67,12 +73,14 @@ class BenchSettings(Record):
     transmitter_division: float = Field(default=0.001, gt=0, description="on the keypad; used in continuous mode")
     transmitter_unit: Literal["kg", "g", "t", "N"] = Field(default="kg", description="as transmitter_division")
     transmitter_filter: int = Field(default=0, ge=0, le=9, description="keypad setting, recorded; 0 or 1 for a lift")
-    modbus_time_out_s: float = Field(default=1.0, gt=0, le=30)
+    modbus_time_out_s: float = Field(default=_LONGEST_READ_S, gt=0, le=30, description="of a read with its repeats")
     force_rate_hz: float = Field(default=80.0, ge=5, le=300)
     stale_after_s: float | None = Field(default=0.5, gt=0, le=10)
     supply_pressure_psi: float = Field(default=30.0, ge=5, le=60)
     pressure_time_out_s: float = Field(default=2.0, gt=0)
-    tool_mass_kg: dict[int, float] = Field(default_factory=dict, description="weighed tools by slot; others estimated")
+    tool_mass_kg: dict[int, Annotated[float, Field(gt=0)]] = Field(
+        default_factory=dict, description="weighed tools by slot; others estimated"
+    )
     layout: BenchLayout = BenchLayout()
     journal: str | None = Field(default=None, description="file of the tool changer's journal; default beside this one")
 
@@ -207,6 +215,10 @@ def open_real_bench(
         InterlockError: emergency stop pressed, or the gripper is closed; nothing has moved.
         DeviceError: names every device that did not connect.
     """
+    if clock is None and settings.modbus_time_out_s > _LONGEST_READ_S:
+        logger.warning("modbus_time_out_s is %g s: a read that the PLC does not answer outlasts its watchdog of %g s, "
+                       "which then takes the motor enable; keep it at %g s", settings.modbus_time_out_s,
+                       tags.HOST_TIME_OUT_S, _LONGEST_READ_S)  # fmt: skip
     weighed = {
         slot: MountedTool(tool.tool_id, tool.design, settings.tool_mass_kg.get(slot, tool.mass_kg))
         for slot, tool in tools.items()

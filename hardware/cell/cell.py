@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from hardware.cell.diagnostics import NO_OBJECT, Cell, DiagnosticRun
+from hardware.cell.diagnostics import NO_OBJECT, DiagnosticRun, Item
 from hardware.cell.force_sensor import Baseline, ForceSensor, OverloadError, SensorFaultError
 from hardware.cell.gantry import Gantry
 from hardware.cell.layout import BenchLayout
@@ -24,7 +24,7 @@ from hardware.tools.changer import ToolChanger
 from hardware.tools.mounted import MountedTool
 from models.errors import DeviceError, FastError, InterlockError, UsageError
 from models.objects.catalogue import get_object
-from models.records import BENCH_FAULT, GraspSetup, Trace
+from models.records import BENCH_FAULT, GraspRequest, GraspSetup, Placement, Trace
 
 logger = logging.getLogger(__name__)
 
@@ -38,7 +38,7 @@ LATE_S = 0.05  # a position whose time is less sure is not recorded: at 5 mm/s i
 CARRYING_CHECK_PERIOD_S = 0.5
 CONTACT_SDS = 3.0  # of one reading: five of the mean that is looked at, with the noise of a filter
 OVERLOAD_LOWER_MM = 5.0
-SAME_PLACE_MM = 0.5
+SAME_PLACE_MM = 0.05
 LIFT_MARGIN_S = 5.0
 
 Hang = Callable[[float], None]
@@ -51,7 +51,7 @@ class MeasuredGrasp:
 
     `tare_force_n`: gross force of the free-hanging gripper that was taken as zero. A failed grasp keeps what was
     recorded until then. `setup` is the one it was made with. `diagnostic`: the experiment it belongs to (`object_id` is
-    then `NO_OBJECT` if it needs none), None for an ordinary grasp.
+    then `NO_OBJECT` if it needs none); `request`: what asked for it. Both None: an ordinary grasp.
     """
 
     object_id: int
@@ -64,6 +64,7 @@ class MeasuredGrasp:
     details: dict[str, float | str] = field(default_factory=dict)
     setup: GraspSetup = GraspSetup()
     diagnostic: DiagnosticRun | None = None
+    request: GraspRequest | None = None
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ class GraspCell:
     def measure_tool(
         self,
         slot: int,
-        plan: Sequence[Cell | DiagnosticRun],
+        plan: Sequence[Item],
         setup: GraspSetup,
         on_grasp: Callable[[MeasuredGrasp], None],
         should_stop: Callable[[], bool],
@@ -115,7 +116,8 @@ class GraspCell:
 
         `on_grasp` gets each grasp as soon as it is measured; `should_stop` is asked before each grasp and ends the
         plan early, with the tool parked. A grasp that fails by itself (load cell fault, overload) is reported as failed
-        and the plan goes on. Diagnostic runs may stand anywhere in the plan; dead weights need `hang`.
+        and the plan goes on. Diagnostic runs and grasps that are asked for, which bring their own setup, may stand
+        anywhere in the plan; dead weights need `hang`.
 
         Raises:
             UsageError: plan or setup cannot be carried out; nothing has moved.
@@ -149,16 +151,18 @@ class GraspCell:
         self._supervisor.end_safe_state("the person who asked to recover")
         self._gantry.move_to(z_mm=self._layout.top_z_mm)
 
-    def _check_plan(
-        self, slot: int, plan: Sequence[Cell | DiagnosticRun], setup: GraspSetup, hang: Hang | None
-    ) -> MountedTool:
+    def _check_plan(self, slot: int, plan: Sequence[Item], setup: GraspSetup, hang: Hang | None) -> MountedTool:
         tool = self._changer.tools.get(slot)
         if tool is None:
             raise UsageError(f"Slot {slot} has no tool; mounted are slots {sorted(self._changer.tools)}.")
-        self._layout.grasp_z_mm(tool.design, setup)
         for item in plan:
             grasp = self._begin(item, setup)
+            self._layout.limits.check(grasp.setup, grasp.placement)
+            self._layout.grasp_z_mm(tool.design, grasp.setup)
             self._place_mm(grasp)
+            if grasp.request is not None and grasp.request.tool_id != tool.tool_id:
+                wanted = f"A grasp of tool {grasp.request.tool_id} is asked for"
+                raise UsageError(f"{wanted}, but slot {slot} holds {tool.tool_id}; mount the tool that is asked for.")
             if grasp.run is not None and grasp.run.mass_kg is not None and hang is None:
                 raise UsageError(
                     "The plan has dead weights, which a person hangs on the gripper; use `fast gantry diagnose`."
@@ -172,10 +176,12 @@ class GraspCell:
                 "`fast gantry park --vent` to vent, raise and park."
             )
 
-    def _begin(self, item: Cell | DiagnosticRun, setup: GraspSetup) -> "_GraspInProgress":
+    def _begin(self, item: Item, setup: GraspSetup) -> "_GraspInProgress":
         if isinstance(item, DiagnosticRun):
-            return _GraspInProgress(item.object_id, item.repeat, item.setup_of(setup), item, dict(self._recorded))
-        return _GraspInProgress(*item, setup, None, dict(self._recorded))
+            return _GraspInProgress(item.object_id, item.repeat, item.setup_of(setup), dict(self._recorded), run=item)
+        if isinstance(item, GraspRequest):
+            return _GraspInProgress(item.object_id, item.repeat, item.setup, dict(self._recorded), request=item)
+        return _GraspInProgress(*item, setup, dict(self._recorded))
 
     def _measure(
         self, tool: MountedTool, grasp: "_GraspInProgress", on_grasp: Callable[[MeasuredGrasp], None], hang: Hang | None
@@ -203,7 +209,7 @@ class GraspCell:
     def _place_mm(self, grasp: "_GraspInProgress") -> tuple[float, float]:
         if grasp.object_id == NO_OBJECT:
             return self._layout.free_xy_mm
-        return self._layout.object_xy_mm(grasp.object_id)
+        return self._layout.grasp_xy_mm(grasp.object_id, grasp.placement)
 
     def _approach(self, tool: MountedTool, grasp: "_GraspInProgress") -> None:
         """Travel over the object, unless the head is there from the last repeat, and tare hanging free."""
@@ -228,8 +234,7 @@ class GraspCell:
         if grasp.setup != self._stroke:
             self._pneumatics.set_stroke(grasp.setup)
             self._stroke = grasp.setup
-        psi = grasp.run.supply_pressure_psi if grasp.run is not None else None
-        self._pneumatics.set_supply_pressure(psi)
+        self._pneumatics.set_supply_pressure(grasp.setup.supply_pressure_psi)
         grasp.details["supply_pressure_psi"] = self._pneumatics.supply_pressure_psi
 
     def _weigh(self, grasp: "_GraspInProgress", mass_kg: float, hang: Hang) -> None:
@@ -252,7 +257,7 @@ class GraspCell:
         self._force.watch_peak()
         self._pneumatics.grip()
         recorder = grasp.recorder = GraspRecorder(self._clock.now_s(), z_mm, grasp.baseline)
-        self._record_until(recorder, self._clock.now_s() + closing_s(setup) + CLOSED_SETTLE_S + grasp.dwell_s)
+        self._record_until(recorder, self._clock.now_s() + closing_s(setup) + CLOSED_SETTLE_S + setup.dwell_s)
         self._pneumatics.check_pressure()
         self._watch.air.begin()
         recorder.add_position(self._clock.now_s(), z_mm)
@@ -341,8 +346,9 @@ class _GraspInProgress:
     object_id: int
     repeat: int
     setup: GraspSetup
-    run: DiagnosticRun | None
     details: dict[str, float | str]
+    run: DiagnosticRun | None = None
+    request: GraspRequest | None = None
     started_at: datetime = field(default_factory=lambda: datetime.now(UTC))
     baseline: Baseline = Baseline(0.0, 0.0, 0.0)
     free_n: float = 0.0  # net force of the open gripper, against which it is judged after the release
@@ -351,9 +357,9 @@ class _GraspInProgress:
     end: str = ""
 
     @property
-    def dwell_s(self) -> float:
-        """Wait between closing and lift, on top of what every grasp waits."""
-        return (self.run.dwell_s or 0.0) if self.run is not None else 0.0
+    def placement(self) -> Placement:
+        """Where the object shall sit between the fingers."""
+        return Placement() if self.request is None else self.request.placement
 
     def result(self) -> MeasuredGrasp:
         """The grasp as measured; failed when a reason was noted."""
@@ -375,6 +381,7 @@ class _GraspInProgress:
             details=self.details,
             setup=self.setup,
             diagnostic=self.run,
+            request=self.request,
         )
 
 

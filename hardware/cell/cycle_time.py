@@ -20,12 +20,12 @@ from hardware.cell.cell import (
     closing_s,
     least_lift_mm,
 )
-from hardware.cell.diagnostics import NO_OBJECT, Cell, DiagnosticRun
+from hardware.cell.diagnostics import NO_OBJECT, DiagnosticRun, Item
 from hardware.cell.layout import BenchLayout
 from hardware.grbl.profile import GrblProfile, limit_along, move_duration_s
 from hardware.tools import changer as tool_changer
 from hardware.tools.mounted import MountedTool
-from models.records import GraspSetup
+from models.records import GraspRequest, GraspSetup, Placement
 
 PAPER_GRASP_S = 15.0  # "one grasp every 15 s", 240 an hour
 
@@ -87,7 +87,7 @@ class PlanTime:
 def plan_time(
     tool: MountedTool,
     slot: int,
-    items: Sequence[Cell | DiagnosticRun],
+    items: Sequence[Item],
     setup: GraspSetup,
     layout: BenchLayout | None = None,
     profile: GrblProfile | None = None,
@@ -149,22 +149,25 @@ class _Model:
         spent_s += self._to_z(self._layout.dock_z_mm) + self._to_z(self._layout.top_z_mm)
         return spent_s + _LOCK_S + 2 * tool_changer.SENSOR_S
 
-    def item(self, item: Cell | DiagnosticRun, setup: GraspSetup) -> Parts:
+    def item(self, item: Item, setup: GraspSetup) -> Parts:
         """One grasp or diagnostic run."""
         run = item if isinstance(item, DiagnosticRun) else None
-        object_id = item.object_id if isinstance(item, DiagnosticRun) else item[0]
+        placement = item.placement if isinstance(item, GraspRequest) else Placement()
+        object_id = item[0] if isinstance(item, tuple) else item.object_id
+        if isinstance(item, GraspRequest):
+            setup = item.setup
         setup = run.setup_of(setup) if run is not None else setup
-        parts = self._approach(object_id)
+        parts = self._approach(object_id, placement)
         if run is not None and run.mass_kg is not None:
             parts["dead_weight"] += 2 * (DEAD_WEIGHT_S + _HANG_S)
         else:
-            parts.add(self._grip_and_lift(object_id, setup, (run.dwell_s or 0.0) if run is not None else 0.0))
+            parts.add(self._grip_and_lift(object_id, setup))
         parts["release_check"] += RELEASE_CHECK_S
         return parts
 
-    def _approach(self, object_id: int) -> Parts:
+    def _approach(self, object_id: int, placement: Placement) -> Parts:
         layout = self._layout
-        place = layout.free_xy_mm if object_id == NO_OBJECT else layout.object_xy_mm(object_id)
+        place = layout.free_xy_mm if object_id == NO_OBJECT else layout.grasp_xy_mm(object_id, placement)
         parts = Parts(tare=BASELINE_S)
         if place != self._at[:2]:
             travel_z_mm = layout.travel_z_mm(self._design)
@@ -172,7 +175,7 @@ class _Model:
             parts["settle"] += SETTLE_S
         return parts
 
-    def _grip_and_lift(self, object_id: int, setup: GraspSetup, dwell_s: float) -> Parts:
+    def _grip_and_lift(self, object_id: int, setup: GraspSetup) -> Parts:
         grasp_z_mm = self._layout.grasp_z_mm(self._design, setup)
         down_s = self._to_z(grasp_z_mm)
         lift_mm = least_lift_mm(object_id, setup, self._layout)
@@ -181,7 +184,9 @@ class _Model:
         lift_s = math.ceil(ideal_s / POSITION_PERIOD_S) * POSITION_PERIOD_S
         self._at = (*self._at[:2], grasp_z_mm + min(lift_s * speed, setup.max_lift_mm))
         closed_s = math.ceil((closing_s(setup) + CLOSED_SETTLE_S) / 0.0125) * 0.0125
-        return Parts(descend=down_s, air=_GRIP_S + _VENT_S, close=closed_s, dwell=dwell_s, lift=lift_s + _STOP_LIFT_S)
+        return Parts(
+            descend=down_s, air=_GRIP_S + _VENT_S, close=closed_s, dwell=setup.dwell_s, lift=lift_s + _STOP_LIFT_S
+        )
 
     def _to_z(self, z_mm: float) -> float:
         return self._move((*self._at[:2], z_mm))

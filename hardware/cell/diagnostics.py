@@ -16,17 +16,21 @@ None of them is an ordinary grasp: results carry the run, and go to a table of t
 
 import random
 from collections.abc import Sequence
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from models.records import Design, GraspSetup, Record
+from models.records import Design, GraspRequest, GraspSetup, Record
 
 DiagnosticKind = Literal["dwell", "lift_speed", "supply_pressure", "closed_empty", "dead_weight", "reference"]
 Cell = tuple[int, int]  # (object id, repeat)
 
 NO_OBJECT = -1
 _WITHOUT_OBJECT = ("closed_empty", "dead_weight")
+_Dwell = Annotated[float, Field(ge=0, le=600)]
+_LiftSpeed = Annotated[float, Field(gt=0, le=50)]
+_Pressure = Annotated[float, Field(ge=5, le=60)]
+_Mass = Annotated[float, Field(gt=0, le=15)]
 
 
 class DiagnosticRun(Record):
@@ -38,10 +42,10 @@ class DiagnosticRun(Record):
     kind: DiagnosticKind
     object_id: int = Field(default=NO_OBJECT, ge=NO_OBJECT, le=35)
     repeat: int = Field(default=0, ge=0)
-    dwell_s: float | None = Field(default=None, ge=0, le=600)
-    lift_speed_mm_per_s: float | None = Field(default=None, gt=0, le=50)
-    supply_pressure_psi: float | None = Field(default=None, ge=5, le=60)
-    mass_kg: float | None = Field(default=None, gt=0, le=15)
+    dwell_s: _Dwell | None = None
+    lift_speed_mm_per_s: _LiftSpeed | None = None
+    supply_pressure_psi: _Pressure | None = None
+    mass_kg: _Mass | None = None
 
     @model_validator(mode="after")
     def _check_object(self) -> "DiagnosticRun":
@@ -61,15 +65,20 @@ class DiagnosticRun(Record):
 
     def setup_of(self, setup: GraspSetup) -> GraspSetup:
         """The setup of this run, from that of ordinary grasps."""
-        if self.lift_speed_mm_per_s is None:
-            return setup
-        return setup.model_copy(update={"lift_speed_mm_per_s": self.lift_speed_mm_per_s})
+        knobs = {name: value for name, value in self.parameters.items() if name in GraspSetup.model_fields}
+        return setup.model_copy(update=knobs)
 
     def text(self) -> str:
-        """`dwell 10 s, object 14, repeat 0`."""
+        """`dwell, dwell_s 10, tube (14), repeat 0`."""
+        from models.objects.catalogue import name_object  # only those who print it need the objects
+
         knobs = [f"{name} {value:g}" for name, value in self.parameters.items()]
-        target = [f"object {self.object_id}"] if self.object_id != NO_OBJECT else []
+        target = [name_object(self.object_id)] if self.object_id != NO_OBJECT else []
         return ", ".join([self.kind.replace("_", " "), *knobs, *target, f"repeat {self.repeat}"])
+
+
+# Of a plan: an ordinary grasp, a diagnostic run, or a grasp that is asked for with its own setup and placement.
+Item = Cell | DiagnosticRun | GraspRequest
 
 
 class ReferenceTool(Record):
@@ -86,13 +95,15 @@ class DiagnosticPlan(Record):
     where `reference_every` and `protocol_slot` ask for it.
     """
 
-    objects: tuple[int, ...] = Field(default=(2, 14, 24), description="objects of dwell, lift speed and pressure runs")
+    objects: tuple[Annotated[int, Field(ge=0, le=35)], ...] = Field(
+        default=(2, 14, 24), description="objects of dwell, lift speed and pressure runs"
+    )
     repeats: int = Field(default=2, ge=1, le=20, description="runs of each setting")
-    dwell_s: tuple[float, ...] = (0.0, 2.0, 10.0, 30.0)
-    lift_speeds_mm_per_s: tuple[float, ...] = (1.0, 5.0, 20.0)
-    supply_pressures_psi: tuple[float, ...] = (20.0, 30.0, 40.0)
+    dwell_s: tuple[_Dwell, ...] = (0.0, 2.0, 10.0, 30.0)
+    lift_speeds_mm_per_s: tuple[_LiftSpeed, ...] = (1.0, 5.0, 20.0)
+    supply_pressures_psi: tuple[_Pressure, ...] = (20.0, 30.0, 40.0)
     closed_empty: int = Field(default=3, ge=0, le=50, description="runs without an object")
-    dead_weights_kg: tuple[float, ...] = Field(default=(), description="masses that a person hangs on the gripper")
+    dead_weights_kg: tuple[_Mass, ...] = Field(default=(), description="masses that a person hangs on the gripper")
     reference_every: int = Field(default=0, ge=0, description="ordinary grasps between reference grasps; 0 is none")
     reference_object: int = Field(default=14, ge=0, le=35)
     reference_tool: ReferenceTool | None = Field(
@@ -123,7 +134,7 @@ class DiagnosticPlan(Record):
         random.Random(seed).shuffle(turned)
         return [*first, *empty, *turned]
 
-    def with_references(self, cells: Sequence[Cell], n_before: int = 0) -> "list[Cell | DiagnosticRun]":
+    def with_references(self, cells: Sequence[Cell], n_before: int = 0) -> list[Item]:
         """An ordinary plan with a reference grasp before it and after every `reference_every` of its grasps.
 
         As it is where a tool of its own makes the reference grasps.
@@ -131,7 +142,7 @@ class DiagnosticPlan(Record):
         `n_before`: ordinary grasps the tool has made already, so that a resumed plan keeps the same places.
         """
         every = self.reference_every if self.reference_tool is None else 0
-        items: list[Cell | DiagnosticRun] = []
+        items: list[Item] = []
         for number, cell in enumerate(cells, n_before):
             if every and number % every == 0:
                 items.append(self.reference(number // every))

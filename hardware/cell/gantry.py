@@ -4,7 +4,7 @@ Box, homing and speed are checked before the first byte is sent. See `hardware.g
 coordinates map to the controller's.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from hardware.clock import Clock
@@ -45,6 +45,9 @@ class Gantry:
         transport: line to the controller.
         clock: time for all waits.
         profile: settings the controller must have.
+
+    Attributes:
+        require_leave: called before each motion; raises for a host that the bench is no longer lent to.
     """
 
     def __init__(self, transport: Transport, clock: Clock, profile: GrblProfile | None = None) -> None:
@@ -54,6 +57,7 @@ class Gantry:
         self._driver = GrblDriver(transport, clock, self._profile)
         self._workspace = Workspace.nominal(self._profile)
         self._homed_place: Place = (0.0, 0.0, 0.0)
+        self.require_leave: Callable[[], object] = lambda: None
 
     def __enter__(self) -> "Gantry":
         self.connect()
@@ -74,6 +78,7 @@ class Gantry:
 
     def home(self) -> Place:
         """Home all axes (Z first) and learn where the box is; returns the place afterwards. Clears alarms."""
+        self.require_leave()
         homed_mm = self._driver.home()
         self._workspace = Workspace.from_homed(self._profile, homed_mm)
         self._homed_place = self._to_place(homed_mm)
@@ -91,6 +96,7 @@ class Gantry:
         x_mm, y_mm, z_mm = self._homed_place
         self.move_to(z_mm=z_mm)
         self.move_to(x_mm=x_mm, y_mm=y_mm)
+        self.require_leave()
         x, y, z = self._driver.slip_mm()
         return (x, y, z)
 
@@ -158,9 +164,11 @@ class Gantry:
 
         Raises:
             InterlockError: outside the box, not homed, not idle, or too fast; nothing was sent.
+            FastError: `require_leave` refused; nothing was sent.
             DeviceError: the move went wrong; the message says what holds now.
         """
         self._require_position("move")
+        self.require_leave()
         asked = (x_mm, y_mm, z_mm)
         if any(place is None for place in asked):
             present = self.position_mm()
@@ -177,6 +185,7 @@ class Gantry:
             InterlockError: the end is outside the box, not homed, not idle, or too fast; nothing was sent.
         """
         self._require_position("lift")
+        self.require_leave()
         x, y, z = self.position_mm()
         self._workspace.check((x, y, z + distance_mm))
         self._driver.start_jog((0.0, 0.0, distance_mm), speed_mm_per_s)

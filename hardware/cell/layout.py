@@ -11,8 +11,9 @@ A 120 mm finger grasps at z = 88 and ends an 80 mm lift at 168; a 90 mm finger g
 
 from pydantic import Field
 
+from hardware.cell.limits import BenchLimits
 from models.errors import UsageError
-from models.records import Design, GraspSetup, Record
+from models.records import Design, GraspSetup, Placement, Record
 
 N_OBJECTS = 36
 N_SLOTS = 10
@@ -34,6 +35,7 @@ class BenchLayout(Record):
     dock_y_mm: float = 1420.0
     dock_z_mm: float = Field(default=90.0, description="the longest finger hangs 30 mm above the sheet")
     top_z_mm: float = Field(default=175.0, description="travel height to and from the dock")
+    limits: BenchLimits = BenchLimits()
 
     def object_xy_mm(self, object_id: int) -> tuple[float, float]:
         """Centre of an object: row by row from the front left.
@@ -48,6 +50,11 @@ class BenchLayout(Record):
         x = self.workspace_mm[0] / 2 + (column - (self.n_columns - 1) / 2) * self.object_pitch_mm
         y = self.workspace_mm[1] / 2 + (row - (n_rows - 1) / 2) * self.object_pitch_mm
         return x, y
+
+    def grasp_xy_mm(self, object_id: int, placement: Placement) -> tuple[float, float]:
+        """Place of the head for a grasp: the object then sits off the middle of the fingers as asked."""
+        x, y = self.object_xy_mm(object_id)
+        return x - placement.offset_x_mm, y - placement.offset_y_mm
 
     def dock_xy_mm(self, slot: int) -> tuple[float, float]:
         """Place of a dock slot.
@@ -84,8 +91,8 @@ class BenchLayout(Record):
         """How far the tips are under the objects' bottoms when the head is at `z_mm`; inverse of `grasp_z_mm`."""
         return self.mount_height_mm + design.height_mm - self.head_offset_mm - z_mm
 
-    def object_at(self, x_mm: float, y_mm: float, within_mm: float = 5.0) -> int | None:
-        """Object whose centre is within `within_mm` of the head, or None."""
+    def object_at(self, x_mm: float, y_mm: float, within_mm: float = 15.0) -> int | None:
+        """Object whose centre is within `within_mm` of the head in x and y, or None; as far as a grasp is offset."""
         for object_id in range(N_OBJECTS):
             x, y = self.object_xy_mm(object_id)
             if abs(x - x_mm) <= within_mm and abs(y - y_mm) <= within_mm:

@@ -1,7 +1,8 @@
 """Motion with a GRBL controller, in machine coordinates: home, move, jog, hold, resume, abort.
 
 A move is done when a short dwell after it is answered *and* the controller reports Idle at the target: the dwell
-proves the planner empty, the status proves the place. Every wait has a deadline calculated from the move.
+proves the planner empty, the status proves the place. Every wait has a deadline calculated from the move. What is
+reported on the way is held against the way (`PlaceWatch`).
 
 One thread moves; `hold`, `resume` and `abort` may come from another.
 """
@@ -18,12 +19,13 @@ from hardware.grbl.errors import (
     GrblReplyError,
     MoveTimeoutError,
     SilentControllerError,
-    WrongPlaceError,
 )
 from hardware.grbl.link import Ticket
 from hardware.grbl.messages import ErrorReply, RealTime, StatusReport, Vector
+from hardware.grbl.place_watch import PLACE_TOLERANCE_MM, Way
 from hardware.grbl.profile import DEADLINE_FACTOR, GrblProfile, limit_along, move_deadline_s, move_duration_s
-from hardware.grbl.session import FULL_OVERRIDES, HOLD_POLL_S, HOLD_TIMEOUT_S, GrblSession
+from hardware.grbl.session import FULL_OVERRIDES, GrblSession
+from hardware.grbl.stand_still import HOLD_POLL_S, HOLD_TIMEOUT_S, STATUS_REPLY_S, stand_still
 from hardware.grbl.switch_search import SwitchSearch
 from hardware.wire.serial import Transport
 from models.errors import DeviceError, InterlockError
@@ -31,7 +33,7 @@ from models.errors import DeviceError, InterlockError
 logger = logging.getLogger(__name__)
 
 AXES = "XYZ"
-PLACE_TOLERANCE_MM = 0.01
+MOST_OVERRIDE = 2.0  # of a feed, turned by somebody else
 MOVE_POLL_S = 0.2
 SHORT_POLL_S = 0.05  # past the expected end; 20 Hz is always answered
 DWELL_LINE = "G4 P0.01"
@@ -156,10 +158,8 @@ class GrblDriver:
                 raise InterlockError(
                     f"The carriage is not where homing left it, {self._homed_mm}; move it there first."
                 )
-            try:
-                slip_mm = SwitchSearch(self.session, self._clock, self._profile).slip_mm(self._homed_mm)
-            finally:
-                self.session.distrust()
+            self.session.distrust()
+            slip_mm = SwitchSearch(self.session, self._clock, self._profile).slip_mm(self._homed_mm)
         self.home()
         return slip_mm
 
@@ -173,7 +173,8 @@ class GrblDriver:
                 raise MoveTimeoutError("Homing did not end in time and was stopped; check the switches, home again.")
             self._clock.sleep(HOMING_POLL_S)
         if ticket.alarm is not None:
-            self.session.wait_for_restart()
+            if not self.session.wait_for_restart():
+                self.session.reset("stopping a homing that goes on after its alarm")
             raise GrblAlarmError(ticket.alarm, "homing")
         self.session.check("homing", epoch)
         if isinstance(ticket.reply, ErrorReply):
@@ -213,11 +214,12 @@ class GrblDriver:
             epoch = self._link.epoch
             self._link.send_real_time(*FULL_OVERRIDES)
             self._motion_command(f"G21 G90 G94 G1 {words} F{speed * 60:.3f}", doing)
+            fastest = self._limits(way_mm, distance_mm, None)[0]
+            self.session.watch.expect(Way(start_mm, tuple(target_mm), min(MOST_OVERRIDE * speed, fastest)))
             dwell = self._link.send_line(DWELL_LINE)
             expected_s = self._clock.now_s() + move_duration_s(distance_mm, speed, acceleration) + DWELL_S
             allowed_s = move_deadline_s(distance_mm, speed, acceleration)
-            report = self._follow(dwell, doing, epoch, expected_s, allowed_s)
-            self._prove_place(report, target_mm, doing)
+            self._follow(dwell, doing, epoch, expected_s, allowed_s)
 
     def start_jog(self, way_mm: Sequence[float], speed_mm_per_s: float) -> None:
         """Begin a relative straight motion that `stop_jog` can end anywhere; returns at once.
@@ -227,28 +229,29 @@ class GrblDriver:
             GrblReplyError: 15 when the end lies beyond the soft limits.
         """
         with self._alone("jog"):
-            self._ready("jog")
+            start_mm = _place(self._ready("jog"))
             distance_mm = math.hypot(*way_mm)
             if distance_mm < NO_MOVE_MM:
                 return
-            speed, _ = self._limits(way_mm, distance_mm, speed_mm_per_s)
+            speed, acceleration = self._limits(way_mm, distance_mm, speed_mm_per_s)
             words = " ".join(f"{axis}{part:.3f}" for axis, part in zip(AXES, way_mm, strict=True) if part)
             self._link.send_real_time(*FULL_OVERRIDES)
             self._motion_command(f"$J=G91 G21 {words} F{speed * 60:.3f}", "starting a jog")
+            target_mm = tuple([place + part for place, part in zip(start_mm, way_mm, strict=True)])
+            deadline_s = self._clock.now_s() + move_deadline_s(distance_mm, speed, acceleration)
+            self.session.watch.expect(Way(start_mm, target_mm, speed, deadline_s))  # no override acts on a jog
 
     def stop_jog(self) -> Vector:
         """Stop a jog and wait for rest; returns the MPos. Does nothing when the jog is over already."""
         doing = "stopping a jog"
         epoch = self._link.epoch
+        self.session.watch.let_end()
         self._link.send_real_time(RealTime.JOG_CANCEL)
         until_s = self._clock.now_s() + HOLD_TIMEOUT_S
         while (report := self.session.poll(doing, epoch)).is_moving:
             if self._clock.now_s() > until_s:
-                self.session.slow_to_rest(doing)
-                raise MoveTimeoutError(
-                    f"The gantry did not stop within {HOLD_TIMEOUT_S:g} s of a jog cancel; it was put on hold, "
-                    "abort and look."
-                )
+                fault = MoveTimeoutError(f"The gantry did not stop within {HOLD_TIMEOUT_S:g} s of a jog cancel")
+                self.session.distrust_and_stop(fault)
             self._clock.sleep(HOLD_POLL_S)
         return _place(report)
 
@@ -293,10 +296,16 @@ class GrblDriver:
         try:
             self.session.command(line, doing)
         except SilentControllerError:
-            self.session.slow_to_rest(doing)
+            stand_still(self.session)
+            raise
+        except GrblReplyError as error:
+            self._clock.sleep(SHORT_POLL_S)
+            report = self._link.request_report(STATUS_REPLY_S)
+            if report is None or report.is_moving:  # the line was taken: `error` was said of another, or by nobody
+                raise GrblReplyError(error.code, line, stand_still(self.session)) from error
             raise
 
-    def _follow(self, dwell: Ticket, doing: str, epoch: int, expected_s: float, allowed_s: float) -> StatusReport:
+    def _follow(self, dwell: Ticket, doing: str, epoch: int, expected_s: float, allowed_s: float) -> None:
         """Poll until the dwell is answered and the state is Idle. Time on hold by this host does not count."""
         last_s = self._clock.now_s()
         deadline_s = last_s + allowed_s
@@ -304,19 +313,19 @@ class GrblDriver:
             report = self.session.poll(doing, epoch)
             self._watch_overrides(doing)
             if isinstance(dwell.reply, ErrorReply):
-                self.session.slow_to_rest(doing)
-                raise GrblReplyError(dwell.reply.code, dwell.line)
+                raise GrblReplyError(dwell.reply.code, dwell.line, stand_still(self.session))
             if dwell.reply is not None and report.state == "Idle":
-                return report
+                return
             now_s = self._clock.now_s()
             if self._is_held:
                 deadline_s += now_s - last_s
                 expected_s += now_s - last_s
             elif now_s > deadline_s:
-                self.session.slow_to_rest(doing)
-                raise MoveTimeoutError(
-                    f"Not done after {allowed_s:.1f} s while {doing} (last report {report.state} at "
-                    f"{report.machine_mm}); the gantry is on hold, abort, look and home."
+                self.session.distrust_and_stop(
+                    MoveTimeoutError(
+                        f"Not done after {allowed_s:.1f} s while {doing} (last report {report.state} at "
+                        f"{report.machine_mm})"
+                    )
                 )
             last_s = now_s
             self._clock.sleep(min(max(expected_s - now_s, SHORT_POLL_S), MOVE_POLL_S))
@@ -327,15 +336,6 @@ class GrblDriver:
             logger.warning("overrides were turned to %s while %s; set back to 100 %%", overrides, doing)
             self._link.send_real_time(*FULL_OVERRIDES)
 
-    def _prove_place(self, report: StatusReport, target_mm: Sequence[float], doing: str) -> None:
-        error_mm = max(abs(place - target) for place, target in zip(_place(report), target_mm, strict=True))
-        if error_mm > PLACE_TOLERANCE_MM:
-            self.session.distrust()
-            raise WrongPlaceError(
-                f"The gantry came to rest {error_mm:.3f} mm off its target while {doing}, limit {PLACE_TOLERANCE_MM} "
-                "mm; the position is no longer trusted, home again."
-            )
-
     # Stopping, from any thread
 
     def hold(self) -> None:
@@ -345,11 +345,14 @@ class GrblDriver:
             return
         self._is_held = True
         if not self.session.slow_to_rest("holding"):
-            raise MoveTimeoutError(f"The gantry did not come to rest within {HOLD_TIMEOUT_S:g} s of a hold; abort.")
+            self.session.distrust_and_stop(
+                MoveTimeoutError(f"The gantry did not come to rest within {HOLD_TIMEOUT_S:g} s of a hold")
+            )
 
     def resume(self) -> None:
         """Go on after a hold. Does nothing when not on hold."""
         if self.session.poll("resuming").state == "Hold":
+            self.session.watch.let_end(False)
             self._link.send_real_time(RealTime.RESUME)
             self.session.poll("resuming")
         self._is_held = False
@@ -379,6 +382,7 @@ class GrblDriver:
         if not self.is_position_known:
             raise InterlockError("The gantry stays locked: its position is unknown, home instead.")
         self.session.command("$X", "unlocking")
+        self.session.watch.is_locked = False
 
 
 def _place(report: StatusReport) -> Vector:

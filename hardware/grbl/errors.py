@@ -7,10 +7,10 @@ from models.errors import DeviceError, InterlockError
 class GrblAlarmError(DeviceError):
     """The controller entered an alarm; it moves no more until it is cleared."""
 
-    def __init__(self, code: int, doing: str) -> None:
+    def __init__(self, code: int, doing: str, told: str = "") -> None:
         meaning = alarm_meaning(code)
         position = "the position is kept" if meaning.keeps_position else "the position is lost"
-        super().__init__(f"ALARM:{code} while {doing}: {meaning.text}, {position}; {meaning.next_step}.")
+        super().__init__(f"ALARM:{code} while {doing}: {meaning.text}, {position}; {meaning.next_step}.{told}")
         self.code = code
         self.keeps_position = meaning.keeps_position
 
@@ -18,10 +18,11 @@ class GrblAlarmError(DeviceError):
 class GrblReplyError(DeviceError):
     """The controller dropped a line: our plan and the machine disagree."""
 
-    def __init__(self, code: int, line: str) -> None:
+    def __init__(self, code: int, line: str, told: str = "") -> None:
         super().__init__(
             f"Line {line!r} was answered error:{code} ({error_text(code)}); the line was dropped, the position is "
             f"{'kept' if error_keeps_position(code) else 'lost'}; stop the campaign and compare plan and machine."
+            f"{told}"
         )
         self.code = code
         self.keeps_position = error_keeps_position(code)
@@ -31,10 +32,14 @@ class GrblReplyError(DeviceError):
 class ControllerResetError(DeviceError):
     """The controller restarted unasked: steps may be lost."""
 
-    def __init__(self, doing: str) -> None:
+    def __init__(self, doing: str, told: str = "") -> None:
         super().__init__(
-            f"The gantry controller restarted by itself while {doing}; the position is unknown, home again."
+            f"The gantry controller restarted by itself while {doing}; the position is unknown, home again.{told}"
         )
+
+
+class LostAlarmError(DeviceError):
+    """The controller is in state Alarm and nothing had told so: its banner or its ALARM line was lost."""
 
 
 class SilentControllerError(DeviceError):
@@ -49,11 +54,11 @@ class MoveAbortedError(DeviceError):
 
 
 class MoveTimeoutError(DeviceError):
-    """A move was not done by its deadline; the gantry was put on hold."""
+    """A move was not done by its deadline; the gantry was stopped and its position counts as unknown."""
 
 
 class WrongPlaceError(DeviceError):
-    """The controller came to rest away from the target."""
+    """The controller reports a place where what was commanded cannot have brought it."""
 
 
 class ProfileMismatchError(InterlockError):

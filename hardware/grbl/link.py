@@ -175,14 +175,16 @@ class GrblLink:
                 self._changed.wait(left)
             return True
 
-    def request_report(self, timeout_s: float) -> StatusReport | None:
+    def request_report(self, timeout_s: float, *then: RealTime) -> StatusReport | None:
         """Ask for a status report and wait for it; a barrier: all bytes sent before have been handled then.
+
+        `then` is sent in the same breath; the report tells how it was before.
 
         Returns:
             The report, or None when none came in time, an alarm came instead, or the controller restarted.
         """
         before, epoch, alarm = self._n_reports, self._epoch, self._alarm
-        self.send_real_time(RealTime.STATUS)
+        self.send_real_time(RealTime.STATUS, *then)
         if self._n_reports == before:  # on wires in memory it is there by now
             self.wait(
                 lambda: self._n_reports > before or self._epoch != epoch or (alarm is None and self._alarm is not None),

@@ -1,10 +1,13 @@
 """Brings a GRBL controller into a known state and keeps it there: connect, query, poll, reset, alarms, trust.
 
 *Trust* is the knowledge that MPos is the true place. Homing gives it; an unasked banner, a position-losing alarm, a
-silent controller or a lost line takes it; a soft reset at rest and ALARM:2 leave it.
+silent controller, a lost line, a time-out or a report that does not fit what was commanded (`PlaceWatch`) takes it; a
+soft reset at rest and ALARM:2 leave it.
 """
 
 import logging
+import threading
+from typing import Never
 
 from hardware.clock import Clock
 from hardware.grbl.codes import alarm_meaning
@@ -18,14 +21,16 @@ from hardware.grbl.errors import (
 )
 from hardware.grbl.link import GrblLink, Ticket
 from hardware.grbl.messages import ErrorReply, Feedback, Message, RealTime, Setting, StatusReport
+from hardware.grbl.place_watch import PlaceWatch
 from hardware.grbl.profile import GrblProfile
+from hardware.grbl.stand_still import HOLD_POLL_S, HOLD_TIMEOUT_S, STATUS_REPLY_S, stand_still
 from hardware.wire.serial import Transport
+from models.errors import DeviceError
 
 logger = logging.getLogger(__name__)
 
 REPLY_TIMEOUT_S = 1.0  # real; a line or `?` is answered within some 20 ms
 STATUS_ASKS = 3  # one swallowed `?` is no reason for a reset
-STATUS_REPLY_S = 0.25  # real
 ASK_AGAIN_S = 0.3  # clock; after a limit in motion the firmware is deaf for `$1` ms before it says ALARM
 BANNER_REPLY_S = 0.3  # real; a live controller says its banner within some 20 ms
 BANNER_TIMEOUT_S = 2.0  # clock; longer than the bootloader
@@ -33,13 +38,12 @@ BANNER_POLL_S = 0.1
 BOOT_WAIT_S = 3.0  # clock; bootloader of a Mega after a port open
 BOOT_POLL_S = 0.1
 CRITICAL_ALARM_S = 0.7  # clock; the firmware is deaf for 0.5 s after ALARM:1 and 2
-HOLD_TIMEOUT_S = 2.0  # clock; beyond it a bare reset is the second choice
-HOLD_POLL_S = 0.05
 SETTING_REPLY_S = 0.05  # real; then some clock time passes, in which the EEPROM is written
 SETTING_POLL_S = 0.05
 OVERRIDE_POLLS = 25  # `Ov` comes at the latest every 20th report
 OVERRIDE_POLL_S = 0.05
 FULL_OVERRIDES = (RealTime.FEED_100, RealTime.RAPID_100)
+LOOK_AGAIN_S = 0.1  # clock
 MAX_DIFFERENCES = 5
 N_AXES_MIN = 3
 
@@ -51,10 +55,13 @@ class GrblSession:
         self.link = GrblLink(transport)
         self.clock = clock
         self.profile = profile
+        self.watch = PlaceWatch(profile.max_speed_mm_per_s)
         self.build: tuple[str, ...] = ()
         self._known_epoch = -1
         self._trusted_epoch = -1
         self._is_prepared = False
+        self._stopping = threading.Lock()
+        self._stopped_for: tuple[int, int | None] | None = None
 
     # Trust
 
@@ -67,6 +74,7 @@ class GrblSession:
 
     def trust(self) -> None:
         """MPos is the true place from now on."""
+        self.watch.start()
         self._trusted_epoch = self.link.epoch
 
     def distrust(self) -> None:
@@ -191,6 +199,7 @@ class GrblSession:
                 f"Line {line!r} got no answer in {REPLY_TIMEOUT_S:g} s while {doing}; it may have been taken in part. "
                 "Abort, then home again."
             )
+        self.watch.release()
         return ticket
 
     def store_setting(self, number: int, value: float) -> None:
@@ -225,16 +234,33 @@ class GrblSession:
 
         Raises:
             GrblAlarmError, ControllerResetError, MoveAbortedError: why there is none.
+            WrongPlaceError, LostAlarmError, MoveTimeoutError: a trusted position that cannot be true, twice; whatever
+                moved was stopped.
             SilentControllerError: no answer to three questions in 1.4 s; one soft reset was tried.
         """
         epoch = self._known_epoch if epoch is None else epoch
         self.check(doing, epoch)
+        report, fault = self._look(doing, epoch)
+        if fault is not None:  # one damaged on the wire does not come twice; a move that was just answered has begun
+            logger.warning("%s (%s at %s)", fault, report.state, report.machine_mm)
+            self.clock.sleep(LOOK_AGAIN_S)
+            self.check(doing, epoch)
+            report, fault = self._look(doing, epoch)
+        if fault is not None:
+            self.distrust_and_stop(fault)
+        return report
+
+    def _look(self, doing: str, epoch: int) -> tuple[StatusReport, DeviceError | None]:
+        """A report with a position, and what speaks against a trusted one."""
+        asked_s = self.clock.now_s()
         report = self._ask(doing, epoch)
         if report is None:
             self._rouse(doing)
         if report is None or report.machine_mm is None or len(report.machine_mm) < N_AXES_MIN:
             raise SilentControllerError(f"The status report lacks a position while {doing}; set $10 of the controller.")
-        return report
+        if not self.is_position_known:
+            return report, None
+        return report, self.watch.look(report, asked_s, self.clock.now_s(), doing)
 
     def _ask(self, doing: str, epoch: int) -> StatusReport | None:
         """A status report, asked for up to three times."""
@@ -255,9 +281,10 @@ class GrblSession:
                 raise MoveAbortedError(doing)
             self.distrust()
             self._is_prepared = False
-            raise ControllerResetError(doing)
-        if self.link.alarm is not None:
-            raise GrblAlarmError(self.link.alarm, doing)
+            raise ControllerResetError(doing, self._stop_once(None))
+        alarm = self.link.alarm
+        if alarm is not None:
+            raise GrblAlarmError(alarm, doing, self._stop_once(alarm))
 
     def _rouse(self, doing: str) -> None:
         """Silent: it may be deaf in a critical alarm whose line was lost. One reset, then it is gone."""
@@ -271,9 +298,27 @@ class GrblSession:
 
     # Stopping
 
+    def distrust_and_stop(self, fault: DeviceError) -> Never:
+        """Raise a fault that costs the position, after whatever moves was stopped; the sentence says what was done."""
+        self.distrust()
+        self._is_prepared = False
+        raise type(fault)(f"{fault}; the position is no longer trusted, home again.{stand_still(self)}") from None
+
+    def _stop_once(self, alarm: int | None) -> str:
+        """After an ALARM or a banner: the first to hear it sees to it that the gantry stands. It may not be true."""
+        with self._stopping:
+            event = (self.link.epoch, alarm)
+            if self._stopped_for == event:
+                return ""
+            self._stopped_for = event
+            told = stand_still(self, is_deaf=alarm is not None and alarm_meaning(alarm).is_critical)
+            self._stopped_for = self._stopped_for if self.link.epoch == event[0] else None
+            return told
+
     def slow_to_rest(self, doing: str) -> bool:
         """Feed hold, and wait until nothing moves; False when it did not come to rest in time."""
         epoch = self.link.epoch
+        self.watch.let_end()
         self.link.send_real_time(RealTime.HOLD)
         until_s = self.clock.now_s() + HOLD_TIMEOUT_S
         while self.poll(doing, epoch).is_moving:
@@ -304,6 +349,7 @@ class GrblSession:
         self._known_epoch = self.link.epoch
         if was_known and (alarm_meaning(alarm).keeps_position if alarm is not None else self._is_unlocked()):
             self.trust()
+            self.watch.is_locked = alarm is not None
         else:
             self.distrust()
 
@@ -331,7 +377,8 @@ class GrblSession:
             self.clock.sleep(CRITICAL_ALARM_S)
         self.reset("clearing an alarm")
 
-    def wait_for_restart(self) -> None:
-        """Deal with the banner that the controller sends by itself after a failed homing."""
-        self._wait_for_banner(self._known_epoch)
+    def wait_for_restart(self) -> bool:
+        """Deal with the banner that the controller sends by itself after a failed homing; False if none comes."""
+        has_restarted = self._wait_for_banner(self._known_epoch)
         self._known_epoch = self.link.epoch
+        return has_restarted

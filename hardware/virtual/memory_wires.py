@@ -31,6 +31,7 @@ class Answer:
     bits: list[bool] = field(default_factory=list)
     registers: list[int] = field(default_factory=list)
     exception_code: int = 0
+    function_code: int = 0
 
     def isError(self) -> bool:
         """Whether the device refused."""
@@ -106,12 +107,13 @@ def memory_link(name: str, server: ModbusServerThread) -> ModbusLink:
 def _decoded(pdu: bytes) -> Answer:
     function = pdu[0]
     if function & 0x80:
-        return Answer(exception_code=pdu[1])
+        return Answer(exception_code=pdu[1], function_code=function)
     if function in (1, 2):
-        return Answer(bits=unpack_bits(pdu[2:], 8 * pdu[1]))
+        return Answer(bits=unpack_bits(pdu[2:], 8 * pdu[1]), function_code=function)
     if function in (3, 4):
-        return Answer(registers=list(struct.unpack_from(f">{pdu[1] // 2}H", pdu, 2)))
-    return Answer()
+        registers = list(struct.unpack_from(f">{pdu[1] // 2}H", pdu, 2))
+        return Answer(registers=registers, function_code=function)
+    return Answer(function_code=function)
 
 
 class MemoryTransport:

@@ -1,13 +1,14 @@
 """One Modbus connection to one device, with the rules that keep it in step.
 
 After any time-out the socket is thrown away: pymodbus (and others) can be out of step by one transaction afterwards.
-Reads are repeated on a fresh socket, writes never: the caller must read back first.
+Reads are repeated on a fresh socket, writes never: the caller must read back first. A read with all its repeats ends
+within `time_out_s`, so that the host gives up before the watchdog of a PLC does.
 """
 
 import logging
 import threading
+import time
 from collections.abc import Callable
-from typing import TypeVar
 
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ModbusException
@@ -23,7 +24,12 @@ logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
 
 Client = ModbusTcpClient | ModbusSerialClient
 Tracer = Callable[[bool, bytes], bytes]
-Response = TypeVar("Response", bound=ModbusPDU)
+
+_REFUSAL = 0x80  # added to the function code of a request that the device refuses
+# One try waits at most thrice: to connect, for the beginning of the answer, and for its rest. The third try to ask a
+# silent device begins after two waits and a little, so a read takes five waits and a half at most.
+_WAITS_OF_A_TRY = 3
+_WAITS = 5.5
 
 _EXCEPTION_WORDS = {
     1: "illegal function",
@@ -35,16 +41,24 @@ _EXCEPTION_WORDS = {
 }
 
 
+class ModbusAnswerError(LinkLostError):
+    """The device answered something else than what it was asked: nothing of it is believed."""
+
+
 class ModbusLink:
     """A shared, self-healing connection to one Modbus device; safe to call from several threads.
 
-    `name` appears in every message; `log` keeps the last traffic.
+    `name` appears in every message; `log` keeps the last traffic. `time_out_s`: real seconds in which a read ends, its
+    repeats included; the client that `make_client` makes waits `_WAITS` times less for anything.
     """
 
     n_read_repeats = 2
 
-    def __init__(self, name: str, make_client: Callable[[Tracer], Client], device_id: int = 1) -> None:
+    def __init__(
+        self, name: str, make_client: Callable[[Tracer], Client], device_id: int = 1, time_out_s: float = 1.5
+    ) -> None:
         self.name = name
+        self.time_out_s = time_out_s
         self.log = WireLog()
         self.n_reconnects = 0
         self._traced = b""
@@ -72,44 +86,67 @@ class ModbusLink:
 
     def read_bits(self, function_code: int, address: int, count: int) -> list[bool]:
         """`count` coils (FC01) or discrete inputs (FC02) from a 0-based address."""
-        if function_code == 1:
-            answer = self._repeat(lambda c: c.read_coils(address, count=count, device_id=self._device_id))
-        else:
-            answer = self._repeat(lambda c: c.read_discrete_inputs(address, count=count, device_id=self._device_id))
-        self._check_length(len(answer.bits), count, is_bits=True)
-        return list(answer.bits[:count])
+
+        def ask(client: Client) -> ModbusPDU:
+            read = client.read_coils if function_code == 1 else client.read_discrete_inputs
+            answer = read(address, count=count, device_id=self._device_id)
+            self._check_answer(answer, function_code, len(answer.bits) // 8, (count + 7) // 8)
+            return answer
+
+        return list(self._repeat(ask).bits[:count])
 
     def read_registers(self, function_code: int, address: int, count: int) -> list[int]:
         """`count` holding (FC03) or input (FC04) registers from a 0-based address."""
-        if function_code == 3:
-            answer = self._repeat(lambda c: c.read_holding_registers(address, count=count, device_id=self._device_id))
-        else:
-            answer = self._repeat(lambda c: c.read_input_registers(address, count=count, device_id=self._device_id))
-        self._check_length(len(answer.registers), count, is_bits=False)
-        return list(answer.registers)
+
+        def ask(client: Client) -> ModbusPDU:
+            read = client.read_holding_registers if function_code == 3 else client.read_input_registers
+            answer = read(address, count=count, device_id=self._device_id)
+            self._check_answer(answer, function_code, len(answer.registers), count)
+            return answer
+
+        return list(self._repeat(ask).registers)
 
     def write_coil(self, address: int, value: bool) -> None:
         """Write one coil with FC05, exactly once."""
-        self._once(lambda c: c.write_coil(address, value, device_id=self._device_id))
+
+        def ask(client: Client) -> ModbusPDU:
+            answer = client.write_coil(address, value, device_id=self._device_id)
+            self._check_answer(answer, 5)
+            return answer
+
+        self._once(ask)
 
     def write_registers(self, address: int, values: list[int]) -> None:
         """Write registers with FC16, exactly once."""
-        self._once(lambda c: c.write_registers(address, values, device_id=self._device_id))
 
-    def _repeat(self, request: Callable[[Client], Response]) -> Response:
-        for _ in range(self.n_read_repeats):
+        def ask(client: Client) -> ModbusPDU:
+            answer = client.write_registers(address, values, device_id=self._device_id)
+            self._check_answer(answer, 16)
+            return answer
+
+        self._once(ask)
+
+    def _repeat(self, request: Callable[[Client], ModbusPDU]) -> ModbusPDU:
+        """A read, repeated while another try is sure to end in time."""
+        last_start_s = time.monotonic() + self.time_out_s * (1 - _WAITS_OF_A_TRY / _WAITS)
+        for n_left in reversed(range(self.n_read_repeats + 1)):
             try:
                 return self._once(request)
             except LinkLostError as error:
+                if not n_left or time.monotonic() > last_start_s:
+                    raise
                 logger.warning("%s Repeating the read on a new connection.", error)
                 self.n_reconnects += 1
-        return self._once(request)
+        raise AssertionError("a try returns or raises")
 
-    def _once(self, request: Callable[[Client], Response]) -> Response:
+    def _once(self, request: Callable[[Client], ModbusPDU]) -> ModbusPDU:
         with self._lock:
             client = self._client or self._connected_client()
             try:
                 answer = request(client)
+            except ModbusAnswerError:
+                self.close()  # out of step, or another device: no answer on this connection counts any more
+                raise
             except Exception as error:  # pymodbus lets struct.error and others out when bytes make no sense
                 self.close()
                 how = "did not answer in time" if isinstance(error, ModbusException | OSError) else "answered nonsense"
@@ -152,27 +189,35 @@ class ModbusLink:
             self._traced = data
         return data
 
-    def _check_length(self, received: int, expected: int, is_bits: bool) -> None:
-        if received < expected or (received != expected and not is_bits):
-            self.close()
-            raise DeviceError(
-                f"{self.name} answered {received} values instead of {expected}; the connection was reset, repeat."
-            )
+    def _check_answer(self, answer: ModbusPDU, function_code: int, received: int = 0, expected: int = 0) -> None:
+        """Refuse an answer to another function than the one asked, or with another number of values."""
+        if answer.isError():
+            expected = received
+            function_code |= _REFUSAL
+        if answer.function_code == function_code and received == expected:
+            return
+        what = f"{received} values instead of {expected}"
+        if answer.function_code != function_code:
+            what = f"function {answer.function_code} to function {function_code & ~_REFUSAL}"
+        raise ModbusAnswerError(
+            f"{self.name} answered {what}; the answer is refused and the connection was reset. Check that nothing else "
+            "is at its address; the batch is paused and no data is lost."
+        )
 
 
-def tcp_link(name: str, host: str, port: int, device_id: int = 1, time_out_s: float = 1.0) -> ModbusLink:
-    """A link over Modbus TCP. `time_out_s` is real time."""
+def tcp_link(name: str, host: str, port: int, device_id: int = 1, time_out_s: float = 1.5) -> ModbusLink:
+    """A link over Modbus TCP. `time_out_s` is real time, for a read with its repeats."""
 
     def make_client(trace: Tracer) -> Client:
-        return ModbusTcpClient(host, port=port, timeout=time_out_s, retries=0, trace_packet=trace)
+        return ModbusTcpClient(host, port=port, timeout=time_out_s / _WAITS, retries=0, trace_packet=trace)
 
-    return ModbusLink(f"{name} at {host}:{port}", make_client, device_id)
+    return ModbusLink(f"{name} at {host}:{port}", make_client, device_id, time_out_s)
 
 
-def rtu_link(name: str, port: str, baud_rate: int = 9600, device_id: int = 1, time_out_s: float = 1.0) -> ModbusLink:
-    """A link over Modbus RTU (8N1) on a serial port or pty. `time_out_s` is real time."""
+def rtu_link(name: str, port: str, baud_rate: int = 9600, device_id: int = 1, time_out_s: float = 1.5) -> ModbusLink:
+    """A link over Modbus RTU (8N1) on a serial port or pty. `time_out_s` is real time, for a read with its repeats."""
 
     def make_client(trace: Tracer) -> Client:
-        return ModbusSerialClient(port, baudrate=baud_rate, timeout=time_out_s, retries=0, trace_packet=trace)
+        return ModbusSerialClient(port, baudrate=baud_rate, timeout=time_out_s / _WAITS, retries=0, trace_packet=trace)
 
-    return ModbusLink(f"{name} at {port}", make_client, device_id)
+    return ModbusLink(f"{name} at {port}", make_client, device_id, time_out_s)

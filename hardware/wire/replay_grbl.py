@@ -239,6 +239,7 @@ def replay_grbl(entries: Sequence[WireEntry], profile: GrblProfile | None = None
         return outcome
     line = ReplayTransport(controllers[0])
     driver = GrblDriver(line, ReplayClock(line), used)
+    driver.session.watch.is_timed = False
     for controller in controllers:
         line.controller = controller
         _play(driver, line, used, outcome)

@@ -1,7 +1,6 @@
 """The world file: what a virtual bench hides."""
 
 import math
-import tomllib
 from typing import Any
 
 from pydantic import Field, field_validator, model_validator
@@ -10,7 +9,7 @@ from hardware.virtual.world.hidden import check_hidden
 from models.errors import ConfigError
 from models.ids import content_id
 from models.records import EffectValue, Record, Theta
-from models.validation import load_record
+from models.validation import load_record, parse_toml
 
 # Keys that the first world files did not have: without them, a lake would take an old file for another world.
 _LATER_KEYS = (
@@ -86,16 +85,13 @@ def load_world(text: str, source: str) -> World:
     Raises:
         ConfigError: no TOML, an unknown key or effect, or a value outside its limits.
     """
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{source} is not valid TOML: {error}; correct the file.") from error
+    data = parse_toml(text, f"world file `{source}`")
     tables = data.get("hidden", [])
     if not isinstance(tables, list):
         raise ConfigError(f"{source}: `hidden` is one table; write it as [[hidden]], once per effect.")
     for table in tables:
         _check_table(table, source)
-    check_hidden([EffectValue.model_validate(_fold(table)) for table in tables], source)
+    check_hidden([load_record(EffectValue, _fold(table), source) for table in tables], source)
     return load_record(World, data, source)
 
 
@@ -103,7 +99,7 @@ def _check_table(table: Any, source: str) -> None:
     if not isinstance(table, dict) or not isinstance(table.get("effect"), str):
         raise ConfigError(f"{source}: a [[hidden]] table has no effect; add effect = with one of its names.")
     for name, value in table.items():
-        is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        is_number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < math.inf
         if name != "effect" and not is_number:
             raise ConfigError(
                 f"{source}: `{name}` of hidden effect `{table['effect']}` is {value!r}, it must be a finite number; "

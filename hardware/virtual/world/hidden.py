@@ -4,6 +4,7 @@ A gap-discovery method that only finds its own formula again has found nothing, 
 imported from, or shared with, the catalogue. Parameter names are the catalogue's, so that a world file reads naturally.
 """
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -146,7 +147,8 @@ class SpanError(Effect):
 class MovingAverageLag(Effect):
     """Transmitter that averages over a window of 1.6 tau and answers 0.2 tau late: mean delay tau.
 
-    `time_constant_s` tau. Before the first sample the force is taken as constant.
+    `time_constant_s` tau. Before the first sample the force is taken as constant. On the bench it averages what the
+    load cell really felt (`LaggingReadings`), so that speeds, waits and halts are in it.
     """
 
     window_share = 1.6
@@ -155,6 +157,11 @@ class MovingAverageLag(Effect):
     def __init__(self, time_constant_s: float) -> None:
         self.time_constant_s = time_constant_s
 
+    @property
+    def memory_s(self) -> float:
+        """How far back the answer reaches."""
+        return (self.window_share + self.latency_share) * self.time_constant_s
+
     def modify_trace(self, trace: Trace) -> Trace:
         """Averaged and delayed force (n), in N, at the same times."""
         if self.time_constant_s <= 0 or len(trace.time_s) < 2:
@@ -162,6 +169,22 @@ class MovingAverageLag(Effect):
         window_s = self.window_share * self.time_constant_s
         end_s = trace.time_s - self.latency_share * self.time_constant_s
         return Trace(trace.time_s, trace.lift_mm, mean_force_n(trace, end_s, window_s))
+
+
+class LaggingReadings:
+    """The answers of a lagging transmitter to forces as they come, one for each reading."""
+
+    def __init__(self, lag: MovingAverageLag) -> None:
+        self._lag = lag
+        self._felt: deque[tuple[float, float]] = deque()
+
+    def report(self, now_s: float, force_n: float) -> float:
+        """Force in N that is reported now, when the cell feels `force_n`."""
+        self._felt.append((now_s, force_n))
+        while len(self._felt) > 2 and self._felt[1][0] < now_s - self._lag.memory_s:
+            self._felt.popleft()
+        times_s, forces_n = np.array(self._felt).T
+        return float(self._lag.modify_trace(Trace(times_s, np.zeros_like(times_s), forces_n)).force_n[-1])
 
 
 def mean_force_n(trace: Trace, end_s: np.ndarray, window_s: float) -> np.ndarray:
@@ -233,6 +256,15 @@ def check_hidden(values: Sequence[EffectValue], source: str) -> None:
                     f"{source}: `{name}` of hidden effect `{value.effect}` is {number:g}, it must be from {lowest:g} "
                     f"to {highest:g}; change it."
                 )
+
+
+TIMED = "load_cell_lag"  # acts on readings as they come, not on a solved trace
+
+
+def find_lag(values: Sequence[EffectValue]) -> LaggingReadings | None:
+    """The lag of a world's transmitter, if it hides one."""
+    found = [value for value in values if value.effect == TIMED and value.parameters["time_constant_s"] > 0]
+    return LaggingReadings(MovingAverageLag(**found[0].parameters)) if found else None
 
 
 def build_hidden(values: Sequence[EffectValue], tool_seed: int) -> list[Effect]:

@@ -7,15 +7,15 @@ is drawn from (world seed, tool, object, repeat), so a resumed bench measures wh
 import math
 import threading
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from hardware.virtual.world.file import World
-from hardware.virtual.world.hidden import build_hidden
+from hardware.virtual.world.hidden import TIMED, build_hidden
 from models.errors import MeshingFailed, SimulationFailed
 from models.ids import content_id, seed_from
 from models.records import (
@@ -29,6 +29,10 @@ from models.records import (
     SimulatorVersion,
     Theta,
 )
+
+if TYPE_CHECKING:
+    from models.simulation.effects.base import Effect
+    from models.simulation.output.recording import Recorder
 
 # Below these a grasp is taken as symmetric: one finger is solved instead of two, or half of it instead of all. At the
 # limit the peak of two designs changes by at most 1.5 % on a turned cube, 0.4 % on sphere, tube and hourglass.
@@ -62,24 +66,46 @@ class PhysicsRequest(Record):
 Physics = Callable[[PhysicsRequest], GraspSimulation]
 
 
-def build_request(world: World, tool_id: str, design: Design, object_id: int, setup: GraspSetup) -> PhysicsRequest:
-    """The request of a world for one tool on one object, with the object's placement drawn."""
+def build_request(
+    world: World,
+    tool_id: str,
+    design: Design,
+    object_id: int,
+    setup: GraspSetup,
+    offset_mm: tuple[float, float] = (0.0, 0.0),
+) -> PhysicsRequest:
+    """The request of a world for one tool on one object, with the object's placement drawn.
+
+    `offset_mm`: how far in x and y the bench put the object off the middle of the fingers, on top of what is drawn. No
+    law of a world's grasps knows a speed: the bench plays the same answer at the speed at which it moves.
+    """
     return PhysicsRequest(
         tool_id=tool_id,
         design=design,
         object_id=object_id,
-        setup=setup,
-        placement=_placement(world, tool_id, object_id),
+        setup=setup.timed_as(GraspSetup()),
+        placement=_placement(world, tool_id, object_id, offset_mm),
         theta=_tool_theta(world, tool_id),
         mesh_edge_mm=world.mesh.edge_mm,
         mesh_layers=world.mesh.layers,
-        hidden=(*world.hidden, *_print_error(world, tool_id)),
+        hidden=(*(value for value in world.hidden if value.effect != TIMED), *_print_error(world, tool_id)),
         tool_seed=seed_from(world.seed, "tool", tool_id),
     )
 
 
 def simulate_request(request: PhysicsRequest) -> GraspSimulation:
     """The default `Physics`: the finite-element grasp with the world's theta, mesh and hidden laws.
+
+    Raises:
+        SimulationFailed: the solver found no solution, or no mesh (reason `mesh_...`).
+    """
+    return simulate_watched(request)
+
+
+def simulate_watched(
+    request: PhysicsRequest, recorder: "Recorder | None" = None, extra: Sequence["Effect"] = ()
+) -> GraspSimulation:
+    """As `simulate_request`, seen by a recorder (see `simulate_grasp`), with effects beside the hidden laws.
 
     Raises:
         SimulationFailed: the solver found no solution, or no mesh (reason `mesh_...`).
@@ -100,9 +126,10 @@ def simulate_request(request: PhysicsRequest) -> GraspSimulation:
             version,
             request.setup,
             placement=request.placement,
-            effects=build_hidden(request.hidden, request.tool_seed),
+            effects=[*build_hidden(request.hidden, request.tool_seed), *extra],
             numerics=Numerics(contact=contact),
             deadline_s=SOLVER_DEADLINE_S,
+            recorder=recorder,
         )
     except MeshingFailed as failure:
         raise SimulationFailed(str(failure), f"mesh_{failure.reason}") from failure
@@ -233,15 +260,15 @@ def _release_lift_mm(lift_mm: np.ndarray, force_n: np.ndarray, max_lift_mm: floa
     return float(lift_mm[touching[-1] + 1]) if touching[-1] + 1 < len(lift_mm) else float("inf")
 
 
-def _placement(world: World, tool_id: str, object_id: int) -> Placement:
+def _placement(world: World, tool_id: str, object_id: int, offset_mm: tuple[float, float]) -> Placement:
     """Where the object sits in this mounting, and how the tool's fingers are turned."""
     scatter = world.scatter
     x, z = _draws(world, 2, "placement", tool_id, object_id)
     y, yaw = _draws(world, 2, "pose", tool_id, object_id)
     (roll,) = _draws(world, 1, "roll", tool_id)
     return Placement(
-        offset_x_mm=_unless_negligible(scatter.placement_sd_mm * x, NEGLIGIBLE_OFFSET_X_MM),
-        offset_y_mm=_unless_negligible(scatter.offset_y_sd_mm * y, NEGLIGIBLE_OFFSET_Y_MM),
+        offset_x_mm=offset_mm[0] + _unless_negligible(scatter.placement_sd_mm * x, NEGLIGIBLE_OFFSET_X_MM),
+        offset_y_mm=offset_mm[1] + _unless_negligible(scatter.offset_y_sd_mm * y, NEGLIGIBLE_OFFSET_Y_MM),
         offset_z_mm=scatter.placement_sd_mm * z + 0.0,
         yaw_deg=_unless_negligible(scatter.yaw_sd_deg * yaw, NEGLIGIBLE_TURN_DEG),
         roll_deg=_unless_negligible(scatter.roll_sd_deg * roll, NEGLIGIBLE_TURN_DEG),

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from hardware.cell.layout import N_SLOTS, BenchLayout
 from hardware.tools.mounted import MountedTool
 from hardware.virtual.world.file import World
+from hardware.virtual.world.hidden import find_lag
 from hardware.virtual.world.physics import GraspCurve, PhysicsRequest, SensorNoise, build_request, grasp_curve
 from models.errors import SimulationFailed, UsageError
 from models.records import EffectValue, GraspSetup, GraspSimulation
@@ -113,6 +114,7 @@ class WorldState:
         self.dock_slot: int | None = None
         self._move_head(now_s)
         self._noise = SensorNoise(world, "none", -1, 0)
+        self._lag = find_lag(world.hidden)
         self._last_reading = math.floor(now_s * world.sensor.rate_hz)
 
     # What the ladder does
@@ -296,13 +298,15 @@ class WorldState:
         object_id = None if "object_missing" in self.faults else self.layout.object_at(x_mm, y_mm)
         if self.tool is None or object_id is None:
             return _Grasp(None, None, self.setup, z_mm)
-        # 0.05 mm is below what the axis resolves; it makes equal grasps equal requests
-        tip_below_mm = round(self.layout.tip_below_mm(self.tool.design, z_mm) * 20) / 20
+        # 0.05 mm is below what the axes resolve; it makes equal grasps equal requests
+        tip_below_mm = _to_resolution(self.layout.tip_below_mm(self.tool.design, z_mm))
+        at_mm = self.layout.object_xy_mm(object_id)
+        offset_mm = (_to_resolution(at_mm[0] - x_mm), _to_resolution(at_mm[1] - y_mm))
         if tip_below_mm < -self.layout.object_height_mm:
             return _Grasp(None, None, self.setup, z_mm)  # closed in the air over the object
         setup = self.setup.model_copy(update={"tip_below_mm": tip_below_mm})
         world = at_pressure(self.world, self.supply_psi / USUAL_PRESSURE_PSI)
-        request = build_request(world, self.tool.tool_id, self.tool.design, object_id, setup)
+        request = build_request(world, self.tool.tool_id, self.tool.design, object_id, setup, offset_mm)
         return _Grasp(self._solver(request), request, setup, z_mm)
 
     def _take_answer(self, grasp: _Grasp, answer: "Future[GraspSimulation]") -> None:
@@ -326,7 +330,9 @@ class WorldState:
         if "transmitter_frozen" in self.faults:
             return
         pull_n = OVERLOAD_N if "overload" in self.faults else 0.0
-        self.gross_n = force_n_from_kg(self._hanging_kg()) + self.grasp_force_n() + pull_n + self._drift_n + noise_n
+        grasp_n = self.grasp_force_n()
+        felt_n = grasp_n if self._lag is None else self._lag.report(now_s, grasp_n)
+        self.gross_n = force_n_from_kg(self._hanging_kg()) + felt_n + pull_n + self._drift_n + noise_n
         self.n_readings += 1
 
     def _hanging_kg(self) -> float:
@@ -336,6 +342,11 @@ class WorldState:
             mass_kg += self.tool.expected_mass_kg * (HEAVY_SHARE if "tool_heavy" in self.faults else 1.0)
             mass_kg -= PART_KG if "part_dropped" in self.faults else 0.0
         return mass_kg + (OBJECT_KG if "object_sticks" in self.faults else 0.0)
+
+
+def _to_resolution(length_mm: float) -> float:
+    """The length in steps of 0.05 mm; never -0.0, which would be another request."""
+    return round(length_mm * 20) / 20 + 0.0
 
 
 def closing_psi(supply_psi: float) -> float:

@@ -33,7 +33,7 @@ class Rig:
         self.clock.add_listener(self.world.step)
         self.clock.add_listener(self.virtual.step)
         self.virtual.server.start()
-        self.link = tcp_link("Scale", "127.0.0.1", self.virtual.server.port, time_out_s=0.3)
+        self.link = tcp_link("Scale", "127.0.0.1", self.virtual.server.port, time_out_s=1.5)
         self.transmitter = LaumasTransmitter(self.link, self.clock)
         self.sensor = ForceSensor(self.transmitter, self.clock, rate_hz, filter_setting=filter_setting, **how)
 

@@ -2,8 +2,9 @@
 
     FAST_GRBL_PORT=/dev/ttyACM0 pytest tests/hardware/grbl/test_grbl_contract.py
 
-runs it against the controller on that port as well: real, or firmware on an emulated Mega. **It moves the machine**:
-it homes it and then stays within 150 mm of the home corner, 100 mm in z. Settings as in `GrblProfile()`.
+runs it against the controller on that port as well. **It moves the machine**: it homes it and then stays within 150 mm
+of the home corner, 100 mm in z. Settings as in `GrblProfile()`. `FAST_GRBL_IMAGE=grbl.hex` runs it against firmware
+that you built, on an emulated board (`firmware_board.py`).
 """
 
 import os
@@ -19,6 +20,7 @@ from hardware.grbl.profile import GrblProfile
 from hardware.virtual.grbl.server import VirtualGrbl
 from hardware.wire.serial import SerialTransport
 from models.errors import InterlockError
+from tests.hardware.grbl.firmware_board import FirmwareRig, find_reason_to_skip
 
 PORT = os.environ.get("FAST_GRBL_PORT")
 NEAR_HOME_MM = (1470.0, 1475.0, 172.0)
@@ -26,13 +28,20 @@ START_MM = (1450.0, 1450.0, 150.0)
 SPEED_UP = 20
 
 
-@pytest.fixture(scope="module", params=["virtual", "port"])
+@pytest.fixture(scope="module", params=["virtual", "port", "firmware"])
 def line(request):
     """A port name and a clock."""
     if request.param == "virtual":
         clock = ScaledClock(SPEED_UP)
         with VirtualGrbl(clock, start_mm=NEAR_HOME_MM) as controller:
             yield controller.port, clock
+    elif request.param == "firmware":
+        if find_reason_to_skip():
+            pytest.skip(find_reason_to_skip())
+        rig = FirmwareRig()
+        rig.gantry.close()
+        yield rig.board.port, rig.clock
+        rig.board.close()
     elif PORT is None:
         pytest.skip("FAST_GRBL_PORT names no serial port of a real or emulated GRBL controller (it would be moved)")
     else:

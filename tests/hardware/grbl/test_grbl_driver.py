@@ -242,8 +242,9 @@ def test_hold_by_somebody_else_ends_in_a_time_out(homed):
     homed.at(2, lambda: homed.controller.inject("hold"))
     with pytest.raises(MoveTimeoutError, match="last report Hold"):
         homed.driver.move(FAR_MM, 40)
-    homed.driver.abort()
-    assert homed.driver.is_position_known
+    assert not homed.driver.is_position_known
+    assert homed.driver.status().state == "Idle"
+    homed.driver.home()
     homed.driver.move(FAR_MM, 40)
 
 

@@ -58,11 +58,12 @@ def is_free(virtual):
     return virtual.state.outputs[1] and virtual.grbl.position_mm()[2] > REST_Z_MM + 49.0
 
 
-def when(bench, is_moment, act):
-    """Do something, once, at a moment."""
+def when(bench, is_moment, act, virtual=None):
+    """Do something, once, at a moment; `virtual` where the bench does not know that it is one."""
+    virtual = virtual or bench.virtual
 
     def watch(_now_s):
-        if is_moment(bench.virtual):
+        if is_moment(virtual):
             bench.clock.remove_listener(watch)
             act()
 

@@ -69,9 +69,9 @@ TABLE = [
     Row("hard_limit", is_pulling, GrblAlarmError, "ALARM:1", ("failed",), KEPT, supply=True, place="held"),
     Row("soft_limit", is_travelling, GrblAlarmError, "ALARM:2.*stop the campaign", ("failed",), place="held"),
     Row("bad_line", is_down, GrblReplyError, "answered error:.*stop the campaign", ("failed",), KEPT, place="held"),
-    Row("feed_hold", is_travelling, MoveTimeoutError, "on hold", ("failed",), place="held"),
-    Row("feed_hold", is_pulling, DeviceError, "The lift reached .* and was held", ("failed",), KEPT, place="held"),
-    Row("stray_move", is_travelling, WrongPlaceError, "1.000 mm off its target", ("failed",)),
+    Row("feed_hold", is_travelling, MoveTimeoutError, "Not done after .*home again", ("failed",), place="held"),
+    Row("feed_hold", is_pulling, WrongPlaceError, "came to rest .* off its target", ("failed",), KEPT, place="held"),
+    Row("stray_move", is_travelling, WrongPlaceError, "0.985 mm off its way", ("failed",)),
     # PLC
     Row("plc_unplugged", is_pulling, LinkLostError, "CLICK PLC at", ("failed",), KEPT, motors=False, place="held"),
     Row("plc_stop", is_pulling, LadderError, "is in STOP", ("failed",), KEPT, motors=False, place="held"),

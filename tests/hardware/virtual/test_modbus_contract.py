@@ -76,7 +76,7 @@ class PlcRig:
             self.set_input = lambda address, value: self.server.poke_input(parse_address(address).wire, value)
         self.server.start()
         self.wire = BadWire(self.server.port)
-        self.link = tcp_link("PLC", "127.0.0.1", self.wire.port, time_out_s=0.5)
+        self.link = tcp_link("PLC", "127.0.0.1", self.wire.port, time_out_s=2.5)
         self.plc = ClickPlc(self.link, self.clock)
 
     def close(self):

@@ -162,7 +162,7 @@ ANSWER = st.one_of(
 def test_no_answer_brings_anything_but_a_device_error(babbler, is_rtu, answer, is_write):
     babbler.answer = answer
     port = os.ttyname(babbler.slave) if is_rtu else babbler.listener.getsockname()[1]
-    link = rtu_link("x", port, 115200, time_out_s=0.1) if is_rtu else tcp_link("x", "127.0.0.1", port, time_out_s=0.1)
+    link = rtu_link("x", port, 115200, time_out_s=0.5) if is_rtu else tcp_link("x", "127.0.0.1", port, time_out_s=0.5)
     link.n_read_repeats = 0
     try:
         with contextlib.suppress(DeviceError):

@@ -177,7 +177,7 @@ def test_random_bytes_never_wedge_the_rtu_server(rtu_server, noise):
         os.write(handle, noise)
     finally:
         os.close(handle)
-    link = rtu_link("Memory", rtu_server.port, baud_rate=115200, time_out_s=0.3)
+    link = rtu_link("Memory", rtu_server.port, baud_rate=115200, time_out_s=1.5)
     try:
         assert len(link.read_registers(3, 5, 2)) == 2
     finally:

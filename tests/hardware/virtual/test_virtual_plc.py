@@ -197,7 +197,7 @@ def test_three_connections_are_served_and_a_fourth_host_is_told(rig):
 
 
 def test_a_lost_write_is_read_back_before_it_is_repeated(rig):
-    link = tcp_link("PLC", "127.0.0.1", rig.servers[0].port, time_out_s=0.15)
+    link = tcp_link("PLC", "127.0.0.1", rig.servers[0].port, time_out_s=0.75)
     plc = ClickPlc(link, rig.clock)
     try:
         rig.servers[0].n_to_swallow = 1

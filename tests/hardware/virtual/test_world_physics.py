@@ -86,10 +86,11 @@ def test_y_and_yaw_scatter_by_mounting_and_roll_by_tool():
 
 
 def test_walls_scatter_by_tool_beside_what_the_world_hides():
-    lag = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.1})
-    world = World(seed=7, scatter=Scatter(thickness_sd_mm=0.05), hidden=(lag,))
+    gain = EffectValue(effect="load_cell_gain", parameters={"gain": 1.1})
+    lag = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.1})  # of readings, not of grasps
+    world = World(seed=7, scatter=Scatter(thickness_sd_mm=0.05), hidden=(gain, lag))
     requests = [build_request(world, f"a/B01T{t}", DESIGN, 0, GraspSetup()) for t in range(400)]
-    assert all(request.hidden[0] == lag for request in requests)
+    assert all(request.hidden[0] == gain for request in requests)
     offsets_mm = [request.hidden[1].parameters["offset_mm"] for request in requests]
     assert np.std(offsets_mm) == pytest.approx(0.05, rel=0.15)
     assert build_request(world, "a/B01T3", DESIGN, 9, GraspSetup()).hidden == requests[3].hidden

@@ -72,12 +72,12 @@ def test_the_world_hash_follows_the_content():
         ("[[hidden]]", "[hidden]", "write it as"),
         ("friction = 0.62", "frictoin = 0.62", "did you mean `friction`"),
         ("rate_hz = 80", "rate_hz = -1", "`sensor.rate_hz` is -1 Hz, it must be at least 5"),
-        ("seed = 7", "seed = ", "not valid TOML"),
+        ("seed = 7", "seed = ", "is not TOML"),
     ],
 )
 def test_a_wrong_world_file_is_one_sentence(old, new, message):
     assert old in EXAMPLE
-    with pytest.raises(ConfigError, match=f"^world.toml.*{message}"):
+    with pytest.raises(ConfigError, match=f"^(world.toml|world file `world.toml`).*{message}"):
         load_world(EXAMPLE.replace(old, new, 1), "world.toml")
 
 

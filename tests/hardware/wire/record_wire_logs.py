@@ -1,5 +1,8 @@
 """Records the wire logs in tests/data/wire anew: `python -m tests.hardware.wire.record_wire_logs`.
 
+They are recordings of the virtual bench, not of instruments; only `gantry-firmware.log` is of grbl-Mega, on an emulated
+board (`python -m tests.hardware.firmware_faults IMAGE --log FILE`).
+
 A session as a lab would have it, at ten times real speed: homing, a weighing, a lift, a limit switch that trips, homing
 again, a hold. Needed when a driver is meant to speak differently; the difference shows in review.
 """
@@ -38,10 +41,10 @@ def record(folder: Path) -> None:
             files.follow(plc_link.log, PLC, plc_link.name)
             files.follow(tcp.log, LOAD_CELL, tcp.name)
             rtu_files.follow(rtu.log, LOAD_CELL, rtu.name)
+            _move(Gantry(line, clock), virtual.grbl, clock)  # first: a PLC that had a host and lost it takes the motors
             _use_plc(ClickPlc(plc_link, clock))
             for link in (tcp, rtu):
                 _weigh(LaumasTransmitter(link, clock), clock)
-            _move(Gantry(line, clock), virtual.grbl, clock)
 
 
 def _use_plc(plc):

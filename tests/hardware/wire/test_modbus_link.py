@@ -1,14 +1,21 @@
+import contextlib
+import socket
+import struct
 import threading
+import time
 
 import pytest
 from pyModbusTCP.server import DataBank, ModbusServer
 
+from hardware.bench import BenchSettings, wires_to
+from hardware.click import tags
 from hardware.click.driver import ClickPlc
-from hardware.clock import VirtualClock
+from hardware.clock import RealClock, VirtualClock
 from hardware.laumas.driver import LaumasTransmitter
 from hardware.virtual.modbus_pdu import ALL_FUNCTIONS
 from hardware.virtual.modbus_server import ModbusServerThread
-from hardware.wire.modbus import tcp_link
+from hardware.wire.modbus import ModbusAnswerError, tcp_link
+from hardware.wire.serial import LinkLostError
 from models.errors import DeviceError, UsageError
 
 
@@ -55,7 +62,7 @@ def server(memory):
 
 @pytest.fixture
 def link(server):
-    link = tcp_link("Memory", server.host, server.port, time_out_s=0.2)
+    link = tcp_link("Memory", server.host, server.port, time_out_s=1.0)
     yield link
     link.close()
 
@@ -90,7 +97,7 @@ def test_reads_are_repeated_on_fresh_sockets_and_writes_are_not(link, server, me
 
 def test_a_late_answer_never_belongs_to_the_next_request(link, server, memory):
     memory.words = {7: 70, 8: 80}
-    server.delay_s = 0.35
+    server.delay_s = 0.3
     with pytest.raises(DeviceError):
         link.read_registers(3, 7, 1)
     server.delay_s = 0.0
@@ -122,8 +129,123 @@ def test_a_port_that_does_not_exist_is_a_sentence(memory, port):
         ModbusServerThread("memory", memory).start(port=port)
 
 
+class RawPeer:
+    """A server without a Modbus library: answers each request with whatever `answer(function, header, pdu)` says."""
+
+    def __init__(self, answer):
+        self.answer = answer
+        self.n_requests = 0
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self.listener.getsockname()[1]
+        self.ends = []
+        self.thread = threading.Thread(target=self._accept)
+        self.thread.start()
+
+    def _accept(self):
+        with contextlib.suppress(OSError):
+            while True:
+                end, _ = self.listener.accept()
+                self.ends.append(end)
+                threading.Thread(target=self._serve, args=(end,), daemon=True).start()
+
+    def _serve(self, end):
+        with contextlib.suppress(OSError):
+            while request := end.recv(260):
+                self.n_requests += 1
+                for delay_s, piece in self.answer(request):
+                    time.sleep(delay_s)
+                    end.sendall(piece)
+
+    def close(self):
+        for end in [self.listener, *self.ends]:
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+            end.close()
+        self.thread.join()
+
+
+@pytest.fixture
+def raw_peer():
+    peers = []
+
+    def start(answer):
+        peers.append(RawPeer(answer))
+        return peers[-1]
+
+    yield start
+    for peer in peers:
+        peer.close()
+
+
+def frame(request, pdu):
+    """An answer with the transaction and unit of its request."""
+    return request[:4] + struct.pack(">HB", len(pdu) + 1, request[6]) + pdu
+
+
+def silent(_request):
+    return []
+
+
+def dribbling(request):
+    """A byte each 0.25 s: an answer is under way, and never there."""
+    return [(0.25, bytes([byte])) for byte in frame(request, bytes([request[7], 10]) + bytes(10))]
+
+
+@pytest.mark.parametrize("answer", [silent, dribbling])
+def test_a_read_without_answer_ends_before_the_watchdog_of_the_plc(raw_peer, answer):
+    settings = BenchSettings()
+    assert settings.modbus_time_out_s + ClickPlc.heartbeat_period_s <= tags.HOST_TIME_OUT_S
+    plc = wires_to(settings.model_copy(update={"plc_host": "127.0.0.1", "plc_port": raw_peer(answer).port}),
+                   RealClock()).plc  # fmt: skip
+    start_s = time.monotonic()
+    with pytest.raises(LinkLostError, match="did not answer in time"):
+        plc.read_registers(3, 0, 5)
+    assert time.monotonic() - start_s < settings.modbus_time_out_s + 0.2
+    plc.close()
+
+
+READS = [(1, "read_bits"), (2, "read_bits"), (3, "read_registers"), (4, "read_registers")]
+
+
+@pytest.mark.parametrize(("code", "read"), READS)
+@pytest.mark.parametrize("other", [1, 3, 4, 0x84])
+def test_an_answer_to_another_function_is_refused(raw_peer, code, read, other):
+    body = bytes([other, 2]) if other > 0x80 else bytes([other, 4, 0, 1, 0, 2])
+    peer = raw_peer(lambda request: [(0.0, frame(request, body))])
+    link = tcp_link("PLC", "127.0.0.1", peer.port)
+    count = 2 if read == "read_registers" else 32
+    if other in (code, code | 0x80):
+        with pytest.raises(DeviceError, match="exception 2") if other > 0x80 else contextlib.nullcontext():
+            assert len(getattr(link, read)(code, 0, count)) == count
+        assert peer.n_requests == 1
+    else:
+        with pytest.raises(ModbusAnswerError, match=f"function {other} to function {code}; the answer is refused"):
+            getattr(link, read)(code, 0, count)
+        assert peer.n_requests == 3, "asked again on new connections"
+    link.close()
+
+
+def test_an_answer_of_another_length_is_refused(raw_peer):
+    peer = raw_peer(lambda request: [(0.0, frame(request, bytes([3, 4, 0, 1, 0, 2])))])
+    link = tcp_link("PLC", "127.0.0.1", peer.port)
+    with pytest.raises(ModbusAnswerError, match="answered 2 values instead of 3"):
+        link.read_registers(3, 0, 3)
+    link.close()
+
+
+def test_a_write_answered_as_another_function_is_refused_and_not_repeated(raw_peer):
+    peer = raw_peer(lambda request: [(0.0, frame(request, bytes([6, *request[8:12]])))])
+    link = tcp_link("PLC", "127.0.0.1", peer.port)
+    with pytest.raises(ModbusAnswerError, match="function 6 to function 16"):
+        link.write_registers(100, [1])
+    with pytest.raises(ModbusAnswerError, match="function 6 to function 5"):
+        link.write_coil(100, True)
+    assert peer.n_requests == 2
+    link.close()
+
+
 def test_nobody_at_the_address_is_a_sentence():
-    link = tcp_link("PLC", "127.0.0.1", 1, time_out_s=0.2)
+    link = tcp_link("PLC", "127.0.0.1", 1, time_out_s=1.0)
     with pytest.raises(DeviceError, match="PLC at 127.0.0.1:1 cannot be reached; check its power"):
         link.connect()
 

@@ -69,16 +69,6 @@ def limit_switch(gantry, controller, clock):
     gantry.move_to(z_mm=150)
 
 
-def backed_off(gantry, controller, clock):
-    session = gantry._driver.session
-    controller.inject("limit", axis="x")
-    session.command("$X", "unlocking")
-    session.command("$J=G91 G21 X-5.000 F300", "backing off")
-    clock.sleep(3.0)
-    controller.clear("limit", axis="x")
-    session.clear_alarm()
-
-
 def restart_in_motion(gantry, controller, clock):
     gantry.home()
     at(clock, 0.4, lambda: controller.inject("reset"))
@@ -116,7 +106,6 @@ SCENARIOS = [
     ordinary,
     held_and_resumed,
     limit_switch,
-    backed_off,
     restart_in_motion,
     reconnected,
     interrupted,

@@ -65,7 +65,7 @@ def test_a_beginning_that_is_missing_does_not_matter(recorded):
 def test_a_request_that_got_no_answer_is_repeated_as_then():
     with open_virtual_servers(World(seed=7), {}, lambda request: None, VirtualClock()) as virtual:
         at = virtual.endpoints
-        link = tcp_link("PLC", at.plc_host, at.plc_port, time_out_s=0.2)
+        link = tcp_link("PLC", at.plc_host, at.plc_port, time_out_s=1.0)
         plc = ClickPlc(link, VirtualClock())
         plc.read_int("DS3")
         virtual.plc.server.is_silent = True

@@ -1,0 +1,65 @@
+"""The emulated board, and the firmware on it: every case of `wire_faults`, and the whole bench in some of them.
+
+Skipped without libsimavr, a C compiler or an image of grbl-Mega; docs/how-to/check-the-drivers.md says how to get them.
+"""
+
+import pytest
+
+from tests.hardware.grbl import firmware_board
+from tests.hardware.grbl.firmware_board import FirmwareRig, build, find_reason_to_skip
+from tests.hardware.grbl.test_wire_faults import check
+from tests.hardware.grbl.wire_faults import CASES, run_case
+from tests.hardware.safety.test_wire_faults_of_the_bench import check_bench
+from tests.hardware.safety.wire_bench import BENCH_CASES, open_firmware_rig, run_bench_case
+
+REASON = find_reason_to_skip()
+needs_firmware = pytest.mark.skipif(bool(REASON), reason=REASON)
+SOME = [case for case in BENCH_CASES if case.name in ("restart, banner lost", "`ALARM:1` that nobody said")]
+
+
+@pytest.mark.skipif("libsimavr" in REASON, reason=REASON)
+def test_the_board_compiles_without_a_warning(tmp_path):
+    assert build(tmp_path).exists()
+
+
+def test_what_is_missing_is_said(tmp_path, monkeypatch):
+    monkeypatch.setattr(firmware_board, "HEADER", tmp_path / "sim_avr.h")
+    assert "Debian: gcc, libsimavr-dev, libelf-dev" in find_reason_to_skip(__file__)
+    monkeypatch.setattr(firmware_board, "HEADER", tmp_path)
+    assert find_reason_to_skip(str(tmp_path / "grbl.hex")).startswith("FAST_GRBL_IMAGE names no image")
+
+
+@pytest.fixture(scope="module")
+def rig():
+    rig = FirmwareRig()
+    yield rig
+    rig.close()
+
+
+@needs_firmware
+@pytest.mark.slow
+def test_homing_ends_in_the_corner_by_counted_steps(rig):
+    assert rig.gantry.home() == pytest.approx((1500.0, 1500.0, 180.0), abs=0.001)
+    assert rig.true_mm() == pytest.approx((1500.0, 1500.0, 180.0), abs=0.02)
+
+
+@needs_firmware
+@pytest.mark.slow
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.during}: {case.name}")
+def test_a_position_is_true_or_unknown_and_nothing_moves_on(rig, case):
+    check(case, run_case(rig, case))
+
+
+@pytest.fixture(scope="module")
+def bench_rig():
+    with open_firmware_rig() as rig:
+        yield rig
+
+
+@needs_firmware
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize("case", SOME, ids=lambda case: f"{case.during}: {case.name}")
+def test_the_bench_is_held_and_a_person_can_work_on(bench_rig, case):
+    check_bench(case, run_bench_case(bench_rig, case))

@@ -48,5 +48,9 @@ class InterlockError(DeviceError):
     """An action was refused because its safety precondition does not hold."""
 
 
+class LostLeaseError(FastError):
+    """What this process owned in the lake (a campaign, the gantry) is another's by now; it stops."""
+
+
 class LakeError(FastError):
     """The lake could not be read or written. Rows already in it are untouched."""

@@ -16,7 +16,7 @@ BENCH_FAULT = "bench_fault"  # how a measured grasp ended that the bench could n
 class Record(BaseModel):
     """Base of all records: immutable, unknown keys are errors, values are checked on entry."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
 
 class Design(Record):
@@ -55,12 +55,33 @@ class GraspSetup(Record):
     close_speed_mm_per_s: float = Field(default=20, gt=0, le=200)
     lift_speed_mm_per_s: float = Field(default=5, gt=0, le=100)
     max_lift_mm: float = Field(default=80, gt=0, le=120)
+    dwell_s: float = Field(default=0, ge=0, le=600, description="extra wait between closing and lift")
+    supply_pressure_psi: float | None = Field(
+        default=None, ge=5, le=60, description="of the gripper's air; none: as the bench has it"
+    )
 
     @property
     def setup_id(self) -> str:
-        """Id derived from the six numbers, the same however they are written (16 or 16.0)."""
+        """Id derived from the numbers, the same however they are written (16 or 16.0).
+
+        Fields that the first setups did not have count where they are not at their default.
+        """
         numbers = self.model_dump()
+        for name in _LATER_SETUP_FIELDS:
+            if numbers[name] == type(self).model_fields[name].default:
+                del numbers[name]
         return content_id("G", {name: int(x) if float(x).is_integer() else x for name, x in numbers.items()})
+
+    def timed_as(self, other: "GraspSetup") -> "GraspSetup":
+        """This stroke with the speeds, dwell and air of another setup.
+
+        The simulator is quasi-static: setups that are equal then have the same finite elements, at other times.
+        """
+        return self.model_copy(update={name: getattr(other, name) for name in _TIMING})
+
+
+_LATER_SETUP_FIELDS = ("dwell_s", "supply_pressure_psi")
+_TIMING = ("close_speed_mm_per_s", "lift_speed_mm_per_s", "dwell_s", "supply_pressure_psi")
 
 
 class EffectValue(Record):
@@ -141,7 +162,7 @@ def check_tier(tier: str) -> None:
 
 
 class Placement(Record):
-    """Where the object really sits between the fingers, against its nominal place (mounting scatter).
+    """Where the object sits between the fingers, against its nominal place: asked for, or by scatter of mounting.
 
     The object is turned about its vertical axis by `yaw_deg` (counter-clockwise seen from above), then shifted. Each
     finger is turned about its own long axis by `roll_deg` (the tool sits askew in its changer; both fingers turn the
@@ -153,6 +174,30 @@ class Placement(Record):
     offset_z_mm: float = 0.0
     yaw_deg: float = 0.0
     roll_deg: float = 0.0
+
+
+def find_setup_id(setup: GraspSetup, placement: Placement) -> str:
+    """Id of a setup with a placement that was asked for; at the nominal placement that of the setup."""
+    if placement == Placement():
+        return setup.setup_id
+    return content_id("G", [setup.setup_id, {name: float(x) for name, x in placement.model_dump().items()}])
+
+
+class GraspRequest(Record):
+    """A grasp that is asked for: which tool, on what, how, and what for.
+
+    `placement` is where the object shall sit between the fingers; the scatter of mounting comes on top of it.
+    `repeat` counts the grasps of a tool on an object at one setup and placement. `request_id` names the request in the
+    lake (table `grasp_requests`); empty for one that nobody wrote down.
+    """
+
+    tool_id: str
+    object_id: int = Field(ge=0, le=35)
+    repeat: int = Field(default=0, ge=0)
+    setup: GraspSetup = GraspSetup()
+    placement: Placement = Placement()
+    purpose: str = ""
+    request_id: str = ""
 
 
 class GraspContext(Record):

@@ -40,8 +40,12 @@ def _python_files(path: Path) -> list[Path]:
 def use_cache_of(package: Path) -> None:
     """Point numba, not yet imported, to the cache of the present sources of `package`; a set variable is respected."""
     if VARIABLE not in os.environ:
-        parent = package / "__pycache__" if os.access(package, os.W_OK) else Path.home() / ".cache" / "fast"
-        os.environ[VARIABLE] = str(parent / f"kernels-{source_stamp(package)}")
+        os.environ[VARIABLE] = str(cache_folder(package) / f"kernels-{source_stamp(package)}")
+
+
+def cache_folder(package: Path) -> Path:
+    """Where what is costly to make is kept for the next process: beside the package, or in the home folder."""
+    return package / "__pycache__" if os.access(package, os.W_OK) else Path.home() / ".cache" / "fast"
 
 
 def source_stamp(package: Path) -> str:

@@ -1,6 +1,9 @@
 """Turn a failed validation into sentences a person can act on."""
 
 import difflib
+import json
+import tomllib
+from collections.abc import Iterator
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -26,7 +29,36 @@ _KIND_WORDS = {
     "dict_type": "a table of keys and values",
     "model_type": "a table of keys and values",
 }
+_TOO_DEEP = "its tables or lists are nested too deeply; correct it"
 _LIMIT_WORDS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
+
+
+def parse_toml(text: str, source: str) -> dict[str, Any]:
+    """Values of a TOML text; `source` names it in messages.
+
+    Raises:
+        ConfigError: it is not TOML.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{source} is not TOML: {error}; correct that line.") from error
+    except RecursionError as error:
+        raise ConfigError(f"{source} is not TOML: {_TOO_DEEP}.") from error
+
+
+def parse_json(text: str, source: str) -> Any:
+    """Values of a JSON text; `source` names it in messages.
+
+    Raises:
+        ConfigError: it is not JSON.
+    """
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise ConfigError(f"{source} is not JSON: {error}; correct it.") from error
+    except RecursionError as error:
+        raise ConfigError(f"{source} is not JSON: {_TOO_DEEP}.") from error
 
 
 def load_record(record_type: type[R], data: Any, source: str) -> R:
@@ -37,14 +69,45 @@ def load_record(record_type: type[R], data: Any, source: str) -> R:
     Raises:
         ConfigError: one sentence per fault, naming the key, its value, the limit and the unit.
     """
+    values = dict(_values(data))
+    if faulty := [path for path, value in values.items() if isinstance(value, str) and not is_text(value)]:
+        raise ConfigError(f"{source}: `{faulty[0]}` has a character that no text may have; write it again.")
     try:
-        return record_type.model_validate(data)
+        record = record_type.model_validate(data)
     except ValidationError as error:
         faults = error.errors()
         absent = [_path(fault) for fault in faults if fault["type"] == "missing"]
         sentences = [_missing_sentence(absent)] if absent else []
         sentences += [_sentence(record_type, fault) for fault in faults if fault["type"] != "missing"]
         raise ConfigError(f"{source}: " + " ".join(sentences)) from error
+    _refuse_booleans(values, dict(_values(record.model_dump())), source)
+    return record
+
+
+def is_text(value: str) -> bool:
+    """Whether a string can be written and be part of a path: no NUL, and nothing that UTF-8 cannot say."""
+    return "\0" not in value and value == value.encode(errors="replace").decode()
+
+
+def _refuse_booleans(given: dict[str, Any], taken: dict[str, Any], source: str) -> None:
+    """Raises ConfigError where `true` or `false` was taken for a number, as pydantic does."""
+    for path, value in given.items():
+        if isinstance(value, bool) and isinstance(taken.get(path, value), int | float) and taken.get(path) is not value:
+            word = str(value).lower()
+            raise ConfigError(f"{source}: `{path}` is {word}, it must be a number; change it.")
+
+
+def _values(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """`(section.key, value)` of all values of nested data that are no tables or lists themselves."""
+    if isinstance(data, dict):
+        items = [(str(key), value) for key, value in data.items()]
+    elif isinstance(data, list | tuple):
+        items = [(str(place), value) for place, value in enumerate(data)]
+    else:
+        yield path, data
+        return
+    for key, value in items:
+        yield from _values(value, f"{path}.{key}" if path else key)
 
 
 def closest(word: str, known: list[str]) -> str:

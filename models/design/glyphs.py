@@ -30,6 +30,11 @@ _GLYPH_HEIGHT = 6.0
 _STROKE_WIDTH = 0.9  # of the grid; 0.75 mm on a glyph 5 mm high
 
 
+def is_mark(text: str) -> bool:
+    """Whether every character has a glyph."""
+    return all(character in _GLYPHS for character in text)
+
+
 def text_outline(text: str, height_mm: float) -> BaseGeometry:
     """The outline of `text` as polygons, centred on the origin, glyphs `height_mm` high.
 

@@ -1,11 +1,14 @@
 """The answer of gap discovery, as it is written to `findings.json` and shown in the report; its keys stay."""
 
-from typing import Literal
+from typing import Any, Literal
 
-from models.records import Record
+from pydantic import model_validator
+
+from models.records import GraspSetup, Placement, Record
 
 Interval = tuple[float, float]
 LEFTOVER = 0.1  # of what the first name explained
+NONE, UNKNOWN = "none", "unknown"  # candidates that are no effect
 
 
 class WhereFinding(Record):
@@ -136,17 +139,105 @@ class Confound(Record):
     experiment: str
 
 
-class NextExperiment(Record):
-    """What to measure so that the first set falls apart."""
+class AskedGrasps(Record):
+    """Grasps of a tool on an object in one way: `n` of them, and as many as usual in turn if `setting` says how.
 
+    setting: what is done otherwise, in words; usual: the setup of ordinary grasps.
+    """
+
+    tool: str
+    object: int
+    setup: GraspSetup
+    placement: Placement = Placement()
+    usual: GraspSetup = GraspSetup()
+    n: int
     setting: str
-    separates: tuple[str, ...]
-    n_grasps: int
+
+
+class Promise(Record):
+    """What an experiment promises between two of the hypotheses, in nats: 3 are odds of 20 to 1."""
+
+    between: tuple[str, str]
+    nats: float
+
+
+class Outcome(Record):
+    """What it would mean: if `effect` is true, this is what comes."""
+
+    effect: str
     sentence: str
 
 
+class Prediction(Record):
+    """What a hypothesis predicts of the first asked grasp: force over lift, at every `STEP_MM`."""
+
+    effect: str
+    force_n: tuple[float, ...]
+
+
+class PersonQuestion(Record):
+    """What a person is asked to measure where no grasp of the bench tells; `kind` of `models.gap.ask.person`."""
+
+    kind: str
+    sentence: str
+    label: str
+
+
+class NextExperiment(Record):
+    """What to do so that what is still possible falls apart: grasps of the bench, or a measurement by a person.
+
+    possible: probability of each hypothesis, `none` and `unknown` among them. separates: those that would fall apart.
+    promised_grasps: how many grasps that takes, as many as usual among them; minutes: of the bench or the person.
+    usual_n: what is measured as usual of the first asked grasp's tool and object, predicted by the first hypothesis.
+    """
+
+    grasps: tuple[AskedGrasps, ...] = ()
+    possible: dict[str, float] = {}
+    separates: tuple[str, ...]
+    promised_grasps: int
+    promised: tuple[Promise, ...] = ()
+    minutes: float = 0.0
+    sentence: str
+    outcomes: tuple[Outcome, ...] = ()
+    predictions: tuple[Prediction, ...] = ()
+    person: PersonQuestion | None = None
+
+    @property
+    def promised_nats(self) -> float:
+        """Between the two that are promised the least."""
+        return min((promise.nats for promise in self.promised), default=0.0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_older(cls, data: Any) -> Any:
+        """Searches of before 2.1 gave a setting without a tool, as a sentence."""
+        if isinstance(data, dict) and "n_grasps" in data:
+            kept = {name: data[name] for name in ("separates", "sentence")}
+            return {**kept, "promised_grasps": data["n_grasps"]}
+        return data
+
+
+class Asked(Record):
+    """What came of grasps and readings that searches had asked for.
+
+    promised, spent: grasps. promised_nats, got_nats: for what is believed now, over what is next to it.
+    before, after: probability of each hypothesis. outcome: a sentence.
+    """
+
+    promised: int
+    spent: int
+    promised_nats: float
+    got_nats: float
+    before: dict[str, float]
+    after: dict[str, float]
+    outcome: str
+
+
 class Findings(Record):
-    """`findings.json`. `aliases`: confounds. `power`: what so many designs and objects could have shown, a sentence."""
+    """`findings.json`. `aliases`: confounds. `power`: what so many designs and objects could have shown, a sentence.
+
+    next_experiment: of the first round that leaves anything open. asked: what came of earlier ones.
+    """
 
     alarm: bool
     rounds: tuple[RoundFindings, ...]
@@ -157,6 +248,7 @@ class Findings(Record):
     budget: dict[str, float]
     warnings: tuple[str, ...] = ()
     power: str = ""
+    asked: tuple[Asked, ...] = ()
 
     def is_leftover(self, place: int) -> bool:
         """Whether a later round speaks of what an earlier name left over, and not of something else that is missing.

@@ -1,18 +1,52 @@
 """Measured grasps one by one, and the cross-validation folds in which they are left out: designs, objects by class."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha256
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from models.ids import content_id
 from models.objects.catalogue import get_object
-from models.records import Design, GraspContext, GraspSetup
+from models.records import Design, GraspContext, GraspSetup, Placement
 from models.traces.step_noise import SensorNoise
 
 N_DESIGN_FOLDS = 5
 N_OBJECT_FOLDS = 6
+_T = TypeVar("_T")
+
+
+class Target(NamedTuple):
+    """What a tool closes on: an object where it sits, by a stroke; `setup` has the timing of the base setup.
+
+    Grasps of a tool on one target are one simulation, whatever their speeds and dwell (`GraspSetup.timed_as`).
+    """
+
+    object_id: int
+    setup: GraspSetup
+    placement: Placement = Placement()
+
+    @property
+    def key(self) -> "Target":
+        """The target without its timing: equal for targets with equal finite elements."""
+        return self._replace(setup=self.setup.timed_as(GraspSetup()))
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Designs (t) and targets (k) to simulate; is_wanted: t x k, which of them together."""
+
+    designs: tuple[Design, ...]
+    targets: tuple[Target, ...]
+    is_wanted: np.ndarray
+
+    @staticmethod
+    def full(designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup) -> "Cells":
+        """Every design on every object by one setup."""
+        targets = tuple(Target(object_id, setup) for object_id in objects)
+        return Cells(tuple(designs), targets, np.ones((len(designs), len(targets)), dtype=bool))
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +56,8 @@ class Grasps:
     tools: names (t); designs: of each tool (t), the measured thicknesses where a person gave them; objects: ids (o).
     tool, obj: n, numbers into these. contexts: n. steps_n: n x 120, mean forces over steps of 0.5 mm of lift
     (`models.traces.step_features.step_means`), as measured. grasp_ids: n, of the lake.
+    setups: distinct ones, the base setup first; setup: n, numbers into them. placements: distinct ones as asked for,
+    the nominal one first; placement: n, numbers into them.
     """
 
     tools: tuple[str, ...]
@@ -33,7 +69,39 @@ class Grasps:
     steps_n: np.ndarray
     grasp_ids: tuple[str, ...]
     noise: SensorNoise
-    setup: GraspSetup
+    setups: tuple[GraspSetup, ...]
+    setup: np.ndarray
+    placements: tuple[Placement, ...]
+    placement: np.ndarray
+
+    @property
+    def base_setup(self) -> GraspSetup:
+        """The setup of ordinary grasps."""
+        return self.setups[0]
+
+    @property
+    def lift_speed_mm_per_s(self) -> np.ndarray:
+        """Speed of the lift of each grasp, n."""
+        return np.array([setup.lift_speed_mm_per_s for setup in self.setups])[self.setup]
+
+    @property
+    def target(self) -> list[Target]:
+        """What each grasp closes on, n."""
+        stroke = [setup.timed_as(self.base_setup) for setup in self.setups]
+        numbers = zip(self.obj, self.setup, self.placement, strict=True)
+        return [Target(self.objects[obj], stroke[at], self.placements[placed]) for obj, at, placed in numbers]
+
+    @property
+    def cells(self) -> Cells:
+        """Every tool on every object by the base setup, and each on what else it closed on."""
+        usual = Cells.full(self.designs, self.objects, self.base_setup)
+        target = self.target
+        others = list(dict.fromkeys(one for one in target if one not in usual.targets))
+        is_wanted = np.zeros((len(self.tools), len(others)), dtype=bool)
+        for tool, one in zip(self.tool, target, strict=True):
+            if one in others:
+                is_wanted[tool, others.index(one)] = True
+        return Cells(self.designs, (*usual.targets, *others), np.hstack([usual.is_wanted, is_wanted]))
 
     def select(self, rows: np.ndarray) -> "Grasps":
         """The grasps of these rows, with all tools and objects."""
@@ -43,18 +111,27 @@ class Grasps:
             obj=self.obj[rows],
             contexts=tuple(self.contexts[row] for row in rows),
             steps_n=self.steps_n[rows],
+            setup=self.setup[rows],
+            placement=self.placement[rows],
             grasp_ids=tuple(self.grasp_ids[row] for row in rows),
         )
 
     @property
     def content_id(self) -> str:
-        """Id of what was measured: samples of every grasp, as step means, and thicknesses of every tool."""
+        """Id of what was measured: samples and setup of every grasp, as step means, and thicknesses of every tool."""
         samples = {
             grasp_id: sha256(np.round(steps_n, 6).astype("<f8").tobytes()).hexdigest()
             for grasp_id, steps_n in zip(self.grasp_ids, self.steps_n, strict=True)
         }
         printed = {tool: design.model_dump(mode="json") for tool, design in zip(self.tools, self.designs, strict=True)}
-        return content_id("M", [samples, printed])
+        unusual = {
+            self.grasp_ids[row]: [
+                self.setups[self.setup[row]].setup_id,
+                self.placements[self.placement[row]].model_dump(),
+            ]
+            for row in np.flatnonzero((self.setup > 0) | (self.placement > 0))
+        }
+        return content_id("M", [samples, printed, *([unusual] if unusual else [])])
 
     @cached_property
     def design_folds(self) -> np.ndarray:
@@ -71,6 +148,12 @@ class Grasps:
         """Whether the grasp's object is in the first half of all objects, n: they tell a new tool's modulus."""
         _, place = np.unique(self.obj, return_inverse=True)
         return np.asarray(place % 2 == 0)
+
+
+def number_distinct(values: Sequence[_T], first: _T) -> tuple[tuple[_T, ...], np.ndarray]:
+    """Distinct values in order, `first` before all, and the number of each value (n) into them."""
+    distinct = tuple(dict.fromkeys([first, *values]))
+    return distinct, np.array([distinct.index(value) for value in values], dtype=int)
 
 
 def assign_design_folds(grasps: Grasps, n_folds: int) -> np.ndarray:

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.gap.bank.bank import AMPLITUDES, LOCAL_FRICTION_SHARE, LOCAL_RATIO, BankPlan
+from models.gap.bank.bank import LOCAL_FRICTION_SHARE, LOCAL_RATIO, SIMULATED, BankPlan
 from models.gap.fit.fit import Fit
 from models.gap.naming.name import NamingResult
 
-MOST_EFFECTS = 4  # that are proposed by a round
+MOST_EFFECTS = 3  # that are proposed by a round
 _REACH_SD = 2.0  # of theta's posterior that the grid holds, as long as it is no more than twice the usual grid
 _BESIDE_SHARE, _BESIDE_RATIO = 0.05, 0.01  # of a theta at which no surface should end
 
@@ -42,14 +42,14 @@ def move_bank(found: NamingResult, plan: BankPlan) -> BankPlan:
 def _list_effects(found: NamingResult) -> tuple[str, ...]:
     """Simulated effects that are in the model, and the best of those that predict anything that was left out."""
     known = {value.effect for fit in (found.fit, found.best) for value in fit.effects}
-    tried = [row for row in found.candidates if row.effect in AMPLITUDES and (row.grouped_r2 or 0.0) > 0.0]
+    tried = [row for row in found.candidates if row.effect in SIMULATED and (row.grouped_r2 or 0.0) > 0.0]
     credible = sorted(tried, key=lambda row: -(row.grouped_r2 or 0.0))[:MOST_EFFECTS]
     return _merge(tuple(known), tuple(row.effect for row in credible))
 
 
 def _merge(*effects: tuple[str, ...]) -> tuple[str, ...]:
     """All of these that are simulated, in the order of the bank."""
-    return tuple(name for name in AMPLITUDES if any(name in some for some in effects))
+    return tuple(name for name in SIMULATED if any(name in some for some in effects))
 
 
 def _list_reached(found: NamingResult) -> np.ndarray:

@@ -71,6 +71,11 @@ def get_object(object_id: int) -> RigidObject:
     return OBJECTS[object_id]
 
 
+def name_object(object_id: int) -> str:
+    """Name and number of an object; the number alone where the catalogue does not have it."""
+    return f"{OBJECTS[object_id].name} ({object_id})" if 0 <= object_id < len(OBJECTS) else f"object {object_id}"
+
+
 _Entry = tuple[str, str, Orientation, dict[str, float]]
 
 # Position in the list is the object's number. Recorded data refer to it: never reorder, never change a shape.

@@ -99,7 +99,7 @@ class FingerStep:
 
     def distance_to_object(self, base: np.ndarray) -> float:
         """Least distance in mm of the undeformed finger, base at `base` (3), from the obstacle."""
-        return float(self._obstacle.distance(self.surface.positions(self.nodes + base)).min())
+        return self.surface.gap_mm(self.nodes + base, self._obstacle)
 
     def distance_to_anything(self, base: np.ndarray) -> float:
         """As `distance_to_object`, but the other finger (the plane x = stop) counts too."""

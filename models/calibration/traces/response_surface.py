@@ -67,8 +67,13 @@ def n_terms(grid: np.ndarray) -> int:
 
 
 def degrees(grid: np.ndarray) -> list[tuple[int, int]]:
-    """Degrees in friction and Poisson ratio of the terms: those of the grid, up to the greater one in total."""
+    """Degrees in friction and Poisson ratio of the terms: those of the grid, up to the greater one in total.
+
+    A cross says nothing of products, and has no point to spare: it is less curved in Poisson ratio.
+    """
     first, second = (len(np.unique(grid[:, column])) - 1 for column in (0, 1))
+    if len(grid) < (first + 1) * (second + 1):
+        return [*((i, 0) for i in range(first + 1)), *((0, j) for j in range(1, second))]
     return [(i, j) for i in range(first + 1) for j in range(second + 1) if i + j <= max(first, second)]
 
 

@@ -15,13 +15,14 @@ class ThetaGrid:
 
     Twelve simulations of a cell carry a response surface that is cubic in friction and quadratic in Poisson ratio.
     The friction range holds 98 % of Table 3's prior; the upper Poisson ratio is short of 0.5, where the simulator's
-    elements lock.
+    elements lock. `is_cross`: only the points with friction or Poisson ratio in the middle, for a small range.
     """
 
     friction: tuple[float, float] = (0.2, 1.4)
     poisson_ratio: tuple[float, float] = (0.2, 0.49)
     n_friction: int = 4
     n_poisson_ratio: int = 3
+    is_cross: bool = False
 
     def __post_init__(self) -> None:
         """Check ranges and counts.
@@ -44,7 +45,9 @@ class ThetaGrid:
         """(friction, Poisson ratio) of every simulation, rounded so that ids of simulator versions are short."""
         frictions = _chebyshev(*self.friction, self.n_friction)
         ratios = _chebyshev(*self.poisson_ratio, self.n_poisson_ratio)
-        return [(friction, ratio) for friction in frictions for ratio in ratios]
+        middle = (frictions[len(frictions) // 2], ratios[len(ratios) // 2])
+        every = [(friction, ratio) for friction in frictions for ratio in ratios]
+        return [(x, y) for x, y in every if not self.is_cross or x == middle[0] or y == middle[1]]
 
 
 def _chebyshev(low: float, high: float, n: int) -> list[float]:

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.calibration.traces.response_surface import LEAST_AMPLITUDE
 from models.calibration.traces.theta_grid import GRID_MODULUS_MPA, ThetaGrid
+from models.gap.grasps import Grasps, Target
 from models.records import EffectValue, GraspSetup, MeshSettings, SimulatorVersion, Theta
 
 CENTRE = Theta(young_modulus_mpa=GRID_MODULUS_MPA, friction=0.6, poisson_ratio=0.42)
@@ -48,9 +50,15 @@ NUMERICAL_MESHES = (MeshSettings(edge_mm=5.0), MeshSettings(layers=2), MeshSetti
 # How much deeper the tips stand below the object, in mm: a bench places objects to about this height.
 DEEPER_MM = (-0.25, 0.25)
 
-# Gaps at which jaws stop that lose pressure, wider than the setup's by so much, in mm.
+# Gaps at which jaws stop that lose pressure, wider than the setup's by so much, in mm, and the effect that needs them.
 WIDER_MM = (1.0, 3.0)
+CLOSED_LESS = "pressure_droop"
 
+# Arrays of a bank that a local one takes over from the wide one unless it has its own.
+VARIANTS = ("numerical_steps_n", "placed_steps_n", "wider_steps_n")
+
+# Effects that need simulations of their own.
+SIMULATED = (*AMPLITUDES, CLOSED_LESS)
 
 # Of a bank around a fitted theta, which may lie this near to an end of its grid before the bank is moved.
 LOCAL_FRICTION_SHARE, LOCAL_RATIO = 0.2, 0.04
@@ -61,18 +69,22 @@ _EDGE_SHARE = 0.02
 class BankPlan:
     """What a bank holds: simulations of a grid of theta, and of everything else at its centre.
 
-    The default is the wide bank: all that is plausible, with every effect. `effects`: names, of `AMPLITUDES`.
+    The default is the wide bank: all that is plausible, with every effect, on other meshes, and placed in other ways.
+    A local one has a cross of theta and some effects; how much other meshes and placements change, it takes from the
+    wide bank, and so it does with jaws that stop early unless it has their effect. `effects`: names, of
+    `SIMULATED`.
     """
 
     centre: Theta = CENTRE
     grid: ThetaGrid = ThetaGrid()
-    effects: tuple[str, ...] = tuple(AMPLITUDES)
+    effects: tuple[str, ...] = SIMULATED
+    is_local: bool = False
 
     @staticmethod
     def around(theta: np.ndarray, within: np.ndarray, effects: Sequence[str]) -> "BankPlan":
         """A bank around theta (3), whose grid also holds other frictions and Poisson ratios (`within`, p x 2).
 
-        The grid reaches friction by 20 % and Poisson ratio by 0.04 to either side, and never beyond the wide bank.
+        The cross reaches friction by 20 % and Poisson ratio by 0.04 to either side, and never beyond the wide bank.
         Values are rounded: a fit that is the same but for the last digits has the same bank.
         """
         wide = ThetaGrid()
@@ -84,8 +96,9 @@ class BankPlan:
             poisson_ratio=_find_range(ratio, LOCAL_RATIO, within[:, 1], wide.poisson_ratio),
             n_friction=3,
             n_poisson_ratio=3,
+            is_cross=True,
         )
-        return BankPlan(centre, grid, tuple(name for name in AMPLITUDES if name in effects))
+        return BankPlan(centre, grid, tuple(name for name in SIMULATED if name in effects), is_local=True)
 
     @property
     def grid_thetas(self) -> tuple[Theta, ...]:
@@ -111,7 +124,7 @@ WIDE = BankPlan()
 class EffectRuns:
     """Simulations of one effect of the bank, at a amplitudes around the centre.
 
-    steps_n: t x o x a x 120; NaN where a simulation failed.
+    steps_n: t x k x a x 120; NaN where a simulation failed.
     """
 
     effect: str
@@ -121,15 +134,18 @@ class EffectRuns:
 
 @dataclass(frozen=True, eq=False)
 class Bank:
-    """Simulations of t tools' designs on o objects, as step means (120); forces at `centre.young_modulus_mpa`.
+    """Simulations of t tools' designs on k targets, as step means (120); forces at `centre.young_modulus_mpa`.
 
-    NaN where a simulation failed. grid: g x 2, friction and Poisson ratio. grid_steps_n: t x o x g x 120;
-    grid_lead_n: t x o x g x 12, the same before the lift, see `sensor_effects.read_lead`. centre_steps_n: t x o x 120.
-    numerical_steps_n: t x o x v x 120, the centre on other meshes. placed_steps_n: t x o x 2 x 120, the centre with
-    tips deeper by `DEEPER_MM`. wider_mm: w, how much earlier the jaws stop; wider_steps_n: t x o x w x 120. effects:
-    runs of the effects of cost C and F, by name. failed_share: of all simulations of the bank.
+    NaN where a simulation failed, or was not asked for: other targets than those of the base setup are simulated for
+    the tools that were measured on them. grid: g x 2, friction and Poisson ratio. grid_steps_n: t x k x g x 120;
+    grid_lead_n: t x k x g x 12, the same before the lift, see `sensor_effects.read_lead`, at the timing of the base
+    setup. centre_steps_n: t x k x 120. numerical_steps_n: t x k x v x 120, the centre on other meshes. placed_steps_n:
+    t x k x 2 x 120, the centre with tips deeper by `DEEPER_MM`. wider_mm: w, how much earlier the jaws stop;
+    wider_steps_n: t x k x w x 120. effects: runs of the effects of cost C and F, by name. failed_share: of all
+    simulations that were asked for.
     """
 
+    targets: tuple[Target, ...]
     centre: Theta
     grid: np.ndarray
     grid_steps_n: np.ndarray
@@ -142,16 +158,27 @@ class Bank:
     effects: Mapping[str, EffectRuns]
     failed_share: float = 0.0
 
+    def find_columns(self, grasps: Grasps) -> np.ndarray:
+        """Number of each grasp's target in the bank, n; -1 where the bank does not have it."""
+        numbers = {target.key: number for number, target in enumerate(self.targets)}
+        return np.array([numbers.get(target.key, -1) for target in grasps.target], dtype=int)
+
+    def find_usual_columns(self, grasps: Grasps) -> np.ndarray:
+        """Number of the target of each grasp's object by the base setup, n."""
+        usual = [Target(object_id, grasps.base_setup).key for object_id in grasps.objects]
+        numbers = {target.key: number for number, target in enumerate(self.targets)}
+        return np.array([numbers[target] for target in usual])[grasps.obj]
+
 
 def list_versions(base: SimulatorVersion, plan: BankPlan = WIDE) -> tuple[SimulatorVersion, ...]:
-    """Simulator versions of a bank around `base`: the grid of theta, the centre, other meshes, and every effect.
+    """Simulator versions of a bank around `base`: the grid of theta, the centre, other meshes, and effects.
 
     A centre that is a point of the grid is there twice.
     """
     centre = base.model_copy(update={"theta": plan.centre})
     thetas = [base.model_copy(update={"theta": theta}) for theta in plan.grid_thetas]
-    meshes = [centre.model_copy(update={"mesh": mesh}) for mesh in NUMERICAL_MESHES]
-    effects = [add_effect(centre, name, values) for name in plan.effects for values in AMPLITUDES[name]]
+    meshes = [] if plan.is_local else [centre.model_copy(update={"mesh": mesh}) for mesh in NUMERICAL_MESHES]
+    effects = [add_effect(centre, name, values) for name in plan.effects for values in AMPLITUDES.get(name, ())]
     return (*thetas, centre, *meshes, *effects)
 
 
@@ -161,12 +188,20 @@ def add_effect(version: SimulatorVersion, effect: str, parameters: Mapping[str, 
     return version.model_copy(update={"effects": (*version.effects, value)})
 
 
+def carry_changes(steps_n: np.ndarray, from_n: np.ndarray, to_n: np.ndarray) -> np.ndarray:
+    """Variants (t x k x v x 120) of a centre `from_n` (t x k x 120) as those of another, t x k x v x 120.
+
+    What a variant changes in a cell goes with the root mean square of its force.
+    """
+    from_size, to_size = (np.sqrt(np.mean(force_n**2, axis=-1)) for force_n in (from_n, to_n))
+    grows = to_size / np.maximum(from_size, LEAST_AMPLITUDE * np.nanmedian(from_size))
+    return np.asarray(to_n[:, :, None] + grows[..., None, None] * (steps_n - from_n[:, :, None]))
+
+
 def _find_range(middle: float, reach: float, within: np.ndarray, widest: tuple[float, float]) -> tuple[float, float]:
-    """An interval of three decimals around the middle that holds `within`, of the widest at most."""
-    half = round(reach, 3)
-    low = min(middle - half, float(np.floor(1e3 * within.min()) / 1e3))
-    high = max(middle + half, float(np.ceil(1e3 * within.max()) / 1e3))
-    return max(round(low, 3), widest[0]), min(round(high, 3), widest[1])
+    """An interval about the middle that holds `within`, in thousandths to either side, of the widest at most."""
+    half = round(max(reach, float(np.ceil(1e3 * np.abs(within - middle).max()) / 1e3)), 3)
+    return max(round(middle - half, 4), widest[0]), min(round(middle + half, 4), widest[1])
 
 
 def list_placed_setups(setup: GraspSetup) -> tuple[GraspSetup, ...]:

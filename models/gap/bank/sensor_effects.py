@@ -2,7 +2,8 @@
 
 In front of step means lie `N_LEAD` forces, the end of closing up to the start of the lift, a step apart in time: a late
 clock or a slow transmitter brings them into the lift. In its first steps the force turns round and rises by more than
-it ever does again, so there the force is read in fifths of a step, straight from one end of a step to the other; later
+it ever does again, and within half a step it may be at its plateau. So there the force is read in fifths of a step: a
+ramp that is as steep as the step's mean says, and a plateau where a ramp alone would overshoot the next step. Later
 step means are taken as the force at the middle of their steps. Laws that are simple on such a lattice are written out
 for n grasps; any other effect of the catalogue is replayed grasp by grasp. Either way it is the change that counts, so
 that an effect of amplitude zero leaves the prediction alone to the last bit.
@@ -17,12 +18,20 @@ from models.simulation.effects.actuation import LiftStartError
 from models.simulation.effects.base import Effect
 from models.simulation.effects.contact import ObjectPostCompliance
 from models.simulation.effects.material import StressRelaxation
-from models.simulation.effects.sensor import LiftMisalignment, LoadCellDrift, LoadCellLag, LoadCellOffset, ToolWeight
+from models.simulation.effects.sensor import (
+    SHIFT_SPEED_MM_PER_S,
+    LiftMisalignment,
+    LoadCellDrift,
+    LoadCellLag,
+    LoadCellOffset,
+    ToolWeight,
+)
 from models.traces.step_features import N_STEPS, STEP_MM, step_means
 
 N_LEAD = 12
 _N_FINE, _PARTS = 3, 5  # steps that are read in parts
 _PART = (np.arange(_PARTS) + 0.5) / _PARTS
+_LEAST_RAMP = 1e-6  # of a step
 # Lift of every force; before the lift, time at its speed.
 _AT_MM = STEP_MM * np.concatenate(
     [np.arange(1 - N_LEAD, 1), (np.arange(_N_FINE)[:, None] + _PART).ravel(), np.arange(_N_FINE, N_STEPS) + 0.5]
@@ -56,22 +65,44 @@ def read_lead(trace: Trace, setup: GraspSetup) -> np.ndarray:
     return np.interp(at_s, trace.time_s, trace.force_n)
 
 
+def make_lead_map(simulated: GraspSetup, made: GraspSetup) -> np.ndarray:
+    """Forces before the lift (12) of a grasp from those that were simulated with another timing, 12 x 12.
+
+    Where jaws are depends on the travel since they began, and not on their speed; in a dwell the force stays.
+    """
+    known_s, wanted_s = (_AT_MM[:N_LEAD] / setup.lift_speed_mm_per_s + setup.dwell_s for setup in (simulated, made))
+    known_mm = np.minimum(known_s, 0.0) * simulated.close_speed_mm_per_s
+    wanted_mm = np.minimum(wanted_s, 0.0) * made.close_speed_mm_per_s
+    known_mm, places = np.unique(known_mm, return_index=True)
+    return np.stack([np.interp(wanted_mm, known_mm, row) for row in np.eye(N_LEAD)[:, places]], axis=1)
+
+
 def make_trace(steps_n: np.ndarray, setup: GraspSetup) -> Trace:
-    """A trace with these step means and their lead (132), to first order: closed, then lifted at the setup's speed."""
+    """A trace with these step means and their lead (132), to first order: closed, held, lifted as the setup says."""
     at_mm, force_n = np.append(_AT_MM, _AT_MM[-1] + 0.5 * STEP_MM), np.append(_fine(steps_n[None])[0], steps_n[-1])
-    time_s = _closing_s(setup) + at_mm / setup.lift_speed_mm_per_s
+    time_s = _closed_s(setup) + at_mm / setup.lift_speed_mm_per_s
     return Trace(time_s, np.maximum(at_mm, 0.0), force_n)
 
 
 def _fine(steps_n: np.ndarray) -> np.ndarray:
     """Forces on the lattice (n x 144) of step means with their lead (n x 132)."""
-    ends = [steps_n[:, N_LEAD - 1]]
-    for step in range(_N_FINE):
-        ends.append(2.0 * steps_n[:, N_LEAD + step] - ends[-1])
-    known = np.stack(ends, axis=1)[:, :, None]
-    parts = known[:, :-1] + _PART * (known[:, 1:] - known[:, :-1])
-    first, later = steps_n[:, :N_LEAD], steps_n[:, N_LEAD + _N_FINE :]
-    return np.concatenate([first, parts.reshape(len(steps_n), -1), later], axis=1)
+    start_n, parts = steps_n[:, N_LEAD - 1], []
+    for step in range(N_LEAD, N_LEAD + _N_FINE):
+        mean_n, next_n = steps_n[:, step], steps_n[:, step + 1]
+        end_n = np.clip(2.0 * mean_n - start_n, np.minimum(mean_n, next_n), np.maximum(mean_n, next_n))
+        parts.append(_part_step(start_n, mean_n, end_n))
+        start_n = end_n
+    return np.concatenate([steps_n[:, :N_LEAD], *parts, steps_n[:, N_LEAD + _N_FINE :]], axis=1)
+
+
+def _part_step(start_n: np.ndarray, mean_n: np.ndarray, end_n: np.ndarray) -> np.ndarray:
+    """Forces in fifths of a step from its ends and its mean (n each), n x 5: a ramp, with a plateau at either end."""
+    rise_n = end_n - start_n
+    above = np.clip((mean_n - start_n) / np.where(rise_n == 0.0, 1.0, rise_n), 0.0, 1.0)[:, None]
+    ramp = np.maximum(2.0 * np.minimum(above, 1.0 - above), _LEAST_RAMP)
+    share = np.clip(np.where(above < 0.5, _PART - (1.0 - ramp), _PART) / ramp, 0.0, 1.0)
+    found = start_n[:, None] + rise_n[:, None] * share
+    return np.asarray(found + (mean_n - found.mean(axis=1))[:, None])
 
 
 def _replay(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
@@ -92,12 +123,12 @@ def _weight(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -
 
 
 def _drift(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    time_s = _column(effects, "clock_s") + _closing_s(setup) + _AT_MM / setup.lift_speed_mm_per_s
+    time_s = _column(effects, "clock_s") + _closed_s(setup) + _AT_MM / setup.lift_speed_mm_per_s
     return steps_n + _column(effects, "drift_per_hour_n") * time_s / 3600.0
 
 
 def _relaxation(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    held_s = np.maximum(_AT_MM, 0.0) / setup.lift_speed_mm_per_s
+    held_s = np.maximum(_AT_MM / setup.lift_speed_mm_per_s + setup.dwell_s, 0.0)
     lost = _column(effects, "relaxed_share") * np.expm1(-held_s / _column(effects, "time_constant_s"))
     return np.asarray(steps_n + lost * steps_n)
 
@@ -117,7 +148,7 @@ def _lag(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> n
 
 
 def _shift(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    from_mm = _AT_MM - _column(effects, "shift_mm")
+    from_mm = _AT_MM - _column(effects, "shift_mm") * setup.lift_speed_mm_per_s / SHIFT_SPEED_MM_PER_S
     return _read_at(from_mm, steps_n)
 
 
@@ -156,8 +187,9 @@ def _column(effects: Sequence[Effect], name: str) -> np.ndarray:
     return np.array([[getattr(effect, name)] for effect in effects])
 
 
-def _closing_s(setup: GraspSetup) -> float:
-    return 0.5 * (setup.open_gap_mm - setup.closed_gap_mm) / setup.close_speed_mm_per_s
+def _closed_s(setup: GraspSetup) -> float:
+    """Time from the start of closing to the lift."""
+    return 0.5 * (setup.open_gap_mm - setup.closed_gap_mm) / setup.close_speed_mm_per_s + setup.dwell_s
 
 
 _LAWS: Mapping[type[Effect], Law] = {

@@ -14,9 +14,10 @@ from models.calibration.traces.response_surface import ResponseSurfaces, n_terms
 from models.errors import UsageError
 from models.gap.bank.bank import Bank, EffectRuns
 from models.gap.bank.effect_surfaces import EffectSurface, friction_factor_of_reference
-from models.gap.bank.sensor_effects import N_LEAD, acts_on_traces, apply_sensor_effect
+from models.gap.bank.sensor_effects import N_LEAD, acts_on_traces, apply_sensor_effect, make_lead_map
 from models.gap.grasps import Grasps
 from models.records import EffectValue, Theta
+from models.simulation.effects.actuation import FORCE_LIMITED_CLOSING, find_air_share
 from models.simulation.effects.base import Effect
 from models.simulation.effects.catalogue import CATALOGUE, build_effects
 from models.traces import step_features
@@ -34,22 +35,27 @@ LEAST_MADE = 0.9  # of the cells: an amplitude of which less was simulated is le
 class Surrogate:
     """Step means of n grasps; grasps of cells whose base could not be simulated are not usable (n).
 
-    surfaces, rows_n: of the end of closing and step means (132, see `sensor_effects`), rows_n of each grasp.
-    effect_surfaces: by name. wider_mm: w + 1, wider_n: t x o x w + 1 x 120, what jaws that stop early change.
+    column: n, target of each grasp in the bank. surfaces, rows_n: of the end of closing and step means (132, see
+    `sensor_effects`), rows_n of each grasp, at its own timing. effect_surfaces: by name. wider_mm: w + 1, wider_n:
+    t x k x w + 1 x 120, what jaws that stop early change. moved_n: n x 132, of grasps that are foretold: what a stroke
+    or a placement changes that the bank does not have, at its modulus.
     """
 
     bank: Bank
     grasps: Grasps
+    column: np.ndarray
     surfaces: ResponseSurfaces
     rows_n: np.ndarray
     effect_surfaces: dict[str, EffectSurface]
     wider_mm: np.ndarray
     wider_n: np.ndarray
     is_usable: np.ndarray
+    moved_n: np.ndarray | None = None
 
     @staticmethod
     def of(bank: Bank, grasps: Grasps) -> "Surrogate":
-        """The surrogate of grasps, from the bank of the same tools and objects."""
+        """The surrogate of grasps, from a bank of the same tools and of what they closed on."""
+        column = bank.find_columns(grasps)
         n_known = np.isfinite(bank.grid_steps_n).all(axis=-1).sum(axis=-1)
         is_known = (n_known > n_terms(bank.grid)) & np.isfinite(bank.centre_steps_n).all(axis=-1)
         with_lead_n = np.concatenate([bank.grid_lead_n, bank.grid_steps_n], axis=-1)
@@ -60,17 +66,35 @@ class Surrogate:
         return Surrogate(
             bank=bank,
             grasps=grasps,
+            column=column,
             surfaces=surfaces,
-            rows_n=surfaces.coefficients[grasps.tool, grasps.obj],
+            rows_n=_with_own_timing(surfaces.coefficients[grasps.tool, column], grasps),
             effect_surfaces=_fit_effect_surfaces(bank),
             wider_mm=np.concatenate([[0.0], bank.wider_mm]),
             wider_n=np.concatenate([nothing, wider_n], axis=2),
-            is_usable=is_known[grasps.tool, grasps.obj],
+            is_usable=is_known[grasps.tool, column] & (column >= 0),
         )
 
     def select(self, rows: np.ndarray) -> "Surrogate":
         """The surrogate of some of the grasps; nothing is fitted again."""
-        return replace(self, grasps=self.grasps.select(rows), rows_n=self.rows_n[rows], is_usable=self.is_usable[rows])
+        own = {name: getattr(self, name)[rows] for name in ("column", "rows_n", "is_usable")}
+        return replace(self, grasps=self.grasps.select(rows), **own)
+
+    def at(self, grasps: Grasps) -> "Surrogate":
+        """The surrogate of other grasps of the same tools and objects; nothing is fitted again.
+
+        One whose stroke or placement the bank does not have is foretold as by the base setup, less `moved_n`.
+        """
+        column = self.bank.find_columns(grasps)
+        column = np.where(column < 0, self.bank.find_usual_columns(grasps), column)
+        return replace(
+            self,
+            grasps=grasps,
+            column=column,
+            rows_n=_with_own_timing(self.surfaces.coefficients[grasps.tool, column], grasps),
+            is_usable=self.surfaces.coefficients[grasps.tool, column].any(axis=(1, 2)),
+            moved_n=None,
+        )
 
     @property
     def centre(self) -> Theta:
@@ -114,7 +138,7 @@ class Surrogate:
         self, theta: np.ndarray, effects: Sequence[EffectValue] = (), tool_factor: np.ndarray | None = None
     ) -> np.ndarray:
         """The end of closing and step means, n x 132; what an effect of the bank changes first, it changes before."""
-        tool, obj = self.grasps.tool, self.grasps.obj
+        tool = self.grasps.tool
         acting = self._list_acting(effects)
         memory = _Memory.of(acting, self.grasps, self.centre)
         factor = 1.0 if tool_factor is None else tool_factor[tool]
@@ -127,16 +151,33 @@ class Surrogate:
         basis = self.surfaces.rows(np.clip(friction, low, high), float(theta[2]))
         steps = (basis[:, None] @ self.rows_n)[:, 0]
         for value in from_bank:
-            steps = steps + _with_own_lead(
-                self.effect_surfaces[value.effect].change_n(value.parameters, stiffer, tool, obj)
-            )
+            against = stiffer / self._air_share if value.effect == FORCE_LIMITED_CLOSING.effect else stiffer
+            change_n = self.effect_surfaces[value.effect].change_n(value.parameters, against, tool, self.column)
+            steps = steps + _with_own_lead(change_n)
         if memory.wider_mm.any():
             steps = steps + _with_own_lead(self._wider(memory.wider_mm))
+        if self.moved_n is not None:
+            steps = steps + self.moved_n
         steps = steps * stiffer[:, None]
         for of_grasps in acting:
             if acts_on_traces(of_grasps[0]):
-                steps = apply_sensor_effect(of_grasps, steps, self.grasps.setup)
+                steps = self.apply_to_traces(of_grasps, steps)
         return steps
+
+    def apply_to_traces(self, effects: Sequence[Effect], steps_n: np.ndarray) -> np.ndarray:
+        """Step means with their lead (n x 132) with an effect on traces, each at the timing of its grasp."""
+        found = np.zeros_like(steps_n)
+        for number in np.unique(self.grasps.setup):
+            rows = np.flatnonzero(self.grasps.setup == number)
+            own = [effects[row] for row in rows.tolist()]
+            found[rows] = apply_sensor_effect(own, steps_n[rows], self.grasps.setups[number])
+        return found
+
+    @property
+    def _air_share(self) -> np.ndarray:
+        """Supply pressure over the usual one, n."""
+        shares = np.array([find_air_share(setup) for setup in self.grasps.setups])
+        return np.asarray(shares[self.grasps.setup])
 
     def _list_acting(self, effects: Sequence[EffectValue]) -> list[list[Effect]]:
         """Effects that no surface stands for, layer by layer, each as it acts in every grasp."""
@@ -144,21 +185,32 @@ class Surrogate:
             if value.effect in CATALOGUE and not self.can_predict(value.effect):
                 raise UsageError(f"the bank has no simulations with `{value.effect}`; fill it for this effect.")
         others = build_effects([value for value in effects if value.effect not in self.effect_surfaces])
-        setup, designs = self.grasps.setup, self.grasps.designs
-        pairs = list(zip(self.grasps.tool, self.grasps.contexts, strict=True))
-        return [[effect.in_grasp(designs[tool], setup, context) for tool, context in pairs] for effect in others]
+        setups, designs = self.grasps.setups, self.grasps.designs
+        each = list(zip(self.grasps.tool, self.grasps.setup, self.grasps.contexts, strict=True))
+        return [
+            [effect.in_grasp(designs[tool], setups[at], context) for tool, at, context in each] for effect in others
+        ]
 
     def _wider(self, wider_mm: np.ndarray) -> np.ndarray:
         """Changes of step means where jaws stop early by so much (n), n x 120, straight between the bank's."""
         low = np.clip(np.searchsorted(self.wider_mm, wider_mm, side="right") - 1, 0, len(self.wider_mm) - 2)
         part = ((wider_mm - self.wider_mm[low]) / (self.wider_mm[low + 1] - self.wider_mm[low]))[:, None]
-        tool, obj = self.grasps.tool, self.grasps.obj
-        return np.asarray((1.0 - part) * self.wider_n[tool, obj, low] + part * self.wider_n[tool, obj, low + 1])
+        tool, column = self.grasps.tool, self.column
+        return np.asarray((1.0 - part) * self.wider_n[tool, column, low] + part * self.wider_n[tool, column, low + 1])
 
 
 def _with_own_lead(change_n: np.ndarray) -> np.ndarray:
     """Changes of step means (n x 120) with those of the end of closing, n x 132."""
     return np.concatenate([np.repeat(change_n[:, :1], N_LEAD, axis=1), change_n], axis=1)
+
+
+def _with_own_timing(rows_n: np.ndarray, grasps: Grasps) -> np.ndarray:
+    """Terms of surfaces (n x k x 132) of the base setup's timing with the end of closing at each grasp's own."""
+    for number, setup in enumerate(grasps.setups):
+        rows = np.flatnonzero(grasps.setup == number)
+        if setup.timed_as(grasps.base_setup) != setup and len(rows):
+            rows_n[rows, :, :N_LEAD] = rows_n[rows, :, :N_LEAD] @ make_lead_map(grasps.base_setup, setup).T
+    return rows_n
 
 
 def _fit_effect_surfaces(bank: Bank) -> dict[str, EffectSurface]:
@@ -200,7 +252,7 @@ class _Memory:
     @staticmethod
     def of(acting: Sequence[Sequence[Effect]], grasps: Grasps, theta: Theta) -> "_Memory":
         """By the hooks of the effects as they act in each grasp; others are not asked."""
-        n, setup = len(grasps.tool), grasps.setup
+        n, setups = len(grasps.tool), [grasps.setups[number] for number in grasps.setup]
         modulus, friction, wider_mm = np.ones(n), np.ones(n), np.zeros(n)
         nowhere = np.zeros(1)
         for effects in acting:
@@ -212,6 +264,8 @@ class _Memory:
             if kind.friction_factor is not Effect.friction_factor:
                 friction *= np.array([float(effect.friction_factor(nowhere, nowhere)) for effect in effects])
             if kind.modify_setup is not Effect.modify_setup:
-                gaps = [effect.modify_setup(setup, design).closed_gap_mm for effect, design in pairs]
-                wider_mm += np.array(gaps) - setup.closed_gap_mm
+                wider_mm += [
+                    effect.modify_setup(setup, design).closed_gap_mm - setup.closed_gap_mm
+                    for setup, (effect, design) in zip(setups, pairs, strict=True)
+                ]
         return _Memory(modulus, friction, wider_mm)

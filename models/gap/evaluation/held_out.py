@@ -22,7 +22,7 @@ class HeldOut:
     """m grasps that touch a design or an object kept for the end.
 
     tool, obj: m. measured_n: m x steps. is_new_tool, is_new_object: m. numerical_n: m, root mean square of what other
-    meshes change in each.
+    meshes change in each. way: m, number of the setup and placement.
     """
 
     tools: tuple[str, ...]
@@ -34,6 +34,7 @@ class HeldOut:
     is_new_tool: np.ndarray
     is_new_object: np.ndarray
     numerical_n: np.ndarray
+    way: np.ndarray
 
     @staticmethod
     def of(data: GapData, theta: Theta, rows: np.ndarray | None = None) -> "HeldOut":
@@ -47,7 +48,7 @@ class HeldOut:
         if not len(grasps.tool):
             raise UsageError("no grasp is held out, so nothing can be shown; hold out two designs and two objects.")
         scale = theta.young_modulus_mpa / bank.centre.young_modulus_mpa
-        change = scale * (bank.numerical_steps_n - bank.centre_steps_n[:, :, None])[grasps.tool, grasps.obj]
+        change = scale * (bank.numerical_steps_n - bank.centre_steps_n[:, :, None])[grasps.tool, held_out.column]
         return HeldOut(
             tools=grasps.tools,
             designs=grasps.designs,
@@ -58,12 +59,13 @@ class HeldOut:
             is_new_tool=np.asarray(data.held_out_tools[grasps.tool]),
             is_new_object=np.asarray(data.held_out_objects[grasps.obj]),
             numerical_n=np.sqrt(np.nan_to_num(change**2).mean(axis=(1, 2))),
+            way=grasps.setup * len(grasps.placements) + grasps.placement,
         )
 
     @property
     def cell(self) -> np.ndarray:
-        """Number of the tool and object of each grasp, m."""
-        return np.asarray(self.tool * len(self.objects) + self.obj)
+        """Number of the tool, object, setup and placement of each grasp, m."""
+        return np.asarray((self.tool * len(self.objects) + self.obj) * (self.way.max() + 1) + self.way)
 
     @property
     def blocks(self) -> Mapping[str, np.ndarray]:

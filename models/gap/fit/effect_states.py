@@ -61,8 +61,10 @@ def _read_lift(fit: Fit) -> np.ndarray:
 
 
 def _read_lift_time(fit: Fit) -> np.ndarray:
-    """Time of a feature since the start of the lift, s."""
-    return _read_lift(fit) / fit.features.surrogate.grasps.setup.lift_speed_mm_per_s
+    """Time of a feature since the end of closing, s."""
+    grasps = fit.features.surrogate.grasps
+    dwell_s = np.array([setup.dwell_s for setup in grasps.setups])[grasps.setup]
+    return np.asarray(_read_lift(fit) / grasps.lift_speed_mm_per_s[:, None] + dwell_s[:, None])
 
 
 def _read_level(fit: Fit) -> np.ndarray:

@@ -1,7 +1,7 @@
 """What is fitted: theta, tools, numerical error and effects, each effect's parameters on axes of their own."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -114,6 +114,23 @@ class Fit:
     def n_effect_columns(self) -> int:
         """How many of the last columns are parameters of effects."""
         return sum(len(CATALOGUE[value.effect].parameters) for value in self.effects)
+
+    def add_columns(self, columns: np.ndarray, sd: float) -> "Fit":
+        """The fit with more columns (k x m x f), whose coefficients have the prior N(0, sd^2).
+
+        They come before those of the effects' parameters, which stay the last. Nothing is fitted again.
+        """
+        place = len(self.columns) - self.n_effect_columns
+
+        def put(values: np.ndarray, more: np.ndarray) -> np.ndarray:
+            return np.concatenate([values[:place], more, values[place:]])
+
+        return replace(
+            self,
+            columns=put(self.columns, columns),
+            precision=put(self.precision, np.full(len(columns), sd**-2.0)),
+            pull=put(self.pull, np.zeros(len(columns))),
+        )
 
     def predict_features(self, effects: Sequence[EffectValue] | None = None) -> np.ndarray:
         """Features at the fit, with these effects instead of its own, m x f, not whitened."""

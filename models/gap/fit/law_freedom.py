@@ -9,7 +9,7 @@ data then decide on theta, parameters and law together, and a parameter is known
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -74,6 +74,10 @@ class LawFreedom:
         """Columns of a fit (k x m x f, whitened and weighted)."""
         return np.asarray(fit.features.whiten(self.basis(self.at) * self.change) * fit.weight)
 
+    def add_to(self, fit: Fit) -> Fit:
+        """The fit with this freedom as further columns, before those of the effects' parameters."""
+        return fit.add_columns(self.columns(fit), LAW_SD)
+
 
 def compute_change(fit: Fit, effect: str) -> np.ndarray:
     """What an effect of a fit changes in the features there, m x f."""
@@ -84,11 +88,10 @@ def compute_change(fit: Fit, effect: str) -> np.ndarray:
 def free_law(fit: Fit, effect: str) -> Fit:
     """The fit with the freedom of the law of one of its effects as further columns; the same if it has no law.
 
-    They come before those of the effects' parameters, which stay the last. Nothing is fitted again: `solve_step` says
-    where the freed fit goes.
+    Nothing is fitted again: `solve_step` says where the freed fit goes.
     """
     freedom = LawFreedom.of(fit, effect)
-    return fit if freedom is None else _add_freedom(fit, freedom)
+    return fit if freedom is None else freedom.add_to(fit)
 
 
 def solve_step(fit: Fit) -> np.ndarray:
@@ -122,7 +125,7 @@ def compute_law_curve(fit: Fit, effect: str) -> LawCurve | None:
     freedom = LawFreedom.of(fit, effect)
     if freedom is None:
         return None
-    freed = _add_freedom(fit, freedom)
+    freed = freedom.add_to(fit)
     places = np.linspace(freedom.knots[0], freedom.knots[-1], _N_STATES)
     states = freedom.state.state_at(places)
     quantity = QUANTITIES.get(effect)
@@ -147,21 +150,6 @@ def compute_law_curve(fit: Fit, effect: str) -> LawCurve | None:
     )
 
 
-def _add_freedom(fit: Fit, freedom: LawFreedom) -> Fit:
-    place = len(fit.columns) - fit.n_effect_columns
-    columns = freedom.columns(fit)
-    return replace(
-        fit,
-        columns=_put(fit.columns, place, columns),
-        precision=_put(fit.precision, place, np.full(len(columns), LAW_SD**-2.0)),
-        pull=_put(fit.pull, place, np.zeros(len(columns))),
-    )
-
-
-def _put(values: np.ndarray, place: int, more: np.ndarray) -> np.ndarray:
-    return np.concatenate([values[:place], more, values[place:]])
-
-
 def _kernel(first: np.ndarray, second: np.ndarray, extent: float) -> np.ndarray:
     return np.asarray(np.exp(-0.5 * ((first[:, None] - second) / (LENGTH_SHARE * extent)) ** 2))
 
@@ -178,8 +166,11 @@ def _list_axes(fit: Fit, effect: str) -> Sequence[tuple[Axis, float, int]]:
 
 
 def _linearise_law(fit: Fit, effect: str, states: np.ndarray) -> np.ndarray:
-    """The catalogue's law at states (k), less no effect; and its slope by each parameter's coordinate, 1 + p x k."""
-    axes, speed = _list_axes(fit, effect), fit.features.surrogate.grasps.setup.lift_speed_mm_per_s
+    """The catalogue's law at states (k), less no effect; and its slope by each parameter's coordinate, 1 + p x k.
+
+    A law that has a speed in it is that of the base setup.
+    """
+    axes, speed = _list_axes(fit, effect), fit.features.surrogate.grasps.base_setup.lift_speed_mm_per_s
     quantity, known = QUANTITIES[effect], {axis.name: value for axis, value, _ in axes}
     here = quantity.law(known, states, speed)
     slopes = []

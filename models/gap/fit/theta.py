@@ -20,6 +20,7 @@ from models.gap.bank.surrogate import Surrogate
 from models.gap.fit.fit import Fit
 from models.gap.fit.posterior import sample_posterior
 from models.gap.fit.recalibrate import recalibrate
+from models.gap.grasps import Cells
 
 METHOD = "trace"
 MIN_TOOLS = 3
@@ -30,10 +31,10 @@ _OUTLYING = 0.2  # weight of a tool on an object, below which it is named
 _NEAR_BOUND, _PILE = 0.02, 0.05  # share of the range, and of the draws in it
 
 
-def make_grid_bank(grid_steps_n: np.ndarray, grid_lead_n: np.ndarray) -> Bank:
+def make_grid_bank(cells: Cells, grid_steps_n: np.ndarray, grid_lead_n: np.ndarray) -> Bank:
     """The bank for theta alone, from simulations of `ThetaGrid`: its surfaces at the centre, nothing (NaN) of the rest.
 
-    grid_steps_n: t x o x g x 120; grid_lead_n: t x o x g x 12, before the lift; NaN where a simulation failed.
+    grid_steps_n: t x k x g x 120; grid_lead_n: t x k x g x 12, before the lift; NaN where a simulation failed.
 
     Raises:
         UsageError: no cell has enough of the grid.
@@ -49,6 +50,7 @@ def make_grid_bank(grid_steps_n: np.ndarray, grid_lead_n: np.ndarray) -> Bank:
     surfaces = ResponseSurfaces.fitted(grid, grid_steps_n, is_known, CENTRE.young_modulus_mpa, every)
     at_centre = surfaces.rows(np.array([CENTRE.friction]), CENTRE.poisson_ratio) @ surfaces.coefficients
     return Bank(
+        targets=cells.targets,
         centre=CENTRE,
         grid=grid,
         grid_steps_n=grid_steps_n,
@@ -59,7 +61,7 @@ def make_grid_bank(grid_steps_n: np.ndarray, grid_lead_n: np.ndarray) -> Bank:
         wider_mm=np.array(WIDER_MM),
         wider_steps_n=np.full((t, o, len(WIDER_MM), n_steps), np.nan),
         effects={},
-        failed_share=float(np.isnan(grid_steps_n[..., 0]).mean()),
+        failed_share=float(np.isnan(grid_steps_n[cells.is_wanted][..., 0]).mean()),
     )
 
 

@@ -22,9 +22,10 @@ from models.calibration.traces.response_surface import (
     units_of,
 )
 from models.gap.bank.bank import DEEPER_MM, Bank
-from models.gap.bank.sensor_effects import N_LEAD, apply_sensor_effect
+from models.gap.bank.sensor_effects import N_LEAD
 from models.gap.bank.surrogate import FEATURES, Surrogate, features_of_steps
-from models.simulation.effects.sensor import LiftMisalignment
+from models.gap.grasps import Grasps
+from models.simulation.effects.sensor import SHIFT_SPEED_MM_PER_S, LiftMisalignment
 from models.traces.step_features import BIN_EDGES_MM, LIFT_MM, STEP_MM
 from models.traces.step_noise import feature_noise
 
@@ -110,14 +111,12 @@ def whiten_features(surrogate: Surrogate, with_lead_n: np.ndarray, stiffer: floa
     """
     predicted_n = with_lead_n[:, N_LEAD:]
     grasps, bank = surrogate.grasps, surrogate.bank
-    cells, inverse = np.unique(np.stack([grasps.tool, grasps.obj], axis=1), axis=0, return_inverse=True)
+    cells, inverse = np.unique(np.stack([grasps.tool, surrogate.column], axis=1), axis=0, return_inverse=True)
     first = np.array([np.flatnonzero(inverse == number)[0] for number in range(len(cells))])
-    speed = grasps.setup.lift_speed_mm_per_s
-    bias, noise = feature_noise(predicted_n[first], grasps.noise, speed, of_steps=features_of_steps)
+    bias, noise = _noise_by_setup(predicted_n, grasps, inverse)
     clean = features_of_steps(predicted_n[first])
-    amplitude = _amplitude(clean)
+    amplitude = find_amplitude(clean)
     force = np.where(IS_LIFT, 0.0, clean)
-    repeats = REPEAT_SD**2 * _outer(force) + TARE_SD_N**2 * _outer(OF_OFFSET) + noise
     at = (cells[:, 0], cells[:, 1])
     scatter = _outer(amplitude) * (FLOOR_SHARE**2 * error_correlation(FEATURES) + OWN_SHARE**2 * np.eye(len(FEATURES)))
     scatter = scatter + PLACEMENT_SHARE**2 * _outer(force) + _placed_scatter(bank, at, predicted_n[first], amplitude)
@@ -125,22 +124,53 @@ def whiten_features(surrogate: Surrogate, with_lead_n: np.ndarray, stiffer: floa
     in_unit = np.where(IS_LIFT, 1.0, stiffer)
     surface = _surface_error(bank, at) * np.outer(in_unit, in_unit)
     scatter = scatter + NUMERICAL_WEIGHT * scatter_of_meshes + SURFACE_WEIGHT * surface
-    contrast = repeats + CONTRAST_SHARE**2 * _outer(amplitude) * np.eye(len(FEATURES))
+    contrast = _repeat_scatter(clean, amplitude) + noise
     whiteners, places = _whiteners(inverse, contrast, scatter)
     changed = _features(bank.numerical_steps_n) - _features(bank.centre_steps_n)[:, :, None]
-    of_meshes = np.moveaxis(np.nan_to_num(changed)[grasps.tool, grasps.obj], 1, 0)
-    late_n = apply_sensor_effect([LiftMisalignment(COMMON_SHIFT_MM)] * len(with_lead_n), with_lead_n, grasps.setup)[
-        :, N_LEAD:
-    ]
+    of_meshes = np.moveaxis(np.nan_to_num(changed)[grasps.tool, surrogate.column], 1, 0)
+    # A contact gives way by a length, whatever the speed.
+    shifts = [LiftMisalignment(COMMON_SHIFT_MM * SHIFT_SPEED_MM_PER_S / v) for v in grasps.lift_speed_mm_per_s]
+    late_n = surrogate.apply_to_traces(shifts, with_lead_n)[:, N_LEAD:]
     late = (features_of_steps(late_n) - features_of_steps(predicted_n)) / in_unit
     return WhitenedFeatures(
         surrogate=surrogate,
-        measured=features_of_steps(grasps.steps_n) - bias[inverse],
+        measured=features_of_steps(grasps.steps_n) - bias,
         amplitude=amplitude[inverse],
         cells=places,
         whiteners=whiteners,
         numerical=np.concatenate([of_meshes, late[None]]),
     )
+
+
+def estimate_repeat_noise(grasps: Grasps, predicted_n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bias of features (m x f), and covariance by what repeats differ by (m x f x f); predicted_n: m x 120."""
+    clean = features_of_steps(predicted_n)
+    bias, noise = _noise_by_setup(predicted_n, grasps, np.arange(len(predicted_n)))
+    return bias, _repeat_scatter(clean, find_amplitude(clean)) + noise
+
+
+def _repeat_scatter(clean: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+    """Covariance of features (n x f) of repeats, but for noise of the load cell, n x f x f."""
+    force = np.where(IS_LIFT, 0.0, clean)
+    repeats = REPEAT_SD**2 * _outer(force) + TARE_SD_N**2 * _outer(OF_OFFSET)
+    return np.asarray(repeats + CONTRAST_SHARE**2 * _outer(amplitude) * np.eye(len(FEATURES)))
+
+
+def _noise_by_setup(predicted_n: np.ndarray, grasps: Grasps, cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bias of features by sensor noise of each grasp (m x f), and its covariance in each cell (c x f x f).
+
+    A faster lift has fewer readings in a step. Of grasps of a cell at several setups the mean covariance counts.
+    """
+    pairs, inverse = np.unique(np.stack([cell, grasps.setup], axis=1), axis=0, return_inverse=True)
+    first = np.array([np.flatnonzero(inverse == number)[0] for number in range(len(pairs))])
+    counts = np.bincount(inverse)
+    bias, noise = np.zeros((len(pairs), len(FEATURES))), np.zeros((cell.max() + 1, len(FEATURES), len(FEATURES)))
+    for number in np.unique(grasps.setup):
+        is_own = pairs[:, 1] == number
+        speed = grasps.setups[number].lift_speed_mm_per_s
+        bias[is_own], own = feature_noise(predicted_n[first[is_own]], grasps.noise, speed, of_steps=features_of_steps)
+        np.add.at(noise, pairs[is_own, 0], own * counts[is_own, None, None])
+    return bias[inverse], noise / np.bincount(cell)[:, None, None]
 
 
 def compute_root_weights(residual: np.ndarray) -> np.ndarray:
@@ -181,7 +211,7 @@ def _rotation(n: int) -> np.ndarray:
     return np.asarray((q * np.sign(np.diag(r))).T)
 
 
-def _amplitude(features: np.ndarray) -> np.ndarray:
+def find_amplitude(features: np.ndarray) -> np.ndarray:
     """What a relative error of 1 is in each feature (n x f): the largest force of the cell, or a length."""
     largest = np.abs(np.where(_IS_AMPLITUDE, features, 0.0)).max(axis=-1, keepdims=True)
     largest = np.maximum(largest, LEAST_AMPLITUDE * np.median(largest))
@@ -223,7 +253,7 @@ def _placed_scatter(
 def _changes(other_n: np.ndarray, centre_n: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
     """What other simulations (c x v x 120) change of features at the amplitude of a cell's forces, c x v x f."""
     centre = features_of_steps(centre_n)
-    return (_features(other_n) - centre[:, None]) / _amplitude(centre)[:, None] * amplitude[:, None]
+    return (_features(other_n) - centre[:, None]) / find_amplitude(centre)[:, None] * amplitude[:, None]
 
 
 def _surface_error(bank: Bank, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:

@@ -11,7 +11,7 @@ from models.gap.naming.families import WORDS, find_families
 from models.gap.naming.patterns import Pattern
 from models.gap.naming.second_look import SecondLook
 from models.gap.naming.thresholds import Thresholds
-from models.simulation.effects.catalogue import CATALOGUE
+from models.simulation.effects.catalogue import CATALOGUE, list_confusable
 
 _LARGEST_SET = 3
 _CLEAR_LEAD = 3.3  # standard deviations of evidence: effects that the catalogue calls confusable are told apart
@@ -72,17 +72,17 @@ def decide(candidates: CandidateSet, look: SecondLook | None, thresholds: Thresh
         sentence = "Nothing that designs, objects and repeats agree on is left."
         return Judgement(Decision(kind="none", probability=1.0 - gap, sentence=sentence), gap, over_line)
     if look is None:
-        return Judgement(_answer_unknown(candidates, gap), gap, over_line)
+        return Judgement(answer_unknown(candidates, gap), gap, over_line)
     chosen = choose_alike(look, candidates)
     lead = compute_lead_over_others(look, chosen, candidates)
     description = look.describe(lead, candidates.pattern_r2)
     name = thresholds.judge_name(description)
     if name < _EVEN:
-        decision = _answer_unknown(candidates, gap * (1.0 - name), look)
+        decision = answer_unknown(candidates, gap * (1.0 - name), look)
     elif len(chosen) == 1:
-        decision = _answer_effect(look, gap * name)
+        decision = answer_effect(look, gap * name)
     else:
-        decision = _answer_set(chosen, look, gap * name)
+        decision = answer_set(chosen, look, gap * name)
     return Judgement(decision, gap, over_line, name, tuple(description.tolist()))
 
 
@@ -115,12 +115,13 @@ def _is_confusable(candidate: FittedCandidate, own: FittedCandidate, candidates:
 
     The law of the bench is not that of the catalogue: a little more evidence does not tell confusable effects apart.
     """
-    one, other = candidate.effects[0], own.effects[0]
-    is_confusable = one in CATALOGUE[other].confusable_with or other in CATALOGUE[one].confusable_with
-    return is_confusable and compute_lead(compute_gain_nats(candidates.base, candidate.score, own.score)) < _CLEAR_LEAD
+    if candidate.effects[0] not in list_confusable(own.effects[0]):
+        return False
+    return compute_lead(compute_gain_nats(candidates.base, candidate.score, own.score)) < _CLEAR_LEAD
 
 
-def _answer_effect(look: SecondLook, probability: float) -> Decision:
+def answer_effect(look: SecondLook, probability: float) -> Decision:
+    """One effect, with its parameters and its law."""
     spec = CATALOGUE[look.effect]
     parameters = estimate_freed_parameters(look.fit, look.effect)
     first = spec.parameters[0].name
@@ -137,7 +138,8 @@ def _answer_effect(look: SecondLook, probability: float) -> Decision:
     )
 
 
-def _answer_set(chosen: Sequence[str], look: SecondLook, probability: float) -> Decision:
+def answer_set(chosen: Sequence[str], look: SecondLook, probability: float) -> Decision:
+    """Effects that are not told apart, the likeliest first."""
     titles = "; or: ".join(CATALOGUE[name].title for name in chosen)
     return Decision(
         kind="set",
@@ -149,7 +151,7 @@ def _answer_set(chosen: Sequence[str], look: SecondLook, probability: float) -> 
     )
 
 
-def _answer_unknown(candidates: CandidateSet, probability: float, look: SecondLook | None = None) -> Decision:
+def answer_unknown(candidates: CandidateSet, probability: float, look: SecondLook | None = None) -> Decision:
     """Not in the catalogue; the pattern that is there, or that the best effect leaves, says what is known of it."""
     pattern = candidates.pattern
     nearest = f" {CATALOGUE[look.effect].title} comes nearest." if look is not None else ""

@@ -19,6 +19,7 @@ from models.gap.naming.candidates import FittedCandidate
 from models.gap.naming.rank_effects import LEAST_NATS, list_secants
 from models.records import EffectValue
 from models.simulation.effects.catalogue import CATALOGUE
+from models.simulation.effects.sensor import SHIFT_SPEED_MM_PER_S
 
 _DELAY, _ZERO = "delay between lift and force", "constant force of the load cell"
 _SLIDING, _PRESSURE = "friction that varies with sliding", "friction or adhesion that varies with pressure"
@@ -63,7 +64,7 @@ _MIXTURE_SD = 3.0  # of what an effect and shares of its delay add: next to no p
 # By how much an effect delays the force, mm of lift, of its parameters and the speed of the lift in mm/s.
 _DELAYS_MM: Mapping[str, Callable[[Mapping[str, float], float], float]] = {
     "load_cell_lag": lambda p, speed: speed * p["time_constant_s"],
-    "lift_misalignment": lambda p, speed: p["shift_mm"],
+    "lift_misalignment": lambda p, speed: p["shift_mm"] * speed / SHIFT_SPEED_MM_PER_S,
     "lift_start_error": lambda p, speed: p["backlash_mm"] + speed * p["ramp_s"] / (p["ramp_power"] + 1.0),
 }
 
@@ -155,18 +156,22 @@ def _list_delays(fit: Fit, rest: Sequence[EffectValue], value: EffectValue) -> n
     A transmitter may answer at once but slowly, or late but at once: how a delay is spread is not known at all, so
     these mix as they please. Nothing for other effects.
     """
-    late_mm = _DELAYS_MM.get(value.effect, lambda parameters, speed: 0.0)(
-        value.parameters, fit.features.surrogate.grasps.setup.lift_speed_mm_per_s
-    )
-    limit, base = CATALOGUE[_SHIFT].parameters[0].upper, fit.predict_features(rest)
-    if late_mm == 0.0:
+    base, speeds = fit.predict_features(rest), fit.features.surrogate.grasps.lift_speed_mm_per_s
+    delay = _DELAYS_MM.get(value.effect)
+    late_mm = {speed: delay(value.parameters, speed) for speed in np.unique(speeds)} if delay is not None else {}
+    if not any(late_mm.values()):
         return np.zeros((0, *base.shape))
-    found = [(fit.predict_features([*rest, value]) - base)[None]]
-    for share in _DELAY_SHARES:
-        shift_mm = float(np.clip(share * late_mm, -limit, limit))
-        shifted = EffectValue(effect=_SHIFT, parameters={CATALOGUE[_SHIFT].parameters[0].name: shift_mm})
-        found.append((fit.predict_features([*rest, shifted]) - base)[None] * late_mm / shift_mm)
-    return np.concatenate(found)
+    found = np.zeros((1 + len(_DELAY_SHARES), *base.shape))
+    found[0] = fit.predict_features([*rest, value]) - base
+    limit = CATALOGUE[_SHIFT].parameters[0].upper
+    for place, share in enumerate(_DELAY_SHARES, start=1):
+        for speed, own_mm in late_mm.items():
+            at_usual_mm = own_mm * SHIFT_SPEED_MM_PER_S / speed
+            shift_mm = float(np.clip(share * at_usual_mm, -limit, limit))
+            shifted = EffectValue(effect=_SHIFT, parameters={CATALOGUE[_SHIFT].parameters[0].name: shift_mm})
+            rows = speeds == speed
+            found[place, rows] = (fit.predict_features([*rest, shifted]) - base)[rows] * at_usual_mm / shift_mm
+    return found
 
 
 def _move(value: EffectValue, axis: Axis) -> EffectValue:

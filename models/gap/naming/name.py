@@ -24,7 +24,7 @@ from models.gap.naming.rank_effects import EffectRanking, Separability, compute_
 from models.gap.naming.second_look import SecondLook, look_again
 from models.gap.naming.thresholds import Thresholds
 from models.records import EffectValue
-from models.simulation.effects.catalogue import CATALOGUE
+from models.simulation.effects.catalogue import list_confusable
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +79,9 @@ def name_effect(
     ranking = rank_effects(fit, names)
     tried = _try_candidates(fit, ranking)
     best = tried.best
-    is_open = tried.measure_alarm(thresholds) > 1.0 and best is not None and best.r2 > 0.0
-    look = look_again(fit, tried.score, ranking, best, names) if is_open and best is not None else None
+    look = None
+    if best is not None and best.r2 > 0.0 and tried.measure_alarm(thresholds) > 1.0:
+        look = look_again(fit, tried.score, ranking, best, names)
     judged = decide(tried, look, thresholds)
     return NamingResult(
         judged=judged,
@@ -103,7 +104,7 @@ def _try_candidates(fit: Fit, ranking: EffectRanking) -> CandidateSet:
     singles = fit_candidates(fit, score, ranking, top_candidates(ranking))
     if singles:
         known = {single.effects[0] for single in singles}
-        kin = [name for name in _list_confusable(singles[0].effects[0]) if name in ranking.names and name not in known]
+        kin = [name for name in list_confusable(singles[0].effects[0]) if name in ranking.names and name not in known]
         singles = sorted([*singles, *fit_candidates(fit, score, ranking, kin)], key=lambda single: -single.r2)
     return CandidateSet(
         base=fit,
@@ -112,12 +113,6 @@ def _try_candidates(fit: Fit, ranking: EffectRanking) -> CandidateSet:
         pattern=pattern,
         pattern_r2=compute_r2(score, score_fit(pattern.add_to(fit))),
     )
-
-
-def _list_confusable(effect: str) -> list[str]:
-    """Effects that the catalogue calls confusable with this one, in either entry."""
-    own = CATALOGUE[effect].confusable_with
-    return [name for name, spec in CATALOGUE.items() if name in own or effect in spec.confusable_with]
 
 
 def _report_candidates(

@@ -6,7 +6,7 @@ smooth coefficients with a normal prior whose size is not known, so its evidence
 and it can be said in words.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -14,8 +14,7 @@ from scipy.linalg import solve_triangular
 from models.gap.bank.surrogate import features_of_steps
 from models.gap.fit.fit import Fit
 from models.gap.grasps import Grasps
-from models.objects.catalogue import get_object
-from models.objects.primitives import bounds
+from models.gap.where.strata import object_shape
 from models.traces.step_features import N_STEPS, STEP_MM
 
 KNOTS_MM = (0.0, 1.5, 5.0, 12.0, 25.0, 45.0)  # of the lift, where a pattern has a coefficient; straight between
@@ -44,7 +43,7 @@ class Pattern:
 
     def add_to(self, fit: Fit) -> Fit:
         """The fit with the columns of the pattern."""
-        return add_columns(fit, self.columns, self.size)
+        return fit.add_columns(self.columns, self.size)
 
 
 def rank_patterns(fit: Fit) -> list[Pattern]:
@@ -53,20 +52,10 @@ def rank_patterns(fit: Fit) -> list[Pattern]:
     grasps = fit.features.surrogate.grasps
     found = [
         _weigh(fit, what, how, fit.features.whiten(change * by[None, :, None]) * fit.weight)
-        for what, change in _list_changes(steps_n)
+        for what, change in list_changes(steps_n)
         for how, by in list_variates(grasps, steps_n)
     ]
     return sorted(found, key=lambda pattern: -pattern.nats)
-
-
-def add_columns(fit: Fit, columns: np.ndarray, sd: float) -> Fit:
-    """A fit with more columns (k x m x f), whose coefficients have the prior N(0, sd^2)."""
-    return replace(
-        fit,
-        columns=np.concatenate([fit.columns, columns]),
-        precision=np.concatenate([fit.precision, np.full(len(columns), sd**-2.0)]),
-        pull=np.concatenate([fit.pull, np.zeros(len(columns))]),
-    )
 
 
 def compute_log_evidence(fit: Fit) -> float:
@@ -79,7 +68,7 @@ def compute_log_evidence(fit: Fit) -> float:
 
 def list_variates(grasps: Grasps, steps_n: np.ndarray) -> list[tuple[str, np.ndarray]]:
     """What a pattern may grow with (n each, mean 0, standard deviation 1), and the constant; less what never varies."""
-    widths = np.array([_width_mm(number) for number in grasps.objects])
+    widths = np.array([object_shape(number).width_mm for number in grasps.objects])
     known = {
         "from the first repeat to later ones": [min(context.repeat, 1) for context in grasps.contexts],
         "from grasp to grasp of a tool": [context.tool_grasps for context in grasps.contexts],
@@ -95,7 +84,7 @@ def list_variates(grasps: Grasps, steps_n: np.ndarray) -> list[tuple[str, np.nda
     return found
 
 
-def _list_changes(steps_n: np.ndarray) -> list[tuple[str, np.ndarray]]:
+def list_changes(steps_n: np.ndarray) -> list[tuple[str, np.ndarray]]:
     """Changes of features (k x m x f) by a force as large as the median peak, or twice the force, about each knot."""
     peak_n = float(np.median(steps_n.max(axis=1)))
     changes = (("a force", np.full_like(steps_n, peak_n)), ("a factor on the force", steps_n))
@@ -115,11 +104,6 @@ def _hats() -> np.ndarray:
 def _weigh(fit: Fit, what: str, how: str, columns: np.ndarray) -> Pattern:
     """The pattern with its evidence, averaged over sizes."""
     without = compute_log_evidence(fit)
-    nats = np.array([compute_log_evidence(add_columns(fit, columns, size)) - without for size in SIZES])
+    nats = np.array([compute_log_evidence(fit.add_columns(columns, size)) - without for size in SIZES])
     mean = float(np.logaddexp.reduce(nats) - np.log(len(SIZES)))
     return Pattern(what, how, columns, mean, SIZES[int(np.argmax(nats))])
-
-
-def _width_mm(object_id: int) -> float:
-    low, high = bounds(get_object(object_id).primitives)
-    return float(high[0] - low[0])

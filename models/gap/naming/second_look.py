@@ -80,7 +80,7 @@ def look_again(
 
     names: effects that may be named. ranking: of the fit without new effects.
     """
-    look = _look(base_score, candidate, names)
+    look = look_at(base_score, candidate, names)
     if look.further is None or look.is_pair or look.left_share < LEAST_LEFT:
         return look
     (other,) = look.further.effects
@@ -90,7 +90,7 @@ def look_again(
     alone_r2 = compute_r2(base_score, score_fit(alone))
     if alone_r2 < look.r2:
         return look
-    return _look(base_score, FittedCandidate((other,), alone, score_fit(alone), alone_r2), names)
+    return look_at(base_score, FittedCandidate((other,), alone, score_fit(alone), alone_r2), names)
 
 
 def compute_error_scale(fit: Fit) -> float:
@@ -104,7 +104,8 @@ def compute_error_scale(fit: Fit) -> float:
     return max(float(costs.mean()) / expected, 1.0)
 
 
-def _look(base_score: Score, candidate: FittedCandidate, names: Sequence[str]) -> SecondLook:
+def look_at(base_score: Score, candidate: FittedCandidate, names: Sequence[str]) -> SecondLook:
+    """The rest of a candidate, which is not replaced by another. names: effects that may be named."""
     surrogate = candidate.fit.features.surrogate
     again = recalibrate(surrogate, candidate.fit.effects)
     score_again = score_fit(again)

@@ -60,28 +60,28 @@ def find_heaviest_cells(residuals: Residuals, n: int = N_HEAVIEST) -> tuple[Heav
     return tuple(found)
 
 
-def find_unsure_cells(bank: Bank, tools: tuple[str, ...], objects: tuple[int, ...]) -> tuple[UnsureCell, ...]:
+def find_unsure_cells(bank: Bank, tools: tuple[str, ...]) -> tuple[UnsureCell, ...]:
     """Cells of the bank whose force changes by more than a tenth of the peak, the most unsure first.
 
-    tools: names (t); objects: numbers (o), both as in the bank.
+    tools: names (t), as in the bank.
     """
     peak_n = peaks(np.nan_to_num(bank.centre_steps_n).reshape(-1, bank.centre_steps_n.shape[-1]))
     peak_n = peak_n.reshape(bank.centre_steps_n.shape[:2])
     spreads = {"mesh": _spread(bank, bank.numerical_steps_n), "height": _spread(bank, bank.placed_steps_n)}
     found = []
-    for tool, obj in zip(*np.nonzero(peak_n > 0), strict=True):
+    for tool, target in zip(*np.nonzero(peak_n > 0), strict=True):
         cause: Literal["mesh", "height"] = "mesh"
-        if spreads["height"][tool, obj] > spreads["mesh"][tool, obj]:
+        if spreads["height"][tool, target] > spreads["mesh"][tool, target]:
             cause = "height"
-        spread_n = float(spreads[cause][tool, obj])
-        if spread_n > UNSURE_SHARE * peak_n[tool, obj]:
-            name = get_object(objects[obj]).name
-            found.append(UnsureCell(tools[tool], name, cause, spread_n, float(peak_n[tool, obj])))
+        spread_n = float(spreads[cause][tool, target])
+        if spread_n > UNSURE_SHARE * peak_n[tool, target]:
+            name = get_object(bank.targets[target].object_id).name
+            found.append(UnsureCell(tools[tool], name, cause, spread_n, float(peak_n[tool, target])))
     return tuple(sorted(found, key=lambda cell: -cell.spread_n / cell.peak_n))
 
 
 def _spread(bank: Bank, steps_n: np.ndarray) -> np.ndarray:
-    """Largest change by any variant (t x o x v x steps), as a root mean square over the steps with force, t x o."""
+    """Largest change by any variant (t x k x v x steps), as a root mean square over the steps with force, t x k."""
     centre_n = bank.centre_steps_n[:, :, None]
     is_held = np.abs(centre_n) > 0.05 * np.nanmax(np.abs(centre_n), axis=-1, keepdims=True)
     is_held = is_held | (np.abs(steps_n) > 0.05 * np.nanmax(np.abs(centre_n), axis=-1, keepdims=True))

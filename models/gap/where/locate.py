@@ -3,6 +3,7 @@
 Findings are what the tests rejected and what is large enough to matter, as sentences with sizes and intervals.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from models.gap.findings import WhereFinding
 from models.gap.where.permutation_tests import BY_OBJECT, EVERYWHERE, ORDER, REPEAT, Hypothesis, TestTree, run_tests
 from models.gap.where.residuals import AT, PHASES, WORDS, Residuals
 from models.gap.where.strata import FAMILY, OBJECT_FEATURES, TOOL_FEATURES
-from models.gap.where.theta_by_stratum import ThetaStratum, ThetaTrend, fit_theta_by_stratum, fit_theta_trends
+from models.gap.where.theta_trends import ThetaTrend, fit_theta_trends
 from models.gap.where.tree import Leaf, grow_honest_tree
 from models.gap.where.variance_components import PhaseComponents, estimate_variance_components, jackknife
 from models.objects.catalogue import get_object
@@ -41,7 +42,6 @@ class Where:
     findings: tuple[WhereFinding, ...]
     tests: TestTree
     components: tuple[PhaseComponents, ...]
-    strata: tuple[ThetaStratum, ...]
     trends: tuple[ThetaTrend, ...]
 
 
@@ -61,17 +61,16 @@ class _Size:
 
 
 def locate(residuals: Residuals, friction_slope_n: np.ndarray | None = None, seed: int = 0) -> Where:
-    """Variance components, tests, state-aware theta and findings of the grasps to learn from.
+    """Variance components, tests, trends of theta and findings of the grasps to learn from.
 
-    friction_slope_n: n x steps, slope of the prediction by the logarithm of friction; without it only the modulus is
-    refitted by stratum.
+    friction_slope_n: n x steps, slope of the prediction by the logarithm of friction; without it only the modulus has
+    trends.
     """
     tests = run_tests(residuals, seed)
     return Where(
         findings=find_where(residuals, tests, seed),
         tests=tests,
         components=estimate_variance_components(residuals),
-        strata=fit_theta_by_stratum(residuals, friction_slope_n),
         trends=fit_theta_trends(residuals, friction_slope_n),
     )
 
@@ -134,8 +133,12 @@ def _finding(size: _Size, phase: str, stratum: str, tested: list[Hypothesis]) ->
         return None
     verb = "under-predicts" if size.share > 0 else "over-predicts"
     words = _describe_size(size.effect_n, size.share, size.ci90)
+    return _make_finding(f"The simulator {verb} {WORDS[phase]} by {words} {stratum}.", phase, stratum, size, tested)
+
+
+def _make_finding(sentence: str, phase: str, stratum: str, size: _Size, tested: Sequence[Hypothesis]) -> WhereFinding:
     return WhereFinding(
-        sentence=f"The simulator {verb} {WORDS[phase]} by {words} {stratum}.",
+        sentence=sentence,
         phase=phase,
         stratum=stratum,
         effect_size_n=size.effect_n,
@@ -195,16 +198,8 @@ def _of_history(residuals: Residuals, phase: str, tested: Hypothesis) -> WhereFi
     verb = "rises" if size.share > 0 else "falls"
     span = "from the first to the last repeat" if is_repeat else "from early to late grasps of a tool"
     words = _describe_size(size.effect_n, size.share, size.ci90)
-    return WhereFinding(
-        sentence=f"Measured force {AT[phase]} {verb} by {words} {span}, which the simulator does not.",
-        phase=phase,
-        stratum=span,
-        effect_size_n=size.effect_n,
-        ci90=size.ci90_n,
-        share=size.share,
-        p_value=tested.p_value,
-        q_value=tested.q_value,
-    )
+    sentence = f"Measured force {AT[phase]} {verb} by {words} {span}, which the simulator does not."
+    return _make_finding(sentence, phase, span, size, [tested])
 
 
 def _with_notes(found: tuple[WhereFinding, ...], residuals: Residuals, tests: TestTree) -> tuple[WhereFinding, ...]:

@@ -44,7 +44,7 @@ class Residuals:
 
     tool, obj, repeat: n, numbers from 0. order: n, grasps of this tool before. measured_n, predicted_n:
     n x steps. tool_factor: t, what was fitted as the modulus of each tool over the common one. numerical_n:
-    t x o x v x steps, what v other meshes change at this theta; NaN where a simulation failed.
+    n x v x steps, what v other meshes change at this theta; NaN where a simulation failed.
     """
 
     tools: tuple[str, ...]
@@ -98,7 +98,8 @@ class Residuals:
             measured_n=grasps.steps_n,
             predicted_n=predicted_n,
             tool_factor=np.ones(len(grasps.tools)) if tool_factor is None else tool_factor,
-            numerical_n=scale * (bank.numerical_steps_n - bank.centre_steps_n[:, :, None]),
+            numerical_n=scale
+            * (bank.numerical_steps_n - bank.centre_steps_n[:, :, None])[grasps.tool, surrogate.column],
         )
 
     @cached_property
@@ -143,12 +144,12 @@ class Residuals:
 
     @cached_property
     def numerical_relative(self) -> np.ndarray:
-        """The same for what other meshes change, v x n x 5: a grasp gets what its tool and object get.
+        """The same for what other meshes change, v x n x 5.
 
         Where no other mesh was simulated the change is taken as zero.
         """
-        v = self.numerical_n.shape[2]
-        changes = np.nan_to_num(self.numerical_n[self.tool, self.obj])
+        v = self.numerical_n.shape[1]
+        changes = np.nan_to_num(self.numerical_n)
         return np.stack(
             [
                 compute_phase_differences(self.predicted_n + changes[:, i], self.predicted_n)

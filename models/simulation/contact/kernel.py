@@ -48,12 +48,16 @@ class NearPoints(NamedTuple):
 
 
 class Touching(NamedTuple):
-    """Buffers for the points that touch the obstacle: numbers (n), traction (n, 3), pressure (n), slip (n)."""
+    """Buffers for the points that touch the obstacle.
+
+    Numbers (n), traction (n, 3), pressure (n), slip (n), and the vertical part of the outward normal (n).
+    """
 
     point: np.ndarray
     traction: np.ndarray
     pressure: np.ndarray
     slip: np.ndarray
+    normal_z: np.ndarray
 
 
 class Law(NamedTuple):
@@ -297,6 +301,7 @@ def _press(
     limit = friction_limit(state.coefficient[c], p, -near.distance[i], law)
     slip = return_mapping(old, motion[0], normal, limit, law.kt, traction, tangent)
     touching.point[place], touching.pressure[place], touching.slip[place] = c, p, slip
+    touching.normal_z[place] = normal[2]
     for a in range(3):
         touching.traction[place, a] = traction[a]
         point_force[a] = p * normal[a] + traction[a]

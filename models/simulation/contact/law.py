@@ -36,6 +36,7 @@ __all__ = [
 ]
 
 NO_STOP = -np.inf
+SURE_MM = 1e-9  # far above rounding
 _NO_BLOCKS = np.zeros((0, 3, 3))
 
 
@@ -103,16 +104,19 @@ class ObjectObstacle:
 
 @dataclass
 class ContactState:
-    """What friction remembers of the last converged step.
+    """What friction remembers of the last converged step, and what the contact law stands for in it.
 
     `nodes` (nodes, 3) mm, deformed; per contact point (n): `traction` (n, 3) MPa, `pressure` (n) MPa, `slip` (n)
-    accumulated, mm.
+    accumulated, mm. `unresolved_n_mm`: sum over the points of A p^2 / kn |n_z|, with area A and normal n: twice the
+    energy of the springs that stand for the indentation that the mesh does not resolve, as far as they act along the
+    lift.
     """
 
     nodes: np.ndarray
     traction: np.ndarray
     pressure: np.ndarray
     slip: np.ndarray
+    unresolved_n_mm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -120,7 +124,8 @@ class ContactResponse:
     """Outcome of one evaluation.
 
     Nodal force (nodes, 3) in N; of the points that touch the obstacle (m) their numbers, tractions (m, 3) and
-    pressures (m) in MPa, and slips of the step (m) in mm.
+    pressures (m) in MPa, slips of the step (m) in mm, and vertical parts of the outward normals (m). The arrays of
+    points are views of the surface's buffers: its next evaluation overwrites them.
     """
 
     force: np.ndarray
@@ -128,6 +133,7 @@ class ContactResponse:
     traction: np.ndarray
     pressure: np.ndarray
     slip_step: np.ndarray
+    normal_z: np.ndarray
 
 
 class ContactSurface:
@@ -144,7 +150,7 @@ class ContactSurface:
         n, n_patches = len(self.areas), len(self._points.reach)
         patch, face = np.zeros(n_patches, dtype=np.int32), np.zeros(n_patches, dtype=np.int32)
         self._near = NearPoints(patch, face, np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3)))
-        self._touching = Touching(np.zeros(n, dtype=np.int32), np.zeros((n, 3)), np.zeros(n), np.zeros(n))
+        self._touching = Touching(np.zeros(n, dtype=np.int32), np.zeros((n, 3)), np.zeros(n), np.zeros(n), np.zeros(n))
 
     def on(self, body: ElasticBody) -> Self:
         """The same surface on a body that differs in the pattern of its tangent only; both share their buffers."""
@@ -173,6 +179,8 @@ class ContactSurface:
         new.traction[response.points], new.pressure[response.points] = response.traction, response.pressure
         new.slip[:] = state.slip
         new.slip[response.points] += response.slip_step
+        energies = self.areas[response.points] * response.pressure**2 / self.law.normal_n_per_mm3
+        new.unresolved_n_mm = float(energies @ np.abs(response.normal_z))
         return new
 
     def positions(self, x: np.ndarray) -> np.ndarray:
@@ -180,6 +188,19 @@ class ContactSurface:
         positions = np.zeros((len(self.areas), 3))
         contact_kernel.interpolate(self._points, x, positions)
         return positions
+
+    def gap_mm(self, x: np.ndarray, obstacle: Obstacle) -> float:
+        """Least distance of any contact point at deformed nodes x from an obstacle, negative inside.
+
+        A distance changes at most as far as its point moves: only patches are measured whose middle point is less than
+        their size further away than the nearest middle point.
+        """
+        points, first = self.positions(x), self._points.first_point
+        count = np.diff(first)
+        distance = obstacle.distance(points[first[:-1]])
+        from_middle = np.linalg.norm(points - np.repeat(points[first[:-1]], count, axis=0), axis=1)
+        may_be_nearest = distance - np.maximum.reduceat(from_middle, first[:-1]) < distance.min() + SURE_MM
+        return float(obstacle.distance(points[np.repeat(may_be_nearest, count)]).min())
 
     def positions_of(self, points: np.ndarray, x: np.ndarray) -> np.ndarray:
         """A few contact points (m, 3), given by their numbers (m), at deformed nodes x."""
@@ -216,8 +237,7 @@ class ContactSurface:
             _NO_BLOCKS if blocks is None else blocks,
             self._touching,
         )
-        point, traction, pressure, slip = (values[:m].copy() for values in self._touching)
-        return ContactResponse(force, point, traction, pressure, slip)
+        return ContactResponse(force, *(values[:m] for values in self._touching))
 
     def _measure(self, x: np.ndarray, obstacle: Obstacle, stop_mm: float) -> int:
         """Distances, and normals inside, of all points that may touch; returns the number of their patches.

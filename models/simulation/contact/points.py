@@ -1,12 +1,14 @@
 """Contact points of a body: midpoints of a fine subdivision of its quadratic faces, in small patches."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from models.simulation.body.shape_functions import face_shape
 
+KEPT_SUBDIVISIONS = 64  # of about ten of a finger
 PATCH_CELLS = 4  # points along one side of a patch: few enough to be near together, many enough to skip at once
 
 
@@ -88,23 +90,46 @@ def _subdivide(corners: np.ndarray, spacing: PointSpacing) -> tuple[np.ndarray, 
         along = np.linalg.norm(corners[1] - corners[0])
         across = np.linalg.norm(corners[3] - corners[0])
         n_r, n_s = max(int(np.ceil(along / spacing.along_mm)), 1), max(int(np.ceil(across / spacing.across_mm)), 1)
-        cells = np.column_stack([np.repeat(np.arange(n_r), n_s), np.tile(np.arange(n_s), n_r)])
-        points = 2.0 * (cells + 0.5) / np.array([n_r, n_s]) - 1.0
-        share = 4.0 / (n_r * n_s)
+        cells = _square_cells(n_r, n_s)
     else:
         longest = max(np.linalg.norm(corners[i] - corners[j]) for i, j in ((0, 1), (1, 2), (2, 0)))
         n = max(int(np.ceil(longest / spacing.along_mm)), 1)
         points = _triangle_cells(n)
-        cells = np.floor(points * n).astype(int)
-        share = 0.5 / len(points)
-    values, gradients = face_shape(len(corners), points)
-    tangent = np.einsum("pkc,ki->pci", gradients, corners)
-    area = np.linalg.norm(np.cross(tangent[:, 0], tangent[:, 1]), axis=1) * share
+        cells = _cells(len(corners), points, np.floor(points * n).astype(int), 0.5 / len(points))
+    tangent = np.einsum("pkc,ki->pci", cells.gradients, corners)
+    area = np.linalg.norm(np.cross(tangent[:, 0], tangent[:, 1]), axis=1) * cells.share
+    return cells.values, area[cells.order], cells.patch
+
+
+class _Cells(NamedTuple):
+    """A subdivision of a face in its own coordinates; square faces of the same counts share one.
+
+    `values` (p, k) and `patch` (p) in the order of the points, `gradients` (p, k, 2) in that of the cells, `order` (p)
+    from one to the other, `share` of a cell in the area of the face's own coordinates.
+    """
+
+    values: np.ndarray
+    gradients: np.ndarray
+    patch: np.ndarray
+    order: np.ndarray
+    share: float
+
+
+def _cells(k: int, points: np.ndarray, cells: np.ndarray, share: float) -> _Cells:
+    """The subdivision of a face with k nodes into cells (p, 2) with midpoints (p, 2)."""
+    values, gradients = face_shape(k, points)
     blocks = cells // PATCH_CELLS
     patch = np.unique(blocks[:, 0] * (blocks[:, 1].max() + 1) + blocks[:, 1], return_inverse=True)[1]
     middles = np.column_stack([np.bincount(patch, weights=column) for column in cells.T]) / np.bincount(patch)[:, None]
     order = np.lexsort((((cells - middles[patch]) ** 2).sum(axis=1), patch))
-    return values[order], area[order], patch[order]
+    return _Cells(values[order], gradients, patch[order], order, share)
+
+
+@lru_cache(maxsize=KEPT_SUBDIVISIONS)
+def _square_cells(n_r: int, n_s: int) -> _Cells:
+    """A face with 8 nodes in n_r by n_s cells."""
+    cells = np.column_stack([np.repeat(np.arange(n_r), n_s), np.tile(np.arange(n_s), n_r)])
+    return _cells(8, 2.0 * (cells + 0.5) / np.array([n_r, n_s]) - 1.0, cells, 4.0 / (n_r * n_s))
 
 
 def _triangle_cells(n: int) -> np.ndarray:

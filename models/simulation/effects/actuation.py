@@ -9,6 +9,7 @@ import numpy as np
 from models.records import Design, GraspContext, GraspSetup, Trace
 from models.simulation.effects.base import Effect, EffectSpec, amplitude, shape, speed_mm_per_s
 
+USUAL_PRESSURE_PSI = 30.0  # the paper's supply pressure, at which `max_force_n` is the force of a jaw
 UNLIMITED_N = 1e6  # stands for infinity, which no config file can hold
 _N_RAMP = 33  # samples of the start of the lift
 
@@ -50,17 +51,30 @@ class ForceLimitedClosing(Effect):
     """Closing ends where the finger pushes back with `max_force_n` per jaw.
 
     The cylinder's force is pressure times piston area times efficiency (30 psi = 0.207 MPa on a 16 to 32 mm bore:
-    10 to 60 N a jaw). Breaks the scaling of forces with Young's modulus. `UNLIMITED_N` changes
-    nothing.
+    10 to 60 N a jaw), so a setup with other air has another limit. Breaks the scaling of forces with Young's modulus.
+    `UNLIMITED_N` changes nothing.
     """
 
     scales_with_modulus: ClassVar[bool] = False
 
     max_force_n: float
 
+    def in_grasp(self, design: Design, setup: GraspSetup, context: GraspContext) -> Effect:
+        """The effect at the supply pressure of this grasp."""
+        return (
+            self
+            if self.max_force_n >= UNLIMITED_N
+            else replace(self, max_force_n=self.max_force_n * find_air_share(setup))
+        )
+
     def closing_force_limit_n(self) -> float:
         """The stall force of one jaw, N."""
         return self.max_force_n if self.max_force_n < UNLIMITED_N else np.inf
+
+
+def find_air_share(setup: GraspSetup) -> float:
+    """Supply pressure of a setup over the usual one."""
+    return 1.0 if setup.supply_pressure_psi is None else setup.supply_pressure_psi / USUAL_PRESSURE_PSI
 
 
 FORCE_LIMITED_CLOSING = EffectSpec(

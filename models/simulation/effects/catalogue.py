@@ -16,6 +16,12 @@ CATALOGUE: Mapping[str, EffectSpec] = {
 }
 
 
+def list_confusable(effect: str) -> tuple[str, ...]:
+    """Effects that the catalogue calls confusable with this one, in either entry, in its order."""
+    own = CATALOGUE[effect].confusable_with
+    return tuple(name for name, spec in CATALOGUE.items() if name in own or effect in spec.confusable_with)
+
+
 def build_effects(values: Sequence[EffectValue]) -> list[Effect]:
     """The effects of a simulator version; parameters left out take their neutral value.
 

@@ -15,19 +15,24 @@ class StressRelaxation(Effect):
     """One-term Prony series: E(t) = E [1 - g (1 - exp(-t / tau))], t from the end of the closing.
 
     `relaxed_share` g of the modulus is lost in the end, `time_constant_s` tau. Theta's modulus is the one at the end of
-    the closing. The force is scaled by E(t) / E: exact for the strain put in by the closing, which most of a grasp's
-    strain is; strain that the lift adds or releases later is relaxed as if it were as old (quasi-linear
-    viscoelasticity with one common history).
+    the closing; a grasp that waits before its lift has relaxed by then. The force is scaled by E(t) / E: exact for the
+    strain put in by the closing, which most of a grasp's strain is; strain that the lift adds or releases later is
+    relaxed as if it were as old (quasi-linear viscoelasticity with one common history).
     """
 
     relaxed_share: float
     time_constant_s: float
+    dwell_s: float = 0.0
+
+    def in_grasp(self, design: Design, setup: GraspSetup, context: GraspContext) -> Effect:
+        """The effect after the wait of this grasp."""
+        return replace(self, dwell_s=setup.dwell_s)
 
     def modify_trace(self, trace: Trace) -> Trace:
-        """The trace with the force of the lift relaxed."""
+        """The trace with the force since the end of the closing relaxed."""
         if self.relaxed_share == 0.0 or not trace.is_lift.any():
             return trace
-        held_s = np.maximum(trace.time_s - trace.time_s[trace.is_lift][0], 0.0)
+        held_s = np.maximum(trace.time_s - trace.time_s[trace.is_lift][0] + self.dwell_s, 0.0)
         factor = 1.0 + self.relaxed_share * np.expm1(-held_s / self.time_constant_s)
         return Trace(trace.time_s, trace.lift_mm, factor * trace.force_n)
 

@@ -8,31 +8,31 @@ import numpy as np
 
 from models.design.profile import planar_profile
 from models.records import Design, GraspContext, GraspSetup, Trace
-from models.simulation.effects.base import Effect, EffectSpec, amplitude, speed_mm_per_s
+from models.simulation.effects.base import Effect, EffectSpec, amplitude
 from models.units import force_n_from_kg
 
 _HOUR_S = 3600.0
 _LEAST_STEP_S = 0.02
+SHIFT_SPEED_MM_PER_S = 5.0  # the usual lift, on which a disagreement of clocks is told in millimetres
 DENSITY_KG_PER_MM3 = 1.1e-6  # print material, 1.1 g/cm3
 N_FINGERS = 2
 
 
 @dataclass(frozen=True)
 class LiftMisalignment(Effect):
-    """The force appears `shift_mm` of lift too late (negative: too early): a rigid shift of every trace.
+    """The force appears the time of `shift_mm` at 5 mm/s too late (negative: too early): a rigid shift of every trace.
 
-    Two clocks that disagree by a constant time, so the whole record is shifted, the closing too. Beyond its ends the
-    trace is taken as constant.
+    Two clocks that disagree by a constant time, so the whole record is shifted, the closing too, and a fast lift by
+    more millimetres than a slow one. Beyond its ends the trace is taken as constant.
     """
 
     shift_mm: float
 
     def modify_trace(self, trace: Trace) -> Trace:
-        """The trace with the force late by shift / speed, on its own samples and those of the shifted force."""
-        speed = speed_mm_per_s(trace)
-        if self.shift_mm == 0.0 or speed == 0.0:
+        """The trace with the late force, on its own samples and those of the shifted force."""
+        if self.shift_mm == 0.0 or not trace.is_lift.any():
             return trace
-        late_s = self.shift_mm / speed
+        late_s = self.shift_mm / SHIFT_SPEED_MM_PER_S
         start, end = trace.time_s[0], trace.time_s[-1]
         time_s = np.unique(np.concatenate([trace.time_s, np.clip(trace.time_s + late_s, start, end)]))
         lift_mm = np.interp(time_s, trace.time_s, trace.lift_mm)
@@ -45,7 +45,7 @@ LIFT_MISALIGNMENT = EffectSpec(
     code="S5",
     layer="time",
     kind=LiftMisalignment,
-    formula="F'(s) = F(s - shift_mm), s: lift",
+    formula="F'(t) = F(t - shift_mm / 5 mm/s)",
     source="two clocks with a constant difference",
     cost="P",
     parameters=(amplitude("shift_mm", -3.0, 3.0, (0.0, 0.5)),),

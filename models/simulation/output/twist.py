@@ -1,11 +1,9 @@
 """How far the tip of a finger turns about the finger's long axis in a grasp: torsional slip."""
 
-from dataclasses import dataclass, field
-
 import numpy as np
 
-from models.simulation.output.recording import Recorder, Snapshot
-from models.simulation.placement import Side
+from models.simulation.mesh.solid import SolidMesh
+from models.simulation.output.recording import Snapshot
 
 
 def rotation_between(rest: np.ndarray, now: np.ndarray) -> np.ndarray:
@@ -29,27 +27,29 @@ def tip_twist_deg(snapshot: Snapshot, tip_length_mm: float) -> float:
 
     Counter-clockwise seen from above, for the finger as it stands on the +x side.
     """
-    z = snapshot.mesh.nodes[:, 2]
-    tip = z > z.max() - tip_length_mm
+    tip = _is_tip(snapshot.mesh, tip_length_mm)
     return twist_about_z_deg(rotation_between(snapshot.rest_nodes[tip], snapshot.nodes[tip]))
 
 
-@dataclass
 class TwistGauge:
-    """A recorder that follows the twist of the tips; half a finger cannot twist. It may pass the snapshots on."""
+    """Follows the twist of the tip of one finger; half a finger cannot twist.
 
-    tip_length_mm: float
-    recorder: Recorder | None = None
-    twist_deg: dict[Side, list[float]] = field(default_factory=dict)
+    `largest_deg`: size of the largest twist so far.
+    """
 
-    def add(self, snapshot: Snapshot) -> None:
-        """Take note of a step."""
-        twist = 0.0 if snapshot.mesh.is_half else tip_twist_deg(snapshot, self.tip_length_mm)
-        self.twist_deg.setdefault(snapshot.side, []).append(twist)
-        if self.recorder is not None:
-            self.recorder(snapshot)
+    def __init__(self, mesh: SolidMesh, rest_nodes: np.ndarray, tip_length_mm: float) -> None:
+        """`mesh` in the finger frame, `rest_nodes` (n, 3) the undeformed finger in that of the calculation."""
+        self.largest_deg = 0.0
+        self._tip = np.flatnonzero(_is_tip(mesh, tip_length_mm) & (not mesh.is_half))
+        self._rest = rest_nodes[self._tip]
 
-    @property
-    def largest_deg(self) -> float:
-        """Size of the largest twist of any finger so far."""
-        return max((abs(twist) for of_side in self.twist_deg.values() for twist in of_side), default=0.0)
+    def add(self, nodes: np.ndarray) -> None:
+        """Take note of the deformed nodes (n, 3) of a step."""
+        if len(self._tip):
+            twist = twist_about_z_deg(rotation_between(self._rest, nodes[self._tip]))
+            self.largest_deg = max(self.largest_deg, abs(twist))
+
+
+def _is_tip(mesh: SolidMesh, tip_length_mm: float) -> np.ndarray:
+    z = mesh.nodes[:, 2]
+    return np.asarray(z > z.max() - tip_length_mm)

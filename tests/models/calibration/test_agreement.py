@@ -21,7 +21,7 @@ EXACT = json.loads((Path(__file__).parents[2] / "data" / "calibration-exact.json
 
 def test_the_factorised_posterior_is_that_of_stored_exact_chains() -> None:
     problem = make_up_problem(EXACT["n_sim"], EXACT["n_real"], seed=0, scales_with_modulus=True)
-    found = calibrate_factorised(problem, SETTINGS.model_copy(update={"chains": 2, "tune": 150, "draws": 300}))
+    found = calibrate_factorised(problem, SETTINGS.model_copy(update={"chains": 2, "tune": 100, "draws": 150}))
     assert found.k_hat is not None
     assert found.k_hat < K_HAT_LIMIT
     names = tuple(row["log_of"] for row in EXACT["log_of"])

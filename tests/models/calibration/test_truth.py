@@ -28,8 +28,7 @@ def test_the_truth_lies_within_the_posterior(seed, theta):
 def test_a_factor_e_gives_the_theta_that_an_input_e_gives_and_more_sharply():
     as_factor = make_up_problem(35, 12, seed=4, scales_with_modulus=True)
     as_input = dataclasses.replace(as_factor, scales_with_modulus=False)
-    settings = SETTINGS.model_copy(update={"draws": 200})
-    factor, found = (calibrate_joint(problem, settings) for problem in (as_factor, as_input))
+    factor, found = (calibrate_joint(problem, SETTINGS) for problem in (as_factor, as_input))
     assert len(factor.names) == len(found.names) - 1
     for name in THETA:
         a, b = (np.log(result.of(name)) for result in (factor, found))

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from models.calibration.traces.response_surface import ResponseSurfaces, n_terms
 from models.calibration.traces.theta_grid import ThetaGrid
-from models.gap.bank.bank import AMPLITUDES, CENTRE, WIDE, BankPlan, list_versions
+from models.gap.bank.bank import AMPLITUDES, CENTRE, SIMULATED, WIDE, BankPlan, carry_changes, list_versions
 from models.gap.data import GapData
 from models.gap.findings import Candidate
 from models.gap.local_bank import MOST_EFFECTS, choose_bank, has_left, move_bank
@@ -32,7 +33,7 @@ def naming(base: Any, best: Any, r2: dict[str, float]) -> Any:
 
 
 def test_the_wide_bank_is_the_default() -> None:
-    assert (WIDE.centre, WIDE.grid, WIDE.effects) == (CENTRE, ThetaGrid(), tuple(AMPLITUDES))
+    assert (WIDE.centre, WIDE.grid, WIDE.effects) == (CENTRE, ThetaGrid(), SIMULATED)
     assert len(list_versions(SimulatorVersion())) == 12 + 1 + 3 + sum(map(len, AMPLITUDES.values()))
 
 
@@ -43,9 +44,33 @@ def test_a_bank_around_theta_has_its_modulus_and_few_points() -> None:
     assert plan.grid.friction == pytest.approx((0.8 * 0.613, 1.2 * 0.613), abs=1e-3)
     assert plan.grid.poisson_ratio == pytest.approx((0.392, 0.472))
     versions = list_versions(SimulatorVersion(), plan)
-    assert len(versions) == 9 + 1 + 3 + len(AMPLITUDES["shear_adhesion"])
+    assert len(versions) == 5 + 1 + len(AMPLITUDES["shear_adhesion"])
     assert {version.theta.young_modulus_mpa for version in versions} == {9.23}
     assert BankPlan.around(THETA * (1.0 + 1e-6), THETA[None, 1:], ("shear_adhesion",)) == plan
+
+
+def test_theta_is_in_the_middle_of_its_cross_wherever_it_must_reach() -> None:
+    plan = BankPlan.around(THETA, np.array([[0.613, 0.432], [0.42, 0.44]]), ())
+    assert plan.grid.friction == pytest.approx((0.42, 0.806))
+    assert plan.centre in plan.grid_thetas
+    assert len(plan.grid.points) == 5
+
+
+def test_a_cross_carries_a_curve_in_friction_and_a_line_in_poisson_ratio() -> None:
+    grid = np.array(ThetaGrid((0.4, 0.8), (0.38, 0.46), 3, 3, is_cross=True).points)
+    values = 2.0 + 3.0 * grid[:, 0] ** 2 - 4.0 * grid[:, 1]
+    at = (np.array([0.5, 0.75]), np.array([0.39, 0.45]))
+    found = ResponseSurfaces.fitted(grid, values[None, None, :, None], np.ones((1, 1), bool), 10.0, np.ones(1, bool))
+    assert n_terms(grid) == 4
+    assert found.rows(*at) @ found.coefficients[0, 0, :, 0] == pytest.approx(2.0 + 3.0 * at[0] ** 2 - 4.0 * at[1])
+    assert found.error[0, 0, 0, 0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_what_a_variant_changes_goes_with_the_force() -> None:
+    from_n, to_n = np.full((1, 2, 4), 2.0), np.full((1, 2, 4), 3.0)
+    variants = from_n[:, :, None] + np.array([0.2, -0.4])[:, None]
+    carried = carry_changes(variants, from_n, to_n)
+    assert carried[0, 0, :, 0] == pytest.approx([3.3, 2.4])
 
 
 def test_no_bank_is_beyond_the_wide_one() -> None:
@@ -72,8 +97,8 @@ def test_only_credible_effects_are_simulated_again_and_those_of_the_model() -> N
     model = fit(THETA, effects=("static_kinetic_friction", "load_cell_lag"))
     plan = choose_bank(naming(model, fit(THETA), r2))
     assert set(plan.effects) == {"shear_adhesion", "rib_imperfection", "static_kinetic_friction"}
-    many = choose_bank(naming(fit(THETA), fit(THETA), {name: 0.1 + 0.01 * i for i, name in enumerate(AMPLITUDES)}))
-    assert set(many.effects) == set(list(AMPLITUDES)[-MOST_EFFECTS:])
+    many = choose_bank(naming(fit(THETA), fit(THETA), {name: 0.1 + 0.01 * i for i, name in enumerate(SIMULATED)}))
+    assert set(many.effects) == set(SIMULATED[-MOST_EFFECTS:])  # falling pressure among them
 
 
 def test_a_later_round_adds_effects_and_the_bank_moves_only_if_theta_leaves_it() -> None:
@@ -117,7 +142,7 @@ def test_a_bank_around_theta_knows_what_the_wide_one_guesses() -> None:
     def size(values_n: np.ndarray) -> float:
         return float(np.sqrt((values_n**2).mean()))
 
-    assert size(near.surrogate.predict_steps(at) - base_n) < 0.2 * size(data.surrogate.predict_steps(at) - base_n)
+    assert size(near.surrogate.predict_steps(at) - base_n) < 0.3 * size(data.surrogate.predict_steps(at) - base_n)
     for name, law in laws.items():
         true_n = made_up_steps(data, theta, {name: law}) - base_n
         assert size(change_n(near, name) - true_n) < 0.2 * size(true_n), name

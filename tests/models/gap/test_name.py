@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from models.gap.data import GapData
-from models.gap.evaluation.next_experiment import find_confounds
+from models.gap.evaluation.confounds import find_confounds
 from models.gap.naming.name import NamingResult, name_effect
 from models.gap.naming.thresholds import Thresholds
 from models.records import EffectValue
@@ -100,6 +100,8 @@ def test_the_same_data_twice_are_no_more_sure(lag: NamingResult) -> None:
         grasps,
         tool=np.tile(grasps.tool, 2),
         obj=np.tile(grasps.obj, 2),
+        setup=np.tile(grasps.setup, 2),
+        placement=np.tile(grasps.placement, 2),
         contexts=grasps.contexts * 2,
         steps_n=np.tile(grasps.steps_n, (2, 1)),
         grasp_ids=grasps.grasp_ids * 2,

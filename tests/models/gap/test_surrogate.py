@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from models.errors import UsageError
-from models.gap.bank.sensor_effects import N_LEAD, make_trace, read_lead
+from models.gap.bank.sensor_effects import N_LEAD, apply_sensor_effect, make_trace, read_lead
 from models.gap.bank.surrogate import Surrogate
 from models.gap.data import GapData
 from models.records import EffectValue, GraspSetup, Trace
@@ -35,6 +35,16 @@ ON_TRACES = {
 @pytest.fixture(scope="module")
 def data() -> GapData:
     return made_up_gap(4, 4, 0)
+
+
+OTHER_TIMING = GraspSetup(lift_speed_mm_per_s=2.0, dwell_s=3.0)
+
+
+def with_other_timing(data: GapData) -> GapData:
+    """The same grasps, every second one slower and after a wait."""
+    n = len(data.grasps.tool)
+    setups = (*data.grasps.setups, OTHER_TIMING)
+    return replace(data, grasps=replace(data.grasps, setups=setups, setup=np.arange(n) % 2))
 
 
 @pytest.fixture(scope="module")
@@ -85,15 +95,16 @@ def test_a_pressure_scale_is_a_factor_on_friction(surrogate: Surrogate) -> None:
 
 
 @pytest.mark.parametrize("name", ON_TRACES)
-def test_laws_for_all_grasps_at_once_agree_with_replay(surrogate: Surrogate, name: str) -> None:
+def test_laws_for_all_grasps_at_once_agree_with_replay(data: GapData, name: str) -> None:
+    surrogate = with_other_timing(data).surrogate
     value = EffectValue(effect=name, parameters=ON_TRACES[name])
     grasps, with_lead = surrogate.grasps, surrogate.predict_with_lead(CENTRE)
     base, found = with_lead[:, N_LEAD:], surrogate.predict_steps(CENTRE, [value])
     (effect,) = build_effects([value])
     for row in range(0, len(base), 7):
-        design = grasps.designs[grasps.tool[row]]
-        acting = effect.in_grasp(design, grasps.setup, grasps.contexts[row])
-        trace = make_trace(with_lead[row], grasps.setup)
+        design, setup = grasps.designs[grasps.tool[row]], grasps.setups[grasps.setup[row]]
+        acting = effect.in_grasp(design, setup, grasps.contexts[row])
+        trace = make_trace(with_lead[row], setup)
         change = step_means(replayed(trace, [acting], design, surrogate.centre)) - step_means(trace)
         error = np.abs(found[row] - base[row] - change)
         assert np.sqrt((error**2).mean()) < 0.07 * np.sqrt((change**2).mean()) + 1e-9
@@ -118,11 +129,29 @@ def test_the_end_of_closing_is_read_into_the_lift(
     )
     (effect,) = build_effects([value])
     for row in range(0, n, 7):
-        trace = make_trace(rising.predict_with_lead(CENTRE)[row], rising.grasps.setup)
+        trace = make_trace(rising.predict_with_lead(CENTRE)[row], rising.grasps.base_setup)
         change = step_means(effect.modify_trace(trace)) - step_means(trace)
         error = late[row] - base[row] - change
         assert np.sqrt((error[:4] ** 2).mean()) < 0.1 * np.sqrt((change[:4] ** 2).mean())
         assert abs(late[row, 0] - base[row, 0]) > 3.0 * abs(held[row, 0] - base[row, 0])
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter"),
+    [("lift_misalignment", 0.1), ("lift_misalignment", -0.1), ("object_post_compliance", 0.02), ("load_cell_lag", 0.1)],
+)
+def test_a_force_that_turns_round_within_a_step_is_read_as_it_is(name: str, parameter: float) -> None:
+    """It rises from -3.7 N to a plateau of 4.3 N within 0.65 mm, as on weak friction."""
+    setup, time_s = GraspSetup(), np.linspace(0.0, 18.0, 36001)
+    lift_mm = setup.lift_speed_mm_per_s * np.clip(time_s - 5.4, 0.0, None)
+    force_n = np.where(lift_mm > 0, np.minimum(-3.7 + 12.3 * lift_mm, 4.3 - 0.05 * lift_mm), -3.7 * time_s / 5.4)
+    trace = Trace(time_s, lift_mm, force_n)
+    (effect,) = build_effects([EffectValue(effect=name, parameters={CATALOGUE[name].parameters[0].name: parameter})])
+    true_n = step_means(effect.modify_trace(trace)) - step_means(trace)
+    known_n = np.concatenate([read_lead(trace, setup), step_means(trace)])[None]
+    found_n = (apply_sensor_effect([effect], known_n, setup) - known_n)[0, N_LEAD:]
+    assert np.abs(true_n).max() > 0.4
+    assert np.abs(found_n - true_n).max() < 0.15 * np.abs(true_n).max()
 
 
 def test_the_lead_of_a_grasp_is_the_end_of_its_closing() -> None:
@@ -132,6 +161,30 @@ def test_the_lead_of_a_grasp_is_the_end_of_its_closing() -> None:
     # Every 0.1 s, the last where the lift starts.
     np.testing.assert_allclose(lead_n[-4:], [0.5, 1.5, 2.5, 3.5], atol=1e-12)
     assert (lead_n[:-4] == 0.0).all()
+
+
+def test_grasps_with_other_timing_are_the_same_simulation_at_other_times(data: GapData) -> None:
+    """Without effects nothing but the end of closing differs: after a wait the force before the lift has not moved."""
+    usual, other = data.surrogate, with_other_timing(data).surrogate
+    assert other.is_usable.all()
+    is_other = other.grasps.setup == 1
+    before, after = (surrogate.predict_with_lead(CENTRE) for surrogate in (usual, other))
+    np.testing.assert_array_equal(after[:, N_LEAD:], before[:, N_LEAD:])
+    np.testing.assert_array_equal(after[~is_other], before[~is_other])
+    at_lift = np.repeat(before[is_other, N_LEAD - 1 : N_LEAD], N_LEAD, axis=1)
+    np.testing.assert_allclose(after[is_other, :N_LEAD][:, -8:], at_lift[:, -8:])  # 2 s at 2 mm/s, within the wait
+
+
+def test_what_the_bank_does_not_have_is_not_used(data: GapData) -> None:
+    setups = (*data.grasps.setups, GraspSetup(closed_gap_mm=20.0))
+    rows = np.zeros(len(data.grasps.tool), dtype=int)
+    rows[3] = 1
+    found = replace(data, grasps=replace(data.grasps, setups=setups, setup=rows))
+    assert list(np.flatnonzero(~found.surrogate.is_usable)) == [3]
+    cells = found.grasps.cells
+    assert [target.setup.closed_gap_mm for target in cells.targets[len(data.grasps.objects) :]] == [20.0]
+    assert cells.is_wanted[:, -1].sum() == 1
+    assert found.grasps.content_id != data.grasps.content_id
 
 
 def test_memory_acts_through_friction_modulus_and_closing(data: GapData, surrogate: Surrogate) -> None:

@@ -27,7 +27,7 @@ TRUTH = GapTruth().theta
 
 def of_grid(data: GapData) -> Surrogate:
     """The data as a calibration has them: no other meshes, closings or effects."""
-    return replace(data, bank=make_grid_bank(data.bank.grid_steps_n, data.bank.grid_lead_n)).training
+    return replace(data, bank=make_grid_bank(data.grasps.cells, data.bank.grid_steps_n, data.bank.grid_lead_n)).training
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ STEPS_N = DATA.bank.centre_steps_n[AT]
 
 def find_scatter(bank: Bank) -> np.ndarray:
     """Covariance of heights of two cells, at the centre's own forces."""
-    amplitude = whitened_features._amplitude(whitened_features.features_of_steps(STEPS_N))
+    amplitude = whitened_features.find_amplitude(whitened_features.features_of_steps(STEPS_N))
     return whitened_features._placed_scatter(bank, AT, STEPS_N, amplitude)
 
 

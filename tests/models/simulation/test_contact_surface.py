@@ -172,9 +172,33 @@ def test_compiled_and_plain_obstacles_agree(finger: Finger, object_id: int) -> N
     obstacle = obstacle_of(object_id)
     x = finger.pressed(obstacle, 0.4)
     compiled = finger.respond(finger.surface, x, obstacle, 0.5)
-    plain = finger.respond(finger.surface, x, OnlyProtocol(obstacle), 0.5)
+    plain = finger.respond(finger.new_surface(), x, OnlyProtocol(obstacle), 0.5)
     assert np.array_equal(compiled.points, plain.points)
     assert np.allclose(compiled.force, plain.force, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("object_id", [SPHERE, SPIRAL, DIABOLO])
+@pytest.mark.parametrize("depth_mm", [-20.0, -0.5, 0.3])
+def test_the_gap_is_that_of_the_nearest_point(finger: Finger, object_id: int, depth_mm: float) -> None:
+    obstacle = obstacle_of(object_id)
+    x = finger.pressed(obstacle, 0.0)
+    x[:, 0] -= depth_mm
+    gap_mm = finger.surface.gap_mm(x, obstacle)
+    assert gap_mm == obstacle.distance(finger.surface.positions(x)).min()
+
+
+@pytest.mark.parametrize("object_id", [SPHERE, DIABOLO, CUBE])
+def test_unresolved_energy_is_that_of_the_springs_along_the_lift(finger: Finger, object_id: int) -> None:
+    surface, obstacle = finger.new_surface(), obstacle_of(object_id)
+    x = finger.pressed(obstacle, 0.4)
+    state = surface.start(finger.nodes)
+    after = surface.advance(state, x, finger.respond(surface, x, obstacle, 0.5))
+    points = surface.positions(x)
+    depth, normal = -obstacle.distance(points), obstacle.normal(points)
+    springs = surface.areas * pressure(depth) ** 2 / LAW.normal_n_per_mm3
+    assert after.unresolved_n_mm == pytest.approx(float(springs @ np.abs(normal[:, 2])))
+    assert after.unresolved_n_mm > 0.0
+    assert state.unresolved_n_mm == 0.0
 
 
 def test_state_keeps_what_the_touching_points_did(finger: Finger) -> None:

@@ -2,7 +2,13 @@
 
 import pytest
 
-from models.gap.evaluation.power import find_visible_sizes
+from models.gap.evaluation.power import (
+    LEAST_TOOLS,
+    compute_smallest_share,
+    count_tools_needed,
+    find_visible_sizes,
+    write_power_sentence,
+)
 from models.gap.fit.fit import Fit
 from models.gap.fit.recalibrate import recalibrate
 from models.gap.naming.rank_effects import DEFLATION, LEAST_NATS, rank_effects
@@ -41,3 +47,12 @@ def test_more_noise_hides_larger_effects(fit: Fit) -> None:
     (never,) = find_visible_sizes(fit, ranking, 0.9999)
     assert never.value is None
     assert never.words == "not at any plausible size"
+
+
+def test_needs_agree_with_each_other() -> None:
+    share = compute_smallest_share(20, 12)
+    assert count_tools_needed(share, 12) == pytest.approx(20, abs=1)
+    assert count_tools_needed(0.5, 12) == LEAST_TOOLS
+    assert compute_smallest_share(8, 14) == pytest.approx(0.15, abs=0.01)  # as seen in made-up worlds
+    assert "if it is 15 % of the force or more; one of 5 % takes 39 designs" in write_power_sentence(8, 14)
+    assert "takes" not in write_power_sentence(60, 18)

@@ -51,7 +51,7 @@ class Made:
             measured_n=measured_n,
             predicted_n=self.predicted_n,
             tool_factor=np.ones(N_TOOLS),
-            numerical_n=np.zeros((N_TOOLS, len(OBJECTS), 0, N_STEPS)),
+            numerical_n=np.zeros((len(self.tool), 0, N_STEPS)),
         )
 
 

@@ -44,7 +44,7 @@ def made_up_residuals(
         measured_n=factors * predicted + 0.08 * rng.standard_normal(predicted.shape),
         predicted_n=predicted,
         tool_factor=np.ones(n_tools),
-        numerical_n=mesh,
+        numerical_n=mesh[tool, obj],
     )
 
 

@@ -44,7 +44,7 @@ def test_a_cell_that_depends_on_mesh_or_height_is_unsure(data: GapData, field: s
              ("numerical_steps_n", "placed_steps_n")}  # fmt: skip
     quiet[field][5, 1, 0] *= 0.7
     bank = dataclasses.replace(data.bank, **quiet)
-    (cell,) = find_unsure_cells(bank, data.grasps.tools, data.grasps.objects)
+    (cell,) = find_unsure_cells(bank, data.grasps.tools)
     assert (cell.tool, cell.cause) == ("T5", cause)
     assert cell.object_name == get_object(data.grasps.objects[1]).name
     assert 0.1 < cell.spread_n / cell.peak_n < 0.3

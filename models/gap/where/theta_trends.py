@@ -1,7 +1,8 @@
-"""Theta refitted stratum by stratum: a constant that varies is the most readable clue to what is missing.
+"""Trends of theta: a constant that varies with something known is the most readable clue to what is missing.
 
-Measured less predicted force of a stratum is regressed on the prediction (a change of Young's modulus, which is a
-factor on the force) and on its slope by friction (Atamturktur and Brown 2015: state-aware calibration).
+Measured less predicted force is regressed on the prediction (a change of Young's modulus, which is a factor on the
+force) and on its slope by friction, both times what they may vary with (Atamturktur and Brown 2015: state-aware
+calibration).
 """
 
 from collections.abc import Sequence
@@ -9,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.where.residuals import PHASES, WORDS, Residuals
-from models.gap.where.strata import FAMILIES, FAMILY, TOOL_FEATURES
+from models.gap.where.residuals import Residuals
+from models.gap.where.strata import TOOL_FEATURES
 from models.gap.where.variance_components import jackknife
 
 LEVEL = 0.99  # of trends that are called clues: about a dozen are looked at
@@ -37,17 +38,6 @@ _AGAINST = {
 
 
 @dataclass(frozen=True)
-class ThetaStratum:
-    """Relative change of a constant that fits a stratum best, with its 90 % interval."""
-
-    parameter: str
-    kind: str
-    stratum: str
-    change: float
-    interval: tuple[float, float]
-
-
-@dataclass(frozen=True)
 class ThetaTrend:
     """Relative change of a fitted constant between the ends of what it was plotted against."""
 
@@ -59,30 +49,12 @@ class ThetaTrend:
     sentence: str
 
 
-def fit_theta_by_stratum(residuals: Residuals, friction_slope_n: np.ndarray | None = None) -> tuple[ThetaStratum, ...]:
-    """Changes of the modulus, and of friction if `friction_slope_n` is given, by tool, object shape, repeat and phase.
-
-    friction_slope_n: n x steps, the prediction's slope by the logarithm of friction. Changes are over the common theta;
-    those of a tool hold its own modulus (`tool_factor`) too.
-    """
-    regression = _Regression.of(residuals, friction_slope_n)
-    family = residuals.family[residuals.obj]
-    groups: list[tuple[str, str, np.ndarray]] = [
-        *(("tool", residuals.tools[t], residuals.tool == t) for t in np.unique(residuals.tool)),
-        *((FAMILY, FAMILIES[f], family == f) for f in np.unique(family)),
-        *(("repeat", str(r + 1), residuals.repeat == r) for r in np.unique(residuals.repeat)),
-    ]
-    found = [s for kind, name, rows in groups for s in _stratum(regression, kind, name, rows, None)]
-    windows = residuals.windows
-    every = np.ones(len(residuals.tool), dtype=bool)
-    for place, phase in enumerate(PHASES):
-        if windows[:, place].any():
-            found += _stratum(regression, "phase", WORDS[phase], every, windows[:, place])
-    return tuple(found)
-
-
 def fit_theta_trends(residuals: Residuals, friction_slope_n: np.ndarray | None = None) -> tuple[ThetaTrend, ...]:
-    """Trends of the fitted constants against wall thickness, repeat, order and predicted force."""
+    """Trends of the fitted constants against wall thickness, repeat, order and predicted force.
+
+    friction_slope_n: n x steps, the prediction's slope by the logarithm of friction; without it only the modulus has
+    trends.
+    """
     regression = _Regression.of(residuals, friction_slope_n)
     walls = residuals.tool_table[:, [TOOL_FEATURES.index(f"{w}_thickness_mm") for w in ("front", "back", "rib")]]
     covariates = {
@@ -121,43 +93,24 @@ class _Regression:
         left = (residuals.measured_n - common_n) / over
         return _Regression(names, residuals.tool, residuals.obj, left, np.stack(regressors))
 
-    def moments(self, columns: Sequence[np.ndarray], window: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    def moments(self, columns: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Normal equations grasp by grasp: n x p x p and n x p, of which any group is a sum."""
         X = np.stack(columns)
-        y = self.left
-        if window is not None:
-            X, y = X * window, y * window
-        return np.einsum("pns,qns->npq", X, X), np.einsum("pns,ns->np", X, y)
+        return np.einsum("pns,qns->npq", X, X), np.einsum("pns,ns->np", X, self.left)
 
 
 def _solve(squares: np.ndarray, products: np.ndarray) -> np.ndarray:
-    """Least squares with a whiff of ridge: a stratum without slip says nothing of friction."""
+    """Least squares, hardly held towards zero: data without slip say nothing of friction."""
     scale = np.sqrt(np.maximum(np.diag(squares), 1e-12))
     return np.asarray(
         np.linalg.solve(squares / np.outer(scale, scale) + 1e-6 * np.eye(len(scale)), products / scale) / scale
     )
 
 
-def _stratum(
-    regression: _Regression, kind: str, name: str, rows: np.ndarray, window: np.ndarray | None
-) -> list[ThetaStratum]:
-    squares, products = regression.moments(list(regression.regressors), window)
-    squares, products = squares[rows], products[rows]
-
-    def fitted(mask: np.ndarray) -> np.ndarray:
-        return _solve(squares[mask].sum(axis=0), products[mask].sum(axis=0))
-
-    value, low, high = jackknife(fitted, regression.tool[rows], regression.obj[rows])
-    return [
-        ThetaStratum(parameter, kind, name, float(v), (float(a), float(b)))
-        for parameter, v, a, b in zip(regression.names, value, low, high, strict=True)
-    ]
-
-
 def _trend(regression: _Regression, against: str, x: np.ndarray) -> list[ThetaTrend]:
     """Change of each constant over a range of 1 of the covariate (n), which is centred."""
     plain = list(regression.regressors)
-    squares, products = regression.moments([*plain, *(column * x[:, None] for column in plain)], None)
+    squares, products = regression.moments([*plain, *(column * x[:, None] for column in plain)])
 
     def fitted(mask: np.ndarray) -> np.ndarray:
         return _solve(squares[mask].sum(axis=0), products[mask].sum(axis=0))[len(plain) :]

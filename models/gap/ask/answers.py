@@ -1,0 +1,102 @@
+"""What came of the grasps and readings that were asked for, and how likely each hypothesis makes it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from models.gap.ask.forecast import MOST_NATS, Forecast, weigh
+from models.gap.ask.hypotheses import Hypothesis
+from models.gap.ask.person import find_measurement, forecast_readings
+from models.gap.ask.predict import Moved, Pair, forecast_pairs
+from models.gap.ask.settings import Setting
+from models.gap.bank.surrogate import features_of_steps
+from models.gap.grasps import Grasps
+from models.records import Record
+
+
+class Reading(Record):
+    """What a person measured: the kind of `models.gap.ask.person`, and the number."""
+
+    kind: str
+    value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """Grasps that were asked for, in pairs, and readings of persons.
+
+    grasps: of the same tools and objects as the search's, which has none of them. pairs: p x 2, rows of a grasp as
+    usual and of the changed one.
+    """
+
+    grasps: Grasps
+    pairs: np.ndarray
+    readings: tuple[Reading, ...] = ()
+
+    @property
+    def n_grasps(self) -> int:
+        """How many were made."""
+        return len(self.grasps.grasp_ids)
+
+    @cached_property
+    def experiments(self) -> dict[Pair, np.ndarray]:
+        """Outcomes (r x f) of each experiment: features of the changed grasp less those of the usual one."""
+        grasps = self.grasps
+        features = features_of_steps(grasps.steps_n)
+        found: dict[Pair, list[np.ndarray]] = {}
+        for usual, changed in self.pairs:
+            setup, placement = grasps.setups[grasps.setup[changed]], grasps.placements[grasps.placement[changed]]
+            setting = Setting.of(grasps.base_setup, setup, placement)
+            pair = Pair(int(grasps.tool[changed]), int(grasps.obj[changed]), setting)
+            found.setdefault(pair, []).append(features[changed] - features[usual])
+        return {pair: np.array(rows) for pair, rows in found.items()}
+
+    def weigh(self, hypotheses: Sequence[Hypothesis], moved: Moved | None = None) -> np.ndarray:
+        """Log likelihoods of the hypotheses (h), but for a constant; their number and order is that of the list."""
+        total = np.zeros(len(hypotheses))
+        if self.experiments:
+            forecast = forecast_pairs(hypotheses, list(self.experiments), moved)
+            total += weigh(forecast, list(self.experiments.values()))
+        if self.readings:
+            measured, forecast = forecast_measurements(hypotheses)
+            read = {one.kind: [row.value for row in self.readings if row.kind == one.kind] for one in measured}
+            total += weigh(forecast, [np.array(read[one.kind])[:, None] for one in measured])
+        return total
+
+
+def forecast_measurements(hypotheses: Sequence[Hypothesis]) -> tuple[tuple, Forecast]:
+    """What a person can measure that any hypothesis has a say in, and what each predicts."""
+    names = [one.name for one in hypotheses]
+    probability = np.array([one.probability for one in hypotheses])
+    return forecast_readings(names, probability, {one.name: one.estimate_parameters() for one in hypotheses})
+
+
+def believe(hypotheses: Sequence[Hypothesis], likelihood: np.ndarray) -> tuple[Hypothesis, ...]:
+    """The hypotheses with their probabilities after answers with these log likelihoods (h).
+
+    Of no two more than `MOST_NATS` are believed: no model of errors is right far out.
+    """
+    below = np.maximum(likelihood - likelihood.max(), -MOST_NATS)
+    after = np.array([one.probability for one in hypotheses]) * np.exp(below)
+    return tuple(replace(one, probability=float(p)) for one, p in zip(hypotheses, after / after.sum(), strict=True))
+
+
+def merge_forms(hypotheses: Sequence[Hypothesis]) -> dict[str, float]:
+    """Probability by name: of forms of one hypothesis together."""
+    found: dict[str, float] = {}
+    for one in hypotheses:
+        found[one.name] = found.get(one.name, 0.0) + one.probability
+    return found
+
+
+def check_reading(kind: str, value: float) -> str:
+    """Why a reading cannot be; empty if it can."""
+    known = find_measurement(kind)
+    if known is None:
+        return f"nobody asks for a `{kind}`."
+    low, high = known.values
+    if not low <= value <= high:
+        return f"{known.label} is {value:g}, beyond {low:g} to {high:g}; measure again, or look at the unit."
+    return ""

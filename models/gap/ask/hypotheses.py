@@ -1,0 +1,120 @@
+"""What is still possible after a round: members of a set, other effects, *nothing* and *unknown*."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.gap.findings import NONE, UNKNOWN
+from models.gap.fit.fit import Fit, axes_of
+from models.gap.fit.law_freedom import free_law
+from models.gap.naming.name import NamingResult
+from models.records import EffectValue
+from models.simulation.effects.catalogue import CATALOGUE
+
+SURE = 0.9  # a name of this probability is not asked about
+LEAST_UNKNOWN = 0.05  # whatever the catalogue explains, something else may do so too
+_LEAST = 0.03  # below, an effect is not asked about
+_LEAST_SHARE = 0.15  # of the best: effects that are not told apart are possible, however their shares fell
+_MOST_EFFECTS = 4
+_REACH = 3.0  # times its size, what a pattern may change by at another setting
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """Something that may be true. name: an effect, `none` or `unknown`. fit: with the effect, if it is one.
+
+    size: of *unknown*, what its pattern is of the force if another setting changes it in any way; 0 if none does. Both
+    are possible, and *unknown* is in the list twice.
+    """
+
+    name: str
+    probability: float
+    fit: Fit
+    size: float = 0.0
+
+    @property
+    def title(self) -> str:
+        """What people call it."""
+        return {NONE: "nothing is missing", UNKNOWN: "something that is not in the catalogue"}.get(
+            self.name, CATALOGUE[self.name].title if self.name in CATALOGUE else self.name
+        )
+
+    @property
+    def own(self) -> tuple[EffectValue, ...]:
+        """The effect that the hypothesis is about, with its values."""
+        return tuple(value for value in self.fit.effects if value.effect == self.name)
+
+    def estimate_parameters(self) -> dict[str, tuple[float, float]]:
+        """Value and standard deviation of each parameter of the effect, with its law free."""
+        if not self.own:
+            return {}
+        freed, axes = free_law(self.fit, self.name), axes_of(self.name)
+        sd = np.sqrt(np.diag(freed.deflated_covariance))[-len(axes) :]
+        found = {}
+        for axis, along in zip(axes, sd, strict=True):
+            value = self.own[0].parameters[axis.name]
+            ends = [axis.value(axis.inner(value) + side * float(along)) for side in (-1.0, 1.0)]
+            found[axis.name] = (value, 0.5 * abs(ends[1] - ends[0]))
+        return found
+
+    def draw(self, n: int, rng: np.random.Generator) -> list[tuple[np.ndarray, tuple[EffectValue, ...], np.ndarray]]:
+        """Draws (n) of theta (3), effects and moduli of tools from the normal posterior around the fit."""
+        fit = free_law(self.fit, self.name) if self.own else self.fit
+        covariance = fit.deflated_covariance
+        root = np.linalg.cholesky(covariance + 1e-12 * np.eye(len(covariance)))
+        return [self._move(root @ step) for step in rng.standard_normal((n, len(covariance)))]
+
+    def _move(self, step: np.ndarray) -> tuple[np.ndarray, tuple[EffectValue, ...], np.ndarray]:
+        fit, surfaces = self.fit, self.fit.features.surrogate.surfaces
+        theta = np.array([fit.theta[0] * np.exp(step[0]), *(fit.theta[1:] + step[1:3])])
+        theta[1:] = np.clip(theta[1:], surfaces.lower, surfaces.upper)
+        tool_factor = np.exp(fit.tool_log + step[3 : 3 + len(fit.tool_log)])
+        axes = [axis for value in fit.effects for axis in axes_of(value.effect)]
+        inner = dict(zip([(axis.effect, axis.name) for axis in axes], step[len(step) - len(axes) :], strict=True))
+        effects = []
+        for value in fit.effects:
+            moved = {}
+            for axis in axes_of(value.effect):
+                at = axis.inner(value.parameters[axis.name]) + float(inner[value.effect, axis.name])
+                moved[axis.name] = axis.value(float(np.clip(at, *axis.limits)))
+            effects.append(replace_parameters(value, moved))
+        return theta, tuple(effects), tool_factor
+
+
+def replace_parameters(value: EffectValue, parameters: dict[str, float]) -> EffectValue:
+    """The effect with other parameters."""
+    return value.model_copy(update={"parameters": {**value.parameters, **parameters}})
+
+
+def list_hypotheses(naming: NamingResult) -> tuple[Hypothesis, ...]:
+    """What is possible after a round, by probability; empty where nothing is to be asked.
+
+    Nothing is asked where there is no alarm, or an effect is sure.
+    """
+    named = naming.named
+    if named.kind == "none" or (named.kind == "effect" and named.probability >= SURE):
+        return ()
+    chances = {candidate.effect: candidate.probability for candidate in naming.candidates}
+    fits = {
+        single.effects[0]: single.fit
+        for single in naming.tried.singles
+        if single.r2 > 0.0 or single.effects[0] in named.effects
+    }
+    best = max((chances[name] for name in fits), default=0.0)
+    members = [name for name in named.effects if name in fits]
+    weight = {name: max(chances[name], _LEAST_SHARE * best if name in members else 0.0) for name in fits}
+    weight = {name: chance for name, chance in weight.items() if chance >= _LEAST or name in members}
+    chosen = sorted(weight, key=lambda name: -weight[name])[:_MOST_EFFECTS]
+    base = naming.fit
+    found = [Hypothesis(name, weight[name], fits[name]) for name in chosen]
+    if chances[NONE] >= _LEAST:
+        found.append(Hypothesis(NONE, chances[NONE], base))
+    unknown = max(chances[UNKNOWN], LEAST_UNKNOWN)
+    found += [Hypothesis(UNKNOWN, 0.5 * unknown, base, size) for size in (0.0, _REACH * naming.tried.pattern.size)]
+    return _normalise(found)
+
+
+def _normalise(found: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+    total = sum(one.probability for one in found)
+    return tuple(replace(one, probability=one.probability / total) for one in found)

@@ -1,0 +1,190 @@
+"""What each hypothesis predicts of pairs of grasps: draws of the posterior through the surrogate.
+
+Means and spreads are of the draws. Beyond them the law of an effect may be off by `LAW_SD` of what it changes from the
+usual setting to the changed one, the simulator by a little at any other setting, and of *unknown* only the size of its
+pattern is known: at another setting it may vanish, double, or move.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.calibration.traces.response_surface import error_correlation
+from models.gap.ask.forecast import Forecast
+from models.gap.ask.hypotheses import Hypothesis
+from models.gap.ask.settings import Setting
+from models.gap.bank.surrogate import FEATURES, Surrogate, features_of_steps
+from models.gap.fit.law_freedom import LAW_SD
+from models.gap.fit.whitened_features import FLOOR_SHARE, OWN_SHARE, estimate_repeat_noise, find_amplitude
+from models.gap.grasps import Grasps, number_distinct
+from models.gap.naming.patterns import list_changes
+from models.records import EffectValue, GraspContext
+
+N_DRAWS = 16
+_TIMING_SHARE = 0.3  # of the simulator's error: at another speed it simulates the same closing
+_N_SHAPES = 5  # of errors over the features that are common to all cells
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A grasp of a tool on an object (numbers of `Grasps`) at a setting, and one of the same as usual."""
+
+    tool: int
+    obj: int
+    setting: Setting
+
+
+# Of a hypothesis and a pair: what another stroke or placement changes, 132, at the modulus of the bank's centre.
+Moved = Mapping[tuple[str, Pair], np.ndarray]
+
+
+def forecast_pairs(
+    hypotheses: Sequence[Hypothesis], pairs: Sequence[Pair], moved: Moved | None = None, seed: int = 0
+) -> Forecast:
+    """The forecast of one pair each, as differences of features (c x 16), changed less usual.
+
+    moved: for settings that are not of timing alone.
+    """
+    sides = [_Sides.of(one, pairs, moved or {}) for one in hypotheses]
+    bias, noise = sides[0].noise
+    rng = np.random.default_rng(seed)
+    means, columns = [], []
+    for one, side in zip(hypotheses, sides, strict=True):
+        drawn = np.array([side.difference(*draw) for draw in one.draw(N_DRAWS, rng)])
+        mean = drawn.mean(axis=0)
+        means.append(mean + bias)
+        own = [np.moveaxis(drawn - mean, 0, -1) / np.sqrt(N_DRAWS - 1.0)]
+        columns.append(np.concatenate([*own, *_list_doubts(one, side, pairs)], axis=-1))
+    amplitude = sides[0].amplitude
+    share = np.array([_TIMING_SHARE if pair.setting.is_timing else 1.0 for pair in pairs])
+    own_n = OWN_SHARE * share[:, None] * amplitude
+    floor = _spread_by_setting(FLOOR_SHARE * share[:, None] * amplitude, pairs)
+    return Forecast(
+        names=tuple(one.name for one in hypotheses),
+        probability=np.array([one.probability for one in hypotheses]),
+        is_sharp=np.array([one.size == 0.0 for one in hypotheses]),
+        means=np.array(means),
+        columns=tuple(np.concatenate([rows, floor], axis=-1) for rows in columns),
+        scatter=own_n[:, :, None] * own_n[:, None] * np.eye(own_n.shape[1]),
+        noise=noise,
+    )
+
+
+def predict_first(hypothesis: Hypothesis, pair: Pair) -> np.ndarray:
+    """Step means of the changed grasp of a pair of timing alone, 120."""
+    return np.asarray(_Sides.of(hypothesis, [pair], {}).steps_n[1])
+
+
+@dataclass(frozen=True, eq=False)
+class _Sides:
+    """Both grasps of c pairs, as rows of a surrogate: as usual, then changed. theta: of the hypothesis' fit."""
+
+    surrogate: Surrogate
+    hypothesis: Hypothesis
+
+    @staticmethod
+    def of(hypothesis: Hypothesis, pairs: Sequence[Pair], moved: Moved) -> "_Sides":
+        usual = hypothesis.fit.features.surrogate
+        surrogate = usual.at(make_grasps(usual.grasps, pairs))
+        moved_n = np.zeros_like(surrogate.rows_n[:, 0])
+        for place, pair in enumerate(pairs):
+            if not pair.setting.is_timing:
+                moved_n[len(pairs) + place] = moved[hypothesis.name, pair]
+        return _Sides(replace(surrogate, moved_n=moved_n), hypothesis)
+
+    def difference(
+        self, theta: np.ndarray, effects: Sequence[EffectValue], tool_factor: np.ndarray | None
+    ) -> np.ndarray:
+        """Features of changed grasps less those of usual ones, c x f."""
+        usual, changed = np.split(self.surrogate.predict_features(theta, effects, tool_factor), 2)
+        return np.asarray(changed - usual)
+
+    @property
+    def steps_n(self) -> np.ndarray:
+        """Step means at the fit, 2 c x 120."""
+        fit = self.hypothesis.fit
+        return self.surrogate.predict_steps(fit.theta, fit.effects, fit.tool_factor)
+
+    @property
+    def amplitude(self) -> np.ndarray:
+        """What a relative error of 1 is in each feature, c x f."""
+        usual, changed = np.split(find_amplitude(features_of_steps(self.steps_n)), 2)
+        return np.maximum(usual, changed)
+
+    @property
+    def noise(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bias (c x f) of the difference of one pair by noise of the load cell, and its covariance (c x f x f).
+
+        Covariance is by what repeats of a grasp differ by.
+        """
+        bias, noise = estimate_repeat_noise(self.surrogate.grasps, self.steps_n)
+        (usual, changed), both = np.split(bias, 2), np.split(noise, 2)
+        return changed - usual, np.asarray(both[0] + both[1])
+
+    @property
+    def own_change(self) -> np.ndarray:
+        """What the effect of the hypothesis changes in the difference, c x f."""
+        fit, own = self.hypothesis.fit, {value.effect for value in self.hypothesis.own}
+        others = [value for value in fit.effects if value.effect not in own]
+        with_all = self.difference(fit.theta, fit.effects, fit.tool_factor)
+        return with_all - self.difference(fit.theta, others, fit.tool_factor)
+
+
+def make_grasps(grasps: Grasps, pairs: Sequence[Pair]) -> Grasps:
+    """The grasps of pairs that are not made yet, as usual and then changed, after all that were made."""
+    both = [*pairs, *pairs]
+    base = grasps.base_setup
+    setups, setup = number_distinct([base] * len(pairs) + [pair.setting.setup for pair in pairs], base)
+    usual = grasps.placements[0]
+    placements, placement = number_distinct([usual] * len(pairs) + [p.setting.placement for p in pairs], usual)
+    return replace(
+        grasps,
+        tool=np.array([pair.tool for pair in both], dtype=int),
+        obj=np.array([pair.obj for pair in both], dtype=int),
+        contexts=tuple(_find_context(grasps, pair) for pair in both),
+        steps_n=np.zeros((len(both), grasps.steps_n.shape[1])),
+        grasp_ids=tuple(f"asked {number}" for number in range(len(both))),
+        setups=setups,
+        setup=setup,
+        placements=placements,
+        placement=placement,
+    )
+
+
+def _find_context(grasps: Grasps, pair: Pair) -> GraspContext:
+    """What comes before a grasp that is made after all others."""
+    of_tool = grasps.tool == pair.tool
+    known = [grasps.contexts[row] for row in np.flatnonzero(of_tool)]
+    return GraspContext(
+        repeat=int(np.count_nonzero(of_tool & (grasps.obj == pair.obj))),
+        tool_grasps=max((context.tool_grasps + 1 for context in known), default=0),
+        batch_grasps=max((context.batch_grasps + 1 for context in known), default=0),
+        clock_s=max((context.clock_s for context in known), default=0.0),
+    )
+
+
+def _list_doubts(hypothesis: Hypothesis, side: _Sides, pairs: Sequence[Pair]) -> list[np.ndarray]:
+    """Columns (c x f x k) of what a hypothesis does not know of itself besides its parameters."""
+    if hypothesis.own:
+        return [_spread_by_setting(LAW_SD * side.own_change, pairs)]
+    if hypothesis.size == 0.0:
+        return []
+    changed_n = np.split(side.steps_n, 2)[1]
+    found = [hypothesis.size * np.moveaxis(change, 0, -1) for _, change in list_changes(changed_n)]
+    return [_part_by_setting(np.concatenate(found, axis=-1), pairs)]
+
+
+def _spread_by_setting(amplitude: np.ndarray, pairs: Sequence[Pair]) -> np.ndarray:
+    """Columns of errors of this size (c x f) that are alike in neighbouring features, and common to a setting."""
+    values, vectors = np.linalg.eigh(error_correlation(FEATURES))
+    shapes = (vectors * np.sqrt(np.maximum(values, 0.0)))[:, -_N_SHAPES:]
+    return _part_by_setting(amplitude[:, :, None] * shapes, pairs)
+
+
+def _part_by_setting(columns: np.ndarray, pairs: Sequence[Pair]) -> np.ndarray:
+    """Columns (c x f x k) with coefficients of their own for each of s settings, c x f x (s k)."""
+    _, numbers = number_distinct([pair.setting for pair in pairs], pairs[0].setting)
+    found = np.zeros((*columns.shape[:2], numbers.max() + 1, columns.shape[2]))
+    found[np.arange(len(pairs)), :, numbers] = columns
+    return found.reshape(*columns.shape[:2], -1)

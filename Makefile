@@ -7,6 +7,9 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 
+# pip says what it does where someone watches; a log gets the lines of the steps alone.
+PIP = $(BIN)/python -m pip install --disable-pip-version-check $(if $(MAKE_TERMOUT),,--quiet)
+
 # Many tests wait for devices and servers: one process more than there are cores.
 TEST_WORKERS ?= $(shell expr $$(nproc) + 1)
 
@@ -18,11 +21,17 @@ help:           ## list the commands
 setup: $(VENV)/.ready  ## virtual environment from the lock file
 
 $(VENV)/.ready: requirements.lock pyproject.toml
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check torch==2.13.0
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
-	touch $@
+	@echo "Setting up $(VENV), once: about 3 GB of packages, some minutes."
+	@echo "1 of 4: an empty environment"
+	@$(PYTHON) -m venv $(VENV)
+	@echo "2 of 4: torch, the largest package"
+	@$(PIP) torch==2.13.0
+	@echo "3 of 4: the other $$(grep -c == requirements.lock) packages; unpacking them takes longest"
+	@$(PIP) -r requirements.lock
+	@echo "4 of 4: FAST itself"
+	@$(PIP) --no-deps --no-build-isolation -e .
+	@touch $@
+	@echo "$(VENV) is ready."
 
 kernels: setup  ## compile the simulator's kernels once, so that no test or worker has to
 	$(BIN)/python -c "from models.design.space import BEST_PUBLISHED; from models.objects.catalogue import get_object; \

@@ -1,18 +1,54 @@
 """How long commands report their progress: lines for people, rates, durations in words."""
 
+import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 UNKNOWN = "time left not known yet"
 
 
 @dataclass(frozen=True)
+class Bar:
+    """How far work of one kind is; `left_s` None: not known. `note` follows the counts."""
+
+    label: str
+    done: int
+    total: int
+    left_s: float | None
+    note: str = ""
+
+    @property
+    def counts(self) -> str:
+        """`84/96`, with the note."""
+        return f"{self.done}/{self.total}{self.note}"
+
+
+@dataclass(frozen=True)
 class ProgressReporter:
-    """How a long command speaks: `progress` may be skipped over, `announce` must be read."""
+    """How a long command speaks: `progress` may be skipped over, `announce` must be read.
+
+    `draw`: a live display, which shows what `report` says in place of a line.
+    """
 
     progress: Callable[[str], None]
     announce: Callable[[str], None]
+    draw: Callable[[str, Sequence[Bar]], None] | None = None
+
+    def report(self, what: str, bars: Sequence[Bar]) -> None:
+        """Say what happened last and how far the work is that goes on side by side."""
+        if self.draw is not None:
+            self.draw(what, bars)
+        else:
+            self.progress(format_report(what, bars))
+
+
+def format_report(what: str, bars: Sequence[Bar]) -> str:
+    """`12:00:00  what  |  grasps 84/96, simulated 96/96  |  30 s left`."""
+    counts = ", ".join(f"{bar.label} {bar.counts}" for bar in bars)
+    parts = [what, counts] if what else [counts]
+    left = describe_time_left(*(bar.left_s for bar in bars))
+    return f"{time.strftime('%H:%M:%S')}  {'  |  '.join([*parts, left])}"
 
 
 @dataclass
@@ -58,7 +94,7 @@ def describe_time_left(*estimates_s: float | None) -> str:
 def describe_duration(seconds: float) -> str:
     """A duration as a person says it: `40 s`, `12 min`, `3 h 20 min`, `4 d 6 h`."""
     if seconds < 90:
-        return f"{max(seconds, 0):.0f} s"
+        return f"{max(round(seconds), 1 if seconds > 0 else 0)} s"  # 0 s: nothing is left
     minutes = round(seconds / 60)
     if minutes < 90:
         return f"{minutes} min"

@@ -41,7 +41,7 @@ def use_made_up_physics() -> None:
     from tasks.simulation import simulate as simulating
 
     simulating.attempt_grasp = made_up_attempt
-    process.simulate_request = fingerprint
+    process.physics_of_truth = fingerprint
 
 
 def config_of(name: str, size: Size = Size()) -> CampaignConfig:

@@ -13,7 +13,8 @@ import pyarrow as pa
 
 from lake.storage.files import file_name, publish, stage
 from lake.store import Lake
-from lake.tables.campaign import GraspRow, Row, ToolRow, TraceRow, setup_columns
+from lake.tables.campaign import GraspRow, Row, ToolRow, TraceRow
+from lake.tables.requests import setup_columns
 from lake.tables.schema import schema_of
 from models.records import GraspSetup
 
@@ -85,7 +86,7 @@ def tables(first: int, last: int) -> tuple[pa.Table, pa.Table]:
         **setup_columns(GraspSetup()),
     }
     traces = {"grasp_id": ids, **_samples(len(ids))}
-    return _table(GraspRow, grasps, times), _table(TraceRow, traces, times)
+    return _table(GraspRow, grasps, number, times), _table(TraceRow, traces, number, times)
 
 
 @cache
@@ -149,11 +150,11 @@ def _details(after_release_n: float, baseline_net_n: float, baseline_sd_n: float
     return json.dumps(details, separators=(",", ":"))
 
 
-def _table(row_type: type[Row], values: dict[str, Any], created_at: pa.Array) -> pa.Table:
-    """Table of a lake; `values` are columns, or what all rows share."""
+def _table(row_type: type[Row], values: dict[str, Any], number: np.ndarray, created_at: pa.Array) -> pa.Table:
+    """Table of a lake; `values` are columns, or what all rows share. Each grasp counts as appended by itself."""
     shared = {"code_version": "0123456789ab", "code_dirty": False, "config_hash": "cfg", "seed": 0, "parents": []}
     n, schema = len(created_at), schema_of(row_type)
-    values = shared | values | {"created_at": created_at}
+    values = shared | values | {"created_at": created_at, "sequence": number + 1}
     columns = [_column(values.get(field.name), field.type, n) for field in schema]
     return pa.Table.from_arrays(columns, schema=schema)
 

@@ -7,15 +7,21 @@ from typing import Literal
 
 from flows.progress import ProgressReporter
 from flows.simulation.progress import n_missing, simulate_missing
+from lake.leases import exclusive
 from lake.store import Lake
 from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.means.hypercube import HypercubePlan
 from models.errors import UsageError
 from tasks.calibration.calibrate import CalibrationOutcome, calibrate_once
 from tasks.calibration.lot import describe_lot, take_lot
-from tasks.calibration.mean_data import find_base_version, plan_hypercube, read_measured_tools, read_simulated_points
+from tasks.calibration.mean_data import (
+    check_enough,
+    find_base_version,
+    plan_hypercube,
+    read_measured_tools,
+    read_simulated_points,
+)
 from tasks.calibration.means import compare_means, plan_verification, verify
-from tasks.campaign.requests import exclusive
 from tasks.gap.data import read_grasps
 from tasks.gap.theta import gather_traces, plan_grid
 
@@ -82,6 +88,7 @@ def _calibrate_means(
     settings, material_ids = _take_lot(lake, order, measured.campaign_ids, reporter)
     base = find_base_version(lake, measured.campaign_ids, order.version_id)
     if order.hypercube is not None:
+        check_enough(lake, base, measured, order.hypercube)
         plan = plan_hypercube(order.hypercube, base, measured)
         simulate_missing(lake, [plan], settings.workers, reporter, should_stop)
     simulated = read_simulated_points(lake, base, measured)
@@ -104,10 +111,11 @@ def _calibrate_traces(
     measured = read_grasps(lake, order.campaign_id)
     settings, material_ids = _take_lot(lake, order, measured.campaigns, reporter)
     base = find_base_version(lake, measured.campaigns, order.version_id)
-    plan = plan_grid(measured, base)
-    if n_grasps := n_missing(lake, [plan]):
-        reporter.progress(f"{n_grasps} of {plan.n_grasps} grasps of the grid around the measured designs are missing")
-    simulate_missing(lake, [plan], settings.workers, reporter, should_stop)
+    plans = plan_grid(measured, base)
+    if n_grasps := n_missing(lake, plans):
+        n_all = sum(plan.n_grasps for plan in plans)
+        reporter.progress(f"{n_grasps} of {n_all} grasps of the grid around the measured designs are missing")
+    simulate_missing(lake, plans, settings.workers, reporter, should_stop)
     data = replace(gather_traces(lake, measured, base, order.campaign_id), material_ids=material_ids)
     return calibrate_once(lake, data, settings, reporter.progress)
 

@@ -17,6 +17,7 @@ from prefect.runtime import flow_run
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows.campaign.events import announce_measured
+from flows.campaign.gap_step import close_gap
 from flows.campaign.loops import BenchLoop, CampaignRun, RerunLoop, SimulationLoop
 from flows.campaign.page import CampaignPage
 from flows.server.run_process import RunningProcess
@@ -71,7 +72,9 @@ def _run_stages(run: CampaignRun, finish: Callable[[], None]) -> bool:
     page = CampaignPage(campaign)
     try:
         for stage in range(campaign.config.schedule.n_stages):
-            if not run_stage(run, stage, page.update):
+            if not run_stage(run, stage, page.update) or not close_gap(
+                run, stage, partial(_next_event, run, page.update)
+            ):
                 return False
         finish()
         return True

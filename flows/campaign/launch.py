@@ -11,11 +11,12 @@ from flows.server.crashed_runs import end_crashed_runs
 from flows.server.server import configure_client, server
 from hardware.bench import BenchSettings
 from hardware.virtual.world.file import World
+from lake.leases import exclusive
 from lake.store import Lake
 from models.errors import ConfigError
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig, load_config, relative_to
-from tasks.campaign.requests import append_event, exclusive, require_acknowledgement
+from tasks.campaign.requests import STARTED, append_event, lease_name, require_acknowledgement
 from tasks.campaign.setup import enter, read_bench, read_world
 
 if TYPE_CHECKING:
@@ -50,11 +51,11 @@ def run_campaign(
     with ExitStack() as stack:
         stack.callback(campaign.lake.close)
         busy = f"campaign {name} is already being run"
-        stack.enter_context(exclusive(campaign.lake, f"campaign-{name}", busy))
+        lease = stack.enter_context(exclusive(campaign.lake, lease_name(name), busy))
         require_acknowledgement(campaign.lake, name, is_acknowledged)
         enter(campaign, config_path)
-        append_event(campaign.lake, name, "started", "started or continued")
-        reporter.progress("starting the Prefect server (ten seconds the first time, a minute on a busy machine)")
+        append_event(campaign.lake, name, STARTED, "started or continued", run=lease.token)
+        reporter.progress("starting the Prefect server (some seconds, a minute on a busy machine)")
         api_url = stack.enter_context(server(campaign.lake.root))
         configure_client(api_url, campaign.lake.root)
         for sentence in end_crashed_runs(api_url).sentences:

@@ -13,6 +13,7 @@ from hardware.cell.cell import MeasuredGrasp
 from hardware.safety.safe_state import Verb
 from models.records import Design
 from tasks.bench.measure import OpenBench
+from tasks.bench.mount import MountPrompts
 from tasks.bench.print import OperatorPrompts
 from tasks.campaign import prefect_tasks as steps
 from tasks.campaign.campaign import Campaign
@@ -36,6 +37,8 @@ class CampaignRun:
     on_grasp: Callable[[ProposedTool, MeasuredGrasp], None]
     on_simulated: Callable[[str, int], None]
     prompts: OperatorPrompts
+    mount_prompts: MountPrompts
+    announce: Callable[[str], None]
     events: "Queue[PrefectFuture]" = field(default_factory=Queue)
     stopping: threading.Event = field(default_factory=threading.Event)
     asked: Verb | None = None

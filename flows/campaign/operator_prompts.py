@@ -1,21 +1,40 @@
-"""How a campaign speaks to the person at the printer: terminal, form in the pages, notifications, reminders."""
+"""How a campaign speaks to people at the bench: terminal, form in the pages, notifications, reminders."""
 
 import time
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from flows.campaign.forms import close_forms, open_form
+from flows.campaign.forms import Form, close_forms, open_form
 from flows.campaign.notify import Notifier
 from flows.progress import ProgressReporter, describe_duration
+from lake.store import Lake
 from lake.tables.campaign import BatchRow
+from models.gap.findings import PersonQuestion
+from tasks.bench.mount import read_mounting
+from tasks.bench.print import open_slots
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.requests import append_event
+from tasks.gap.readings import is_answered
 
 FORM_S = 15.0  # between looks whether a form is open: one is due again after an answer that leaves tools to print
 NO_FORM_S = 60.0  # the same where there was none: `fast serve` may come later than the campaign
 
 
-class PrintPrompts:
-    """Asks for a batch to be printed and mounted until it is confirmed; all calls come from one task."""
+@dataclass(frozen=True)
+class HumanStep:
+    """What a person has to do now. name: what it is about; what: an order ("print and mount ..."); event: its kind."""
+
+    name: str
+    what: str
+    command: str
+    form: Form
+    event: str
+
+
+class Prompts:
+    """Asks for one step until it is done; all calls come from one task."""
 
     def __init__(self, campaign: Campaign, reporter: ProgressReporter, notifier: Notifier) -> None:
         self._campaign = campaign
@@ -24,49 +43,124 @@ class PrintPrompts:
         self._asked_s = self._reminded_s = self._looked_s = 0.0
         self._form: str | None = None
 
-    def ask(self, batch: int, sheet: Path) -> None:
-        """A batch has to be printed and mounted now; `sheet` says what and how."""
-        name = self._name(batch)
+    def ask_for(self, step: HumanStep) -> None:
+        """It has to be done now."""
         self._asked_s = self._reminded_s = self._looked_s = time.monotonic()
-        self._form = open_form(self._campaign.lake, self._campaign.campaign_id, batch)
+        self._form = open_form(self._campaign.lake, step.form)
         self._reporter.announce(
-            f"A person is needed: print and mount batch {name} ({sheet}), then\n"
-            f"    {self._command(batch)}\n{self._form_line()}Simulations go on meanwhile."
+            f"A person is needed: {step.what}, then\n"
+            f"    {step.command}\n{self._form_line()}Simulations go on meanwhile."
         )
-        append_event(
-            self._campaign.lake, self._campaign.campaign_id, "print_waiting", f"waiting for {name}", batch=batch
-        )
-        self._notifier.send("needs_you", f"FAST needs you: print batch {name}", self._what_to_do(batch, sheet))
+        append_event(self._campaign.lake, self._campaign.campaign_id, step.event, f"waiting for {step.name}")
+        self._notifier.send("needs_you", f"FAST needs you: {step.name}", self._what_to_do(step))
 
-    def remind(self, batch: int, sheet: Path) -> None:
+    def remind_of(self, step: HumanStep) -> None:
         """Nobody has answered yet: keep a form open, and remind when it is time."""
         now_s = time.monotonic()
         if now_s - self._looked_s > (FORM_S if self._form else NO_FORM_S):
             self._looked_s = now_s
-            form = open_form(self._campaign.lake, self._campaign.campaign_id, batch)
+            form = open_form(self._campaign.lake, step.form)
             if form is not None and form != self._form:
                 self._form = form
-                self._reporter.announce(f"{self._name(batch)} can be confirmed in the pages: {form}")
+                self._reporter.announce(f"{step.name} can be confirmed in the pages: {form}")
         every_s = 3600 * self._campaign.config.execution.print_reminder_h
         if every_s and now_s - self._reminded_s > every_s:
             self._reminded_s = now_s
-            title = f"FAST still needs you: batch {self._name(batch)}, for {describe_duration(now_s - self._asked_s)}"
-            self._reporter.announce(f"{title}; {self._command(batch)}")
-            self._notifier.send("needs_you", title, self._what_to_do(batch, sheet))
+            title = f"FAST still needs you: {step.name}, for {describe_duration(now_s - self._asked_s)}"
+            self._reporter.announce(f"{title}; {step.command}")
+            self._notifier.send("needs_you", title, self._what_to_do(step))
 
-    def close(self, batch: int) -> None:
-        """The batch is confirmed; a form that is still open is not needed."""
-        close_forms(self._campaign.lake, self._campaign.campaign_id, batch, "confirmed elsewhere")
+    def end(self, step: HumanStep) -> None:
+        """It is done; a form that is still open is not needed."""
+        close_forms(self._campaign.lake, step.form, "confirmed elsewhere")
         self._form = None
-
-    def _name(self, batch: int) -> str:
-        return BatchRow.make_id(self._campaign.campaign_id, batch)
-
-    def _command(self, batch: int) -> str:
-        return f"fast print confirm {self._name(batch)} --operator NAME --lake {self._campaign.lake.address}"
 
     def _form_line(self) -> str:
         return f"or fill in the form at {self._form}\n" if self._form else ""
 
-    def _what_to_do(self, batch: int, sheet: Path) -> str:
-        return f"Print and mount it ({sheet}), then {self._command(batch)}\n{self._form_line()}".strip()
+    def _what_to_do(self, step: HumanStep) -> str:
+        what = step.what[0].upper() + step.what[1:]
+        return f"{what}, then {step.command}\n{self._form_line()}".strip()
+
+
+class PrintPrompts(Prompts):
+    """Asks for a batch to be printed and mounted until it is confirmed."""
+
+    def ask(self, batch: int, sheet: Path) -> None:
+        """A batch has to be printed and mounted now; `sheet` says what and how."""
+        self.ask_for(self._step(batch, f" ({sheet})"))
+
+    def remind(self, batch: int, sheet: Path) -> None:
+        """Nobody has answered yet."""
+        self.remind_of(self._step(batch, f" ({sheet})"))
+
+    def close(self, batch: int) -> None:
+        """The batch is confirmed."""
+        self.end(self._step(batch, ""))
+
+    def _step(self, batch: int, sheet: str) -> HumanStep:
+        name = BatchRow.make_id(self._campaign.campaign_id, batch)
+        return HumanStep(
+            name=f"batch {name}",
+            what=f"print and mount batch {name}{sheet}",
+            command=f"fast print confirm {name} --operator NAME --lake {self._campaign.lake.address}",
+            form=make_print_form(self._campaign.lake, self._campaign.campaign_id, batch),
+            event="print_waiting",
+        )
+
+
+class MountPrompts(Prompts):
+    """Asks for kept tools to be mounted again until they are."""
+
+    def ask(self, search_id: str, slots: Mapping[str, int]) -> None:
+        """Kept tools have to be mounted now."""
+        self.ask_for(self._step(search_id, slots))
+
+    def remind(self, search_id: str, slots: Mapping[str, int]) -> None:
+        """Nobody has answered yet."""
+        self.remind_of(self._step(search_id, slots))
+
+    def close(self, search_id: str) -> None:
+        """They are mounted."""
+        self.end(self._step(search_id, {}))
+
+    def _step(self, search_id: str, slots: Mapping[str, int]) -> HumanStep:
+        name = self._campaign.campaign_id
+        where = ", ".join(f"{tool_id.rpartition('/')[2]} in slot {slot}" for tool_id, slot in slots.items())
+        return HumanStep(
+            name=f"kept tools of {name}",
+            what=f"mount these kept tools again, nothing is printed: {where}",
+            command=f"fast print mounted {name} --operator NAME --lake {self._campaign.lake.address}",
+            form=make_mount_form(self._campaign.lake, name, search_id),
+            event="mount_waiting",
+        )
+
+
+def make_print_form(lake: Lake, campaign_id: str, batch: int) -> Form:
+    """The form of the open slots of a batch."""
+    name = BatchRow.make_id(campaign_id, batch)
+
+    def find_open() -> dict[str, Any] | None:
+        slots = open_slots(lake, campaign_id, batch)
+        return {"campaign": campaign_id, "batch": batch, "slots": slots} if slots else None
+
+    return Form("print/print", f"{name}: printed and mounted?", name, find_open)
+
+
+def make_mount_form(lake: Lake, campaign_id: str, search_id: str) -> Form:
+    """The form of kept tools that a search asks grasps of."""
+
+    def find_open() -> dict[str, Any] | None:
+        return None if read_mounting(lake, search_id) else {"campaign": campaign_id, "search": search_id}
+
+    return Form("mount/mount", f"{campaign_id}: kept tools mounted?", f"mount {search_id}", find_open)
+
+
+def make_reading_form(lake: Lake, campaign_id: str, search_id: str, person: PersonQuestion) -> Form:
+    """The form of what a person is asked to measure."""
+
+    def find_open() -> dict[str, Any] | None:
+        parameters = {"campaign": campaign_id, "search": search_id, "kind": person.kind}
+        return None if is_answered(lake, search_id, person.kind) else parameters
+
+    return Form("reading/reading", f"please measure: {person.label}", f"reading {search_id}", find_open)

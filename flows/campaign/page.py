@@ -22,12 +22,16 @@ from lake.tables.campaign import GraspRow, ProposalRow, SimulationRow, ToolRow
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.simulator_versions import at_present
 from tasks.campaign.state import format_ranking, rank_tools
+from tasks.gap.findings import find_newest_run
 
 logger = logging.getLogger(__name__)
 
 INTERVAL_S = 60.0  # each update is two requests, and two events that the server keeps for days
 QUIET_S = 600.0  # between updates while nothing happens: the page says as of when it is
 PICTURE_DPI = 110
+_ASKED = (
+    "SELECT count(*) AS n, count(*) FILTER (state = 'made') AS made FROM asked_grasps WHERE campaign_id = $campaign"
+)
 _SHOWN = (ProposalRow, ToolRow, GraspRow, SimulationRow)  # news of these change the page
 
 
@@ -104,6 +108,8 @@ def format_page(campaign: Campaign, load: Workload, seen: Forecast, tools: list[
         f"{load.grasps_done} of {load.grasps_total} grasps measured, {load.simulated_done} of "
         f"{load.simulated_total} simulated; as of {now:%H:%M, %d %B}.",
     ]
+    if campaign.config.gap.active:
+        lines.append(_describe_gap(campaign))
     if tools:
         best = tools[0]
         lines.append(f"Best so far: **{best['tool_id']}**, {best['tool_quality_n']:.2f} N mean peak pull-off force.")
@@ -113,6 +119,17 @@ def format_page(campaign: Campaign, load: Workload, seen: Forecast, tools: list[
         lines.append(format_ranking(tools))
     lines.append(_links(campaign))
     return "\n\n".join(lines)
+
+
+def _describe_gap(campaign: Campaign) -> str:
+    """What the search for gaps says, and how many of the grasps that it asked for are made."""
+    run = find_newest_run(campaign.lake, campaign.campaign_id)
+    if run is None:
+        return "No search for what the simulator misses has ended yet."
+    found = campaign.lake.query(_ASKED, {"campaign": campaign.campaign_id}).to_pylist()[0]
+    told = [one.outcome for one in run.findings.asked]
+    named = "; ".join(one.named.sentence for one in run.findings.rounds)
+    return " ".join([f"Simulator: {named}", f"Asked grasps: {found['n']}, made: {found['made']}.", *told])
 
 
 def draw_best_so_far(campaign: Campaign) -> str:

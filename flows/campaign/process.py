@@ -17,17 +17,18 @@ from prefect.logging.handlers import APILogWorker
 from flows.campaign.flow import run_flow
 from flows.campaign.loops import CampaignRun
 from flows.campaign.notify import notifier
-from flows.campaign.operator_prompts import PrintPrompts
+from flows.campaign.operator_prompts import MountPrompts, PrintPrompts
 from flows.campaign.progress import CampaignProgress
-from flows.progress import ProgressReporter
+from flows.progress import Bar, ProgressReporter, format_report
 from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_bench
 from hardware.cell.cell import MeasuredGrasp
 from hardware.safety.safe_state import Verb
 from hardware.tools.mounted import MountedTool
 from hardware.virtual.world.file import World
-from hardware.virtual.world.physics import PhysicsCache, PhysicsRequest, simulate_request
+from hardware.virtual.world.physics import Physics, PhysicsCache, PhysicsRequest, simulate_request
 from hardware.virtual.world.physics_cache import PhysicsFiles
 from models.errors import FastError
+from models.objects.catalogue import name_object
 from models.records import GraspSimulation
 from models.traces import peak_force_n
 from tasks.campaign.campaign import Campaign
@@ -64,7 +65,7 @@ def run_in_process(
     simulations = _open_simulations(config)
     physics = WorkerPool(config.execution.physics_workers)
     told = notifier(isinstance(setup, World), config.execution.notify, config.execution.notify_virtual)
-    progress = CampaignProgress(campaign, functools.partial(_emit, reporter))
+    progress = CampaignProgress(campaign, functools.partial(_report, reporter))
     run = CampaignRun(
         campaign=campaign,
         pool=simulations,
@@ -74,6 +75,8 @@ def run_in_process(
         on_grasp=functools.partial(_tell_grasp, progress),
         on_simulated=functools.partial(_tell_simulated, progress),
         prompts=PrintPrompts(campaign, reporter, told),
+        mount_prompts=MountPrompts(campaign, reporter, told),
+        announce=reporter.announce,
     )
     if auto_print:
         reporter.announce("--auto-print: trays count as printed and mounted without asking a person")
@@ -107,11 +110,11 @@ def _open_simulations(config: CampaignConfig) -> Engine:
     return open_engine(config.execution.engine, config.execution.simulation_workers, limit_s)
 
 
-def _emit(reporter: ProgressReporter, line: str) -> None:
-    """A line of progress for the terminal and, where one is running, for the flow's page."""
-    reporter.progress(line)
+def _report(reporter: ProgressReporter, what: str, bars: Sequence[Bar]) -> None:
+    """Progress for the terminal and, where one is running, for the flow's page."""
+    reporter.report(what, bars)
     with contextlib.suppress(MissingContextError):
-        get_run_logger().info(line)
+        get_run_logger().info(format_report(what, bars))
 
 
 @contextmanager
@@ -131,6 +134,9 @@ def open_campaign_bench(
         yield bench
 
 
+physics_of_truth: Physics = simulate_request  # a benchmark puts one that costs nothing here
+
+
 def keep_physics(campaign: Campaign, pool: WorkerPool) -> PhysicsCache:
     """The physics of the campaign's world, solved in the pool, once, and kept beside the lake's tables."""
     files = PhysicsFiles(campaign.lake.root / ".state" / "physics")
@@ -138,13 +144,13 @@ def keep_physics(campaign: Campaign, pool: WorkerPool) -> PhysicsCache:
 
 
 def _solve_in_worker(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulation:
-    return pool.call(simulate_request, request)
+    return pool.call(physics_of_truth, request)
 
 
 def _tell_grasp(progress: CampaignProgress, tool: ProposedTool, grasp: MeasuredGrasp) -> None:
     result = f"{peak_force_n(grasp.trace):.1f} N" if grasp.status == "ok" else f"failed ({grasp.reason})"
-    what = f"object {grasp.object_id} repeat {grasp.repeat}" if grasp.diagnostic is None else grasp.diagnostic.text()
-    progress.line(f"{tool.label} {what}: {result}")
+    what = f"on {name_object(grasp.object_id)}, repeat {grasp.repeat}"
+    progress.line(f"{tool.label} {grasp.diagnostic.text() if grasp.diagnostic else what}: {result}")
 
 
 def _tell_simulated(progress: CampaignProgress, label: str, n_failed: int) -> None:

@@ -2,10 +2,10 @@
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from flows.progress import RateEstimate, describe_time_left
+from flows.progress import Bar, RateEstimate
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.simulator_versions import at_present
 from tasks.campaign.state import CampaignState
@@ -54,11 +54,13 @@ def count_work(campaign: Campaign, state: CampaignState) -> Workload:
 
 
 class CampaignProgress:
-    """Prints lines through `emit`, at most one per `interval_s` unless forced, and with `MOST_CPU` of a core."""
+    """Reports what happened, at most once per `interval_s` unless forced, and with `MOST_CPU` of a core."""
 
-    def __init__(self, campaign: Campaign, emit: Callable[[str], None], interval_s: float = 5.0) -> None:
+    def __init__(
+        self, campaign: Campaign, report: Callable[[str, Sequence[Bar]], None], interval_s: float = 5.0
+    ) -> None:
         self._campaign = campaign
-        self._emit = emit
+        self._report = report
         self._interval_s = interval_s
         self._next_s = 0.0
         self._grasps, self._simulations = RateEstimate(), RateEstimate()
@@ -72,15 +74,14 @@ class CampaignProgress:
         load = count_work(self._campaign, at_present(self._campaign).state())
         self._grasps.update(load.grasps_done, now)
         self._simulations.update(load.simulated_done, now)
-        self._emit(
-            f"{time.strftime('%H:%M:%S')}  {what}  |  grasps {load.grasps_done}/{load.grasps_total}, "
-            f"simulated {load.simulated_done}/{load.simulated_total}  |  {self._time_left(load)}"
-        )
+        self._report(what, self._bars(load))
         self._next_s = now + max(self._interval_s, (time.thread_time() - before_s) / MOST_CPU)
 
-    def _time_left(self, load: Workload) -> str:
+    def _bars(self, load: Workload) -> list[Bar]:
         """Of bench and simulations, which work side by side; what people take to print is not in it."""
-        return describe_time_left(
-            self._grasps.seconds_left(load.grasps_total - load.grasps_done),
-            self._simulations.seconds_left(load.simulated_total - load.simulated_done),
-        )
+        grasps_s = self._grasps.seconds_left(load.grasps_total - load.grasps_done)
+        simulated_s = self._simulations.seconds_left(load.simulated_total - load.simulated_done)
+        return [
+            Bar("grasps", load.grasps_done, load.grasps_total, grasps_s),
+            Bar("simulated", load.simulated_done, load.simulated_total, simulated_s),
+        ]

@@ -5,13 +5,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from flows.campaign.process import keep_physics, open_campaign_bench
+from lake.leases import exclusive
 from lake.store import Lake
 from models.errors import FastError
 from tasks.campaign import prefect_tasks as steps
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import load_config, relative_to
 from tasks.campaign.prefect_tasks import unmapped
-from tasks.campaign.requests import exclusive, require_acknowledgement
+from tasks.campaign.requests import lease_name, require_acknowledgement
 from tasks.campaign.setup import enter, read_world
 from tasks.campaign.simulator_versions import at_present
 from tasks.scientist.observe import proposed_designs, unfinished_tools
@@ -83,7 +84,7 @@ def _held_campaign(config_path: Path, lake: str) -> Iterator[Campaign]:
     """A campaign of the lake that no other process runs meanwhile."""
     campaign = Campaign(Lake.open(lake), load_config(config_path))
     name = campaign.campaign_id
-    with exclusive(campaign.lake, f"campaign-{name}", f"campaign {name} is being run"):
+    with exclusive(campaign.lake, lease_name(name), f"campaign {name} is being run"):
         require_acknowledgement(campaign.lake, name, False)
         enter(campaign, config_path)
         yield at_present(campaign)

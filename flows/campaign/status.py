@@ -5,14 +5,15 @@ from typing import Any
 
 from flows.campaign.progress import count_work
 from hardware.safety.safe_state import Verb
-from lake.handoff.campaign import IMPORTED, is_imported
-from lake.handoff.import_folder import importing_campaign
+from lake.leases import holder_of
+from lake.order import LATEST_FIRST
 from lake.store import Lake
 from lake.tables.campaign import GraspRow, SimulationRow, SimulatorVersionRow
+from lake.tables.imported import IMPORTED, importing_campaign, is_imported
 from models.validation import load_record
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
-from tasks.campaign.requests import is_held, requested_verb
+from tasks.campaign.requests import lease_name, requested_verb
 from tasks.campaign.simulator_versions import at_present
 from tasks.campaign.state import rank_tools
 
@@ -22,7 +23,7 @@ _ENDED_BY = {
     Verb.ABORT: "failed (aborted)",
     Verb.ESTOP: "emergency stop, waits for a person",
 }
-_LAST_EVENT = "SELECT message FROM events WHERE campaign_id = ? ORDER BY created_at DESC, event_id DESC LIMIT 1"
+_LAST_EVENT = f"SELECT message FROM events WHERE campaign_id = ? ORDER BY {LATEST_FIRST}, event_id DESC LIMIT 1"
 
 
 def read_campaign(lake: Lake, campaign_id: str) -> Campaign:
@@ -94,8 +95,9 @@ def format_status(status: dict[str, Any]) -> str:
 
 
 def _state_word(lake: Lake, campaign_id: str, is_complete: bool) -> str:
-    if is_held(lake, f"campaign-{campaign_id}"):
-        return "running"
+    holder = holder_of(lake, lease_name(campaign_id))
+    if holder is not None:
+        return "running" if holder.is_here else f"running, as far as is known, on {holder.host}"
     if is_complete:
         return "complete"
     verb = requested_verb(lake, campaign_id)

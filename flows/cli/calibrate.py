@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
 
 if TYPE_CHECKING:
     from lake.tables.campaign import CalibrationRow
@@ -107,7 +107,7 @@ def calibrate(
     """
     from flows.calibration.calibrate import CalibrationOrder, run_calibration, write_page
     from flows.cli.campaign import open_lake, resolve_campaign
-    from flows.progress import ProgressReporter
+    from flows.cli.live import open_reporter
     from models.calibration.inference.settings import CalibrationSettings
     from models.validation import load_record
 
@@ -116,7 +116,8 @@ def calibrate(
     found = open_lake(lake)
     name = resolve_campaign(found, compared.campaign) if compared.campaign is not None else None
     order = CalibrationOrder(settings, name, compared.version, plan, compared.verify, compared.data, compared.lot)
-    outcome = run_calibration(found, order, ProgressReporter(tell, tell))
+    with open_reporter() as reporter:
+        outcome = run_calibration(found, order, reporter)
     page = str(write_page(found, outcome, out)) if out is not None else None
     show(_data(outcome) | {"report": page}, _text(outcome, page), json)
     if outcome.row.version_id is None:

@@ -1,12 +1,13 @@
 """`fast campaign`: start, continue, watch and stop campaigns."""
 
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, CampaignId, LakePath, show, table_text, tell
+from flows.cli.common import DEFAULT_LAKE, AsJson, CampaignId, LakePath, show, table_text
 from flows.cli.real import YesMove
 
 if TYPE_CHECKING:
@@ -42,22 +43,23 @@ def run(
     safe state at once. The same command continues later.
     """
     from flows.campaign.launch import run_campaign
+    from flows.cli.live import open_reporter
     from flows.cli.real import ask_leave
-    from flows.progress import ProgressReporter
 
     def confirm(bench_file: Path, settings: "BenchSettings") -> None:
         ask_leave(bench_file, settings, None, yes_move)
 
     leave = confirm if real else None
-    outcome = run_campaign(
-        config,
-        lake,
-        auto_print=auto_print,
-        confirm_real=leave,
-        reporter=ProgressReporter(tell, tell),
-        is_acknowledged=acknowledge,
-    )
-    _tell_outcome(outcome, json)
+    with open_reporter() as reporter:
+        outcome = run_campaign(
+            config,
+            lake,
+            auto_print=auto_print,
+            confirm_real=leave,
+            reporter=reporter,
+            is_acknowledged=acknowledge,
+        )
+    _tell_outcome(outcome, lake, json)
     if outcome.ended_by == "abort":
         sys.exit(1)
 
@@ -102,14 +104,16 @@ def abort(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: A
 
 
 def _request(verb: str, effect: str, campaign: str | None, lake: Path, as_json: bool) -> None:
+    from hardware.safety.safe_state import Verb
+    from lake.leases import is_held
     from models.errors import FastError
-    from tasks.campaign.requests import append_event, is_held
+    from tasks.campaign.requests import append_request, lease_name
 
     found = open_lake(lake)
     name = resolve_campaign(found, campaign)
-    if not is_held(found, f"campaign-{name}"):
+    if not is_held(found, lease_name(name)):
         raise FastError(f"campaign {name} is not running, so there is nothing to {verb}; nothing was changed.")
-    append_event(found, name, verb, f"{verb} asked for on the command line")
+    append_request(found, name, Verb(verb), f"{verb} asked for on the command line")
     text = f"asked campaign {name} to {verb}; {effect}."
     show({"campaign": name, "asked": verb}, text, as_json)
 
@@ -124,7 +128,7 @@ def open_lake(lake: Path) -> "Lake":
 def campaign_ids(lake: "Lake") -> list[str]:
     """All campaigns of the lake, oldest first."""
     # Times are left out of what is read: PyArrow would import pandas for them, half a second.
-    found = lake.query("SELECT campaign_id FROM campaigns ORDER BY created_at, campaign_id")
+    found = lake.query("SELECT campaign_id FROM campaigns ORDER BY sequence, created_at, campaign_id")
     return [str(name) for name in found["campaign_id"].to_pylist()]
 
 
@@ -145,7 +149,7 @@ def resolve_campaign(lake: "Lake", campaign: str | None) -> str:
     return known[0]
 
 
-def _tell_outcome(outcome: "CampaignOutcome", as_json: bool) -> None:
+def _tell_outcome(outcome: "CampaignOutcome", lake: Path, as_json: bool) -> None:
     data: dict[str, Any] = {
         "campaign": outcome.campaign_id,
         "complete": outcome.is_complete,
@@ -155,10 +159,10 @@ def _tell_outcome(outcome: "CampaignOutcome", as_json: bool) -> None:
         "recording": str(outcome.recording) if outcome.recording else None,
         "ended_by": outcome.ended_by,
     }
-    show(data, _outcome_text(data), as_json)
+    show(data, _outcome_text(data, lake), as_json)
 
 
-def _outcome_text(data: dict[str, Any]) -> str:
+def _outcome_text(data: dict[str, Any], lake: Path) -> str:
     lines = ["", table_text(data["tools"]), ""] if data["tools"] else []
     if not data["complete"]:
         ended = _ENDED.get(data["ended_by"], "interrupted")
@@ -167,4 +171,22 @@ def _outcome_text(data: dict[str, Any]) -> str:
     if best:
         lines.append(f"best tool  {best['tool_id']}  {best['tool_quality_n']:.2f} N mean peak pull-off force")
     lines += [f"report     {data['report']}", f"recording  {data['recording']}"]
-    return "\n".join(lines)
+    return "\n".join([*lines, "", *_next_lines(data, lake)])
+
+
+def _next_lines(data: dict[str, Any], lake: Path) -> list[str]:
+    """What to open and what to try next, as it can be clicked or typed."""
+    where = "" if os.environ.get("FAST_LAKE") == str(lake) or lake == DEFAULT_LAKE else f" --lake {lake}"
+    best = data["best_tool"]
+    tries = [("what it did, in motion", f"fast view {data['campaign']}{where}")]
+    if best:
+        tries += [("the best tool", f"fast view {best['tool_id']}{where}")]
+    tries += [
+        ("ask the data", f'fast sql "FROM tool_quality"{where}'),
+        ("where the simulator is wrong: what the search would cost", f"fast gap --dry-run{where}"),
+    ]
+    width = max(len(command) for _, command in tries)
+    report = f"Open the report: {Path(data['report']).resolve().as_uri()}"
+    return [report, "Then try (without a screen add --web to `fast view`):"] + [
+        f"    {command.ljust(width)}   {why}" for why, command in tries
+    ]

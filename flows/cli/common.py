@@ -30,9 +30,14 @@ def show(data: Any, text: str, as_json: bool) -> None:
     say(json.dumps(data, indent=2, default=str) if as_json else text)
 
 
-def table_text(rows: list[dict[str, Any]], columns: list[str] | None = None) -> str:
-    """Rows as an aligned plain-text table; numbers to the right, long values cut."""
+def table_text(rows: list[dict[str, Any]], columns: list[str] | None = None, width: int | None = None) -> str:
+    """Rows as an aligned plain-text table; numbers to the right, long values cut.
+
+    width: a wider table is cut into tables below each other, each with the first column.
+    """
     names = columns or list(rows[0] if rows else {})
+    if width is not None and rows:
+        return "\n\n".join(table_text(rows, part) for part in _fit_columns(rows, names, width))
     if not rows:
         return "  ".join(names) + "\n(no rows)" if names else "(no rows)"
     cells = [[_cell(row.get(name)) for name in names] for row in rows]
@@ -44,6 +49,20 @@ def table_text(rows: list[dict[str, Any]], columns: list[str] | None = None) -> 
         padded = [c.rjust(w) if n else c.ljust(w) for c, w, n in zip(row, widths, numeric, strict=True)]
         lines.append("  ".join(padded).rstrip())
     return "\n".join(lines)
+
+
+def _fit_columns(rows: list[dict[str, Any]], names: list[str], width: int) -> list[list[str]]:
+    """Columns of the tables that a wide one is cut into; the first one leads each."""
+    wide = {name: max(len(name), *(len(_cell(row.get(name))) for row in rows)) for name in names}
+    first, *others = names
+    parts, taken = [[first]], wide[first]
+    for name in others:
+        if taken + 2 + wide[name] > width and len(parts[-1]) > 1:
+            parts.append([first])
+            taken = wide[first]
+        parts[-1].append(name)
+        taken += 2 + wide[name]
+    return parts
 
 
 def _cell(value: Any) -> str:

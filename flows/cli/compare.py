@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from models.scientist.surrogate.observations import ObservationSet
 
 AT_LEAST_ONE = Number(gte=1)
+WIDTH = 100  # columns of text
 Rows = list[dict[str, Any]]
 _COLUMNS = ("strategy", "last_batch_n", "last_batch_sd_n", "best_n", "final_regret_n", "mean_regret_n",
             "reached_97_percent", "rounds_to_97_percent", "cpu_s")  # fmt: skip
@@ -131,9 +132,10 @@ def _show(
 ) -> None:
     from flows.scientist.strategies import REFERENCE
 
-    text = f"{table_text(summary, list(columns))}\n\nagainst `{REFERENCE}` on the same seeds (positive: better)\n\n"
+    table = table_text(summary, list(columns), WIDTH)
+    text = f"{table}\n\nagainst `{REFERENCE}` on the same seeds (positive: better)\n\n"
     tables = {"strategies": summary, "paired": paired, "campaigns": list(campaigns)}
-    show({name: rows for name, rows in tables.items() if rows}, text + table_text(paired), as_json)
+    show({name: rows for name, rows in tables.items() if rows}, text + table_text(paired, width=WIDTH), as_json)
 
 
 def _names(text: str | None) -> list[str]:

@@ -106,19 +106,22 @@ def tool_place(
 def _what(config: Path | None, weights_kg: tuple[float, ...]) -> "tuple[DiagnosticPlan, GraspSetup, int]":
     from hardware.cell.diagnostics import DiagnosticPlan
     from models.records import GraspSetup
+    from models.validation import load_record
     from tasks.campaign.config import load_config
 
     plan, setup, seed = DiagnosticPlan(), GraspSetup(), 0
     if config is not None:
         loaded = load_config(config)
         plan, setup, seed = loaded.diagnostics, loaded.grasp, loaded.seed
-    return plan.model_copy(update={"dead_weights_kg": weights_kg or plan.dead_weights_kg}), setup, seed
+    weighed = {"dead_weights_kg": weights_kg or plan.dead_weights_kg}
+    return load_record(DiagnosticPlan, plan.model_dump() | weighed, "fast gantry diagnose"), setup, seed
 
 
 def _time_left(
     tool: "MountedTool", slot: int, runs: "list[DiagnosticRun]", setup: "GraspSetup"
 ) -> Callable[[float], str]:
     """Called with the bench's time after each run: how long the rest takes, by the plan and by what was measured."""
+    from flows.progress import describe_duration
     from hardware.cell.cycle_time import plan_time, remaining_s
 
     modelled_s = plan_time(tool, slot, runs, setup).item_s
@@ -128,7 +131,7 @@ def _time_left(
         ends_s.append(now_s)
         # The first run ends after a pick, which is no part of it: it counts as the model says.
         measured_s = [*modelled_s[:1], *(b - a for a, b in zip(ends_s, ends_s[1:], strict=False))]
-        return f"{remaining_s(modelled_s, measured_s) / 60:.0f} min"
+        return describe_duration(remaining_s(modelled_s, measured_s))
 
     return left
 

@@ -140,8 +140,10 @@ def _grasp_row(made: "MeasuredGrasp") -> dict[str, Any]:
 
 
 def _grasp_line(row: dict[str, Any]) -> str:
+    from models.objects.catalogue import name_object
+
     line = (
-        f"object {row['object_id']} repeat {row['repeat']}: peak {row['peak_force_n']:.2f} N, "
+        f"{name_object(row['object_id'])}, repeat {row['repeat']}: peak {row['peak_force_n']:.2f} N, "
         f"work {1000 * row['work_j']:.1f} mJ, {row['n_samples']} samples"
     )
     return line if row["status"] == "ok" else f"{line}; failed: {row['reason']}"

@@ -3,15 +3,16 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import Parameter
+from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
 
 if TYPE_CHECKING:
     from flows.gap.search import GapOutcome
     from models.gap.findings import Findings
 
+app = App(name="gap", help="Find where simulation and measurement disagree, name what is missing, add it.")
 _AT_LEAST_ONE = Number(gte=1)
 _MOST_CANDIDATES = 6
 _COSTS = (
@@ -20,6 +21,7 @@ _COSTS = (
 )
 
 
+@app.default
 def gap(
     *,
     lake: LakePath = DEFAULT_LAKE,
@@ -55,12 +57,12 @@ def gap(
 
     Designs and objects are held out first. What the lake lacks of the bank of simulations around the measured tools is
     simulated, which may take hours: `--dry-run` says how long, `--tools` and `--objects` take fewer of the measured
-    ones. A killed command continues when it is given again. `--example` has its simulations with it: two minutes.
+    ones. A killed command continues when it is given again. `--example` has its simulations with it: under a minute.
     """
     from flows.cli.campaign import open_lake, resolve_campaign
+    from flows.cli.live import open_reporter
     from flows.gap.folder import write_folder
     from flows.gap.search import GapOrder, run_gap, tell_cost
-    from flows.progress import ProgressReporter
     from tasks.gap.panel import PanelSize
 
     if catalogue:
@@ -77,14 +79,96 @@ def gap(
         found = open_lake(lake)
     name = resolve_campaign(found, campaign) if campaign is not None else None
     order = GapOrder(name, seed, rounds, budget_minutes, PanelSize(tools, objects)).with_workers(workers)
-    reporter = ProgressReporter(tell, tell)
     if dry_run:
-        cost = tell_cost(found, order, reporter)
+        with open_reporter() as reporter:
+            cost = tell_cost(found, order, reporter)
         show({"cost": cost}, cost, json)
         return
-    outcome = run_gap(found, order, reporter)
+    with open_reporter() as reporter:
+        outcome = run_gap(found, order, reporter)
     page = write_folder(found, outcome, out)
     show(_data(outcome) | {"report": str(page)}, _text(outcome, page), json)
+
+
+@app.command(name="next")
+def next_(
+    *,
+    lake: LakePath = DEFAULT_LAKE,
+    search: Annotated[str | None, Parameter(help="Search that asks; default: all that do.")] = None,
+    out: Annotated[
+        Path | None, Parameter(help="Folder for the plan: grasps.csv, designs.csv and sheet.html to print.")
+    ] = None,
+    json: AsJson = False,
+) -> None:
+    """Write down the grasps that a search asks for, to be made on a bench without the gantry.
+
+    Add the samples to the folder and give it back with `fast lake import`; `fast gap` then goes on with the answer.
+    """
+    from flows.cli.campaign import open_lake
+    from flows.gap.bench_plan import plan_next, write_bench_plan
+
+    found = open_lake(lake)
+    plan = plan_next(found, search)
+    if not plan.requests:
+        show({"grasps": []}, "No grasp is asked for; `fast gap` asks where it cannot tell what is missing.", json)
+        return
+    rows = [
+        {
+            "tool": request.tool_id,
+            "on": request.object_id,
+            "repeat": request.repeat,
+            "lift mm/s": request.setup.lift_speed_mm_per_s,
+            "wait s": request.setup.dwell_s,
+            "gap mm": request.setup.closed_gap_mm,
+            "tips mm": request.setup.tip_below_mm,
+            "air psi": request.setup.supply_pressure_psi,
+            "object": ", ".join(f"{name} {value:g}" for name, value in request.placement if value),
+        }
+        for request in plan.requests
+    ]
+    lines = [f"{plan.sentence}.", "", table_text(rows)]
+    sheet = None
+    if out is not None:
+        sheet = write_bench_plan(found, plan, out)
+        lines += ["", f"sheet: {sheet}", f"then: fast lake import {out} --lake {lake}"]
+    asked = [request.model_dump(mode="json") for request in plan.requests]
+    show({"grasps": asked, "minutes": plan.minutes, "sheet": sheet}, "\n".join(lines), json)
+
+
+@app.command
+def answer(
+    kind: Annotated[str, Parameter(help="What was measured, as the question calls it: walls, dead_weight ...")],
+    value: Annotated[float, Parameter(help="The number.", allow_leading_hyphen=True)],
+    *,
+    operator: Annotated[str, Parameter(help="Who measured it.")],
+    campaign: Annotated[str | None, Parameter(help="Campaign that was searched; default: all of the lake.")] = None,
+    lake: LakePath = DEFAULT_LAKE,
+    json: AsJson = False,
+) -> None:
+    """Answer what a search asked a person, where no grasp of the bench tells; the next search takes it."""
+    from flows.campaign.forms import close_forms
+    from flows.campaign.operator_prompts import make_reading_form
+    from flows.cli.campaign import open_lake, resolve_campaign
+    from models.errors import UsageError
+    from models.gap.ask.answers import Reading
+    from models.validation import load_record
+    from tasks.gap.findings import find_newest_run
+    from tasks.gap.readings import write_reading
+
+    found = open_lake(lake)
+    campaign_id = resolve_campaign(found, campaign) if campaign is not None else None
+    run = find_newest_run(found, campaign_id)
+    asked = run.findings.next_experiment if run is not None else None
+    if run is None or asked is None or asked.person is None:
+        raise UsageError("the newest search asks nothing of a person; nothing was changed.")
+    if asked.person.kind != kind:
+        raise UsageError(f"search {run.gap_id} asks for `{asked.person.kind}`, not `{kind}`; nothing was changed.")
+    reading = load_record(Reading, {"kind": kind, "value": value}, "the answer")
+    write_reading(found, campaign_id, run.gap_id, reading, operator)
+    form = make_reading_form(found, campaign_id or "", run.gap_id, asked.person)
+    close_forms(found, form, f"said by {operator} on the command line")
+    data = {"search": run.gap_id, "kind": kind, "value": value}
+    show(data, f"{kind} {value:g} is kept; `fast gap` goes on with it.", json)
 
 
 def _data(outcome: "GapOutcome") -> dict[str, Any]:
@@ -116,6 +200,7 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
         ]
         lines += ["", table_text(rows), ""]
     lines.append(f"held out: {_held_out(findings)}")
+    lines += [f"asked: {one.outcome}" for one in findings.asked]
     if findings.next_experiment is not None:
         lines.append(f"next experiment: {findings.next_experiment.sentence}")
     lines += [f"power: {findings.power}"] if findings.power else []

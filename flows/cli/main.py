@@ -1,6 +1,8 @@
 """Entry point of `fast`: the table of commands, and one sentence for every expected error."""
 
 import atexit
+import errno
+import gc
 import os
 import sys
 
@@ -38,7 +40,7 @@ for _name, _target, _help in (
         "flows.cli.features:features",
         "Features of the measured traces; quality, work and stability by object class and batch.",
     ),
-    ("gap", "flows.cli.gap:gap", "Find where simulation and measurement disagree, name what is missing, add it."),
+    ("gap", "flows.cli.gap:app", "Find where simulation and measurement disagree, name what is missing, add it."),
     ("report", "flows.cli.results:report", "Write a campaign's report: figures, tables, data."),
     ("view", "flows.cli.results:view", "Look at a grasp, design or campaign in Rerun."),
     (
@@ -66,6 +68,8 @@ def run_and_leave(command_line: App) -> None:
     # Several processes work side by side: one thread each, set before numpy is imported.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
+    os.environ.setdefault("DO_NOT_TRACK", "1")  # what libraries would report of their use stays here
+    gc.set_threshold(50_000)  # imports make many objects and drop few: the default looks through them 300 times
     status = run(None, command_line)
     if "duckdb" in sys.modules:
         leave(status)
@@ -77,6 +81,9 @@ def run(words: list[str] | None, command_line: App = app) -> int:
 
     An error that nobody expected (a bug) goes through, with its traceback.
     """
+    words = sys.argv[1:] if words is None else list(words)
+    if unusable := next(filter(_is_unusable, words), None):
+        return _fail(f"the argument {ascii(unusable)} is no text that UTF-8 can say; write it again.", 2)
     try:
         command_line(words, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:
@@ -88,6 +95,10 @@ def run(words: list[str] | None, command_line: App = app) -> int:
     except BrokenPipeError:
         _drop_output()
         return 1
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        return _fail(f"a file name is too long ({str(error.filename)[:40]}...); give a shorter one.", 2)
     except SystemExit as asked:
         return asked.code if isinstance(asked.code, int) else 1
     except Exception as error:
@@ -97,6 +108,15 @@ def run(words: list[str] | None, command_line: App = app) -> int:
             raise
         return _fail(str(error), error.exit_status)
     return 0
+
+
+def _is_unusable(word: str) -> bool:
+    """Whether an argument holds what no file name, SQL or name may have; nearly all are printable, which is quick."""
+    if word.isprintable():
+        return False
+    from models.validation import is_text
+
+    return not is_text(word)
 
 
 def _usage_sentence(error: CycloptsError, program: str) -> str:

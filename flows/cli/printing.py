@@ -75,6 +75,7 @@ def confirm(
 ) -> None:
     """Say that a batch is printed and mounted; the campaign goes on."""
     from flows.campaign.forms import close_forms
+    from flows.campaign.operator_prompts import make_print_form
     from lake.store import Lake
     from models.validation import load_record
     from tasks.bench.print import PrintConfirmation, confirm_print
@@ -94,7 +95,7 @@ def confirm(
         "print confirmation",
     )
     done = confirm_print(found, campaign_id, number, word)
-    close_forms(found, campaign_id, number, f"said by {operator} on the command line")
+    close_forms(found, make_print_form(found, campaign_id, number), f"said by {operator} on the command line")
     name = f"{campaign_id}/B{number:02d}"
     data = {"batch": name, "n_mounted": done.n_mounted, "n_rejected": done.n_rejected, "operator": operator}
     data |= {"again": list(done.again), "sheet": str(done.sheet) if done.sheet else None}
@@ -118,6 +119,46 @@ def parse_batch(lake: Any, text: str) -> tuple[str, int]:
     if match is None:
         raise UsageError(f"`{text}` is not a batch; write it like quick/B01 or B01.")
     return resolve_campaign(lake, match["campaign"]), int(match["batch"])
+
+
+@app.command
+def mounted(
+    campaign: Annotated[str, Parameter(help="Campaign whose search asks for grasps of kept tools.")],
+    *,
+    operator: Annotated[str, Parameter(help="Who mounted them.")],
+    lake: LakePath = DEFAULT_LAKE,
+    gone: Annotated[
+        list[str] | None,
+        Parameter(negative="", help="A tool that is no longer there, e.g. B01T3; may be given several times."),
+    ] = None,
+    json: AsJson = False,
+) -> None:
+    """Say that kept tools are mounted again for the grasps that a gap search asks for; nothing is printed."""
+    from flows.campaign.forms import close_forms
+    from flows.campaign.operator_prompts import make_mount_form
+    from flows.campaign.status import read_campaign
+    from flows.cli.campaign import open_lake, resolve_campaign
+    from models.errors import UsageError
+    from models.validation import load_record
+    from tasks.bench.mount import Mounting, confirm_mounting, plan_rack
+    from tasks.gap.findings import find_newest_run
+
+    found = open_lake(lake)
+    campaign_id = resolve_campaign(found, campaign)
+    run = find_newest_run(found, campaign_id)
+    slots = plan_rack(found, read_campaign(found, campaign_id).state(), run.gap_id) if run is not None else {}
+    if run is None or not slots:
+        raise UsageError(f"no search of campaign {campaign_id} waits for kept tools; nothing was changed.")
+    lost = {name if "/" in name else f"{campaign_id}/{name}" for name in gone or []}
+    if unknown := sorted(lost - set(slots)):
+        raise UsageError(f"{unknown[0]} is not one of the tools that are asked for ({', '.join(slots)}); correct it.")
+    kept = {tool_id: slot for tool_id, slot in slots.items() if tool_id not in lost}
+    said = {"search_id": run.gap_id, "slots": kept, "gone": tuple(sorted(lost)), "operator": operator.strip()}
+    confirm_mounting(found, campaign_id, load_record(Mounting, said, "kept tools"))
+    close_forms(found, make_mount_form(found, campaign_id, run.gap_id), f"said by {operator} on the command line")
+    data = {"search": run.gap_id, "mounted": kept, "gone": sorted(lost)}
+    next_step = "the campaign makes their grasps" if kept else "the campaign goes on without these grasps"
+    show(data, f"{len(kept)} kept tools mounted, {len(lost)} gone; {next_step}.", json)
 
 
 def _by_slot(option: str, entries: list[tuple[int, V]]) -> dict[int, V]:

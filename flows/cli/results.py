@@ -1,10 +1,8 @@
 """`fast report` and `fast view`: what a campaign found, as pages and recordings."""
 
-import shutil
-import subprocess
-import sys
+import webbrowser
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,10 +11,8 @@ from cyclopts import Parameter
 from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, tell
 
 if TYPE_CHECKING:
+    from flows.viewer.window import Viewer
     from lake.store import Lake
-
-LIVE_PORT = 9876  # Rerun's own default
-_WEB = ("--web-viewer", "--bind", "127.0.0.1")  # Rerun prints the address, and opens a browser where there is one
 
 
 def report(
@@ -51,7 +47,7 @@ def report(
 
 
 def view(
-    what: Annotated[str, Parameter(help="Grasp id (K...), design id (D...) or campaign.")],
+    what: Annotated[str, Parameter(help="Grasp id (K...), design id (D...), tool (quick/B03T2) or campaign.")],
     *,
     lake: LakePath = DEFAULT_LAKE,
     save: Annotated[Path | None, Parameter(help="Write the recording (.rrd) to this file and open no viewer.")] = None,
@@ -61,47 +57,64 @@ def view(
     ] = False,
     json: AsJson = False,
 ) -> None:
-    """Show a grasp, the fingers of a design, or a whole campaign in the Rerun viewer."""
+    """Show a grasp, the fingers of a design or a tool, or a whole campaign in the Rerun viewer."""
     from flows.cli.campaign import open_lake
+    from flows.viewer.window import check_viewer, open_viewer
 
     found = open_lake(lake)
     folder, write = _choose_recording(found, what)
     path = save or found.root / "outputs" / folder / f"{what.replace('/', '-')}.rrd"
-    viewer = None if save else [_find_viewer(), *(_WEB if web else ())]
-    if live:
-        shown = _follow(found, what, path, viewer)
-        show({"shown": what, "recording": str(path), "grasps": shown}, f"{shown} grasps written to {path}", json)
+    if save is None:
+        check_viewer(web)
+    with ExitStack() as stack:
+        viewer = stack.enter_context(open_viewer(None, web)) if live and save is None else None
+        if live:
+            shown = _follow(found, what, path, viewer)
+            show({"shown": what, "recording": str(path), "grasps": shown}, f"{shown} grasps written to {path}", json)
+        else:
+            write(path)
+            show({"shown": what, "recording": str(path)}, str(path), json)
+            viewer = stack.enter_context(open_viewer(path, web)) if save is None else None
+            _tell_address(viewer)
+        if viewer is not None:
+            with suppress(KeyboardInterrupt):
+                viewer.wait()
+
+
+def _tell_address(viewer: "Viewer | None") -> None:
+    """Where the page is, on a line of its own, so that it can be clicked or copied; a browser is opened if one can."""
+    if viewer is None or viewer.page_address is None:
         return
-    write(path)
-    show({"shown": what, "recording": str(path)}, str(path), json)
-    if viewer:
-        with suppress(KeyboardInterrupt):
-            subprocess.run([*viewer, str(path)], check=False)
+    from flows.viewer.window import has_screen
+
+    tell("Open this address in a browser on this machine; Ctrl-C ends it:")
+    tell(viewer.page_address)
+    if has_screen():
+        webbrowser.open(viewer.page_address)
 
 
-def _follow(lake: "Lake", campaign_id: str, path: Path, viewer: list[str] | None) -> int:
-    """Send a campaign to a file, and to a viewer, as it grows, until both end; returns the number of grasps.
+def _follow(lake: "Lake", campaign_id: str, path: Path, viewer: "Viewer | None") -> int:
+    """Send a campaign to a file, and to a viewer, as it grows, until it ends; returns the number of grasps.
 
     Raises:
         UsageError: it is no campaign.
     """
     from flows.cli.campaign import resolve_campaign
     from flows.viewer.campaign import follow
-    from tasks.campaign.requests import is_held
+    from lake.leases import is_held
+    from tasks.campaign.requests import lease_name
 
     name = resolve_campaign(lake, campaign_id)
-    child = subprocess.Popen([*viewer, "--port", str(LIVE_PORT)]) if viewer else None
-    address = f"rerun+http://127.0.0.1:{LIVE_PORT}/proxy" if viewer else None
-    shown = follow(lake, name, path, lambda: is_held(lake, f"campaign-{name}"), address=address, tell=tell)
-    if child is not None:
+    _tell_address(viewer)
+    address = viewer.data_address if viewer else None
+    shown = follow(lake, name, path, lambda: is_held(lake, lease_name(name)), address=address, tell=tell)
+    if viewer is not None:
         tell("all of it is shown; close the viewer, or Ctrl-C, to end")
-        with suppress(KeyboardInterrupt):
-            child.wait()
     return shown
 
 
 def _choose_recording(lake: "Lake", what: str) -> tuple[str, Callable[[Path], Path]]:
-    """The folder of outputs, and what writes the recording of a grasp, design or campaign.
+    """The folder of outputs, and what writes the recording of a grasp, design, tool or campaign.
 
     Raises:
         UsageError: the lake has nothing of this name.
@@ -110,7 +123,7 @@ def _choose_recording(lake: "Lake", what: str) -> tuple[str, Callable[[Path], Pa
     from flows.viewer.campaign import write_recording
     from flows.viewer.design import write_design_recording
     from flows.viewer.grasp import write_grasp_recording
-    from lake.tables.campaign import DesignRow, GraspRow
+    from lake.tables.campaign import DesignRow, GraspRow, ToolRow
     from models.errors import UsageError
 
     if lake.has(GraspRow, what):
@@ -118,27 +131,12 @@ def _choose_recording(lake: "Lake", what: str) -> tuple[str, Callable[[Path], Pa
         return campaign_id or ".", lambda path: write_grasp_recording(lake, what, path)
     if lake.has(DesignRow, what):
         return ".", lambda path: write_design_recording(lake, what, path)
+    if tools := lake.records(ToolRow, tool_id=what):
+        return tools[-1].campaign_id, lambda path: write_design_recording(lake, tools[-1].design_id, path)
     if what in campaign_ids(lake):
         return what, lambda path: write_recording(lake, what, path)
     raise UsageError(
-        f"`{what}` is no grasp, design or campaign of this lake; list them with "
-        '`fast sql "SELECT grasp_id, tool_id, object_id FROM grasps"`, `fast sql "FROM designs"` or '
-        "`fast campaign list`."
+        f"`{what}` is no grasp, design, tool or campaign of this lake; list them with "
+        '`fast sql "SELECT grasp_id, tool_id, object_id FROM grasps"`, `fast sql "FROM designs"`, '
+        '`fast sql "FROM tools"` or `fast campaign list`.'
     )
-
-
-def _find_viewer() -> str:
-    """The Rerun viewer beside this Python, or on the path.
-
-    Raises:
-        MissingDependencyError: there is none.
-    """
-    from models.errors import MissingDependencyError
-
-    beside = str(Path(sys.executable).parent)
-    viewer = shutil.which("rerun", path=beside) or shutil.which("rerun")
-    if viewer is None:
-        raise MissingDependencyError(
-            "the viewer `rerun` is not installed; run `make setup`, or write the recording to a file with --save."
-        )
-    return viewer

@@ -2,6 +2,7 @@
 
 import json as json_module
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,28 +14,33 @@ from flows.cli.simulate_output import make_folder, write_outputs
 if TYPE_CHECKING:
     from models.records import Branches, Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion
 
+    Grasp = tuple[Design, int, SimulatorVersion, GraspSetup, Placement]
+
 BEST = Path("best")
 
 NUMBERED = re.compile(r"random-(\d{1,6})")
 
 
-def simulate(
-    *,
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Asked:
+    """Which grasp: a design on an object by a simulator version, or one of the lake."""
+
     design: Annotated[
         Path | None,
         Parameter(
             help="JSON file with the nine parameters, or random-N: design N of the benchmarks; "
             "`best`, as without it: the best published design."
         ),
-    ] = None,
-    object: Annotated[int | None, Parameter(help="Object id, 0 to 35.")] = None,
+    ] = None
+    object: Annotated[int | None, Parameter(help="Object id, 0 to 35.")] = None
     version: Annotated[
         str | None, Parameter(help="Simulator version (V...) of the lake; default: the program's own values.")
-    ] = None,
-    tier: Annotated[str | None, Parameter(help="production or reference, each with its own mesh.")] = None,
+    ] = None
+    tier: Annotated[str | None, Parameter(help="production or reference, each with its own mesh.")] = None
     simulation: Annotated[
         str | None, Parameter(help="Simulation (S...) of the lake: repeat it, in place of all the options above.")
-    ] = None,
+    ] = None
     set: Annotated[
         list[str] | None,
         Parameter(
@@ -42,7 +48,30 @@ def simulate(
             help="One value of theta, grasp, mesh or placement, e.g. friction=0.5 or yaw_deg=5; may be given several "
             "times.",
         ),
-    ] = None,
+    ] = None
+
+    def read(self, lake: Path) -> "Grasp":
+        """Design, object id, simulator version, setup and placement.
+
+        Raises:
+            UsageError: no object, options that exclude each other, or an id that the lake does not have.
+            ConfigError: a design file or a setting that cannot be used.
+        """
+        from models.errors import UsageError
+        from models.records import Placement
+
+        if self.simulation is not None:
+            refuse_beside("simulation", {name: value for name, value in vars(self).items() if name != "simulation"})
+            return *read_simulation(lake, self.simulation), Placement()
+        if self.object is None:
+            raise UsageError("`fast simulate` needs --object: Object id, 0 to 35. See `fast simulate --help`.")
+        base = _base_version(lake, self.version, self.tier)
+        return read_design(self.design), self.object, *apply_settings(self.set or [], base)
+
+
+def simulate(
+    *,
+    asked: Asked = Asked(),
     branches: Annotated[
         bool, Parameter(negative="", help="Also search for a second branch, which chance of placement may decide.")
     ] = False,
@@ -61,33 +90,24 @@ def simulate(
     from models.simulation.grasp import simulate_grasp
     from models.simulation.output.recording import GraspRecording
 
-    if simulation is not None:
-        others = {"design": design, "object": object, "version": version, "tier": tier, "set": set}
-        refuse_beside("simulation", others)
-        chosen, object, simulator, setup = read_simulation(lake, simulation)
-        placement = Placement()
-    else:
-        if object is None:
-            raise UsageError("`fast simulate` needs --object: Object id, 0 to 35. See `fast simulate --help`.")
-        chosen = read_design(design)
-        simulator, setup, placement = apply_settings(set or [], _base_version(lake, version, tier))
+    design, object_id, simulator, setup, placement = asked.read(lake)
     if branches and placement != Placement():
         raise UsageError("--branches searches around the nominal place of the object; leave out its placement.")
-    met = get_object(object)
+    met = get_object(object_id)
     if out is not None:
         make_folder(out)
     recording = GraspRecording()
     recorder = None if out is None else recording.add
-    result = simulate_grasp(chosen, met, simulator, setup, placement=placement, recorder=recorder)
-    found = find_branches(chosen, met, simulator, setup, result) if branches else None
-    ids = {"design_id": chosen.design_id, "object_id": object, "version_id": simulator.version_id}
+    result = simulate_grasp(design, met, simulator, setup, placement=placement, recorder=recorder)
+    found = find_branches(design, met, simulator, setup, result) if branches else None
+    ids = {"design_id": design.design_id, "object_id": object_id, "version_id": simulator.version_id}
     data = {**ids, "placement": placement.model_dump(), **_numbers_of(result), **_branches_of(found)}
     show(data, describe_grasp(data), json)
-    files = [] if out is None else write_outputs(out, chosen, met, placement, data, result, recording, found)
+    files = [] if out is None else write_outputs(out, design, met, placement, data, result, recording, found)
     if export_calculix is not None:
         from flows.simulation.calculix import write_calculix
 
-        files += write_calculix(export_calculix, chosen, met, simulator, setup, placement)
+        files += write_calculix(export_calculix, design, met, simulator, setup, placement)
     if files and not json:
         say("wrote " + ", ".join(map(str, files)))
 
@@ -123,19 +143,19 @@ def read_design(path: Path | None) -> "Design":
     from models.design.space import BEST_PUBLISHED, numbered_design
     from models.errors import ConfigError
     from models.records import Design
-    from models.validation import load_record
+    from models.validation import load_record, parse_json
 
     if path is None or path == BEST:
         return BEST_PUBLISHED
     if numbered := NUMBERED.fullmatch(str(path)):
         return numbered_design(int(numbered[1]))
     try:
-        data = json_module.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"design file `{path}` cannot be read: {error.strerror}; give an existing file.") from error
-    except ValueError as error:  # broken JSON, or bytes that are no text
+    except UnicodeDecodeError as error:
         raise ConfigError(f"design file `{path}` is not JSON: {error}; correct it.") from error
-    return load_record(Design, data, str(path))
+    return load_record(Design, parse_json(text, f"design file `{path}`"), str(path))
 
 
 def read_simulation(lake: Path, simulation_id: str) -> "tuple[Design, int, SimulatorVersion, GraspSetup]":

@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import sys
 import textwrap
 from itertools import groupby
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
 from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text, tell
 
@@ -40,9 +42,14 @@ def sql(
     out: Annotated[
         Path | None, Parameter(help="File to write, or to replace, instead of the screen; needed for parquet.")
     ] = None,
+    limit_s: Annotated[float, Parameter(help="Seconds that the query may take.", validator=Number(gt=0))] = 120.0,
+    limit_mb: Annotated[
+        float, Parameter(help="Memory that the whole command may hold, in MB.", validator=Number(gt=0))
+    ] = 4000.0,
     json: AsJson = False,
 ) -> None:
     """Run one SELECT over the lake's tables, views and macros; without a query, list them."""
+    from lake.query.limits import Limits
     from lake.query.sql import run_sql
     from lake.store import Lake
     from models.errors import UsageError
@@ -57,7 +64,8 @@ def sql(
     chosen: Format = "json" if json else format or _format_of(out)
     if chosen == "parquet" and out is None:
         raise UsageError("--format parquet is binary and needs a file; add --out FILE.parquet.")
-    table = run_sql(Lake.open(lake), sys.stdin.read() if query == _STDIN else query)
+    limits = Limits(limit_s, limit_mb)
+    table = run_sql(Lake.open(lake), sys.stdin.read() if query == _STDIN else query, limits, _end_at_once)
     content = _formatted(table, chosen)
     if out is None:
         say(content.decode().rstrip("\n"))
@@ -67,6 +75,12 @@ def sql(
     except OSError as error:
         raise UsageError(f"--out `{out}` cannot be written: {error.strerror}; give another file.") from error
     tell(f"{table.num_rows} rows written to {out}")
+
+
+def _end_at_once(sentence: str) -> None:
+    """End the command from beside a query that hears nothing; there is nothing to tidy up."""
+    tell(f"fast: {sentence}")
+    os._exit(1)
 
 
 def _format_of(out: Path | None) -> Format:
@@ -83,7 +97,7 @@ def _list_names(as_json: bool) -> None:
         "\n".join([f"{kind}s", *(_entry_text(entry) for entry in group)])
         for kind, group in groupby(entries, key=lambda entry: entry.kind)
     ]
-    groups.append("Every table also has code_version, code_dirty, config_hash, seed, parents, created_at.")
+    groups.append("Every table also has code_version, code_dirty, config_hash, seed, parents, created_at, sequence.")
     show([entry.model_dump() for entry in entries], "\n\n".join(groups), as_json)
 
 

@@ -16,6 +16,13 @@ if TYPE_CHECKING:
 RECORDING = "held_out.rrd"
 
 
+def find_page(lake: Lake, outcome: GapOutcome) -> Path:
+    """Where the page of a search is in the lake's outputs."""
+    from flows.report.gap.page import PAGE
+
+    return lake.root / "outputs" / outcome.run.gap_id / PAGE
+
+
 def write_folder(lake: Lake, outcome: GapOutcome, out: Path | None = None) -> Path:
     """Write the page of a search, by default in the lake's outputs; returns its path.
 
@@ -57,7 +64,7 @@ def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":
         theta=_theta_rows(rounds[0].before, rounds[-1].after, _is_real(lake, outcome.run.campaign_id)),
         separability=first.separability,
         assumed=_assumed(outcome),
-        unsure=find_unsure_cells(surrogate.bank, surrogate.grasps.tools, surrogate.grasps.objects),
+        unsure=find_unsure_cells(surrogate.bank, surrogate.grasps.tools),
         visible=find_visible_sizes(last.fit, first.ranking),
     )
 

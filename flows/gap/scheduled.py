@@ -1,17 +1,18 @@
 """Gap discovery without a person: search again when measurements are new, and tell people what was found."""
 
 import tomllib
+from collections.abc import Callable
 
 from prefect.artifacts import create_markdown_artifact
 
 from flows.campaign.events import announce_gap
 from flows.campaign.notify import KINDS, SILENT, Notifier, notifier
-from flows.gap.folder import write_folder
+from flows.gap.folder import find_page, write_folder
 from flows.gap.search import GapOrder, GapOutcome, run_gap
 from flows.progress import ProgressReporter
-from lake.handoff.campaign import is_imported
 from lake.store import Lake
 from lake.tables.campaign import CampaignRow, GraspRow
+from lake.tables.imported import is_imported
 from models.validation import load_record
 from tasks.calibration.mean_data import TooLittleDataError
 from tasks.campaign.config import CampaignConfig
@@ -36,18 +37,32 @@ def watch_gap(lake: Lake, order: GapOrder, flow_run_id: str, reporter: ProgressR
 
 def _search(lake: Lake, order: GapOrder, reporter: ProgressReporter) -> str:
     try:
-        outcome = run_gap(lake, order, reporter)
+        outcome = search_and_tell(lake, order, reporter)
     except TooLittleDataError as error:
         return f"nothing to search: {error}"
+    page = f"; page {find_page(lake, outcome)}" if outcome.is_new else ""
+    return f"{outcome.sentence}{page}"
+
+
+def search_and_tell(
+    lake: Lake, order: GapOrder, reporter: ProgressReporter, should_stop: Callable[[], bool] = lambda: False
+) -> GapOutcome:
+    """Search a lake; a new answer gets its page, an artifact and an event, and people are told of a gap.
+
+    Raises:
+        TooLittleDataError: there is nothing to search.
+        FastError: the search could not be done; what it simulated is in the lake.
+    """
+    outcome = run_gap(lake, order, reporter, should_stop)
     if not outcome.is_new:
-        return outcome.sentence
+        return outcome
     page = write_folder(lake, outcome)
     create_markdown_artifact(markdown(outcome, str(page)), key="gap", description="what the simulator misses")
     announce_gap(lake, outcome.run.gap_id, outcome.sentence, outcome.run.findings.alarm)
     if outcome.run.findings.alarm:
         title = f"FAST found a gap: {order.campaign_id or lake.address}"
         _notifier(lake, order.campaign_id).send("gap", title, markdown(outcome, str(page)))
-    return f"{outcome.sentence}; page {page}"
+    return outcome
 
 
 def _notifier(lake: Lake, campaign_id: str | None) -> Notifier:
@@ -75,6 +90,10 @@ def markdown(outcome: GapOutcome, page: str) -> str:
         lines.append(f"- round {number}, {found.named.kind}: {found.named.sentence}")
         lines += [f"  - {found.refused}"] if found.refused else []
         lines += [f"  - {where.sentence}" for where in found.where[:3]]
+    lines += [
+        f"- asked: {one.promised} grasps were promised to tell, {one.spent} were made: {one.outcome}"
+        for one in findings.asked
+    ]
     if findings.next_experiment is not None:
         lines.append(f"- next experiment: {findings.next_experiment.sentence}")
     lines += [f"- warning: {sentence}" for sentence in findings.warnings]

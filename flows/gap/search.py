@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from flows.progress import ProgressReporter, describe_duration
 from flows.simulation.progress import n_missing, simulate_missing
+from lake.leases import exclusive
 from lake.provenance import current_provenance
 from lake.store import Lake
 from lake.tables.catalogue_rows import missing_version_rows
@@ -20,16 +21,25 @@ from models.calibration.inference.settings import CalibrationSettings
 from models.errors import FastError
 from models.gap.data import GapData
 from models.gap.evaluation.power import write_power_sentence
-from models.gap.findings import Findings
+from models.gap.findings import Findings, NextExperiment
 from models.ids import content_id
 from models.records import EffectValue, SimulatorVersion
+from tasks.bench.asked import read_requests, write_requests
 from tasks.calibration.mean_data import find_base_version
-from tasks.campaign.requests import exclusive
 from tasks.campaign.simulator_versions import newest_calibrated
+from tasks.gap.ask_settings import AskSettings
 from tasks.gap.bank import HELD_OUT, LOCAL_BANK, WIDE_BANK, list_plan_ids, plan_bank, read_bank
 from tasks.gap.cost import GraspCosts, choose_largest_bank, estimate_cost, plan_probe
 from tasks.gap.data import MeasuredGrasps, check_units, make_data, read_grasps, split_measurements
-from tasks.gap.findings import GapRun, find_run, find_starting_effects, make_gap_id, write_run, write_start
+from tasks.gap.findings import (
+    GapRun,
+    find_answered_run,
+    find_run,
+    find_starting_effects,
+    make_gap_id,
+    write_run,
+    write_start,
+)
 from tasks.gap.panel import WHOLE, PanelSize
 from tasks.gap.split import Split
 from tasks.simulation.plan import SimulationPlan
@@ -46,7 +56,7 @@ MOST_ROUNDS = 4
 class GapOrder:
     """What is asked for. `campaign_id` None: all measurements of the lake. `budget_minutes`: of simulating.
 
-    `panel`: of how many designs and objects.
+    `panel`: of how many designs and objects. `asking`: what the bench may be asked for, which changes no answer.
     """
 
     campaign_id: str | None = None
@@ -54,6 +64,7 @@ class GapOrder:
     rounds: int = MOST_ROUNDS
     budget_minutes: float | None = None
     panel: PanelSize = WHOLE
+    asking: AskSettings = AskSettings()
     settings: CalibrationSettings = field(
         default_factory=lambda: CalibrationSettings(chains=4, draws=1000, tune=1000, target_accept=0.95)
     )
@@ -139,8 +150,7 @@ class _Search:
 
     @property
     def plans(self) -> tuple[SimulationPlan, ...]:
-        grasps = self.measured.grasps
-        return plan_bank(self.base, grasps.designs, grasps.objects, grasps.setup)
+        return plan_bank(self.base, self.measured.grasps.cells)
 
     @property
     def summary(self) -> str:
@@ -163,8 +173,8 @@ def _prepare(lake: Lake, order: GapOrder) -> _Search:
 
 def _write_cost(lake: Lake, search: _Search, reporter: ProgressReporter) -> str:
     """How many grasps the search simulates, and how long they take on its workers; not counted are held-out ones."""
-    grasps, n_workers = search.measured.grasps, search.order.settings.workers
-    around = plan_bank(search.base, grasps.designs, grasps.objects, grasps.setup, choose_largest_bank())
+    n_workers = search.order.settings.workers
+    around = plan_bank(search.base, search.measured.grasps.cells, choose_largest_bank())
     probe = plan_probe(lake, search.plans, GraspCosts.read(lake))
     if n_missing(lake, probe):
         simulate_missing(lake, probe, n_workers, reporter)
@@ -226,11 +236,12 @@ class _Simulator:
 
 def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: ProgressReporter) -> GapOutcome:
     """Round after round, then what it changed; writes the answer."""
+    from tasks.gap.ask import list_requests
     from tasks.gap.calibrate import SearchInputs
     from tasks.gap.rounds import evaluate_rounds, plan_held_out
 
     order, grasps, began = search.order, search.measured.grasps, time.monotonic() - simulator.spent_s
-    bank = read_bank(lake, search.base, grasps.designs, grasps.objects, grasps.setup)
+    bank = read_bank(lake, search.base, grasps.cells)
     data = make_data(search.measured, bank, search.split)
     warnings = [*search.measured.warnings, *check_units(data), *_failed(data)]
     effects = _effects_so_far(lake, search)
@@ -242,9 +253,11 @@ def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: Pr
         campaign_id=order.campaign_id,
         settings=order.settings,
         simulate=simulator.simulate,
+        answers=search.measured.answers,
         progress=reporter.progress,
     )
     rounds = _repeat_rounds(wide, effects, order.rounds, reporter)
+    asked = _ask(rounds, order.asking, reporter)
     if not rounds[-1].is_last:
         warnings.append(f"{len(rounds)} rounds were made and the last one still found something; make more rounds.")
     before, after = rounds[0].before, rounds[-1].after
@@ -257,7 +270,8 @@ def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: Pr
         rounds=tuple(one.findings for one in rounds),
         gap=evaluation.gap,
         aliases=rounds[0].confounds,
-        next_experiment=next((one.next_experiment for one in rounds if one.next_experiment), None),
+        next_experiment=asked,
+        asked=tuple(one.asked for one in rounds if one.asked is not None),
         seed=order.seed,
         budget=_spent(simulator, time.monotonic() - began - simulator.spent_s),
         warnings=tuple(dict.fromkeys(warnings)),
@@ -277,6 +291,8 @@ def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: Pr
     )
     parents = list(dict.fromkeys([before.calibration_id, *run.calibration_ids]))
     provenance = current_provenance(content_id("H", search.gap_id), order.seed, parents)
+    if asked is not None and not read_requests(lake, search.gap_id):
+        write_requests(lake, search.gap_id, list_requests(asked), order.campaign_id, provenance)
     write_run(lake, run, write_answer(findings), provenance)
     return GapOutcome(run, True, tuple(rounds), evaluation)
 
@@ -304,14 +320,32 @@ def _repeat_rounds(
     return rounds
 
 
+def _ask(rounds: "Sequence[Round]", asking: AskSettings, reporter: ProgressReporter) -> NextExperiment | None:
+    """What the first round that leaves anything open asks for."""
+    from tasks.gap.ask import ask
+
+    for one in rounds:
+        found = ask(one.search, one.naming, asking)
+        if found is not None:
+            reporter.announce(f"to be asked: {found.sentence}")
+            return found
+    return None
+
+
 def _effects_so_far(lake: Lake, search: _Search) -> tuple[EffectValue, ...]:
     """Effects of the simulator now, which are tested again: what earlier searches added, else what it began with.
 
-    Written down when the search begins: one that is killed after it added an effect begins again without.
+    Written down when the search begins: one that is killed after it added an effect begins again without. A search that
+    goes on with what an earlier one asked for begins as that did: what stood for a set is no more sure than the set.
     """
     known = find_starting_effects(lake, search.gap_id)
     if known is not None:
         return known
+    asking = find_answered_run(lake, search.order.campaign_id)
+    before = find_starting_effects(lake, asking.gap_id) if asking is not None else None
+    if before is not None:
+        write_start(lake, search.gap_id, search.order.campaign_id, before, search.order.seed)
+        return before
     found = newest_calibrated(lake, search.base.version_id, search.order.campaign_id or "")
     effects = found[0].effects if found is not None else search.version.effects
     write_start(lake, search.gap_id, search.order.campaign_id, effects, search.order.seed)

@@ -1,6 +1,7 @@
 """The folder a report is written to: figures, data and the page."""
 
 import logging
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,7 +15,8 @@ from flows.report.campaign.queries import Result
 from flows.report.html import Markup, Page, document, picture, sources
 from flows.report.style import figure_style, save_svg
 from lake.query.sql import csv_bytes
-from models.errors import UsageError
+from lake.storage.files import discard
+from models.errors import FastError, UsageError
 
 _LOG = logging.getLogger(__name__)
 PRINT_DPI = 200
@@ -74,11 +76,24 @@ def write_page(
     headline: Callable[[C], Markup],
     sections: Sequence[Callable[[C, Folder], Markup]],
 ) -> Path:
-    """Build the sections in their order and the headline above them, and write the page; returns its path."""
-    with figure_style():
-        body = "".join(build(content, folder) for build in sections)
-        top = headline(content)
+    """Build the sections in their order and the headline above them, and write the page; returns its path.
+
+    Raises:
+        FastError: the disk is full or broken; a page that was there before is as it was.
+    """
     path = folder.root / page.file
-    path.write_text(document(page, top, body), encoding="utf-8")
+    staged = path.with_name(f".{path.name}.writing")
+    try:
+        with figure_style():
+            body = "".join(build(content, folder) for build in sections)
+            top = headline(content)
+        staged.write_text(document(page, top, body), encoding="utf-8")
+        os.replace(staged, path)
+    except OSError as error:
+        discard([staged])
+        raise FastError(
+            f"The report in {folder.root} could not be written ({error.strerror}); no row of the lake is lost: free "
+            "disk space or repair the disk, then run the same command again."
+        ) from error
     _LOG.info("%s: page written to %s", page.kicker, path)
     return path

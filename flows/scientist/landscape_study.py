@@ -8,6 +8,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from flows.benchmarks.outcomes import RecordFile, read_records
+from flows.progress import describe_duration
 from flows.scientist.landscape import Landscape, emulated_landscape, synthetic_landscape
 from flows.scientist.landscape_run import LandscapeRun, RunSchedule, run_strategy
 from flows.scientist.strategies import STRATEGIES
@@ -85,9 +86,9 @@ def _run_all(plan: Sequence[PlannedRun], n_workers: int, tell: Callable[[str], N
     with ProcessPoolExecutor(n_workers, mp_context=get_context("spawn")) as pool:
         for n_done, future in enumerate(as_completed([pool.submit(run_one, planned) for planned in plan]), start=1):
             run = future.result()
-            left_min = (time.monotonic() - started) / n_done * (len(plan) - n_done) / 60.0
+            left_s = (time.monotonic() - started) / n_done * (len(plan) - n_done)
             tell(
                 f"{run.landscape}, {run.strategy}: best {run.best_n[-1]:.1f} of {run.optimum_n:.1f} N; "
-                f"{n_done} of {len(plan)}, about {left_min:.0f} min left"
+                f"{n_done} of {len(plan)}, about {describe_duration(left_s)} left"
             )
             yield run

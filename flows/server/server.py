@@ -15,11 +15,13 @@ from pathlib import Path
 from typing import Any
 
 from flows.server.child_process import ChildProcess
+from flows.server.database import keep_empty_database, take_empty_database
 from flows.server.run_process import is_process_alive
+from lake.storage.files import writing_failed
 from lake.store import Lake
 from models.errors import FastError
 
-START_LIMIT_S = 600.0  # the first start migrates a new database: 10 s on an idle machine, minutes on a busy one
+START_LIMIT_S = 600.0  # the first start on a machine makes a database: 10 s when it is idle, minutes when busy
 KEEP_S = 1.0  # between looks at a server of ours
 LISTEN_BACKLOG = 1024  # requests that wait while the server starts again
 LOOPBACK = "127.0.0.1"
@@ -41,9 +43,10 @@ TIDY = {
     "PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD": str(90 * 86400),
 }
 # Seconds between the rounds of the services, where Prefect has 5 to 20: late runs and workers that are gone are
-# marked within a minute. New schedules are planned at Prefect's own pace. Runs whose process is gone we find ourselves.
+# marked, and new schedules planned, within a minute. Runs whose process is gone we find ourselves.
 ROUNDS = {
     "PREFECT_SERVER_SERVICES_LATE_RUNS_LOOP_SECONDS": "60",
+    "PREFECT_SERVER_SERVICES_SCHEDULER_RECENT_DEPLOYMENTS_LOOP_SECONDS": "60",
     "PREFECT_SERVER_SERVICES_FOREMAN_LOOP_SECONDS": "60",
     "PREFECT_SERVER_SERVICES_PAUSE_EXPIRATIONS_LOOP_SECONDS": "60",
     "PREFECT_SERVER_SERVICES_REPOSSESSOR_LOOP_SECONDS": "60",
@@ -173,10 +176,13 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> ChildProce
     clients wait in the queue of the socket. A refused one would ask again after 1, 2, 4, ... 64 s, and come late.
 
     Raises:
-        FastError: the port is taken, or the server did not become healthy.
+        FastError: the port is taken, the folder of its state cannot be written, or it did not become healthy.
     """
     home = state_folder(lake_root)
-    home.mkdir(parents=True, exist_ok=True)
+    try:
+        home.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise writing_failed(home, error) from error
     listener = _listen(host, port)
     port = int(listener.getsockname()[1])
     url = f"http://{LOOPBACK}:{port}/api"
@@ -189,9 +195,12 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> ChildProce
     environment.setdefault("PREFECT_UI_API_URL", "/api")
     arguments = [str(listener.fileno()), str(os.getpid()), str(lake_root / "outputs")]
     process = ChildProcess("flows.server.server_process", arguments, environment, home / "server.log", listener)
+    is_made_by_prefect = take_empty_database(home)
     process.start()
     try:
         _wait_until_healthy(url, process)
+        if is_made_by_prefect:
+            keep_empty_database(home)
     except BaseException:
         process.stop()
         raise

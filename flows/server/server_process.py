@@ -5,15 +5,20 @@ Arguments: number of the listening socket that the parent hands on, process id o
 
 import base64
 import binascii
+import functools
 import hmac
+import inspect
 import os
 import socket
 import sys
 from collections.abc import Awaitable, Callable, MutableMapping
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 OUTPUTS = "/outputs"
+WORKER_PACES = {"minimum_check_interval": 5.0, "scheduling_resolution": 5.0}
+QUEUE_PACES = {"heartbeat_interval": 30.0}
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
@@ -55,6 +60,21 @@ def _knows(scope: Scope, login: str) -> bool:
         return False
 
 
+def slow_queue() -> None:
+    """Have the server's queue of background work look seldom for what is due; what is due at once is done at once.
+
+    These are documented parameters of docket, for which Prefect has no setting and takes the defaults: four looks a
+    second, and a heartbeat every two. One that a later version does not know is left out.
+    """
+    import docket
+
+    for made, paces in ((docket.Worker, WORKER_PACES), (docket.Docket, QUEUE_PACES)):
+        known = inspect.signature(made).parameters
+        taken = {name: timedelta(seconds=pace_s) for name, pace_s in paces.items() if name in known}
+        paced = functools.partialmethod(made.__init__, **taken)
+        made.__init__ = paced  # type: ignore[method-assign, assignment]  # the class is made for this process alone
+
+
 def serve(listener: socket.socket, parent_pid: int, folder: Path) -> None:
     """Serve what comes to a listening socket until the parent is gone."""
     import uvicorn
@@ -63,6 +83,7 @@ def serve(listener: socket.socket, parent_pid: int, folder: Path) -> None:
     from tasks.simulation.pool import follow_parent
 
     follow_parent(parent_pid)
+    slow_queue()
     login = os.environ.get("PREFECT_SERVER_API_AUTH_STRING")
     config = uvicorn.Config(add_outputs(create_app(), folder, login), log_level="warning")
     uvicorn.Server(config).run(sockets=[listener])

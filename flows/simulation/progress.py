@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import accumulate
 
-from flows.progress import ProgressReporter, RateEstimate, describe_time_left
+from flows.progress import Bar, ProgressReporter, RateEstimate
 from lake.maintenance import compact
 from lake.store import Lake
 from lake.tables.campaign import SimTraceRow, SimulationRow
@@ -45,6 +45,8 @@ def simulate_missing(
     counter = _SimulationCounter(reporter, total, list(accumulate(worth, initial=0.0)))
     n_failed = 0
     for plan in plans:
+        if should_stop():
+            break
         counter.begin(n_missing(lake, [plan]))
         n_failed += simulate_plan(lake, plan, n_workers, counter.tell, should_stop)
     for row_type in (SimTraceRow, SimulationRow):
@@ -60,26 +62,28 @@ class _SimulationCounter:
     reporter: ProgressReporter
     total: int
     worth: Sequence[float]  # of the first 0, 1, ... total grasps, in any unit of time
-    before: int = 0
+    made: int = 0
     of_plan: int = 0
+    before_plan: int = 0
+    failed: int = 0
+    failed_before_plan: int = 0
     rate: RateEstimate = field(default_factory=RateEstimate)
     last_s: float = -_PROGRESS_INTERVAL_S
 
     def begin(self, n_grasps: int) -> None:
         """The next plan lacks so many grasps."""
-        self.before, self.of_plan = self.before + self.of_plan, n_grasps
+        self.before_plan, self.failed_before_plan, self.of_plan = self.made, self.failed, n_grasps
 
     def tell(self, done: PointDone) -> None:
         """Note that a point ended."""
         now = time.monotonic()
-        made = self.before + self.of_plan - (done.n_grasps - done.n_done)
-        share = self.worth[made] / self.worth[-1]
+        self.made = self.before_plan + self.of_plan - (done.n_grasps - done.n_done)
+        self.failed = self.failed_before_plan + done.n_failed
+        share = self.worth[self.made] / self.worth[-1]
         self.rate.update(round(_PARTS * share), now)
         if now - self.last_s < _PROGRESS_INTERVAL_S:
             return
         self.last_s = now
-        left = describe_time_left(self.rate.seconds_left(round(_PARTS * (1.0 - share))))
-        failed = f", {done.n_failed} failed" if done.n_failed else ""
-        self.reporter.progress(
-            f"{time.strftime('%H:%M:%S')}  simulated {made}/{self.total} missing grasps{failed}  |  {left}"
-        )
+        left_s = self.rate.seconds_left(round(_PARTS * (1.0 - share)))
+        note = f" missing grasps, {self.failed} failed" if self.failed else " missing grasps"
+        self.reporter.report("", [Bar("simulated", self.made, self.total, left_s, note)])

@@ -31,16 +31,16 @@ FORCE_COLOURS = "viridis"
 LABEL_ABOVE_MM = 75.0  # over an object's bottom
 
 _TOOLS = """
-SELECT tool_id, max(created_at) AS newest FROM grasps WHERE campaign_id = {campaign} AND status = 'ok'
-GROUP BY tool_id ORDER BY min(started_at), tool_id"""
+SELECT tool_id, max((sequence, created_at)) AS newest FROM grasps
+WHERE campaign_id = {campaign} AND status = 'ok' GROUP BY tool_id ORDER BY min("order"), min(started_at), tool_id"""
 _GRASPS = f"""
 SELECT grasp_id, tool_id, batch, slot, design_id, object_id, object_name, repeat, setup_id, started_at, peak_force_n,
        time_s[1:-:{KEEP_EVERY}] AS time_s, lift_mm[1:-:{KEEP_EVERY}] AS lift_mm, force_n[1:-:{KEEP_EVERY}] AS force_n
 FROM grasp_traces WHERE tool_id = {{tool}} AND status = 'ok'
-ORDER BY started_at, grasp_id"""
+ORDER BY "order", started_at, grasp_id"""
 _PROPOSALS = """
 SELECT p.proposal_id, p.fidelity, p.created_at, d.* FROM proposals p JOIN designs d USING (design_id)
-WHERE p.campaign_id = {campaign} ORDER BY p.created_at, p.proposal_id"""
+WHERE p.campaign_id = {campaign} ORDER BY p.sequence, p.created_at, p.proposal_id"""
 
 
 class BenchTimeline:
@@ -58,7 +58,7 @@ class BenchTimeline:
         self._tips_mm = self._layout.mount_height_mm - GraspSetup().tip_below_mm
         self._sent: set[str] = set()
         self._drawn: set[int] = set()
-        self._newest: dict[str, datetime] = {}
+        self._newest: dict[str, Any] = {}
         self._peaks: dict[str, dict[int, list[float]]] = {}
         self._clock_s = 0.0
         self._last_start: datetime | None = None

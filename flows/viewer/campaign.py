@@ -19,10 +19,12 @@ from flows.viewer.bench_timeline import BenchTimeline
 from flows.viewer.curves import view_curves
 from flows.viewer.stream import lay_out, open_recording
 from hardware.cell.layout import N_OBJECTS, BenchLayout
-from lake.handoff.campaign import is_imported
 from lake.store import Lake
+from lake.tables.imported import is_imported
 from models.design.space import PARAMETERS
 from models.units import spell_name
+from models.validation import load_record
+from tasks.campaign.settings import ObjectPlan
 
 _LOG = logging.getLogger(__name__)
 
@@ -95,7 +97,8 @@ def find_objects(content: Content) -> list[int]:
     if is_imported(config_toml):
         rows = content.lake.query(_OBJECTS.format(campaign=literal(content.campaign.campaign_id))).to_pylist()
         return [row["object_id"] for row in rows if 0 <= row["object_id"] < N_OBJECTS]
-    return sorted(tomllib.loads(config_toml).get("objects", {}).get("ids", range(N_OBJECTS)))
+    plan = load_record(ObjectPlan, tomllib.loads(config_toml).get("objects", {}), "stored config")
+    return sorted(plan.object_ids)
 
 
 def choose_full_force_n(content: Content) -> float:

@@ -10,7 +10,8 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
 from flows.report.style import FAINT, INK, MUTED
-from flows.viewer.scene import name_object, rgb
+from flows.viewer.scene import rgb
+from models.objects.catalogue import name_object
 
 SHOWN_LIFT_MM = 60.0  # most objects have left the grip by then
 LIFT_STEP_MM = 10.0

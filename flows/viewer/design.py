@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 import trimesh
 
 from flows.report.style import BEST, COMPLIANT, FAINT, FIRST, INK, RIGID
-from flows.viewer.scene import SIDES, build_fingers, flatten_mesh, rgb
+from flows.viewer.scene import SIDES, build_fingers, flatten_mesh, marked_bodies, rgb
 from flows.viewer.stream import fit_eye, lay_out, open_recording, read_design
 from lake.store import Lake
 from lake.tables.campaign import DesignRow, ToolRow
@@ -102,7 +102,7 @@ def _send_tray(stream: rr.RecordingStream, items: list[PrintItem], design: Desig
     plate = np.array([*BED_MM, 2.0])
     sheet = rr.Boxes3D(centers=plate / 2 - [0, 0, 2], sizes=plate, colors=rgb(FAINT), fill_mode="solid")
     stream.log("tray/plate", sheet, static=True)
-    bodies = {item.label: finger_bodies(item.design, item.label) for item in items}
+    bodies = {item.label: marked_bodies(item.design, item.label) for item in items}
     for number, place in enumerate(tray_layout(items)):
         finger = bodies[place.label]
         name = f"tray/{place.label}/{'ab'[number % 2]}"

@@ -10,13 +10,14 @@ import rerun as rr
 
 from flows.report.grasp_frames import GraspFrames, Simulated, simulate_again
 from flows.report.style import BEST, SIMULATED
-from flows.viewer.scene import build_fingers, draw_object, move_fingers, name_object
+from flows.viewer.scene import build_fingers, draw_object, move_fingers
 from flows.viewer.simulation import describe_fingers, lay_out_grasp, send_fingers
 from flows.viewer.stream import open_recording, read_design, send_trace, times
 from lake.store import Lake
 from lake.tables.campaign import GraspRow, SimTraceRow, SimulationRow
 from models.errors import UsageError
 from models.ids import tool_label
+from models.objects.catalogue import name_object
 from models.records import Design, GraspSetup, Trace
 
 

@@ -8,19 +8,24 @@ import trimesh
 from matplotlib.colors import to_rgb
 
 from flows.report.style import COMPLIANT, OBJECT, RIGID
-from models.design.finger import finger_bodies
+from models.design.finger import FingerBodies, finger_bodies
+from models.design.glyphs import is_mark
 from models.objects.catalogue import get_object
 from models.objects.surface import object_mesh
 from models.records import Design, GraspSetup, Trace
 
 OBJECT_SPACING_MM = 2.0
-N_OBJECTS = 36
 SIDES = {"right": 1.0, "left": -1.0}
 
 
-def build_fingers(design: Design, mark: str | None = None) -> dict[str, rr.Mesh3D]:
+def marked_bodies(design: Design, label: str | None = None) -> FingerBodies:
+    """Bodies of a finger with its label as id mark, or without one where another lab's label cannot be a mark."""
+    return finger_bodies(design, label if label is not None and is_mark(label) else None)
+
+
+def build_fingers(design: Design, label: str | None = None) -> dict[str, rr.Mesh3D]:
     """Hanging fingers, tips down, faces in the plane x = 0, by entity name (`right/compliant`, ...)."""
-    bodies = finger_bodies(design, mark)
+    bodies = marked_bodies(design, label)
     found = {}
     for side, sign in SIDES.items():
         for name, body, colour in (("compliant", bodies.compliant, COMPLIANT), ("rigid", bodies.rigid, RIGID)):
@@ -69,12 +74,6 @@ def flatten_mesh(mesh: trimesh.Trimesh, colour: str) -> rr.Mesh3D:
         triangle_indices=np.arange(len(corners)).reshape(-1, 3),
         albedo_factor=rgb(colour),
     )
-
-
-def name_object(object_id: int) -> str:
-    """Name and number of an object; the number alone where the catalogue does not have it."""
-    known = 0 <= object_id < N_OBJECTS
-    return f"{get_object(object_id).name} ({object_id})" if known else f"object {object_id}"
 
 
 def rgb(colour: str) -> list[int]:

@@ -9,16 +9,19 @@ from hardware.bench import Bench
 from hardware.cell.cell import MeasuredGrasp
 from hardware.cell.diagnostics import NO_OBJECT
 from hardware.safety.lost_steps import SLIP_LIMIT_MM, LostStepsError
+from lake.leases import exclusive
 from lake.provenance import Provenance
 from lake.store import Lake
-from lake.tables.campaign import DiagnosticRow, GraspRow, TraceRow, setup_columns
+from lake.tables.campaign import DiagnosticRow, GraspRow, TraceRow
+from lake.tables.requests import setup_columns
 from models.errors import UsageError
 from models.ids import canonical_json
+from models.records import Placement
 from models.traces import initial_force_n, peak_force_n, work_j
 from tasks.bench.plan import ToolWork, plan_tool, seed_of_order
 from tasks.bench.reference_grasps import ReferenceGrasps
 from tasks.campaign.campaign import Campaign
-from tasks.campaign.requests import append_event, exclusive, note_verbs, require_room
+from tasks.campaign.requests import append_event, note_verbs, require_room
 from tasks.campaign.state import ProposedTool, tuples
 
 OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
@@ -29,13 +32,13 @@ CHECKED, LOST_STEPS = "position_checked", "lost_steps"  # kinds of events
 # Ordinary grasps and diagnostic runs that came after the last check; after lost steps the gantry was homed.
 _SINCE_LAST_CHECK = f"""
     WITH made AS (
-        SELECT grasp_id AS id, created_at FROM raw_grasps WHERE campaign_id = $campaign
-        UNION SELECT diagnostic_id, created_at FROM diagnostics WHERE campaign_id = $campaign
+        SELECT grasp_id AS id, (sequence, created_at) AS place FROM raw_grasps WHERE campaign_id = $campaign
+        UNION SELECT diagnostic_id, (coalesce(sequence, 0), created_at) FROM diagnostics WHERE campaign_id = $campaign
     ), last AS (
-        SELECT max(created_at) AS checked_at FROM events
+        SELECT max((sequence, created_at)) AS checked FROM events
         WHERE campaign_id = $campaign AND kind IN ('{CHECKED}', '{LOST_STEPS}')
     )
-    SELECT id FROM made, last WHERE checked_at IS NULL OR created_at > checked_at ORDER BY created_at, id
+    SELECT id FROM made, last WHERE checked IS NULL OR place > checked ORDER BY place, id
 """
 
 logger = logging.getLogger(__name__)
@@ -58,6 +61,7 @@ def measure_batch(
 
     Raises:
         FastError: another process holds the bench of this lake.
+        LostLeaseError: another host took the gantry over; the bench stopped before its next motion.
         LostStepsError: the gantry was off; an event names the grasps since the last check.
         DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
     """
@@ -75,7 +79,9 @@ def measure_batch(
         measure(bench, work, count)
 
     verbs = note_verbs(campaign.lake, campaign.campaign_id)
-    with exclusive(campaign.lake, "gantry", "the gantry of this lake is in use"), verbs, open_bench(mounted) as bench:
+    owned = exclusive(campaign.lake, "gantry", "the gantry of this lake is in use")
+    with owned as gantry, verbs, open_bench(mounted) as bench:
+        bench.gantry.require_leave = gantry.require
         every = campaign.config.execution.position_check_tools
         for number, tool in enumerate(tools):
             if should_stop():
@@ -167,10 +173,11 @@ def _first_order(campaign: Campaign) -> int:
 def _append_grasp(
     campaign: Campaign, work: ToolWork, grasp: MeasuredGrasp, *, order: int, world_hash: str | None
 ) -> None:
-    tool, attempt = work.tool, work.attempts.get((grasp.object_id, grasp.repeat), 0)
-    grasp_id = GraspRow.make_id(tool.tool_id, grasp.object_id, grasp.repeat, attempt)
+    tool, asked = work.tool, grasp.request
+    key = (grasp.object_id, grasp.repeat) if asked is None else asked.request_id
+    attempt, request_id = work.attempts.get(key, 0), asked.request_id if asked is not None else ""
+    grasp_id = GraspRow.make_id(tool.tool_id, grasp.object_id, grasp.repeat, attempt, request_id)
     ok = grasp.status == "ok"
-    setup = campaign.config.grasp
     row = GraspRow(
         grasp_id=grasp_id,
         campaign_id=campaign.campaign_id,
@@ -190,11 +197,11 @@ def _append_grasp(
         work_j=work_j(grasp.trace) if ok else None,
         initial_force_n=initial_force_n(grasp.trace) if ok else None,
         tare_force_n=grasp.tare_force_n,
-        setup_id=setup.setup_id,
-        setup_json=canonical_json(setup.model_dump()),
         bench="real" if world_hash is None else "virtual",
         world_hash=world_hash,
         details_json=canonical_json(grasp.details),
+        request_id=request_id or None,
+        **setup_columns(grasp.setup, asked.placement if asked is not None else Placement()),
     )
     provenance = campaign.provenance(seed_of_order(campaign, tool), [tool.tool_id, tool.design.design_id])
     campaign.lake.append([TraceRow.of(grasp_id, grasp.trace), row], provenance)

@@ -4,10 +4,11 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from hardware.cell.diagnostics import NO_OBJECT, DiagnosticPlan, DiagnosticRun
+from hardware.cell.diagnostics import NO_OBJECT, DiagnosticPlan, DiagnosticRun, Item
 from lake.store import Lake
 from models.ids import canonical_json
 from models.records import BENCH_FAULT
+from tasks.bench.asked import read_open_requests
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.state import CampaignState, Cell, ProposedTool, tuples
 
@@ -17,17 +18,17 @@ class ToolWork:
     """What is to be done with a tool.
 
     Attributes:
-        items: grasps and diagnostic runs, in order.
+        items: grasps, diagnostic runs and grasps that a search asks for, in order.
         n_made: grasps that were made with it before; with a reference tool, grasps of its batch.
         done: grasps that are in the lake.
-        attempts: number of the next attempt at a grasp, where it is not 0.
+        attempts: number of the next attempt at a grasp, where it is not 0; of an asked one by the id of its request.
     """
 
     tool: ProposedTool
-    items: Sequence[Cell | DiagnosticRun]
+    items: Sequence[Item]
     n_made: int = 0
     done: frozenset[Cell] = frozenset()
-    attempts: Mapping[Cell, int] = field(default_factory=dict)
+    attempts: Mapping[Cell | str, int] = field(default_factory=dict)
 
 
 def plan_tool(campaign: Campaign, state: CampaignState, tool: ProposedTool) -> ToolWork:
@@ -38,6 +39,13 @@ def plan_tool(campaign: Campaign, state: CampaignState, tool: ProposedTool) -> T
     items = order_items(plan, missing, n_made, find_missing_runs(campaign, state, tool))
     done = frozenset(state.measured.get(tool.tool_id, ()))
     return ToolWork(tool, items, n_made, done, {cell: state.next_attempt(tool.tool_id, cell) for cell in missing})
+
+
+def plan_asked(lake: Lake, tool: ProposedTool, search_id: str | None = None) -> ToolWork:
+    """The grasps of a tool that a search, or any, asks for and that are not made yet, in their order."""
+    found = read_open_requests(lake, search_id=search_id, tool_id=tool.tool_id)
+    items = [request for request, _ in found]
+    return ToolWork(tool, items, attempts={request.request_id: n for request, n in found})
 
 
 def order_cells(campaign: Campaign, tool: ProposedTool) -> list[Cell]:
@@ -81,7 +89,7 @@ def find_missing_runs(campaign: Campaign, state: CampaignState, tool: ProposedTo
 
 def order_items(
     plan: DiagnosticPlan, missing: Sequence[Cell], n_made: int, runs: Sequence[DiagnosticRun]
-) -> list[Cell | DiagnosticRun]:
+) -> list[Item]:
     """The missing grasps of a tool with reference grasps between them, and after them the runs that it owes.
 
     After, because a tool that was pulled at 20 mm/s or held closed for half a minute is no longer the one it was.

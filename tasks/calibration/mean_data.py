@@ -1,16 +1,18 @@
 """What a calibration compares, from the lake: measured tools, and simulated designs with a theta of their own."""
 
 import tomllib
+from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from lake.handoff.campaign import is_imported
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, CampaignRow, SimulatorVersionRow, ToolRow
+from lake.tables.imported import is_imported
 from models.calibration.means.hypercube import HypercubePlan, draw_hypercube
-from models.calibration.means.problem import MIN_DESIGNS, CalibrationProblem
+from models.calibration.means.problem import MIN_DESIGNS, MIN_SIMULATIONS, CalibrationProblem
 from models.design.space import to_unit
 from models.errors import UsageError
 from models.ids import canonical_json
@@ -69,21 +71,21 @@ def read_measured_tools(lake: Lake, campaign_id: str | None, only: Collection[st
         UsageError: what was measured cannot be compared with one simulator.
     """
     where = f"campaign {campaign_id}" if campaign_id else f"the lake {lake.address}"
-    sql = f"""SELECT grasp_id, campaign_id, tool_id, design_id, object_id, peak_force_n, setup_id, setup_json,
-            bench || ' ' || coalesce(world_hash, '') FROM grasps
+    sql = f"""SELECT grasp_id, campaign_id, tool_id, design_id, object_id, peak_force_n, setup_json,
+            bench || ' ' || coalesce(world_hash, ''), setup_id, request_id FROM grasps
         WHERE status = 'ok' {"AND campaign_id = ?" if campaign_id else ""}
-        ORDER BY created_at, started_at, tool_id, grasp_id"""
-    rows = [row for row in tuples(lake, sql, *([campaign_id] if campaign_id else [])) if only is None or row[0] in only]
+        ORDER BY sequence, created_at, "order", tool_id, grasp_id"""
+    every = [
+        row for row in tuples(lake, sql, *([campaign_id] if campaign_id else [])) if only is None or row[0] in only
+    ]
+    rows, warnings = _keep_base(every)
     if not rows:
         raise TooLittleDataError(
             f"{where} has no measured grasps, so there is nothing to calibrate with; measure tools with "
             "`fast campaign run` or import data with `fast lake import`."
         )
-    grasp_ids, campaigns, tools, designs, objects, peaks_n, setups, setup_texts, benches = map(
-        list, zip(*rows, strict=True)
-    )
-    _require_one("grasp setups", setups, where)
-    _require_one("benches", benches, where)
+    grasp_ids, campaigns, tools, designs, objects, peaks_n, setup_texts, benches = map(list, zip(*rows, strict=True))
+    _require_one_bench(benches, where)
     object_ids = _common_objects(campaigns, objects)
     forces_n = _mean_table(tools, objects, peaks_n, object_ids)
     tool_ids = list(dict.fromkeys(tools))
@@ -108,7 +110,7 @@ def read_measured_tools(lake: Lake, campaign_id: str | None, only: Collection[st
         points=_printed_points(lake, kept, found),
         forces_n=forces_n[is_enough],
         grasp_ids=tuple(g for g, tool_id in zip(grasp_ids, tools, strict=True) if tool_id in set(kept)),
-        warnings=_left_out_warning(left_out),
+        warnings=(*warnings, *_left_out_warning(left_out)),
     )
 
 
@@ -182,6 +184,23 @@ def read_simulated_points(
     )
 
 
+def check_enough(lake: Lake, base: SimulatorVersion, measured: MeasuredTools, plan: HypercubePlan) -> None:
+    """Refuse a hypercube after which there would still be too few simulated designs.
+
+    Raises:
+        UsageError: it has too few points.
+    """
+    try:
+        n_known = len(read_simulated_points(lake, base, measured).theta)
+    except TooLittleDataError:
+        n_known = 0
+    if n_known + plan.n < MIN_SIMULATIONS:
+        raise UsageError(
+            f"--simulate {plan.n} would make {n_known + plan.n} simulated designs, a calibration needs at least "
+            f"{MIN_SIMULATIONS}; ask for --simulate {MIN_SIMULATIONS - n_known} or more. Nothing was simulated."
+        )
+
+
 def plan_hypercube(plan: HypercubePlan, base: SimulatorVersion, measured: MeasuredTools) -> SimulationPlan:
     """The points of a plan as simulations by the family of `base`, grasped as the measured tools were."""
     points = tuple((p.design, base.model_copy(update={"theta": p.theta})) for p in draw_hypercube(plan))
@@ -218,12 +237,26 @@ def make_problem(
     )
 
 
-def _require_one(what: str, values: Sequence[str], where: str) -> None:
-    found = list(dict.fromkeys(values))
+def _keep_base(rows: Sequence[tuple[Any, ...]]) -> tuple[list[tuple[Any, ...]], tuple[str, ...]]:
+    """Ordinary grasps at the setup of most of them, without setup and request, and a sentence on the others."""
+    ordinary = [row for row in rows if row[-1] is None]
+    counts = Counter(sorted(row[-2] for row in ordinary))
+    base = [row[:-2] for row in ordinary if row[-2] == counts.most_common(1)[0][0]]
+    n_others = len(rows) - len(base)
+    if not n_others:
+        return base, ()
+    return base, (
+        f"means are compared at one grasp setup: {n_others} of {len(rows)} grasps were made at another or asked for by "
+        "a search, and are left out.",
+    )
+
+
+def _require_one_bench(benches: Sequence[str], where: str) -> None:
+    found = list(dict.fromkeys(benches))
     if len(found) > 1:
         raise UsageError(
-            f"{where} has measurements of {len(found)} {what} ({', '.join(name.strip() for name in found)}), which one "
-            "calibration cannot compare; give one --campaign that has a single one."
+            f"{where} has measurements of {len(found)} benches ({', '.join(name.strip() for name in found)}), which "
+            "one calibration cannot compare; give one --campaign that has a single one."
         )
 
 

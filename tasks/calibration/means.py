@@ -210,7 +210,7 @@ def _score(lake: Lake, data: MeanData, plan: SimulationPlan, version_id: str) ->
     forces: dict[str, np.ndarray] = {}
     sql = """SELECT design_id, object_id, peak_force_n FROM simulations
         WHERE status = 'ok' AND version_id = ? AND setup_id = ?"""
-    for design_id, object_id, force_n in tuples(lake, sql, version_id, plan.setup.setup_id):
+    for design_id, object_id, force_n in tuples(lake, sql, version_id, plan.setup_id):
         if object_id in place:
             forces.setdefault(design_id, np.full(len(place), np.nan))[place[object_id]] = force_n
     known = [i for i in np.flatnonzero(data.held_out) if data.measured.design_ids[i] in forces]

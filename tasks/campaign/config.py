@@ -1,7 +1,6 @@
 """A campaign's config file: TOML, composed from the sections that the layers own."""
 
 import re
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +11,16 @@ from models.errors import ConfigError, UsageError
 from models.ids import canonical_json, content_id
 from models.material import TABLE_3, MaterialLot
 from models.records import GraspSetup, Record, check_tier
-from models.validation import load_record
-from tasks.campaign.settings import REMOVED_RULES, Execution, ObjectPlan, Schedule, ScientistSettings, SimulatorSettings
+from models.validation import load_record, parse_toml
+from tasks.campaign.settings import (
+    REMOVED_RULES,
+    Execution,
+    GapSettings,
+    ObjectPlan,
+    Schedule,
+    ScientistSettings,
+    SimulatorSettings,
+)
 
 LOT_SUFFIX = ".toml"
 _LOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,60}")
@@ -40,6 +47,7 @@ class CampaignConfig(Record):
     diagnostics: DiagnosticPlan = DiagnosticPlan()
     simulator: SimulatorSettings = SimulatorSettings()
     scientist: ScientistSettings = ScientistSettings()
+    gap: GapSettings = GapSettings()
     bench: BenchChoice
     execution: Execution = Execution()
 
@@ -56,8 +64,9 @@ class CampaignConfig(Record):
     @property
     def science(self) -> dict[str, Any]:
         """The part that decides results, as JSON data."""
-        # A config that names no lot keeps the hash that it had before configs could.
-        unused = {"execution"} if self.material else {"execution", "material"}
+        # A config without a lot or a search for gaps keeps the hash that it had before configs could have them.
+        unused = {"execution"} | ({"material"} if not self.material else set())
+        unused |= {"gap"} if self.gap == GapSettings() else set()
         return self.model_dump(mode="json", exclude=unused)
 
     @property
@@ -108,15 +117,14 @@ def relative_to(config_path: Path, name: str) -> Path:
 def read_toml(path: Path, what: str) -> dict[str, Any]:
     """Parse a TOML file, with one sentence for a missing or broken one."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except FileNotFoundError as error:
         raise ConfigError(f"{what} `{path}` does not exist; give the path of a TOML file.") from error
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(
             f"{what} `{path}` cannot be read ({_cause(error)}); check the path and its permissions."
         ) from error
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{what} `{path}` is not TOML: {error}; correct that line.") from error
+    return parse_toml(text, f"{what} `{path}`")
 
 
 def _cause(error: OSError | UnicodeDecodeError) -> str:

@@ -5,10 +5,10 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
-from lake.handoff.campaign import is_imported
 from lake.provenance import current_provenance
 from lake.store import Lake
 from lake.tables.campaign import CampaignRow
+from lake.tables.imported import is_imported
 from lake.tables.material import MaterialRow, lot_of_rows
 from models.errors import UsageError
 from models.material import TABLE_3, MaterialLot

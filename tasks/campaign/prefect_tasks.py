@@ -13,6 +13,7 @@ from hardware.bench import Bench
 from hardware.cell.cell import MeasuredGrasp
 from models.records import Design
 from tasks.bench import measure as measuring
+from tasks.bench import mount as mounting
 from tasks.bench import print as printing
 from tasks.bench.measure import OpenBench
 from tasks.bench.plan import ToolWork
@@ -67,12 +68,12 @@ def print_batch(
         printing.confirm_print(campaign.lake, campaign.campaign_id, batch, word)
         return
     prompts.ask(batch, sheet)
-    while printing.open_slots(campaign.lake, campaign.campaign_id, batch):
-        if should_stop():
-            return
-        time.sleep(campaign.config.execution.print_poll_s)
-        prompts.remind(batch, sheet)
-    prompts.close(batch)
+
+    def is_open() -> bool:
+        return bool(printing.open_slots(campaign.lake, campaign.campaign_id, batch))
+
+    if _is_answered(campaign, is_open, should_stop, lambda: prompts.remind(batch, sheet)):
+        prompts.close(batch)
 
 
 @task(task_run_name="{label}", cache_policy=NO_CACHE)
@@ -126,3 +127,62 @@ def measure_batch(
         )
 
     measuring.measure_batch(campaign, tools, open_bench, measure, should_stop=should_stop, on_grasp=on_grasp)
+
+
+@task(task_run_name="{label} mount kept tools", cache_policy=NO_CACHE)
+def mount_tools(
+    label: str,
+    campaign: Campaign,
+    search_id: str,
+    auto: bool,
+    should_stop: Callable[[], bool],
+    prompts: mounting.MountPrompts,
+) -> None:
+    """Wait until a person has mounted the tools of which a search asks a grasp."""
+    slots = mounting.plan_rack(campaign.lake, campaign.state(), search_id)
+    if auto:
+        word = mounting.Mounting(
+            search_id=search_id, slots=slots, operator="nobody (--auto-print)", confirmed_by="auto"
+        )
+        mounting.confirm_mounting(campaign.lake, campaign.campaign_id, word)
+        return
+    prompts.ask(search_id, slots)
+
+    def is_open() -> bool:
+        return mounting.read_mounting(campaign.lake, search_id) is None
+
+    if _is_answered(campaign, is_open, should_stop, lambda: prompts.remind(search_id, slots)):
+        prompts.close(search_id)
+
+
+@task(task_run_name="{label} asked grasps", cache_policy=NO_CACHE)
+def measure_asked(
+    label: str,
+    campaign: Campaign,
+    tools: Sequence[ProposedTool],
+    search_id: str,
+    open_bench: OpenBench,
+    world_hash: str | None,
+    should_stop: Callable[[], bool],
+    on_grasp: Callable[[ProposedTool, MeasuredGrasp], None],
+) -> None:
+    """Make the grasps that a search asks for and that are missing; errors as of `tasks.bench.mount.measure_asked`."""
+
+    def measure(bench: Bench, work: ToolWork, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
+        measuring.measure_tool(
+            campaign, bench, work, world_hash=world_hash, should_stop=should_stop, on_grasp=on_tool_grasp
+        )
+
+    mounting.measure_asked(campaign, tools, search_id, open_bench, measure, should_stop=should_stop, on_grasp=on_grasp)
+
+
+def _is_answered(
+    campaign: Campaign, is_open: Callable[[], bool], should_stop: Callable[[], bool], remind: Callable[[], None]
+) -> bool:
+    """Wait for a person's answer; False if the campaign is to stop before it comes."""
+    while is_open():
+        if should_stop():
+            return False
+        time.sleep(campaign.config.execution.print_poll_s)
+        remind()
+    return True

@@ -1,36 +1,44 @@
-"""What people ask of a running campaign (`hardware.safety.safe_state.Verb`), kept in the lake; and who may run it."""
+"""What people ask of a running campaign (`hardware.safety.safe_state.Verb`), kept in the lake."""
 
-import fcntl
-import os
 import shutil
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import TextIO
 
 from hardware.safety.safe_state import EmergencyStopError, StopAskedError, Verb
 from hardware.wire.log_files import FOLDER_NAME
+from lake.leases import holder_of
 from lake.query.engine import Mark
-from lake.storage.files import writing_failed
 from lake.store import Lake
 from lake.tables.campaign import EventRow
 from models.errors import FastError, LakeError
 from models.ids import canonical_json, content_id
 from tasks.campaign.campaign import stored_provenance
 
-_LATEST = """
-    SELECT kind FROM events WHERE campaign_id = $campaign AND list_contains($kinds, kind)
-    ORDER BY created_at DESC, event_id LIMIT 1
+STARTED = "started"  # kind of the event with which a process begins to run a campaign
+# A verb is meant for the run that it names. One that names none (a single step, version 0.1) counts for the run before.
+_LATEST = f"""
+    WITH said AS (
+        SELECT kind, event_id, (sequence, created_at) AS place, payload_json ->> '$.run' AS run
+        FROM events WHERE campaign_id = $campaign AND (kind = '{STARTED}' OR list_contains($verbs, kind))
+    ), started AS (SELECT place, run FROM said WHERE kind = '{STARTED}'),
+    last AS (SELECT place, run FROM started ORDER BY place DESC LIMIT 1)
+    SELECT said.kind FROM said LEFT JOIN last ON true
+    WHERE said.kind <> '{STARTED}' AND (
+        said.run = last.run
+        OR (last.place IS NULL OR said.place > last.place)
+        AND (said.run IS NULL OR said.run NOT IN (SELECT run FROM started WHERE run IS NOT NULL))
+    )
+    ORDER BY said.place DESC, event_id LIMIT 1
 """
 LEAST_FREE_MB = 100.0  # some thousand grasps of 30 kB
 
 
 def append_event(lake: Lake, campaign_id: str, kind: str, message: str, **payload: object) -> None:
     """Add a line to the campaign's log in the lake; equal kind, message and payload are distinct events."""
-    stamp = datetime.now(UTC).isoformat()
     row = EventRow(
-        event_id=content_id("E", [campaign_id, kind, message, stamp, os.getpid()]),
+        event_id=content_id("E", [campaign_id, kind, message, uuid.uuid4().hex]),
         campaign_id=campaign_id,
         kind=kind,
         message=message,
@@ -39,10 +47,21 @@ def append_event(lake: Lake, campaign_id: str, kind: str, message: str, **payloa
     lake.append([row], stored_provenance(lake, campaign_id))
 
 
+def append_request(lake: Lake, campaign_id: str, verb: Verb, message: str) -> None:
+    """Ask the process that runs the campaign now for something; a later run does not hear it."""
+    holder = holder_of(lake, lease_name(campaign_id))
+    append_event(lake, campaign_id, verb, message, **({"run": holder.token} if holder else {}))
+
+
+def lease_name(campaign_id: str) -> str:
+    """What a process owns in the lake while it runs the campaign."""
+    return f"campaign-{campaign_id}"
+
+
 def requested_verb(lake: Lake, campaign_id: str) -> Verb | None:
-    """The latest verb that came after the campaign was last started, if any; the bench itself notes an e-stop."""
-    found = lake.query(_LATEST, {"campaign": campaign_id, "kinds": [*map(str, Verb), "started"]})["kind"].to_pylist()
-    return None if not found or found[0] == "started" else Verb(found[0])
+    """The latest verb for the last run of the campaign, if any; the bench itself notes an e-stop."""
+    found = lake.query(_LATEST, {"campaign": campaign_id, "verbs": [*map(str, Verb)]})["kind"].to_pylist()
+    return Verb(found[0]) if found else None
 
 
 class Requests:
@@ -83,38 +102,8 @@ def note_verbs(lake: Lake, campaign_id: str) -> Iterator[None]:
     except StopAskedError as asked:
         append_event(lake, campaign_id, "bench_safe", str(asked))
     except EmergencyStopError as error:
-        append_event(lake, campaign_id, Verb.ESTOP, str(error))
+        append_request(lake, campaign_id, Verb.ESTOP, str(error))
         raise
-
-
-@contextmanager
-def exclusive(lake: Lake, name: str, busy: str) -> Iterator[None]:
-    """Hold the lock `name` of this lake; the kernel frees it however the holder dies.
-
-    Raises:
-        FastError: `busy`, with the holder's process id, when another process holds it.
-        UsageError: the lake cannot be written.
-    """
-    path = lock_path(lake, name)
-    with _open_lock(path) as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            file.seek(0)
-            holder = file.read().strip() or "unknown"
-            raise FastError(f"{busy} (process {holder}); wait for it or stop it first.") from error
-        file.truncate(0)
-        file.write(str(os.getpid()))
-        file.flush()
-        yield
-
-
-def _open_lock(path: Path) -> TextIO:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path.open("a+")
-    except OSError as error:
-        raise writing_failed(path.parent, error) from error
 
 
 def require_room(lake: Lake) -> None:
@@ -123,7 +112,7 @@ def require_room(lake: Lake) -> None:
     Raises:
         LakeError: less than `LEAST_FREE_MB` are left on the disk of the lake.
     """
-    folder = lock_path(lake, "gantry").parent
+    folder = bench_log_folder(lake).parent
     folder.mkdir(parents=True, exist_ok=True)
     free_mb = shutil.disk_usage(folder).free / 1e6
     if free_mb < LEAST_FREE_MB:
@@ -133,24 +122,6 @@ def require_room(lake: Lake) -> None:
         )
 
 
-def is_held(lake: Lake, name: str) -> bool:
-    """True while another process holds the lock."""
-    try:
-        # Reading is enough, so that the status of a lake that cannot be written is still told.
-        with lock_path(lake, name).open("r") as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False
-    return False
-
-
-def lock_path(lake: Lake, name: str) -> Path:
-    """File behind a lock."""
-    return lake.root / ".state" / f"{name}.lock"
-
-
 def bench_log_folder(lake: Lake) -> Path:
     """Where the wire logs of benches go that work for this lake."""
-    return lock_path(lake, FOLDER_NAME).with_name(FOLDER_NAME)
+    return lake.root / ".state" / FOLDER_NAME

@@ -189,6 +189,15 @@ class Schedule(Record):
         return self.initial_simulations if stage == 0 else self.simulations_per_batch
 
 
+class GapSettings(Record):
+    """Whether a campaign looks for what its simulator misses, and asks its bench where it cannot tell."""
+
+    active: bool = Field(default=False, description="search after every batch, and make the grasps that would tell")
+    budget_share: float = Field(
+        default=0.05, ge=0, le=0.5, description="grasps that may be asked for, of those that were measured"
+    )
+
+
 class Execution(Record):
     """How the work is spread over this machine; changes no result."""
 

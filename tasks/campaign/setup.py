@@ -5,9 +5,9 @@ from pathlib import Path
 
 from hardware.bench import BenchSettings
 from hardware.virtual.world.file import World, load_world
-from lake.handoff.campaign import is_imported
 from lake.tables.campaign import CampaignRow
 from lake.tables.catalogue_rows import object_rows
+from lake.tables.imported import is_imported
 from models.errors import ConfigError
 from models.validation import load_record
 from tasks.campaign.campaign import Campaign

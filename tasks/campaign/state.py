@@ -122,14 +122,15 @@ class CampaignState:
 _PROPOSALS = f"""
     SELECT proposal_id, batch, slot, "index", fidelity, {", ".join(f"d.{name}" for name in PARAMETERS)}
     FROM proposals AS p JOIN designs AS d USING (design_id)
-    WHERE p.campaign_id = $campaign ORDER BY p.created_at, proposal_id
+    WHERE p.campaign_id = $campaign ORDER BY p.sequence, p.created_at, proposal_id
 """
 _TOOLS = f"""
     SELECT tool_id, status, rack_slot, {", ".join(f"measured_{name}" for name in THICKNESSES)}
     FROM tools WHERE campaign_id = $campaign
 """
 _GRASPS = """
-    (SELECT *, grasp_id IN (SELECT grasp_id FROM raw_traces) AS has_trace FROM grasps WHERE campaign_id = $campaign)
+    (SELECT *, grasp_id IN (SELECT grasp_id FROM raw_traces) AS has_trace
+    FROM grasps WHERE campaign_id = $campaign AND request_id IS NULL)
 """
 _MEASURED = f"""
     SELECT tool_id, list(object_id ORDER BY grasp_id), list(repeat ORDER BY grasp_id)

@@ -3,7 +3,7 @@
 import json
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,20 +14,25 @@ from models.calibration.traces.theta_grid import ThetaGrid
 from models.errors import UsageError
 from models.gap.bank.bank import (
     AMPLITUDES,
+    CLOSED_LESS,
+    DEEPER_MM,
     NUMERICAL_MESHES,
+    VARIANTS,
     WIDE,
     WIDER_MM,
     Bank,
     BankPlan,
     EffectRuns,
+    carry_changes,
     list_placed_setups,
     list_versions,
     list_wider_setups,
 )
 from models.gap.bank.sensor_effects import N_LEAD, read_lead
 from models.gap.fit.theta import make_grid_bank
+from models.gap.grasps import Cells
 from models.ids import canonical_json, content_id
-from models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace
+from models.records import Design, GraspSetup, Placement, SimulatorVersion, Theta, Trace, find_setup_id
 from models.traces.step_features import N_STEPS, is_usable, step_means
 from tasks.gap.trace_rows import read_traces
 from tasks.simulation.plan import SimulationPlan
@@ -38,84 +43,85 @@ WIDE_BANK, LOCAL_BANK, HELD_OUT = "the bank", "the bank around the fitted theta"
 _AT_ONCE = 4000  # traces held while they are averaged
 
 
-def plan_bank(
-    base: SimulatorVersion,
-    designs: Sequence[Design],
-    objects: Sequence[int],
-    setup: GraspSetup,
-    bank_plan: BankPlan = WIDE,
-) -> tuple[SimulationPlan, ...]:
+def plan_bank(base: SimulatorVersion, cells: Cells, bank_plan: BankPlan = WIDE) -> tuple[SimulationPlan, ...]:
     """Simulations of a bank, for `tasks.simulation.plan.simulate_plan`, which makes what the lake lacks.
 
     Version by version over all designs, the centre first: a bank that is not complete lacks effects, not designs.
     """
-    unique, versions = list(dict.fromkeys(designs)), list_versions(base, bank_plan)
+    versions = list_versions(base, bank_plan)
     centre = versions[len(bank_plan.grid.points)]
-    order = {version.version_id: version for version in (centre, *versions)}.values()
-    points = tuple((design, version) for version in order for design in unique)
-    at_centre = tuple((design, centre) for design in unique)
-    others = (*list_placed_setups(setup), *list_wider_setups(setup))
-    plans = [SimulationPlan(points, tuple(objects), setup)]
-    return (*plans, *(SimulationPlan(at_centre, tuple(objects), other) for other in others))
+    order = tuple({version.version_id: version for version in (centre, *versions)}.values())
+    picks = [pick for others in _list_other_setups(bank_plan).values() for pick in others]
+    plans = []
+    for block in _list_blocks(cells):
+        plans.append(block.plan(order))
+        plans += [replace(block, setup=pick(block.setup)).plan([centre]) for pick in picks]
+    return tuple(plans)
+
+
+def plan_cells(versions: Sequence[SimulatorVersion], cells: Cells) -> tuple[SimulationPlan, ...]:
+    """Simulations of cells by versions."""
+    return tuple(block.plan(versions) for block in _list_blocks(cells))
 
 
 def read_bank(
-    lake: Lake,
-    base: SimulatorVersion,
-    designs: Sequence[Design],
-    objects: Sequence[int],
-    setup: GraspSetup,
-    bank_plan: BankPlan = WIDE,
+    lake: Lake, base: SimulatorVersion, cells: Cells, bank_plan: BankPlan = WIDE, wide: Bank | None = None
 ) -> Bank:
-    """A bank of t designs on o objects, of what the lake has; NaN where a simulation failed or is missing.
+    """A bank of t designs on k targets, of what the lake has; NaN where a simulation failed or is missing.
+
+    wide: the bank that a local one takes over from what is not simulated in it; it needs one.
 
     Raises:
         UsageError: no simulation at the centre of theta is there.
     """
     grid, versions = np.array(bank_plan.grid.points), list_versions(base, bank_plan)
-    n_grid = len(grid)
-    steps_n = read_simulated_steps(lake, versions, designs, objects, setup)
-    placed_steps_n, wider_steps_n = (
-        np.concatenate(
-            [read_simulated_steps(lake, versions[n_grid : n_grid + 1], designs, objects, other) for other in others],
-            axis=2,
-        )
-        for others in (list_placed_setups(setup), list_wider_setups(setup))
-    )
-    at_centre = steps_n[:, :, n_grid]
+    n_grid, steps_n = len(grid), read_simulated_steps(lake, versions, cells)
+    at_centre, after = steps_n[:, :, n_grid], n_grid + 1
     if not np.isfinite(at_centre).any():
         raise UsageError(
-            f"the lake {lake.address} has no simulation of the bank for these {len(designs)} designs on "
-            f"{len(objects)} objects; `fast gap` makes them."
+            f"the lake {lake.address} has no simulation of the bank for these {len(cells.designs)} designs on "
+            f"{len(cells.targets)} objects; `fast gap` makes them."
         )
-    after = n_grid + 1 + len(NUMERICAL_MESHES)
-    of_lead = partial(read_lead, setup=setup)
-    lead_n = read_simulated_steps(lake, versions[:n_grid], designs, objects, setup, of_trace=of_lead, n=N_LEAD)
-    parts = [values[..., 0] for values in (steps_n, placed_steps_n, wider_steps_n)]
+    own = {
+        name: np.concatenate(
+            [read_simulated_steps(lake, versions[n_grid:after], cells, pick) for pick in picks], axis=2
+        )
+        for name, picks in _list_other_setups(bank_plan).items()
+    }
+    parts = [values[cells.is_wanted][..., 0] for values in (steps_n, *own.values())]
+    if not bank_plan.is_local:
+        after += len(NUMERICAL_MESHES)
+        own["numerical_steps_n"] = steps_n[:, :, n_grid + 1 : after]
+    if wide is not None:
+        carried = {name: carry_changes(getattr(wide, name), wide.centre_steps_n, at_centre) for name in VARIANTS}
+        own = carried | own
     return Bank(
+        targets=cells.targets,
         centre=bank_plan.centre,
         grid=grid,
         grid_steps_n=steps_n[:, :, :n_grid],
-        grid_lead_n=lead_n,
+        grid_lead_n=read_simulated_steps(lake, versions[:n_grid], cells, of_trace=read_lead, n=N_LEAD),
         centre_steps_n=at_centre,
-        numerical_steps_n=steps_n[:, :, n_grid + 1 : after],
-        placed_steps_n=placed_steps_n,
         wider_mm=np.array(WIDER_MM),
-        wider_steps_n=wider_steps_n,
         effects=_part_effects(steps_n[:, :, after:], bank_plan.effects),
         failed_share=float(sum(np.isnan(part).sum() for part in parts) / sum(part.size for part in parts)),
+        **own,
     )
 
 
-def list_bank_ids(
-    base: SimulatorVersion,
-    designs: Sequence[Design],
-    objects: Sequence[int],
-    setup: GraspSetup,
-    bank_plan: BankPlan = WIDE,
-) -> list[str]:
+def _list_other_setups(bank_plan: BankPlan) -> dict[str, list[Callable[[GraspSetup], GraspSetup]]]:
+    """Other setups in which the centre of a bank is simulated, by the array of `Bank` that they fill."""
+    found = {}
+    if not bank_plan.is_local:
+        found["placed_steps_n"] = _picks(list_placed_setups, len(DEEPER_MM))
+    if CLOSED_LESS in bank_plan.effects:
+        found["wider_steps_n"] = _picks(list_wider_setups, len(WIDER_MM))
+    return found
+
+
+def list_bank_ids(base: SimulatorVersion, cells: Cells, bank_plan: BankPlan = WIDE) -> list[str]:
     """Ids of all simulations of a bank."""
-    return list_plan_ids(plan_bank(base, designs, objects, setup, bank_plan))
+    return list_plan_ids(plan_bank(base, cells, bank_plan))
 
 
 def note_bank(lake: Lake, gap_id: str, campaign_id: str | None, bank_plan: BankPlan) -> None:
@@ -147,42 +153,44 @@ def read_bank_thetas(lake: Lake) -> set[Theta]:
 def list_plan_ids(plans: Sequence[SimulationPlan]) -> list[str]:
     """Ids of all simulations of plans."""
     return [
-        SimulationRow.make_id(design.design_id, object_id, version.version_id, plan.setup.setup_id)
+        SimulationRow.make_id(design.design_id, object_id, version.version_id, plan.setup_id)
         for plan in plans
         for design, version in plan.points
         for object_id in plan.object_ids
     ]
 
 
-def plan_theta_grid(
-    base: SimulatorVersion, designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup
-) -> SimulationPlan:
-    """The part of the bank that theta alone needs: the grid of friction and Poisson ratio."""
+def plan_theta_grid(base: SimulatorVersion, cells: Cells) -> tuple[SimulationPlan, ...]:
+    """The part of the bank that theta alone needs: the grid of friction and Poisson ratio, design by design."""
     versions = list_versions(base)[: len(ThetaGrid().points)]
-    points = tuple((design, version) for design in dict.fromkeys(designs) for version in versions)
-    return SimulationPlan(points, tuple(objects), setup)
+    return tuple(block.plan(versions, by_design=True) for block in _list_blocks(cells))
 
 
-def read_grid_bank(
-    lake: Lake, base: SimulatorVersion, designs: Sequence[Design], objects: Sequence[int], setup: GraspSetup
-) -> Bank:
-    """The bank for theta alone: the grid of t designs on o objects, of what the lake has.
+def read_grid_bank(lake: Lake, base: SimulatorVersion, cells: Cells) -> Bank:
+    """The bank for theta alone: the grid of t designs on k targets, of what the lake has.
 
     Raises:
         UsageError: no cell has enough of the grid.
     """
     versions = list_versions(base)[: len(ThetaGrid().points)]
-    of_lead = partial(read_lead, setup=setup)
     return make_grid_bank(
-        read_simulated_steps(lake, versions, designs, objects, setup),
-        read_simulated_steps(lake, versions, designs, objects, setup, of_trace=of_lead, n=N_LEAD),
+        cells,
+        read_simulated_steps(lake, versions, cells),
+        read_simulated_steps(lake, versions, cells, of_trace=read_lead, n=N_LEAD),
     )
 
 
+def _picks(
+    list_setups: Callable[[GraspSetup], Sequence[GraspSetup]], n: int
+) -> list[Callable[[GraspSetup], GraspSetup]]:
+    """Functions that give each of the n setups around a setup."""
+    return [lambda setup, i=i: list_setups(setup)[i] for i in range(n)]  # type: ignore[misc]  # of the default
+
+
 def _part_effects(steps_n: np.ndarray, effects: Sequence[str]) -> dict[str, EffectRuns]:
-    """Effects of a bank from their simulations (t x o x n x 120), in order."""
+    """Effects of a bank from their simulations (t x k x n x 120), in order."""
     found, start = {}, 0
-    for effect in effects:
+    for effect in (name for name in effects if name in AMPLITUDES):
         parameters = AMPLITUDES[effect]
         end = start + len(parameters)
         found[effect] = EffectRuns(effect, parameters, steps_n[:, :, start:end])
@@ -193,31 +201,62 @@ def _part_effects(steps_n: np.ndarray, effects: Sequence[str]) -> dict[str, Effe
 def read_simulated_steps(
     lake: Lake,
     versions: Sequence[SimulatorVersion],
-    designs: Sequence[Design],
-    objects: Sequence[int],
-    setup: GraspSetup,
+    cells: Cells,
+    vary: Callable[[GraspSetup], GraspSetup] = lambda setup: setup,
     *,
-    of_trace: Callable[[Trace], np.ndarray] = step_means,
+    of_trace: Callable[[Trace, GraspSetup], np.ndarray] = lambda trace, setup: step_means(trace),
     n: int = N_STEPS,
 ) -> np.ndarray:
-    """Step means of simulations, t x o x v x 120; NaN where there is no usable trace.
+    """Step means of simulations, t x k x v x 120; NaN where there is no usable trace.
 
-    of_trace: another reading of a trace instead, of `n` numbers.
+    vary: another setup than a target's. of_trace: another reading of a trace instead, of `n` numbers.
     """
-    setup_id, columns_of = setup.setup_id, defaultdict[str, list[int]](list)
+    columns_of = defaultdict[str, list[int]](list)
     for v, version in enumerate(versions):
         columns_of[version.version_id].append(v)
     places: dict[str, tuple[list[int], int, list[int]]] = {}
-    for design in dict.fromkeys(designs):
-        rows = [t for t, other in enumerate(designs) if other == design]
-        for o, object_id in enumerate(objects):
+    setups = [vary(target.setup) for target in cells.targets]
+    for design in dict.fromkeys(cells.designs):
+        rows = [t for t, other in enumerate(cells.designs) if other == design]
+        for k, target in enumerate(cells.targets):
+            setup_id = find_setup_id(setups[k], target.placement)
             for version_id, columns in columns_of.items():
-                places[SimulationRow.make_id(design.design_id, object_id, version_id, setup_id)] = rows, o, columns
-    steps_n = np.full((len(designs), len(objects), len(versions), n), np.nan)
+                simulation_id = SimulationRow.make_id(design.design_id, target.object_id, version_id, setup_id)
+                places[simulation_id] = rows, k, columns
+    steps_n = np.full((len(cells.designs), len(cells.targets), len(versions), n), np.nan)
     ids = list(places)
     for start in range(0, len(ids), _AT_ONCE):
         for simulation_id, trace in read_traces(lake, SimTraceRow, ids[start : start + _AT_ONCE]):
             if is_usable(trace):
-                rows, o, columns = places[simulation_id]
-                steps_n[np.ix_(rows, [o], columns)] = of_trace(trace)
+                rows, k, columns = places[simulation_id]
+                steps_n[np.ix_(rows, [k], columns)] = of_trace(trace, setups[k])
     return steps_n
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Cells that are grasped in one way: every design on every object."""
+
+    designs: tuple[Design, ...]
+    objects: tuple[int, ...]
+    setup: GraspSetup
+    placement: Placement
+
+    def plan(self, versions: Sequence[SimulatorVersion], *, by_design: bool = False) -> SimulationPlan:
+        """Its simulations, version by version, or design by design."""
+        points = [(design, version) for version in versions for design in self.designs]
+        if by_design:
+            points = [(design, version) for design in self.designs for version in versions]
+        return SimulationPlan(tuple(points), self.objects, self.setup, placement=self.placement)
+
+
+def _list_blocks(cells: Cells) -> list[_Block]:
+    """The cells as blocks: by setup and placement, and by the designs that an object is wanted for."""
+    objects = defaultdict[tuple[GraspSetup, Placement, tuple[Design, ...]], list[int]](list)
+    for target, is_wanted in zip(cells.targets, cells.is_wanted.T, strict=True):
+        designs = tuple(
+            dict.fromkeys(design for design, wanted in zip(cells.designs, is_wanted, strict=True) if wanted)
+        )
+        if designs:
+            objects[target.setup, target.placement, designs].append(target.object_id)
+    return [_Block(designs, tuple(ids), setup, placement) for (setup, placement, designs), ids in objects.items()]

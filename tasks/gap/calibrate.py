@@ -15,6 +15,7 @@ from models.calibration.inference.settings import CalibrationSettings
 from models.calibration.inference.summary import check_quality, find_theta, summarise_theta
 from models.calibration.means.problem import THETA
 from models.errors import FastError
+from models.gap.ask.answers import Answers
 from models.gap.bank.bank import WIDE, BankPlan
 from models.gap.bank.surrogate import Surrogate
 from models.gap.data import GapData
@@ -23,6 +24,7 @@ from models.ids import canonical_json
 from models.records import EffectValue, SimulatorVersion
 from tasks.calibration.calibrate import CalibrationData, Progress, calibrate_once, write_settings
 from tasks.gap.bank import list_bank_ids
+from tasks.gap.theta import count_training
 from tasks.simulation.plan import SimulationPlan
 
 _NOT_JUDGED = "its held-out error has not been compared yet"
@@ -36,6 +38,7 @@ class SearchInputs:
 
     gap_id: of the search. data: with the bank of `bank_plan`. base: the simulator of the bank, without effects.
     simulate: makes what the lake lacks of plans, which the first argument names; it fails if it cannot make all.
+    answers: what came of earlier questions.
     """
 
     lake: Lake
@@ -46,6 +49,7 @@ class SearchInputs:
     settings: CalibrationSettings
     simulate: Simulate
     bank_plan: BankPlan = WIDE
+    answers: Answers | None = None
     progress: Progress | None = None
 
 
@@ -156,13 +160,9 @@ class EffectData(CalibrationData):
         from models.gap.fit.posterior import sample_posterior  # ArviZ takes seconds to import
 
         result = sample_posterior(self._fit, settings, progress)
-        grasps = self.training.grasps
-        columns = {
-            "n_designs": len(np.unique(grasps.tool)),
-            "n_objects": len(np.unique(grasps.obj)),
-            "n_simulations": len(self.simulation_ids),
-            "n_held_out": len(grasps.tools) - len(np.unique(grasps.tool)),
-        }
+        counts = count_training(self.training)
+        n_held_out = len(self.training.grasps.tools) - counts["n_designs"]
+        columns = counts | {"n_simulations": len(self.simulation_ids), "n_held_out": n_held_out}
         return result, make_version(self.base, result), columns
 
     @cached_property
@@ -175,8 +175,7 @@ class EffectData(CalibrationData):
 def gather_effects(search: SearchInputs, effects: Sequence[EffectValue]) -> EffectData:
     """What a calibration with effects is made of; without any, of theta alone."""
     training = search.data.training
-    grasps = training.grasps
-    wanted = list_bank_ids(search.base, grasps.designs, grasps.objects, grasps.setup, search.bank_plan)
+    wanted = list_bank_ids(search.base, search.data.grasps.cells, search.bank_plan)
     known = tuple(sorted(search.lake.ids(SimulationRow, simulation_id=wanted, status="ok")))
     share = training.bank.failed_share
     warnings = (f"{100 * share:.1f} % of the simulations of the bank failed.",) if share > 0 else ()

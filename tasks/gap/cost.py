@@ -2,7 +2,7 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -79,7 +79,8 @@ def plan_probe(lake: Lake, plans: Sequence[SimulationPlan], costs: GraspCosts) -
             same = [point for point in points if point[1] == points[0][1]]
             probed = _spread(same, _PROBED_DESIGNS)
             objects = _spread(plan.object_ids, _PROBED_OBJECTS)
-            found.setdefault(kind, SimulationPlan(tuple(probed), tuple(objects), plan.setup))
+            same_way = replace(plan, points=tuple(probed), object_ids=tuple(objects))
+            found.setdefault(kind, same_way)
     return tuple(found.values())
 
 

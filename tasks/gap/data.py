@@ -10,19 +10,23 @@ from pydantic import ValidationError
 
 from lake.store import Lake
 from lake.tables.campaign import GraspRow, ToolRow, TraceRow
+from lake.tables.requests import GraspRequestRow
 from models.calibration.inference.result import find_unit_warnings
 from models.calibration.inference.settings import ThetaPriors
 from models.errors import UsageError
+from models.gap.ask.answers import Answers
 from models.gap.bank.bank import Bank
 from models.gap.data import GapData
-from models.gap.grasps import Grasps
-from models.records import Design, GraspContext, GraspSetup, Trace
+from models.gap.grasps import Grasps, number_distinct
+from models.ids import content_id
+from models.records import Design, GraspContext, GraspSetup, Placement, Trace
 from models.traces.step_features import N_STEPS, STEP_MM, is_usable, step_means
 from models.traces.step_noise import QUIET_S, SensorNoise, noise_of_readings, noise_of_repeats
 from tasks.campaign.state import THICKNESSES
 from tasks.gap.panel import WHOLE, PanelSize, select_panel
+from tasks.gap.readings import read_readings
 from tasks.gap.split import Split, freeze_split
-from tasks.gap.trace_rows import designs_of, measured_grasps, read_traces
+from tasks.gap.trace_rows import designs_of, find_base_setup, measured_grasps, read_traces
 
 _CUT_SHARE = 0.3  # of the peak: traces of whole lifts end with less than 0.2
 _NOISE_TRACES = 20  # of each tool, whose readings before contact are kept
@@ -32,7 +36,8 @@ _NOISE_TRACES = 20  # of each tool, whose readings before contact are kept
 class MeasuredGrasps:
     """Measured grasps, what each tool was printed from (t), their campaigns, and what was left out or is not known.
 
-    context_warnings: what is not known of the order of the grasps, which theta alone does not need.
+    answers: grasps that searches asked for, which are none of the others, and readings of persons. context_warnings:
+    what is not known of the order of the grasps, which theta alone does not need.
     """
 
     grasps: Grasps
@@ -40,6 +45,15 @@ class MeasuredGrasps:
     campaigns: tuple[str, ...]
     trace_warnings: tuple[str, ...]
     context_warnings: tuple[str, ...]
+    answers: Answers | None = None
+
+    @property
+    def content_id(self) -> str:
+        """Id of all that was measured, answers too."""
+        if self.answers is None:
+            return self.grasps.content_id
+        readings = [reading.model_dump() for reading in self.answers.readings]
+        return content_id("M", [self.grasps.content_id, self.answers.grasps.content_id, readings])
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -59,8 +73,8 @@ def split_measurements(lake: Lake, campaign_id: str | None, seed: int, size: Pan
     """The frozen split of what was measured, or of a smaller panel of it, without a look at any force.
 
     Raises:
-        UsageError: nothing was measured, or not in one way; too few designs or objects; a design is unknown; an earlier
-            split holds out none of the panel.
+        UsageError: nothing was measured, or on several benches; too few designs or objects; a design is unknown; an
+            earlier split holds out none of the panel.
     """
     rows = measured_grasps(lake, campaign_id)
     designs = designs_of(lake, [row.design_id for row in rows])
@@ -98,7 +112,7 @@ def check_units(data: GapData) -> list[str]:
         UsageError: a factor of about 1000 is suspected.
     """
     grasps, bank = data.grasps, data.bank
-    simulated = bank.centre_steps_n[grasps.tool, grasps.obj]
+    simulated = bank.centre_steps_n[grasps.tool, bank.find_columns(grasps)]
     is_known = np.isfinite(simulated).all(axis=1)
     share = np.abs(grasps.steps_n[is_known]).sum(axis=1) / np.abs(simulated[is_known]).sum(axis=1)
     return find_unit_warnings(float(np.median(share)) * bank.centre.young_modulus_mpa, ThetaPriors())
@@ -108,7 +122,7 @@ def read_grasps(lake: Lake, campaign_id: str | None, size: PanelSize = WHOLE) ->
     """Measured grasps, or those of a smaller panel: the last good attempt of each repeat, with a usable trace.
 
     Raises:
-        UsageError: nothing was measured, or not in one way; a design is unknown; no trace can be used.
+        UsageError: nothing was measured, or on several benches; a design is unknown; no trace can be used.
     """
     rows = measured_grasps(lake, campaign_id)
     if size != WHOLE:
@@ -116,12 +130,13 @@ def read_grasps(lake: Lake, campaign_id: str | None, size: PanelSize = WHOLE) ->
     by_tool: dict[str, list[GraspRow]] = defaultdict(list)
     for row in rows:
         by_tool[row.tool_id].append(row)
-    setup = GraspSetup.model_validate_json(rows[0].setup_json)
     steps_n, quiet, sentences = _steps(lake, by_tool)
     used = [row for row in rows if row.grasp_id in steps_n]
-    if not used:
+    if all(row.request_id for row in used):
         raise UsageError(f"none of the {len(rows)} measured grasps has a trace with a lift of 3 mm; measure again.")
-    tools, objects = sorted({row.tool_id for row in used}), sorted({row.object_id for row in used})
+    usual = [row for row in used if not row.request_id]
+    tools, objects = sorted({row.tool_id for row in usual}), sorted({row.object_id for row in usual})
+    used = [row for row in used if row.tool_id in tools and row.object_id in objects]
     nominal = {row.tool_id: row.design_id for row in used}
     known = designs_of(lake, [*nominal.values()])
     printed, printed_sentences = _read_printed(lake, {tool: known[nominal[tool]] for tool in tools})
@@ -129,7 +144,13 @@ def read_grasps(lake: Lake, campaign_id: str | None, size: PanelSize = WHOLE) ->
     tool = np.array([tools.index(row.tool_id) for row in used])
     obj = np.array([objects.index(row.object_id) for row in used])
     all_steps_n = np.array([steps_n[row.grasp_id] for row in used])
-    noise, noise_sentences = _noise(quiet, all_steps_n, tool * len(objects) + obj, setup)
+    made_by = [GraspSetup.model_validate_json(row.setup_json) for row in used]
+    setups, setup = number_distinct(made_by, find_base_setup(rows))
+    placements, placement = number_distinct([row.placement for row in used], Placement())
+    is_asked = np.array([bool(row.request_id) for row in used])
+    is_usual = (setup == 0) & (placement == 0) & ~is_asked
+    cell = tool * len(objects) + obj
+    noise, noise_sentences = _noise(quiet, all_steps_n[is_usual], cell[is_usual], setups[0])
     grasps = Grasps(
         tools=tuple(tools),
         designs=printed,
@@ -140,22 +161,47 @@ def read_grasps(lake: Lake, campaign_id: str | None, size: PanelSize = WHOLE) ->
         steps_n=all_steps_n,
         grasp_ids=tuple(row.grasp_id for row in used),
         noise=noise,
+        setups=setups,
         setup=setup,
+        placements=placements,
+        placement=placement,
     )
     return MeasuredGrasps(
-        grasps=grasps,
+        grasps=grasps.select(np.flatnonzero(~is_asked)),
         design_ids=tuple(known[nominal[tool]].design_id for tool in tools),
         campaigns=tuple(sorted({row.campaign_id for row in used})),
         trace_warnings=(*sentences, *printed_sentences, *noise_sentences),
         context_warnings=contexts.warnings,
+        answers=_gather_answers(lake, campaign_id, grasps, used),
     )
+
+
+def _gather_answers(lake: Lake, campaign_id: str | None, grasps: Grasps, rows: Sequence[GraspRow]) -> Answers | None:
+    """What came of questions: grasps (of `rows`) in the pairs in which they were asked for, and readings of persons."""
+    readings = read_readings(lake, campaign_id)
+    places = {row.request_id: place for place, row in enumerate(rows) if row.request_id}
+    asked = lake.records(GraspRequestRow, request_id=list(places))
+    of_pair: dict[tuple[str, int], list[int]] = defaultdict(list)
+    for request in sorted(asked, key=lambda row: (row.search_id, row.place)):
+        of_pair[request.search_id, request.place // 2].append(places[request.request_id])
+    if not of_pair and not readings:
+        return None
+    pairs = []
+    for both in of_pair.values():
+        is_changed = [bool(grasps.setup[at] or grasps.placement[at]) for at in both]
+        if sorted(is_changed) == [False, True]:
+            pairs.append(sorted(both, key=lambda at: is_changed[both.index(at)]))
+    kept = sorted(places.values())
+    numbers = {place: number for number, place in enumerate(kept)}
+    numbered = [[numbers[place] for place in pair] for pair in pairs]
+    return Answers(grasps.select(np.array(kept, dtype=int)), np.array(numbered, dtype=int).reshape(-1, 2), readings)
 
 
 def rebuild_contexts(lake: Lake, campaign_id: str | None) -> Contexts:
     """Contexts of all grasps of a campaign, or of the lake.
 
-    Batches are told apart by campaign and number. Within one, grasps follow each other by `started_at`, else by
-    `order`, else tool by tool, repeat by repeat; only `started_at` tells the time.
+    Batches are told apart by campaign and number. Within one, grasps follow each other by `order`, which no clock can
+    turn round, else by `started_at`, else tool by tool, repeat by repeat; only `started_at` tells the time.
     """
     where = "WHERE campaign_id = ?" if campaign_id else ""
     sql = (
@@ -273,14 +319,15 @@ def _read_printed(lake: Lake, designs: Mapping[str, Design]) -> tuple[tuple[Desi
 
 def _in_batch(rows: Sequence[dict[str, Any]]) -> dict[str, GraspContext]:
     is_timed = all(row["started_at"] is not None for row in rows)
-    is_ordered = all(row["order"] is not None for row in rows)
+    orders = {row["order"] for row in rows}
+    is_ordered = None not in orders and (len(orders) == len(rows) or not is_timed)
 
     def place(row: dict[str, Any]) -> tuple[Any, ...]:
-        by = row["started_at"] if is_timed else row["order"] if is_ordered else 0
+        by = row["order"] if is_ordered else row["started_at"] if is_timed else 0
         return (by, row["tool_id"], row["repeat"], row["object_id"], row["attempt"])
 
     made = sorted(rows, key=place)
-    began = made[0]["started_at"] if is_timed else None
+    began = min(row["started_at"] for row in rows) if is_timed else None
     of_tool: dict[str, int] = defaultdict(int)
     of_pair: dict[tuple[str, int], int] = defaultdict(int)
     found = {}

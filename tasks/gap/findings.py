@@ -8,14 +8,16 @@ from lake.provenance import Provenance, current_provenance
 from lake.store import Lake
 from lake.tables.campaign import EventRow, GapFindingRow
 from lake.tables.row import Row
-from models.gap.findings import Candidate, Decision, Findings, RoundFindings, WhereFinding
+from models.gap.findings import Candidate, Decision, Findings, NextExperiment, RoundFindings, WhereFinding
 from models.ids import canonical_json, content_id
 from models.records import EffectValue, Record, SimulatorVersion
 from models.simulation.effects.catalogue import CATALOGUE
 from tasks.gap.data import MeasuredGrasps
+from tasks.gap.readings import is_answered
 from tasks.gap.split import Split
 
 KIND, STARTED = "gap", "gap_started"
+_N_MADE = "SELECT count(*) AS n FROM asked_grasps WHERE search_id = $search AND state = 'made'"
 
 
 class GapRun(Record):
@@ -39,7 +41,7 @@ class GapRun(Record):
 def make_gap_id(measured: MeasuredGrasps, base: SimulatorVersion, split: Split, settings: Mapping[str, object]) -> str:
     """Id of a search: the same grasps, samples, measured walls, simulator, split, catalogue and settings."""
     catalogue = {name: spec.version for name, spec in CATALOGUE.items()}
-    content = [measured.grasps.content_id, base.version_id, split.split_id, catalogue, dict(settings)]
+    content = [measured.content_id, base.version_id, split.split_id, catalogue, dict(settings)]
     return content_id("A", content)
 
 
@@ -47,6 +49,36 @@ def find_run(lake: Lake, gap_id: str) -> GapRun | None:
     """The finished search with this id, if the lake has it."""
     found = lake.records(EventRow, event_id=_event_id(gap_id))
     return GapRun.model_validate(json.loads(found[-1].payload_json)) if found else None
+
+
+def find_newest_run(lake: Lake, campaign_id: str | None) -> GapRun | None:
+    """The search of a campaign, or of a whole lake, that ended last."""
+    found = lake.records(EventRow, kind=KIND, campaign_id=campaign_id or "")
+    return GapRun.model_validate(json.loads(found[-1].payload_json)) if found else None
+
+
+def find_answered_run(lake: Lake, campaign_id: str | None) -> GapRun | None:
+    """The search that ended last, if what it asked for is answered, in part at least: it is to be gone on with."""
+    run = find_newest_run(lake, campaign_id)
+    if run is None or run.findings.next_experiment is None:
+        return None
+    person = run.findings.next_experiment.person
+    if person is not None:
+        return run if is_answered(lake, run.gap_id, person.kind) else None
+    made = lake.query(_N_MADE, {"search": run.gap_id})["n"][0].as_py()
+    return run if made else None
+
+
+def count_asked(lake: Lake, campaign_id: str) -> int:
+    """How many grasps the finished searches of a campaign have asked for, made or not."""
+    return sum(asked.promised_grasps for asked in read_questions(lake, campaign_id))
+
+
+def read_questions(lake: Lake, campaign_id: str | None) -> list[NextExperiment]:
+    """What finished searches of a campaign, or of a whole lake, have asked for, in order."""
+    rows = lake.records(EventRow, kind=KIND, campaign_id=campaign_id or "")
+    runs = [GapRun.model_validate(json.loads(row.payload_json)) for row in rows]
+    return [run.findings.next_experiment for run in runs if run.findings.next_experiment is not None]
 
 
 def find_starting_effects(lake: Lake, gap_id: str) -> tuple[EffectValue, ...] | None:

@@ -13,14 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lake.store import Lake
+from models.gap.ask.answers import believe
+from models.gap.ask.hypotheses import list_hypotheses
+from models.gap.ask.settle import settle, tell_asked
 from models.gap.bank.bank import AMPLITUDES, BankPlan
 from models.gap.bank.surrogate import N_BINS
 from models.gap.data import GapData
+from models.gap.evaluation.confounds import find_confounds
 from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate, measure_change
 from models.gap.evaluation.held_out import HeldOut, Prediction, add_scatter
-from models.gap.evaluation.next_experiment import choose_next_experiment, find_confounds
 from models.gap.evaluation.rest import describe_rest
-from models.gap.findings import Confound, Decision, NextExperiment, RoundFindings
+from models.gap.findings import Asked, Confound, Decision, RoundFindings
 from models.gap.fit.fit import Fit
 from models.gap.fit.recalibrate import TOOL_SD
 from models.gap.fit.whitened_features import PLACEMENT_SHARE, REPEAT_SD
@@ -31,8 +34,10 @@ from models.gap.where.residuals import Residuals
 from models.records import EffectValue, SimulatorVersion
 from models.simulation.effects.catalogue import CATALOGUE
 from models.traces.step_features import N_STEPS
-from tasks.gap.bank import HELD_OUT, LOCAL_BANK, note_bank, plan_bank, read_bank, read_simulated_steps
+from tasks.gap.bank import HELD_OUT, LOCAL_BANK, note_bank, plan_bank, plan_cells, read_bank, read_simulated_steps
 from tasks.gap.calibrate import CalibratedSimulator, SearchInputs, admit_simulator, calibrate_simulator
+from tasks.gap.findings import read_questions
+from tasks.gap.moved import simulate_moved
 from tasks.simulation.plan import SimulationPlan
 
 _FRICTION_STEP = 0.02  # relative, of a finite difference
@@ -57,6 +62,7 @@ class Round:
     residuals: Residuals
     before: CalibratedSimulator
     after: CalibratedSimulator
+    asked: Asked | None = None
 
     @property
     def is_last(self) -> bool:
@@ -74,16 +80,6 @@ class Round:
         return f"{named.kind}{names}{sure}. {named.sentence}{gone}{refused}"
 
     @property
-    def next_experiment(self) -> NextExperiment | None:
-        """What would separate a set that was not told apart."""
-        if self.findings.named.kind != "set":
-            return None
-        candidates = {candidate.effect: candidate for candidate in self.findings.candidates}
-        parameters = {name: candidates[name].parameters for name in self.findings.named.effects if name in candidates}
-        probabilities = {name: candidates[name].probability for name in parameters}
-        return choose_next_experiment(self.findings.named.effects, parameters, probabilities)
-
-    @property
     def confounds(self) -> tuple[Confound, ...]:
         """What these data cannot tell from theta and tools."""
         visible = {c.effect: c.visible_fraction for c in self.findings.candidates if c.visible_fraction is not None}
@@ -92,11 +88,15 @@ class Round:
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """A bank that answers: `search` with it, and the names by the wide bank (`proposed`) and by this one (`naming`)."""
+    """A bank that answers: `search` with it, and the names by the wide bank (`proposed`) and by this one (`naming`).
+
+    asked: what came of earlier questions, if anything did.
+    """
 
     search: SearchInputs
     proposed: NamingResult
     naming: NamingResult
+    asked: Asked | None = None
 
 
 def settle_bank(wide: SearchInputs, in_model: Sequence[EffectValue], former: BankPlan | None = None) -> Settled:
@@ -115,7 +115,18 @@ def settle_bank(wide: SearchInputs, in_model: Sequence[EffectValue], former: Ban
     if has_left(naming, search.bank_plan):
         search = _with_bank(wide, move_bank(naming, search.bank_plan))
         naming = name_effect(search.data, in_model)
-    return Settled(search, proposed, naming)
+    return Settled(search, proposed, *settle_answers(search, naming))
+
+
+def settle_answers(search: SearchInputs, naming: NamingResult) -> tuple[NamingResult, Asked | None]:
+    """The names of a round with what came of earlier questions, and that in words."""
+    hypotheses = list_hypotheses(naming)
+    if search.answers is None or not hypotheses:
+        return naming, None
+    moved = simulate_moved(search, hypotheses, list(search.answers.experiments))
+    likelihood = search.answers.weigh(hypotheses, moved)
+    asked = tell_asked(read_questions(search.lake, search.campaign_id), hypotheses, likelihood, search.answers)
+    return settle(naming, believe(hypotheses, likelihood)), asked
 
 
 def run_round(settled: Settled, before: CalibratedSimulator) -> Round:
@@ -151,22 +162,18 @@ def run_round(settled: Settled, before: CalibratedSimulator) -> Round:
         refused=refused,
         patternless_n=_compute_patternless(naming.best),
     )
-    return Round(search, found, where, settled.proposed, naming, residuals, before, after)
+    return Round(search, found, where, settled.proposed, naming, residuals, before, after, settled.asked)
 
 
 def plan_held_out(data: GapData, versions: Sequence[SimulatorVersion]) -> tuple[SimulationPlan, ...]:
     """Simulations of the held-out cells by versions: held-out tools on all objects, the others on held-out objects."""
     grasps = data.grasps
     solid = {found.version_id: found for found in (keep_simulated_effects(version) for version in versions)}.values()
-    is_new, is_new_object = data.held_out_tools, data.held_out_objects
-    plans = []
-    for tools, objects in ((is_new, np.ones_like(is_new_object)), (~is_new, is_new_object)):
-        designs = list(dict.fromkeys(grasps.designs[tool] for tool in np.flatnonzero(tools)))
-        points = tuple((design, version) for version in solid for design in designs)
-        ids = tuple(grasps.objects[obj] for obj in np.flatnonzero(objects))
-        if points and ids:
-            plans.append(SimulationPlan(points, ids, grasps.setup))
-    return tuple(plans)
+    is_new_object = data.held_out_objects
+    cells = grasps.cells
+    is_new_target = np.array([is_new_object[grasps.objects.index(target.object_id)] for target in cells.targets])
+    is_held_out = data.held_out_tools[:, None] | is_new_target
+    return plan_cells(list(solid), replace(cells, is_wanted=cells.is_wanted & is_held_out))
 
 
 def keep_simulated_effects(version: SimulatorVersion) -> SimulatorVersion:
@@ -201,11 +208,10 @@ def evaluate_rounds(rounds: Sequence[Round], seed: int) -> Evaluation:
 
 def _with_bank(wide: SearchInputs, plan: BankPlan) -> SearchInputs:
     """The search in another bank, of which what the lake lacks is simulated."""
-    grasps = wide.data.grasps
-    around = (wide.base, grasps.designs, grasps.objects, grasps.setup, plan)
+    around = (wide.base, wide.data.grasps.cells, plan)
     note_bank(wide.lake, wide.gap_id, wide.campaign_id, plan)
     wide.simulate(LOCAL_BANK, plan_bank(*around))
-    data = replace(wide.data, bank=read_bank(wide.lake, *around))
+    data = replace(wide.data, bank=read_bank(wide.lake, *around, wide.data.bank))
     return replace(wide, data=data, bank_plan=plan)
 
 
@@ -268,9 +274,8 @@ def _simulate_held_out(lake: Lake, data: GapData, simulator: CalibratedSimulator
     """Step means of held-out grasps by a simulator, m x 120, from the lake; NaN where one is missing or failed."""
     version = simulator.version
     surrogate, solid = data.held_out, keep_simulated_effects(version)
-    grasps = surrogate.grasps
-    steps_n = read_simulated_steps(lake, [solid], grasps.designs, grasps.objects, grasps.setup)[:, :, 0]
-    simulated = steps_n[grasps.tool, grasps.obj]
+    steps_n = read_simulated_steps(lake, [solid], data.grasps.cells)[:, :, 0]
+    simulated = steps_n[surrogate.grasps.tool, surrogate.column]
     if solid == version or not len(simulated):
         return np.asarray(simulated)
     with_all, with_solid = (surrogate.predict_steps(simulator.theta, of.effects) for of in (version, solid))
@@ -280,4 +285,4 @@ def _simulate_held_out(lake: Lake, data: GapData, simulator: CalibratedSimulator
 def _step_noise_sd_n(data: GapData) -> float:
     """Standard deviation of a step's mean by noise of the load cell, in N."""
     grasps = data.grasps
-    return float(np.sqrt(grasps.noise.step_covariance(N_STEPS, grasps.setup.lift_speed_mm_per_s)[0, 0]))
+    return float(np.sqrt(grasps.noise.step_covariance(N_STEPS, grasps.base_setup.lift_speed_mm_per_s)[0, 0]))

@@ -52,17 +52,17 @@ class TraceData(CalibrationData):
         from models.gap.fit.theta import calibrate_theta, of_bench
 
         result = calibrate_theta(self.training, settings, progress)
-        grasps = self.training.grasps
-        columns = {
-            "n_designs": len(np.unique(grasps.tool)),
-            "n_objects": len(np.unique(grasps.obj)),
-            "n_simulations": len(self.simulation_ids),
-            "n_held_out": 0,
-        }
+        columns = count_training(self.training) | {"n_simulations": len(self.simulation_ids), "n_held_out": 0}
         return of_bench(result, self.training.bank.grid), make_version(self.base, result), columns
 
 
-def plan_grid(measured: MeasuredGrasps, base: SimulatorVersion) -> SimulationPlan:
+def count_training(training: Surrogate) -> dict[str, int]:
+    """How many designs and objects a calibration learns from, as columns of its row."""
+    grasps = training.grasps
+    return {"n_designs": len(np.unique(grasps.tool)), "n_objects": len(np.unique(grasps.obj))}
+
+
+def plan_grid(measured: MeasuredGrasps, base: SimulatorVersion) -> tuple[SimulationPlan, ...]:
     """Everything that a calibration of `base` on these traces wants simulated, whether or not the lake has it.
 
     Raises:
@@ -76,7 +76,7 @@ def plan_grid(measured: MeasuredGrasps, base: SimulatorVersion) -> SimulationPla
             "granted; calibrate on mean forces, or without the effect."
         )
     grasps = measured.grasps
-    return plan_theta_grid(base, grasps.designs, grasps.objects, grasps.setup)
+    return plan_theta_grid(base, grasps.cells)
 
 
 def gather_traces(lake: Lake, measured: MeasuredGrasps, base: SimulatorVersion, campaign_id: str | None) -> TraceData:
@@ -86,12 +86,12 @@ def gather_traces(lake: Lake, measured: MeasuredGrasps, base: SimulatorVersion, 
         UsageError: nothing around them is simulated, or the forces are not in N.
     """
     grasps = measured.grasps
-    bank = read_grid_bank(lake, base, grasps.designs, grasps.objects, grasps.setup)
+    bank = read_grid_bank(lake, base, grasps.cells)
     nothing = [np.zeros(n, dtype=bool) for n in (len(grasps.tools), len(grasps.objects))]
     data = GapData(grasps, bank, *nothing)
     kept = data.training
-    plan = plan_theta_grid(base, grasps.designs, grasps.objects, grasps.setup)
-    known = tuple(sorted(lake.ids(SimulationRow, simulation_id=list_plan_ids([plan]), status="ok")))
+    plans = plan_theta_grid(base, grasps.cells)
+    known = tuple(sorted(lake.ids(SimulationRow, simulation_id=list_plan_ids(plans), status="ok")))
     sentences = [*measured.trace_warnings, *check_units(data)]
     if n_lost := len(grasps.grasp_ids) - len(kept.grasps.grasp_ids):
         sentences.append(f"{n_lost} of {len(grasps.grasp_ids)} grasps have too few simulations around them; left out.")

@@ -8,30 +8,36 @@ import numpy as np
 from lake.store import Lake
 from lake.tables.campaign import DesignRow, GraspRow, SimTraceRow, TraceRow
 from models.errors import UsageError
-from models.records import Design, Trace
+from models.records import Design, GraspSetup, Placement, Trace
 
 
 def measured_grasps(lake: Lake, campaign_id: str | None) -> list[GraspRow]:
-    """Grasps that ended well, the last attempt of each repeat, by tool, object and repeat.
+    """Grasps that ended well, the last attempt of each repeat, by tool, object, repeat and setup.
 
     Raises:
-        UsageError: nothing was measured, or in several ways, or a repeat was imported twice.
+        UsageError: nothing was measured, or on several benches, or a repeat was imported twice.
     """
     where = {"campaign_id": campaign_id} if campaign_id else {}
     rows = sorted(lake.records(GraspRow, status="ok", **where), key=lambda row: row.attempt)
-    last = {(row.tool_id, row.object_id, row.repeat): row for row in rows}
+    last = {_key(row): row for row in rows}
     place = f"campaign {campaign_id}" if campaign_id else f"the lake {lake.address}"
     if not last:
         raise UsageError(f"{place} has no measured grasps; measure tools, or import data with `fast lake import`.")
     _refuse_duplicates(place, rows)
     benches = {f"{row.bench} {row.world_hash or ''}".strip() for row in last.values()}
-    for what, found in (("setups", {row.setup_id for row in last.values()}), ("benches", benches)):
-        if len(found) > 1:
-            raise UsageError(
-                f"{place} has grasps of {len(found)} {what} ({', '.join(sorted(found))}), which one calibration cannot "
-                "compare; give a campaign that has a single one."
-            )
+    if len(benches) > 1:
+        raise UsageError(
+            f"{place} has grasps of {len(benches)} benches ({', '.join(sorted(benches))}), which one calibration "
+            "cannot compare; give a campaign that has a single one."
+        )
     return [last[key] for key in sorted(last)]
+
+
+def find_base_setup(rows: Sequence[GraspRow]) -> GraspSetup:
+    """The setup of ordinary grasps: that of most which nobody asked for, with the object at its nominal place."""
+    usual = [row for row in rows if row.request_id is None and row.placement == Placement()]
+    counts = Counter(row.setup_json for row in sorted(usual or rows, key=lambda row: row.setup_id))
+    return GraspSetup.model_validate_json(counts.most_common(1)[0][0])
 
 
 def designs_of(lake: Lake, design_ids: Sequence[str]) -> dict[str, Design]:
@@ -67,11 +73,16 @@ def read_traces(
         yield row_id.as_py(), trace
 
 
+def _key(row: GraspRow) -> tuple[str, int, int, str, str]:
+    """Which grasp a row is an attempt of."""
+    return row.tool_id, row.object_id, row.repeat, row.setup_id, row.request_id or ""
+
+
 def _refuse_duplicates(place: str, rows: Sequence[GraspRow]) -> None:
-    counts = Counter((row.tool_id, row.object_id, row.repeat, row.attempt) for row in rows)
+    counts = Counter((*_key(row), row.attempt) for row in rows)
     twice = sorted(key for key, n in counts.items() if n > 1)
     if twice:
-        tool_id, object_id, repeat, _ = twice[0]
+        tool_id, object_id, repeat, *_ = twice[0]
         raise UsageError(
             f"{place} has {len(twice)} repeats twice, first repeat {repeat} of tool {tool_id} on object {object_id}; "
             "number the repeats of a tool on an object 0, 1, 2 and import again."

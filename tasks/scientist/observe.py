@@ -14,6 +14,9 @@ from tasks.bench.plan import find_missing_runs
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.state import CampaignState, ProposedTool, tuples
 
+# Grasps that a search asked for say nothing of a tool's quality.
+_ORDINARY = "grasps WHERE campaign_id = ? AND status = 'ok' AND request_id IS NULL"
+
 
 class Means(NamedTuple):
     """Mean forces over the objects: ids (n), forces in N (n), their variance from imputed objects in N^2 (n)."""
@@ -71,7 +74,7 @@ def older_simulations(campaign: Campaign, state: CampaignState) -> list[OlderSim
 def observed_rows(campaign: Campaign, state: CampaignState, batches: Iterable[int]) -> list[str]:
     """Ids of the grasps and simulations that `observe` takes its means over, ordered."""
     tools, objects = {tool.tool_id for tool in _measured_tools(state, batches)}, set(campaign.object_ids)
-    sql = "SELECT grasp_id, tool_id, object_id FROM grasps WHERE campaign_id = ? AND status = 'ok'"
+    sql = f"SELECT grasp_id, tool_id, object_id FROM {_ORDINARY}"
     grasps = tuples(campaign.lake, sql, campaign.campaign_id)
     rows = [row_id for row_id, tool_id, object_id in grasps if tool_id in tools and object_id in objects]
     designs = proposed_designs(state)
@@ -182,7 +185,7 @@ def _tool_forces(campaign: Campaign, tools: Sequence[ProposedTool]) -> np.ndarra
     row_of = {t.tool_id: i for i, t in enumerate(tools)}
     column_of = {o: i for i, o in enumerate(campaign.object_ids)}
     total, count = np.zeros((2, len(row_of), len(column_of)))
-    sql = "SELECT tool_id, object_id, peak_force_n FROM grasps WHERE campaign_id = ? AND status = 'ok'"
+    sql = f"SELECT tool_id, object_id, peak_force_n FROM {_ORDINARY}"
     for tool_id, object_id, force_n in tuples(campaign.lake, sql, campaign.campaign_id):
         if tool_id in row_of and object_id in column_of:
             cell = row_of[tool_id], column_of[object_id]

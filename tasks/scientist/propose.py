@@ -179,19 +179,18 @@ def simulated_designs(campaign: Campaign, state: CampaignState) -> list[Design]:
 
 
 def append_tools(campaign: Campaign, batch: int, proposals: Sequence[ProposedDesign], choice: Choice) -> None:
-    """Write the proposals of a batch; the batch row comes last and makes the batch complete."""
+    """Write the proposals of a batch; they come last, since a batch that has them is not proposed again."""
     provenance = campaign.provenance(choice.seed, choice.parents)
     _append_designs(campaign, [p.design for p in proposals], choice.seed)
     rows = [_proposal_row(campaign, batch, slot, slot, p, choice) for slot, p in enumerate(proposals)]
-    campaign.lake.append(rows, provenance)
-    row = BatchRow(
+    batch_row = BatchRow(
         batch_id=BatchRow.make_id(campaign.campaign_id, batch),
         campaign_id=campaign.campaign_id,
         batch=batch,
         kind="random" if choice.data is None else "guided",
         n_tools=len(proposals),
     )
-    campaign.lake.append([row], provenance)
+    campaign.lake.append([batch_row, *rows], provenance)
 
 
 def append_simulation(campaign: Campaign, batch: int, index: int, proposal: ProposedDesign, choice: Choice) -> None:

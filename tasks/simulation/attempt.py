@@ -18,7 +18,7 @@ from models.design.space import BEST_PUBLISHED
 from models.errors import MeshingFailed, SimulationFailed
 from models.ids import canonical_json, content_id
 from models.objects.catalogue import get_object
-from models.records import Branches, Design, GraspSetup, GraspSimulation, SimulatorVersion, check_tier
+from models.records import Branches, Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion, check_tier
 from models.simulation.effects.catalogue import build_effects
 from models.simulation.mesh.build import build_mesh
 from models.simulation.mesh.solid import SolidMesh
@@ -49,6 +49,7 @@ class GraspJob:
     deadline_s: float
     lake_root: Path | None = None
     find_branches: bool = False
+    placement: Placement = Placement()
 
 
 @dataclass(frozen=True)
@@ -87,9 +88,11 @@ def attempt_grasp(job: GraspJob) -> Attempt:
         wall, started = time.perf_counter(), time.process_time()
         obj = get_object(job.object_id)
         version_json = canonical_json(job.version.model_dump())
-        mesh = _mesh_of(job.design, version_json, needs_full_width(obj), job.lake_root)
+        mesh = _mesh_of(job.design, version_json, needs_full_width(obj, job.placement), job.lake_root)
         meshed = time.process_time()
-        result = simulate_grasp(job.design, obj, job.version, job.setup, mesh=mesh, deadline_s=job.deadline_s)
+        result = simulate_grasp(
+            job.design, obj, job.version, job.setup, placement=job.placement, mesh=mesh, deadline_s=job.deadline_s
+        )
     except (SimulationFailed, MeshingFailed) as error:
         reason, message = error.reason, str(error)
     except (ArithmeticError, np.linalg.LinAlgError) as error:

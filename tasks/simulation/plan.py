@@ -11,7 +11,7 @@ from lake.store import Lake
 from lake.tables.campaign import DesignRow, SimulatorVersionRow
 from lake.tables.catalogue_rows import version_rows
 from lake.tables.row import Row
-from models.records import Design, GraspSetup, SimulatorVersion
+from models.records import Design, GraspSetup, Placement, SimulatorVersion, find_setup_id
 from tasks.campaign.state import tuples
 from tasks.simulation.attempt import GraspJob, answer, attempt_grasp
 from tasks.simulation.pool import WorkerPool
@@ -31,11 +31,17 @@ class SimulationPlan:
     config_hash: str = ""
     seed: int = 0
     deadline_s: float = 120.0
+    placement: Placement = Placement()
 
     @property
     def n_grasps(self) -> int:
         """Grasps of the whole plan."""
         return len(self.points) * len(self.object_ids)
+
+    @property
+    def setup_id(self) -> str:
+        """Id of setup and placement."""
+        return find_setup_id(self.setup, self.placement)
 
     def provenance(self, parents: Sequence[str] = ()) -> Provenance:
         """Provenance of the rows of this plan."""
@@ -96,7 +102,7 @@ def missing_objects(lake: Lake, plan: SimulationPlan) -> list[tuple[tuple[Design
     """Points of a plan with the objects that the lake has no result or failure of, in order."""
     known: dict[tuple[str, str], set[int]] = defaultdict(set)
     sql = "SELECT design_id, version_id, object_id FROM simulations WHERE setup_id = ?"
-    for design_id, version_id, object_id in tuples(lake, sql, plan.setup.setup_id):
+    for design_id, version_id, object_id in tuples(lake, sql, plan.setup_id):
         known[design_id, version_id].add(object_id)
     found = []
     for design, version in plan.points:
@@ -140,7 +146,7 @@ def _simulate_point(
         for object_id in objects:
             if should_stop():
                 break
-            job = GraspJob(design, object_id, version, plan.setup, plan.deadline_s, lake.root)
+            job = GraspJob(design, object_id, version, plan.setup, plan.deadline_s, lake.root, placement=plan.placement)
             attempt = answer(worker, job, worker.submit(attempt_grasp, job))
             n_made += 1
             if attempt.result is None:

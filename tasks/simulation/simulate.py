@@ -5,8 +5,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from lake.tables.campaign import Row, SimTraceRow, SimulationBranchRow, SimulationRow, setup_columns
+from lake.tables.campaign import Row, SimTraceRow, SimulationBranchRow, SimulationRow
 from lake.tables.catalogue_rows import missing_version_rows
+from lake.tables.requests import setup_columns
 from models.ids import canonical_json
 from models.records import Branches, Design
 from tasks.campaign.campaign import Campaign
@@ -98,15 +99,15 @@ class _Writer:
 
 def simulation_rows(job: GraspJob, attempt: Attempt) -> list[Row]:
     """The row of a grasp and, if it succeeded, its trace and other branch; a failed one says why, as does the log."""
-    version_id, design_id, setup_id = job.version.version_id, job.design.design_id, job.setup.setup_id
-    simulation_id = SimulationRow.make_id(design_id, job.object_id, version_id, setup_id)
+    version_id, design_id, how = job.version.version_id, job.design.design_id, setup_columns(job.setup, job.placement)
+    simulation_id = SimulationRow.make_id(design_id, job.object_id, version_id, how["setup_id"])
     key: dict[str, Any] = {
         "simulation_id": simulation_id,
         "design_id": design_id,
         "object_id": job.object_id,
         "version_id": version_id,
         "cpu_s": attempt.cpu_s,
-        **setup_columns(job.setup),
+        **how,
     }
     details: dict[str, Any] = {"wall_s": round(attempt.wall_s, 3)}
     result, found = attempt.result, attempt.branches

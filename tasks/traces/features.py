@@ -21,7 +21,8 @@ ALL_OBJECTS = "all objects"
 MEASURES = ("tool_quality_n", "work_j", "peak_cv")
 
 _GRASPS = """
-    SELECT g.grasp_id, w.created_at, f.feature_id IS NULL OR f.created_at < w.created_at AS is_missing
+    SELECT g.grasp_id, w.created_at,
+        f.feature_id IS NULL OR (f.sequence, f.created_at) < (w.sequence, w.created_at) AS is_missing
     FROM grasps AS g JOIN trace_times AS w USING (grasp_id)
     LEFT JOIN trace_features AS f ON f.grasp_id = g.grasp_id AND f.feature_version = $version
     WHERE g.status = 'ok' AND ($campaign IS NULL OR g.campaign_id = $campaign)

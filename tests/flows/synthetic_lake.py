@@ -24,8 +24,8 @@ from lake.tables.campaign import (
     SimulatorVersionRow,
     ToolRow,
     TraceRow,
-    setup_columns,
 )
+from lake.tables.requests import setup_columns
 from models.design.space import random_designs, to_unit
 from models.ids import content_id, seed_from, tool_label
 from models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from flows.report.calibration.page import write_calibration_report
-from flows.report.folder import Folder
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, GraspRow, PosteriorDrawsRow, SimulationRow, ToolRow
 from tests.flows.cli.cli_lakes import ROOT, Fast
@@ -21,13 +20,6 @@ N_GRASPS, N_SIMULATIONS = 16, 14
 @pytest.fixture
 def fast(capsys: pytest.CaptureFixture[str]) -> Fast:
     return Fast(capsys)
-
-
-@pytest.fixture
-def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pages without drawings on disk: their numbers are read from an older lake, what is drawn of them is the same."""
-    monkeypatch.setattr("flows.report.folder.save_svg", lambda figure, path: None)
-    monkeypatch.setattr(Folder, "print_figure", Folder.figure)
 
 
 def unpacked(name: str, folder: Path) -> Path:

@@ -4,12 +4,15 @@ from flows.benchmarks.base import Benchmark, benchmark
 from tests.studies.calibration.peers import measure_calibration_peers
 from tests.studies.calibration.ranks import measure_calibration_ranks
 from tests.studies.calibration.traces import measure_calibration_traces
+from tests.studies.crash.aimed import measure_aimed_kills
 from tests.studies.crash.kills import measure_host_kills, measure_kills
 from tests.studies.crash.server_kills import measure_server_kills
+from tests.studies.gap.ask import measure_asking
 from tests.studies.gap.development import measure_gap
 from tests.studies.gap.sealed import measure_gap_sealed
 from tests.studies.gap.truth import measure_gap_truth
 from tests.studies.platform.day import measure_day
+from tests.studies.scientist.lab_bounds import measure_lab_bounds
 from tests.studies.scientist.lab_world import measure_lab_world
 from tests.studies.scientist.peers import measure_scientist_peers
 from tests.studies.simulation.branches import measure_branches
@@ -28,8 +31,9 @@ STUDIES: dict[str, Benchmark] = {
     "material-law": benchmark(measure_material_law, "designs", "objects"),
     "scale": benchmark(measure_scale, "workers"),
     "gap-truth": benchmark(measure_gap_truth, *_KEPT, "workers"),
-    "gap": benchmark(measure_gap, *_KEPT, "worlds"),
-    "gap-sealed": benchmark(measure_gap_sealed, *_KEPT, "worlds"),
+    "gap": benchmark(measure_gap, "results", "limit_minutes", "worlds"),
+    "gap-ask": benchmark(measure_asking, "worlds"),
+    "gap-sealed": benchmark(measure_gap_sealed, "results", "limit_minutes", "worlds"),
     "calibration-ranks": benchmark(
         measure_calibration_ranks, "worlds", "results", "limit_minutes", "workers", "figure"
     ),
@@ -37,10 +41,12 @@ STUDIES: dict[str, Benchmark] = {
     "calibration-traces": benchmark(measure_calibration_traces, *_KEPT, "workers", "figure", "worlds"),
     "scientist-peers": benchmark(measure_scientist_peers, "limit_minutes", "figure"),
     "lab-world": benchmark(measure_lab_world, "designs", "objects", "results", "n"),
+    "lab-bounds": benchmark(measure_lab_bounds),
     "traces": benchmark(measure_traces, "designs", "objects", "figure"),
     "identification": benchmark(measure_identification, *_KEPT, "figure"),
     "anomalies": benchmark(measure_anomalies, *_KEPT, "worlds"),
     "kills": benchmark(measure_kills, "n"),
+    "aimed-kills": benchmark(measure_aimed_kills, "n"),
     "host-kills": benchmark(measure_host_kills, "n"),
     "server-kills": benchmark(measure_server_kills, "n", "results", "limit_minutes"),
     "day": benchmark(measure_day, "figure"),

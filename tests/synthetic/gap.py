@@ -9,21 +9,25 @@ and those with a memory are the catalogue's own.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from models.design.space import numbered_design, to_unit
+from models.gap.ask.answers import Answers
+from models.gap.ask.predict import Pair, make_grasps
 from models.gap.bank.bank import AMPLITUDES, DEEPER_MM, NUMERICAL_MESHES, WIDE, WIDER_MM, Bank, BankPlan, EffectRuns
 from models.gap.bank.sensor_effects import read_lead
 from models.gap.data import GapData
-from models.gap.grasps import Grasps
-from models.records import Design, EffectValue, GraspContext, GraspSetup, Theta, Trace
+from models.gap.grasps import Cells, Grasps
+from models.records import Design, EffectValue, GraspContext, GraspSetup, Placement, Theta, Trace
 from models.simulation.effects.catalogue import CATALOGUE, build_effects
 from models.traces.step_features import N_STEPS, step_means
 from models.traces.step_noise import SensorNoise
 from tests.synthetic.simulation import replayed
 
 OBJECTS = (1, 3, 6, 10, 14, 21, 22, 25, 28, 30, 32, 34)
+SETUP = GraspSetup()
 _LIFT_MM = np.linspace(0.0, 60.0, 241)
 _GRASP_S = 40.0  # from one grasp to the next
 _REFERENCE_MPA = 0.05
@@ -63,7 +67,9 @@ def made_up_gap(
     objects = OBJECTS[:n_objects]
     shapes = _shapes(designs, objects)
     tool, obj, contexts = _order(rng, n_tools, n_objects, n_repeats)
-    steps_n = _measured(rng, shapes, designs, truth, (tool, obj, contexts))
+    scatter = _draw_scatter(rng, (n_tools, n_objects), truth)
+    made = [(*one, SETUP) for one in zip(tool, obj, contexts, strict=True)]
+    steps_n = _measured(rng, shapes, designs, truth, scatter, made)
     grasps = Grasps(
         tools=tuple(f"T{number}" for number in range(n_tools)),
         designs=designs,
@@ -74,19 +80,45 @@ def made_up_gap(
         steps_n=steps_n,
         grasp_ids=tuple(f"g{number}" for number in range(len(tool))),
         noise=truth.noise,
-        setup=GraspSetup(),
+        **of_one_setup(len(tool)),
     )
     masks = [np.arange(n) >= n - left for n, left in zip((n_tools, n_objects), held_out, strict=True)]
     return GapData(grasps, _bank_of(designs, objects), *masks)
 
 
+def made_up_answers(data: GapData, seed: int, truth: GapTruth, experiments: Mapping[Pair, int]) -> Answers:
+    """What pairs of grasps, so many of each, give on the bench on which `made_up_gap` measured with this seed.
+
+    Of settings, speeds, dwell, gap and tip height count.
+    """
+    grasps, rng = data.grasps, np.random.default_rng(seed)
+    n_repeats = max(context.repeat for context in grasps.contexts) + 1
+    shape = (len(grasps.tools), len(grasps.objects))
+    _order(rng, *shape, n_repeats)
+    scatter = _draw_scatter(rng, shape, truth)
+    pairs = [pair for pair, n in experiments.items() for _ in range(n)]
+    asked = make_grasps(grasps, pairs)
+    setups = [asked.setups[number] for number in asked.setup]
+    made = list(zip(asked.tool, asked.obj, asked.contexts, setups, strict=True))
+    rng = np.random.default_rng([seed, 22])
+    steps_n = _measured(rng, _shapes(grasps.designs, grasps.objects), grasps.designs, truth, scatter, made)
+    rows = np.arange(len(pairs))
+    return Answers(replace(asked, steps_n=steps_n), np.stack([rows, rows + len(pairs)], axis=1))
+
+
+def of_one_setup(n: int, setup: GraspSetup = SETUP) -> dict[str, Any]:
+    """Fields of `Grasps` that were all made in one way, with the object at its place."""
+    nothing = np.zeros(n, dtype=int)
+    return {"setups": (setup,), "setup": nothing, "placements": (Placement(),), "placement": nothing}
+
+
 @lru_cache(maxsize=8)
 def _bank_of(designs: tuple[Design, ...], objects: tuple[int, ...]) -> Bank:
     """The same for every truth, so made once; nobody may write into it."""
-    return made_up_bank(_shapes(designs, objects))
+    return made_up_bank(objects, _shapes(designs, objects))
 
 
-def made_up_bank(shapes: np.ndarray, plan: BankPlan = WIDE) -> Bank:
+def made_up_bank(objects: Sequence[int], shapes: np.ndarray, plan: BankPlan = WIDE) -> Bank:
     """A bank of grasps of these shapes (t x o x 4), as `models.gap.bank.bank` asks for it."""
     centre, grid = plan.centre, plan.grid_thetas
     effects = {
@@ -96,9 +128,10 @@ def made_up_bank(shapes: np.ndarray, plan: BankPlan = WIDE) -> Bank:
             np.stack([_steps(shapes, centre, {name: _whole(name, row)}) for row in AMPLITUDES[name]], axis=2),
         )
         for name in plan.effects
-        if name in _MADE_UP
+        if name in AMPLITUDES and name in _MADE_UP
     }
     return Bank(
+        targets=Cells.full([], objects, GraspSetup()).targets,
         centre=centre,
         grid=np.array(plan.grid.points),
         grid_steps_n=np.stack([_steps(shapes, theta) for theta in grid], axis=2),
@@ -121,7 +154,9 @@ def made_up_steps(data: GapData, theta: Theta, hidden: Hidden) -> np.ndarray:
 
 def with_bank(data: GapData, plan: BankPlan) -> GapData:
     """The same grasps with another bank."""
-    return replace(data, bank=made_up_bank(_shapes(data.grasps.designs, data.grasps.objects), plan))
+    return replace(
+        data, bank=made_up_bank(data.grasps.objects, _shapes(data.grasps.designs, data.grasps.objects), plan)
+    )
 
 
 def made_up_trace(
@@ -258,26 +293,31 @@ def _order(
     return np.array(tool), np.array(obj), tuple(contexts)
 
 
+def _draw_scatter(rng: np.random.Generator, shape: tuple[int, int], truth: GapTruth) -> tuple[np.ndarray, np.ndarray]:
+    """What tools and cells differ by: factors on moduli (t), and offsets relative to the peak, t x o x 120."""
+    tool_factor = np.exp(truth.tool_sd * rng.standard_normal(shape[0]))
+    draws = rng.standard_normal((*shape, 5))
+    phase = np.linspace(0.0, np.pi, N_STEPS) * np.arange(5)[:, None]
+    return tool_factor, truth.cell_sd * draws @ np.cos(phase) / np.sqrt(3.0)
+
+
 def _measured(
     rng: np.random.Generator,
     shapes: np.ndarray,
     designs: Sequence[Design],
     truth: GapTruth,
-    order: tuple[np.ndarray, np.ndarray, tuple[GraspContext, ...]],
+    scatter: tuple[np.ndarray, np.ndarray],
+    made: Sequence[tuple[int, int, GraspContext, GraspSetup]],
 ) -> np.ndarray:
     """Noisy step means of the truth, n x 120."""
-    t, o, _ = shapes.shape
-    tool_factor = np.exp(truth.tool_sd * rng.standard_normal(t))
-    draws = rng.standard_normal((t, o, 5))
-    phase = np.linspace(0.0, np.pi, N_STEPS) * np.arange(5)[:, None]
-    offsets = truth.cell_sd * draws @ np.cos(phase) / np.sqrt(3.0)
-    covariance = truth.noise.step_covariance(N_STEPS, GraspSetup().lift_speed_mm_per_s)
-    root = np.linalg.cholesky(covariance + 1e-12 * np.eye(N_STEPS))
+    tool_factor, offsets = scatter
     mesh = truth.mesh * np.array([0.8, -0.6, 0.7])
     rows = []
-    for at_tool, at_obj, context in zip(*order, strict=True):
-        design = designs[at_tool]
-        trace = _true_trace(shapes[at_tool, at_obj], design, truth, context, (float(tool_factor[at_tool]), mesh))
+    for at_tool, at_obj, context, setup in made:
+        covariance = truth.noise.step_covariance(N_STEPS, setup.lift_speed_mm_per_s)
+        root = _find_root(covariance.tobytes())
+        own = (float(tool_factor[at_tool]), mesh)
+        trace = _true_trace(shapes[at_tool, at_obj], designs[at_tool], truth, context, setup, own)
         steps = step_means(trace)
         steps = steps + np.abs(steps).max() * offsets[at_tool, at_obj]
         steps = steps * np.exp(truth.repeat_sd * rng.standard_normal())
@@ -285,15 +325,26 @@ def _measured(
     return np.array(rows)
 
 
+@lru_cache(maxsize=16)
+def _find_root(covariance: bytes) -> np.ndarray:
+    matrix = np.frombuffer(covariance).reshape(N_STEPS, N_STEPS)
+    return np.linalg.cholesky(matrix + 1e-12 * np.eye(N_STEPS))
+
+
 def _true_trace(
-    shape: np.ndarray, design: Design, truth: GapTruth, context: GraspContext, scatter: tuple[float, np.ndarray]
+    shape: np.ndarray,
+    design: Design,
+    truth: GapTruth,
+    context: GraspContext,
+    setup: GraspSetup,
+    scatter: tuple[float, np.ndarray],
 ) -> Trace:
     """The trace of one grasp with all that is hidden, free of noise; scatter: factor on the modulus, and mesh."""
-    setup, theta = GraspSetup(), truth.theta
+    theta = truth.theta
     made_up = {row.effect: _whole(row.effect, row.parameters) for row in truth.effects if row.effect in _MADE_UP}
     built = build_effects([value for value in truth.effects if value.effect not in _MADE_UP])
     effects = [effect.in_grasp(design, setup, context) for effect in built]
-    wider_mm, worn = 0.0, 1.0
+    wider_mm, worn = setup.closed_gap_mm - SETUP.closed_gap_mm, 1.0
     for effect in effects:
         wider_mm += effect.modify_setup(setup, design).closed_gap_mm - setup.closed_gap_mm
         worn *= float(effect.friction_factor(np.zeros(1), np.full(1, _REFERENCE_MPA)))
@@ -301,5 +352,19 @@ def _true_trace(
     real = theta.model_copy(
         update={"friction": theta.friction * worn, "young_modulus_mpa": theta.young_modulus_mpa * factor}
     )
-    trace = made_up_trace(shape, real, made_up, wider_mm=wider_mm, mesh=mesh)
+    late_mm = setup.tip_below_mm - SETUP.tip_below_mm
+    trace = _timed(made_up_trace(shape, real, made_up, wider_mm=wider_mm, late_mm=late_mm, mesh=mesh), setup)
     return replayed(trace, effects, design, real)
+
+
+def _timed(trace: Trace, setup: GraspSetup) -> Trace:
+    """A lift at the setup's speed; a dwell is a hold before it."""
+    time_s = setup.dwell_s + trace.lift_mm / setup.lift_speed_mm_per_s
+    if setup.dwell_s == 0.0:
+        return Trace(time_s, trace.lift_mm, trace.force_n)
+    held = np.zeros(1)
+    return Trace(
+        np.concatenate([held, time_s]),
+        np.concatenate([held, trace.lift_mm]),
+        np.append(trace.force_n[0], trace.force_n),
+    )

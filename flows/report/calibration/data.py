@@ -43,8 +43,8 @@ SELECT c.calibration_id, c.created_at,
        c.poisson_ratio_q05, c.poisson_ratio_median, c.poisson_ratio_q95
 FROM calibrations c, this
 WHERE c.campaign_id IS NOT DISTINCT FROM this.campaign_id AND c.base_version_id = this.base_version_id
-  AND c.data = this.data AND c.status = 'ok' AND c.created_at <= this.created_at
-ORDER BY c.created_at, c.calibration_id"""
+  AND c.data = this.data AND c.status = 'ok' AND (c.sequence, c.created_at) <= (this.sequence, this.created_at)
+ORDER BY c.sequence, c.created_at, c.calibration_id"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,7 +39,7 @@ NAV = {
 NEWEST = """
 SELECT calibration_id, campaign_id, status, created_at FROM calibrations
 WHERE campaign_id = {campaign} OR campaign_id IS NULL
-ORDER BY created_at DESC, calibration_id LIMIT 1"""
+ORDER BY sequence DESC, created_at DESC, calibration_id LIMIT 1"""
 
 
 def write_calibration_report(
@@ -86,8 +86,9 @@ def calibration_section(content: Content, folder: Folder) -> Markup:
     newest = content.result("calibrations", NEWEST)
     if not newest.rows:
         said = (
-            "Figs. 3b and 4, Table 2 and the sensitivities: the simulator has not been calibrated with these "
-            "measurements yet; <code>fast calibrate</code> does it."
+            "The simulator has three constants: Young's modulus, friction and Poisson's ratio, together called theta. "
+            "Which values fit these measurements best has not been asked yet; <code>fast calibrate</code> does it, and "
+            "this part then shows them with their uncertainty (Figs. 3b and 4 and Table 2 of the paper)."
         )
         return section("calibration", "Calibration", paragraph(Markup(said)))
     calibration_id = newest.rows[0]["calibration_id"]
@@ -99,8 +100,9 @@ def calibration_section(content: Content, folder: Folder) -> Markup:
     panels = calibration.held_out_panels or calibration.panels
     agreement = agreement_columns(panels, folder) + scores_table(panels) if panels else ""
     words = paragraph(
-        "Theta stands for the three constants of the simulator: Young's modulus, friction and Poisson's ratio. Table 2 "
-        "of the paper above, Fig. 4 on the left, Fig. 3 below: before (a) and after (b) the calibration. "
+        "Theta stands for the three constants of the simulator: Young's modulus, friction and Poisson's ratio. Above: "
+        "what is known of them now (Table 2 of the paper). Left: which values go together (Fig. 4). Below: simulated "
+        "against measured, before and after the calibration (Fig. 3). "
         f"Calibration {calibration_id} of {moment(calibration.made_at)} UTC, {calibration.row.n_designs} measured "
         f"designs and {calibration.simulations}. All of it: fast report {calibration_id}.", "note",
     )  # fmt: skip

@@ -1,6 +1,8 @@
 """Sections of the report that say what it took, where every number came from, and where the paper's figures are."""
 
 import json
+from collections.abc import Mapping
+from typing import Any
 
 from flows.report.campaign import queries
 from flows.report.campaign.content import NOT_MEASURED, Content
@@ -23,6 +25,7 @@ from flows.report.html import (
 )
 from flows.report.lineage import lineage_text
 from lake.query.lineage import find_lineage
+from lake.tables.requests import PLACEMENT
 
 PAPER = {"grasp_s": "15", "grasps_per_hour": "240, the most", "measured": "8,532", "simulated": "50,608"}  # Results
 
@@ -182,8 +185,9 @@ _ROWS_OF: dict[str, Column] = {
 }
 _SETUPS: dict[str, Column] = {
     "grasp setup": "setup_id",
-    "values (mm, mm/s)": lambda row: Markup(f'<code class="wrap">{text(_pairs(row["setup_json"]))}</code>'),
+    "values (mm, mm/s)": lambda row: Markup(f'<code class="wrap">{text(_pairs(row))}</code>'),
     "grasps": ("n_grasps", 0),
+    "asked for by a search": ("n_asked", 0),
 }
 
 
@@ -212,8 +216,10 @@ def write_provenance(content: Content, folder: Folder) -> Markup:
     )
 
 
-def _pairs(setup_json: str) -> str:
-    return ", ".join(f"{key} {value:g}" for key, value in json.loads(setup_json).items())
+def _pairs(row: Mapping[str, Any]) -> str:
+    """Setup and placement of grasps, without what is as on any bench."""
+    values = json.loads(row["setup_json"]) | {name: row[name] or None for name in PLACEMENT}
+    return ", ".join(f"{key} {value:g}" for key, value in values.items() if value is not None)
 
 
 def _lineage(content: Content) -> str:

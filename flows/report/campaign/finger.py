@@ -1,5 +1,7 @@
 """The best finger: its printed body in 3-D, its profile with dimensions, and its parameters (Table 1)."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -7,18 +9,22 @@ from shapely.geometry import box
 from shapely.plotting import plot_polygon
 
 from flows.report.campaign.content import NOT_MEASURED, Content
+from flows.report.campaign.facts import Tool
 from flows.report.folder import Folder
 from flows.report.html import Markup, columns, number, paragraph, picture, section, table, text
 from flows.report.mesh_picture import Body, render
 from flows.report.style import BEST, COMPLIANT, INK, MUTED, RIGID, new_axes
 from models.design.finger import finger_bodies
 from models.design.profile import APEX_EXTRA_MM, BASE_HEIGHT_MM, planar_profile
-from models.design.space import BEST_PUBLISHED, LOWER, PARAMETERS, UPPER
+from models.design.space import BEST_PUBLISHED, LOWER, PARAMETERS, UPPER, to_unit
 from models.records import Design
 from models.units import spell_name
 
 PICTURE_PX = 1100
 PROFILE_SIZE_IN = (2.9, 5.0)
+AT_END = 0.01  # of the range, from its end: what counts as at the bound
+NEARLY, N_APART = 0.05, 1  # of the range; how many parameters of nearly the same finger may differ by more
+N_NEXT_BEST = 4
 SYMBOLS = {
     "length_mm": "L",
     "width_mm": "W",
@@ -54,11 +60,53 @@ def write_best(content: Content, folder: Folder) -> Markup:
         "Blue dot: this design; ring: the paper's best tool (Table 1, B07T8, 29.68 N on the authors' bench, whose "
         "stroke and objects are not all published, so forces compare only within this campaign).", "note",
     )  # fmt: skip
-    right = f'<div class="params">{parameters}</div>{note}'
+    told = [describe_bounds(design), describe_twins(design, _next_best(content, best))]
+    right = f'<div class="params">{parameters}</div>{"".join(paragraph(words) for words in told if words)}{note}'
     return section(
         "best", f"The best finger, {best.label}", columns(seen, profile, right, css="finger"),
         folder.sources(content.designs),
     )  # fmt: skip
+
+
+def _next_best(content: Content, best: Tool) -> list[tuple[str, Design]]:
+    """The tools that come after the best one, with their designs."""
+    others = [tool for tool in content.tools if tool.is_complete and tool is not best]
+    ranked = sorted(others, key=lambda tool: -(tool.quality_n or 0.0))
+    return [(tool.label, content.design_of(tool)) for tool in ranked[:N_NEXT_BEST]]
+
+
+def describe_bounds(design: Design) -> str:
+    """In words: parameters that stand at an end of what is allowed; empty where none does."""
+    (place,) = to_unit([design])
+    ends = [
+        f"{spell_name(name)} at the {'lower' if at < 0.5 else 'upper'} one"
+        for name, at in zip(PARAMETERS, place, strict=True)
+        if min(at, 1.0 - at) <= AT_END
+    ]
+    if not ends:
+        return ""
+    stand = "parameter stands" if len(ends) == 1 else "parameters stand"
+    return (
+        f"{len(ends)} of {len(PARAMETERS)} {stand} at an end of the allowed range: {', '.join(ends)}. Fingers beyond "
+        "it, if they can be printed, may hold better."
+    )
+
+
+def describe_twins(design: Design, others: Sequence[tuple[str, Design]]) -> str:
+    """In words: which of the next best tools are nearly this finger, and what still differs; empty where none is."""
+    twins, differ = [], set()
+    for label, other in others:
+        apart = np.abs(to_unit([other])[0] - to_unit([design])[0])
+        far = [name for name, gap in zip(PARAMETERS, apart, strict=True) if gap > NEARLY]
+        if len(far) <= N_APART:
+            twins.append(label)
+            differ.update(far)
+    if not twins:
+        return ""
+    names = [f"the {spell_name(name)}" for name in PARAMETERS if name in differ]
+    but = f" but for {' and '.join(names)}" if names else ""
+    told, are = (twins[0], "is") if len(twins) == 1 else (f"{', '.join(twins[:-1])} and {twins[-1]}", "are")
+    return f"{told} {are} nearly the same finger{but}: the best tools are fewer different answers than they seem."
 
 
 def _range_mark(mine: float, published: float, low: float, high: float) -> Markup:

@@ -26,9 +26,9 @@ BOX_FROM_N = 5
 MARKS = {"random": (FIRST, "o"), "guided": (BEST, "D"), "imported": (MUTED, "s")}  # colour and marker by kind of design
 _TITLE = "Against other approaches"
 _NO_OTHERS = Markup(
-    "Fig. 2a needs a second approach with the same objects, and this lake has none; <code>fast compare</code> measures "
-    "random, measured-only and simulation-only campaigns, and <code>fast report CAMPAIGN --against LAKE</code> draws "
-    "them here."
+    "What measuring and simulating together is worth shows beside campaigns that choose their tools otherwise, with "
+    "the same objects; this lake has none. <code>fast compare</code> makes random, measured-only and simulation-only "
+    "ones, and <code>fast report CAMPAIGN --against LAKE</code> draws them here (Fig. 2a of the paper)."
 )
 
 
@@ -248,8 +248,9 @@ def write_baselines(content: Content, folder: Folder) -> Markup:
         numeric=(1, 2, 3, 4, 5, 6), best_row=0,
     )  # fmt: skip
     words = paragraph(
-        f"Fig. 2a of the paper, on the same {count(len(objects), 'object')}. Left: the best tool so far, against the "
-        "tools measured. Right: the tools of the last batch, which the paper compares by mean and spread.", "note",
+        f"Ways of choosing tools, on the same {count(len(objects), 'object')}. Left: the best tool so far, against the "
+        "tools measured. Right: the tools of the last batch, which the paper compares by mean and spread (Fig. 2a "
+        "there).", "note",
     )  # fmt: skip
     return section("baselines", _TITLE, words, figure, listed, folder.numbers("approaches", _tool_rows([own, *others])))
 

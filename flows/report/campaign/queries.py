@@ -18,7 +18,7 @@ MEANWHILE_S = 5.0  # a simulation this close to a grasp ran while the bench meas
 
 # Grasps that count; means over the repeats on an object; designs that the campaign asked for. The views `tool_object`
 # and `tool_quality` have the same means, but not the same last digit each time.
-_VALID = "SELECT * FROM grasp_summary WHERE campaign_id = {campaign} AND is_valid"
+_VALID = "SELECT * FROM grasp_summary WHERE campaign_id = {campaign} AND is_valid AND is_base"
 _ON_OBJECT = f"""
   SELECT tool_id, batch, slot, design_id, object_id, object_name, avg(peak_force_n ORDER BY repeat) AS peak_force_n,
          avg(work_j ORDER BY repeat) AS work_j, count(*) AS n_repeats,
@@ -103,7 +103,7 @@ SELECT object_class, count(*) AS n_grasps, median(hold_mm) AS hold_mm, median(ho
        avg((positive_after_mm = 0)::INTEGER) AS holds_at_once,
        100 * coalesce(relative_slope_per_mm, 0) AS percent_per_mm, 100 * holds_at_once AS percent_at_once
 FROM feature_summary
-WHERE campaign_id = {campaign} AND peak_force_n > 0
+WHERE campaign_id = {campaign} AND is_base AND peak_force_n > 0
 GROUP BY object_class
 ORDER BY object_class"""
 
@@ -112,7 +112,7 @@ EARLY_LOSSES = """
 WITH held AS (
   SELECT tool_id, batch, slot, object_id, object_name, object_class, count(*) AS n_repeats,
          avg(peak_force_n ORDER BY repeat) AS peak_force_n, avg(half_peak_lift_mm ORDER BY repeat) AS held_mm
-  FROM feature_summary WHERE campaign_id = {campaign} GROUP BY ALL)
+  FROM feature_summary WHERE campaign_id = {campaign} AND is_base GROUP BY ALL)
 SELECT *, median(held_mm) OVER of_object AS median_mm, held_mm / median(held_mm) OVER of_object AS part
 FROM held WINDOW of_object AS (PARTITION BY object_id)
 ORDER BY part, tool_id, object_id"""
@@ -162,7 +162,7 @@ SELECT v.version_id, v.tier, v.young_modulus_mpa, v.friction, v.poisson_ratio, v
 FROM simulations s JOIN simulator_versions v USING (version_id)
 WHERE s.design_id IN {_ASKED}
 GROUP BY ALL
-ORDER BY first_at, v.young_modulus_mpa DESC NULLS FIRST, v.version_id"""
+ORDER BY min((s.sequence, s.created_at)), v.young_modulus_mpa DESC NULLS FIRST, v.version_id"""
 
 BATCHES = """
 SELECT b.batch, b.kind, b.n_tools,
@@ -202,7 +202,7 @@ SELECT s.version_id, count(*) AS n_simulations, count(*) FILTER (s.status = 'ok'
 FROM simulations s
 WHERE s.design_id IN {_ASKED}
 GROUP BY s.version_id
-ORDER BY min(s.created_at), s.version_id"""
+ORDER BY min((s.sequence, s.created_at)), s.version_id"""
 
 FAILURES = f"""
 SELECT 'grasp' AS what, coalesce(nullif(reason, ''), 'no reason given') AS reason, count(*) AS n FROM grasps
@@ -223,7 +223,8 @@ SELECT batch, n_real, n_sim, rho, noise_sd_n, loo_rmse_n, loo_coverage_90, loo_q
   lengthscales_e
 FROM fits WHERE campaign_id = {campaign}
 QUALIFY row_number() OVER (PARTITION BY batch ORDER BY
-  fit_id IN (SELECT unnest(parents) FROM proposals WHERE fidelity = 'real') DESC, created_at DESC) = 1
+  fit_id IN (SELECT unnest(parents) FROM proposals WHERE fidelity = 'real') DESC,
+  sequence DESC, created_at DESC) = 1
 ORDER BY batch"""
 
 PROVENANCE = f"""
@@ -240,7 +241,8 @@ GROUP BY ALL
 ORDER BY rows_of, code_version, config_hash"""
 
 SETUPS = """
-SELECT setup_id, any_value(setup_json) AS setup_json, count(*) AS n_grasps
+SELECT setup_id, any_value(setup_json) AS setup_json, count(*) AS n_grasps, count(request_id) AS n_asked,
+       any_value(offset_x_mm) AS offset_x_mm, any_value(offset_y_mm) AS offset_y_mm, any_value(yaw_deg) AS yaw_deg
 FROM grasps WHERE campaign_id = {campaign} GROUP BY setup_id ORDER BY n_grasps DESC, setup_id"""
 
 

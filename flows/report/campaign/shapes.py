@@ -11,7 +11,7 @@ from flows.report.campaign import queries
 from flows.report.campaign.content import NOT_MEASURED, Content
 from flows.report.campaign.facts import Tool
 from flows.report.campaign.queries import Result
-from flows.report.campaign.traces import NO_TRACES, Curve, Window, gather_curves, write_panel
+from flows.report.campaign.traces import NO_TRACES, Curve, Window, gather_curves, panel_grid, write_panel
 from flows.report.folder import Folder
 from flows.report.html import Column, Markup, columns, number, paragraph, record_table, section
 from flows.report.style import BEST, FIRST, MUTED, SOFTEST, new_axes, new_figure
@@ -34,19 +34,18 @@ _COLOURS = {"softest": SOFTEST, "stiffest": FIRST, "best": BEST}
 
 @dataclass(frozen=True)
 class Group:
-    """A panel of Fig. 5 and the object classes in it; `is_stable`: the paper finds firm grasps across tools."""
+    """Object classes of like shape, a panel of Fig. 5; `is_stable`: the paper finds firm grasps across tools."""
 
-    letter: str
     title: str
     classes: tuple[str, ...]
     is_stable: bool
 
 
 GROUPS = (
-    Group("c", "Flat sides", ("cube", "prism", "triangle"), True),
-    Group("d", "Smoothly curved", ("sphere", "ellipsoid", "diamond", "cylinder", "tube", "disc", "torus"), True),
-    Group("e", "Tapering to the top", ("cone", "pyramid"), False),
-    Group("f", "Pronounced shapes", ("hourglass", "diabolo", "spiral", "jack"), False),
+    Group("Flat sides", ("cube", "prism", "triangle"), True),
+    Group("Smoothly curved", ("sphere", "ellipsoid", "diamond", "cylinder", "tube", "disc", "torus"), True),
+    Group("Tapering to the top", ("cone", "pyramid"), False),
+    Group("Pronounced shapes", ("hourglass", "diabolo", "spiral", "jack"), False),
 )
 STABLE_CLASSES = {name for group in GROUPS if group.is_stable for name in group.classes}
 
@@ -73,22 +72,20 @@ def write_shapes(content: Content, folder: Folder) -> Markup:
     window = Window.of([curve for found in curves.values() for curve in found.values()])
     known = {o: classes[o][0] for o in curves if o in classes}
     panels = [
-        write_panel(
-            "shapes", o, classes[o][1], draw_shape(curves[o], window), folder, over=f"{group.letter}\u2002{group.title}"
-        )
+        write_panel("shapes", o, classes[o][1], draw_shape(curves[o], window), folder, over=group.title)
         for group in GROUPS
         for o in choose_objects(group, known)
     ]
     words = paragraph(
-        "As Fig. 5c to g of the paper, where one tool is softest, one stiffest and one the best: c to f are groups of "
-        "objects by shape, g is the grasp that was lost too early. Upper panels: force; lower panels: the same over "
-        f"its peak, so that the shape shows even of a weak tool. {_softness_words(softness)}", "note",
+        "How a soft, a stiff and the best tool hold objects of different shapes. Upper panels: force; lower panels: "
+        f"the same over its peak, so that the shape shows even of a weak tool. {_softness_words(softness)} "
+        "(Fig. 5c to g of the paper.)", "note",
     )  # fmt: skip
     loss, loss_sources = write_early_loss(content, folder)
     flags, flag_source = list_flagged_grasps(content)
     return section(
-        "shapes", title, _key(tools), words, f'<div class="panels">{"".join(panels)}</div>', _features_table(features),
-        "<h3>g&ensp;Lost too early, and other anomalies</h3>", loss, flags,
+        "shapes", title, _key(tools), words, panel_grid(panels), _features_table(features),
+        "<h3>Lost too early, and other anomalies</h3>", loss, flags,
         folder.sources(traces, features, *([softness] if softness else []), *loss_sources, flag_source),
     )  # fmt: skip
 
@@ -156,10 +153,12 @@ def _features_table(features: Result) -> Markup:
     """Medians of what the traces of each group look like; one line where they have not been calculated."""
     if not features.rows:
         return paragraph(NO_FEATURES, "note")
-    letters = {name: group.letter for group in GROUPS for name in group.classes}
-    rows = sorted((r for r in features.rows if r["object_class"] in letters), key=lambda r: letters[r["object_class"]])
+    groups = {name: group.title for group in GROUPS for name in group.classes}
+    order = [group.title for group in GROUPS]
+    known = [row for row in features.rows if row["object_class"] in groups]
+    rows = sorted(known, key=lambda row: order.index(groups[row["object_class"]]))
     columns_of: dict[str, Column] = {
-        "group": lambda row: letters[row["object_class"]],
+        "group": lambda row: groups[row["object_class"]],
         "class": "object_class",
         "grasps": ("n_grasps", 0),
         "above half the peak (mm)": ("half_peak_lift_mm", 1),
@@ -168,7 +167,12 @@ def _features_table(features: Result) -> Markup:
         "peaks": ("n_peaks", 1),
         "no push before (%)": ("percent_at_once", 0),
     }
-    return record_table(rows, columns_of)
+    told = paragraph(
+        "Medians over the grasps. Above half the peak: for how much of the lift the force stays there. Plateau: lift "
+        "near the peak, and how the force changes along it. Peaks: how many the force has, in the mean. No push "
+        "before: grasps that pull from the start, without pressing the object down first.", "note",
+    )  # fmt: skip
+    return Markup(record_table(rows, columns_of) + told)
 
 
 def write_early_loss(content: Content, folder: Folder) -> tuple[Markup, list[Result]]:

@@ -82,7 +82,8 @@ def _find_object(object_id: int) -> RigidObject | None:
 def _find_setup(content: Content, tool: Tool, object_id: int) -> GraspSetup:
     """The setup with which the tool met the object."""
     grasps = content.lake.records(GraspRow, tool_id=tool.tool_id, object_id=object_id, status="ok")
-    return GraspSetup.model_validate_json(grasps[-1].setup_json)
+    ordinary = [grasp for grasp in grasps if grasp.request_id is None]
+    return GraspSetup.model_validate_json(ordinary[-1].setup_json)
 
 
 def write_agreement(content: Content, folder: Folder) -> Markup:

@@ -38,19 +38,27 @@ def write_surrogate(content: Content, folder: Folder) -> Markup:
     return section(
         "surrogate",
         "The surrogate",
+        paragraph(
+            "The surrogate is the model that chooses the next tools. It predicts the quality of a design: rho times "
+            "what the simulation says, plus the discrepancy, which only measurements show (Eq. 1 of the paper)."
+        ),
         *(paragraph(finding, "note") for finding in _findings(last)),
         record_table(fits.rows, _COLUMNS),
+        paragraph(
+            "Each row is the fit that chose the tools of a batch. Measured, simulated: the designs that it knew. Rho: "
+            "how many newtons on the bench go with one in the simulation. Shared: part of the variance that measured "
+            "designs have in common with their simulation. Error: each measured design predicted from all others, root "
+            "mean square; alone: the same without simulations. Predicted: part of the variance between measured "
+            "designs. In 90 %: part of them inside their 90 % interval. Noise: between measurements of one design.",
+            "note",
+        ),
         columns(
             figure,
             paragraph(
-                "The surrogate predicts tool quality from the design: rho times what the simulation says, plus what "
-                "only measurements show, the discrepancy (Eq. 1 of the paper). Each row is the fit that chose the "
-                "tools of a batch. Rho: how many newtons on the bench go with one in the simulation. Shared: part of "
-                "the variance that measured designs have in common with their simulation. Error: each measured design "
-                "predicted from all others, root mean square; alone: the same without simulations. Predicted: part of "
-                "the variance between measured designs. In 90 %: part of them inside their 90 % interval. Bars: how "
-                "fast the outcome changes along each design parameter, in the last fit. k_h and k_eps are the "
-                "covariance functions (kernels) of the two parts.",
+                "How fast the quality changes along each design parameter, in the last fit: a long bar is a parameter "
+                "that matters, a short one hardly does. The length scale is the change of a parameter, as part of its "
+                "range, over which the quality becomes another. The model has one for what simulation and bench share "
+                "and one for the discrepancy (the kernels k_h and k_eps of the paper).",
                 "note",
             ),
         ),
@@ -62,14 +70,14 @@ def draw_relevance(fit: Mapping[str, Any]) -> Figure:
     """Inverse lengthscale of each design parameter, for simulator and discrepancy; long bars bend the outcome most."""
     figure, axes = new_axes(WIDTH_IN, 3.4, grid="x")
     for offset, column, colour, label in (
-        (-0.19, "lengthscales_h", SIMULATED, "simulation, which measurements share (k_h)"),
-        (0.19, "lengthscales_e", BEST, "discrepancy, which only measurements show (k_eps)"),
+        (-0.19, "lengthscales_h", SIMULATED, "simulation, which measurements share"),
+        (0.19, "lengthscales_e", BEST, "discrepancy, which only measurements show"),
     ):
         places = [place + offset for place in range(len(PARAMETERS))]
         axes.barh(places, [1.0 / length for length in fit[column]], height=0.36, color=colour, label=label)
     axes.set_yticks(range(len(PARAMETERS)), [spell_name(name) for name in PARAMETERS])
     axes.invert_yaxis()
-    axes.set_xlabel("1 / lengthscale, per range of the parameter")
+    axes.set_xlabel("1 / length scale, per range of the parameter")
     figure.legend(loc="outside upper left")
     return figure
 

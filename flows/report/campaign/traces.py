@@ -27,6 +27,7 @@ _LOG = logging.getLogger(__name__)
 NO_TRACES = "These grasps have no lift in their traces, so there is nothing to draw."
 STEP_MM = 1.0
 WIDTH_IN, HEIGHT_IN = 2.9, 1.75
+FEW_PANELS = 9
 _STILL = 0.04  # of the largest force; beyond, nothing happens any more
 _ROOM_MM = 3.0
 _SIMULATED_SHARE = 1.5  # of the largest measured force; simulated ones beyond are cut off
@@ -101,6 +102,12 @@ def write_panel(
     return f'<div class="panel">{above}<h3>{title}</h3>{shown}{below}</div>'
 
 
+def panel_grid(panels: Sequence[str], *, is_wide: bool = False) -> Markup:
+    """Panels side by side, larger where there are few of them."""
+    css = ["panels", *(["wide"] if is_wide else []), *(["few"] if len(panels) <= FEW_PANELS else [])]
+    return Markup(f'<div class="{" ".join(css)}">{"".join(panels)}</div>')
+
+
 def write_traces(content: Content, folder: Folder) -> Markup:
     """All tools of two batches on every object, the best tool also as simulated."""
     title = "Force during the lift, object by object"
@@ -143,18 +150,18 @@ def write_traces(content: Content, folder: Folder) -> Markup:
         f"left the tools of B{first:02d}, right those of B{last:02d}" if first != last else f"tools of B{first:02d}"
     )
     words = paragraph(
-        f"Fig. 5a and b of the paper: {batches}, each line the mean of a tool's repeats in steps of {STEP_MM:g} mm; "
-        "the darker, the better the tool over all objects. All panels share their axes. Below zero the object is still "
-        "pushed down; the highest point is the peak pull-off force; where the line returns to zero the object has left "
-        "the grip. Simulated forces far above all measured ones are cut off. "
-        f"{describe_specialists(content.work.rows, (first, last))}", "note",
+        f"How hard the object pulls while the closed gripper rises: {batches}, each line the mean of a tool's repeats "
+        f"in steps of {STEP_MM:g} mm; the darker, the better the tool over all objects. All panels share their axes. "
+        "Below zero the object is still pushed down; the highest point is the peak pull-off force; where the line "
+        "returns to zero the object has left the grip. Simulated forces far above all measured ones are cut off. "
+        f"{describe_specialists(content.work.rows, (first, last))} (Fig. 5a and b of the paper.)", "note",
     )  # fmt: skip
     key = [f"<span><i></i>{best.label}, the best tool, on the right</span>"]
     key += [f'<span><i class="sim"></i>{best.label} simulated</span>'] if simulated else []
     key += ['<span><i class="branch"></i>its other branch, where it has two</span>'] if others else []
     return section(
         "traces", title, f'<div class="key">{"".join(key)}</div>', words,
-        f'<div class="panels wide">{"".join(cells)}</div>', folder.sources(*shown),
+        panel_grid(cells, is_wide=True), folder.sources(*shown),
     )  # fmt: skip
 
 

@@ -36,9 +36,9 @@ def write_work(content: Content, folder: Folder) -> Markup:
     first, last = content.first[0].batch, content.last[0].batch
     shown = folder.figure("work_by_object", draw_work(content.work.rows, first, last), "Work per object")
     words = paragraph(
-        "Fig. 2c of the paper. The area under force over lift, in joule, is the work that it takes to break a grasp: a "
-        "grasp that holds long counts for more than one that is strong for a moment. Each dot is a tool, each bar the "
-        "median of its batch; objects are sorted by the newest batch."
+        "The area under force over lift, in joule, is the work that it takes to break a grasp: a grasp that holds long "
+        "counts for more than one that is strong for a moment. Each dot is a tool, each bar the median of its batch; "
+        "objects are sorted by the newest batch (Fig. 2c of the paper)."
     )
     changes = compare_work(content, first, last) if first != last else []
     parts = [columns(shown, words + _changes_table(changes, first, last)), folder.sources(content.work)]

@@ -149,8 +149,9 @@ def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
             f"Another effect, or a model without a name, would still explain {100.0 * named.left_share:.0f} % of what "
             "this answer explains."
         )
-    if named.kind == "set":
-        notes.append(f"The next round takes {describe_effect(named.effects[0])} for granted; no simulator gets it.")
+    if named.kind == "set" and found.version is not None:
+        first = describe_effect(named.effects[0])
+        notes.append(f"The simulator gets {first}, since all of them correct alike; which of them it is stays open.")
     if found.refused:
         notes.append(f"Not added to the simulator: {found.refused}")
     if found.patternless_n is not None:

@@ -37,6 +37,7 @@ from flows.report.gap.figures import (
     draw_trace,
     name_cell,
 )
+from flows.report.gap.question import write_next
 from flows.report.html import (
     Column,
     Markup,
@@ -271,27 +272,6 @@ def write_show(content: GapPage, folder: Folder) -> Markup:
         _KEY,
         *pairs,
         _metrics(evaluation, folder),
-    )
-
-
-def write_next(content: GapPage, folder: Folder) -> Markup:
-    """The experiment that separates a set, and aliases with what would tell."""
-    findings = content.findings
-    asked = findings.next_experiment
-    told = (
-        paragraph(asked.sentence, "lead")
-        + paragraph(f"It separates {', '.join(describe_effect(e) for e in asked.separates)}.")
-        if asked is not None
-        else paragraph("Nothing is left ambiguous that an experiment of the bench would separate.")
-    )
-    rows = [(describe_effect(a.effect), a.of, a.experiment) for a in findings.aliases]
-    listed = table(("effect", "cannot be told from", "what would tell"), rows)
-    return section(
-        "next",
-        "What to measure next",
-        told,
-        Markup("<h3>What these data cannot tell from something else</h3>"),
-        f'<div class="words">{listed}</div>',
     )
 
 

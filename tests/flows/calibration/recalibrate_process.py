@@ -1,16 +1,18 @@
 """What a worker and a campaign do, in a process of its own, on the server of PREFECT_API_URL; made-up draws.
 
-Arguments: a lake, then words. `pool` makes the work pool of prefect.yaml, `run` the flow, `announce` sends a
-campaign's event. Prints the messages of the flow's states.
+Arguments: a lake, then words. `pool` makes the work pool of prefect.yaml, `run` the flow, `measure` appends grasps of
+more tools, `announce` sends a campaign's event. Prints the messages of the flow's states.
 """
 
 import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import pytest
+
 from flows.server.server import configure_client
 from lake.store import Lake
-from tests.tasks.calibration.calibration_lake import CONFIG, made_up_result
+from tests.tasks.calibration.calibration_lake import CONFIG, PROVENANCE, made_up_result, measured_rows
 
 
 def made_up(problem, settings, progress=None):
@@ -23,7 +25,7 @@ def main(root: Path, words: list[str], api_url: str) -> None:
     sys.modules["models.calibration.means.calibrate"] = SimpleNamespace(calibrate=made_up)  # type: ignore[assignment]
     configure_client(api_url, root)
     for word in words:
-        {"pool": make_pool, "run": run_flow, "announce": announce}[word](root)
+        {"pool": make_pool, "run": run_flow, "measure": measure, "announce": announce}[word](root)
 
 
 def make_pool(root: Path) -> None:
@@ -38,10 +40,17 @@ def make_pool(root: Path) -> None:
 def run_flow(root: Path) -> None:
     """Run the deployment's flow as a worker would."""
     from flows.deployments import recalibrate
+    from tests.flows.undrawn import leave_undrawn
 
+    leave_undrawn(pytest.MonkeyPatch())
     state = recalibrate(lake=str(root), simulate=0, chains=2, draws=100, tune=50, return_state=True)
     sys.stdout.write(f"{state.type.value}: {state.message}\n")
     sys.stdout.flush()
+
+
+def measure(root: Path) -> None:
+    """Grasps of five tools more."""
+    Lake.open(root).append(measured_rows(5, first=20), PROVENANCE)
 
 
 def announce(root: Path) -> None:

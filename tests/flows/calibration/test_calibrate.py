@@ -172,6 +172,11 @@ def test_wrong_use_is_one_sentence_and_status_2(tmp_path, fast, answers, words, 
 def test_too_little_is_found_before_anything_is_simulated(tmp_path, fast, answers):
     lake = calibration_lake(tmp_path / "lake", n_tools=3, n_points=0)
     assert "has 3 measured tools" in fast.refused("calibrate", "--lake", lake.root, "--simulate", 30)
+    lake = calibration_lake(tmp_path / "other", n_points=5)
+    said = fast.refused("calibrate", "--lake", lake.root, "--simulate", 8)
+    assert (
+        "--simulate 8 would make 13 simulated designs, a calibration needs at least 20; ask for --simulate 15" in said
+    )
     assert not answers.simulator.jobs
     assert "is not a lake" in fast.refused("calibrate", "--lake", tmp_path / "none")
 

@@ -7,7 +7,7 @@ import pytest
 from flows.server.server import server
 from lake.tables.campaign import CalibrationRow, FlowRunRow
 from tests.flows.server.on_server import asked, python, wait_for
-from tests.tasks.calibration.calibration_lake import PROVENANCE, calibration_lake, measured_rows
+from tests.tasks.calibration.calibration_lake import calibration_lake
 
 # Made before SQLAlchemy was held below 2.1, with which Prefect's scheduler fails.
 IS_OLD_ENVIRONMENT = version("sqlalchemy") >= "2.1"
@@ -32,14 +32,12 @@ def url(lake):
 
 
 def test_a_run_calibrates_or_says_that_nothing_is_new(lake, url):
-    first, second = worker(url, lake.root, "run", "run").splitlines()
-    (row,) = lake.records(CalibrationRow)
-    assert first.startswith(f"COMPLETED: calibration {row.calibration_id} of 90 grasps of 12 tools")
-    assert second.startswith(f"COMPLETED: nothing new since calibration {row.calibration_id}")
-    lake.append(measured_rows(5, first=20), PROVENANCE)
-    (third,) = worker(url, lake.root, "run").splitlines()
-    assert "of 120 grasps of 16 tools" in third
-    assert len(lake.ids(CalibrationRow)) == 2
+    first, second, third = worker(url, lake.root, "run", "run", "measure", "run").splitlines()
+    rows = sorted(lake.rows(CalibrationRow), key=lambda row: row["created_at"])
+    older, newer = (row["calibration_id"] for row in rows)
+    assert first.startswith(f"COMPLETED: calibration {older} of 90 grasps of 12 tools")
+    assert second.startswith(f"COMPLETED: nothing new since calibration {older}")
+    assert third.startswith(f"COMPLETED: calibration {newer} of 120 grasps of 16 tools")
     assert all((lake.root / "outputs" / name / "report" / "index.html").is_file() for name in lake.ids(CalibrationRow))
     runs = lake.records(FlowRunRow, flow="recalibrate")
     assert [run.reason.split(" ")[0] for run in runs] == ["calibration", "nothing", "calibration"]

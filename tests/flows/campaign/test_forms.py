@@ -6,7 +6,7 @@ import pytest
 
 from flows.campaign.forms import close_forms, open_form
 from flows.campaign.notify import SILENT
-from flows.campaign.operator_prompts import PrintPrompts
+from flows.campaign.operator_prompts import PrintPrompts, make_print_form
 from flows.progress import ProgressReporter
 from flows.server.server import address_for_others, ask_server
 from lake.store import Lake
@@ -55,26 +55,41 @@ def pages(monkeypatch):
 
 
 def test_a_batch_has_one_form_until_it_is_closed(lake, pages):
-    form = open_form(lake, "quick", 1)
+    form = open_form(lake, make_print_form(lake, "quick", 1))
     assert form.endswith("/runs/flow-run/R0")
-    assert open_form(lake, "quick", 1) == form
+    assert open_form(lake, make_print_form(lake, "quick", 1)) == form
     (run,) = pages.runs
     assert run["parameters"] == {
         "campaign": "quick", "batch": 1, "slots": [0, 1, 2, 3], "lake": address_for_others(lake)
     }  # fmt: skip
     assert run["name"] == "quick/B01: printed and mounted?"
-    close_forms(lake, "quick", 1, "said by ada")
+    close_forms(lake, make_print_form(lake, "quick", 1), "said by ada")
     assert run["message"] == "said by ada"
-    assert open_form(lake, "quick", 1).endswith("R1")
+    assert open_form(lake, make_print_form(lake, "quick", 1)).endswith("R1")
     assert {request.headers["Authorization"] for request in pages.seen} == {"Basic ZmFzdDpvcGVuIHNlc2FtZQ=="}
+
+
+def test_a_form_that_was_answered_is_not_followed_by_another(tmp_path, pages):
+    """The answer is in the lake, the form has ended, and the campaign has not looked yet."""
+    lake = Lake.open(proposed_lake(tmp_path))
+    assert open_form(lake, make_print_form(lake, "quick", 1)).endswith("R0")
+    ensure_tray(lake, "quick", 1)
+    confirm_print(lake, "quick", 1, PrintConfirmation(operator="ada", again={2: "warped"}))
+    pages.runs[0]["open"] = False
+    assert open_form(lake, make_print_form(lake, "quick", 1)).endswith("R1")  # of the tool that is printed again
+    assert pages.runs[1]["parameters"]["slots"] == [2]
+    confirm_print(lake, "quick", 1, PrintConfirmation(operator="ada"))
+    pages.runs[1]["open"] = False
+    assert open_form(lake, make_print_form(lake, "quick", 1)) is None
+    assert len(pages.runs) == 2
 
 
 def test_without_deployment_or_server_there_is_no_form(lake, pages, monkeypatch):
     pages.deployed = False
-    assert open_form(lake, "quick", 1) is None
+    assert open_form(lake, make_print_form(lake, "quick", 1)) is None
     monkeypatch.setenv("PREFECT_API_URL", "http://127.0.0.1:9/api")
-    assert open_form(lake, "quick", 1) is None
-    close_forms(lake, "quick", 1, "nobody hears it")
+    assert open_form(lake, make_print_form(lake, "quick", 1)) is None
+    close_forms(lake, make_print_form(lake, "quick", 1), "nobody hears it")
 
 
 def test_a_server_whose_database_is_busy_is_asked_again(monkeypatch):

@@ -8,7 +8,6 @@ import pytest
 
 from flows.campaign.status import format_status, read_status
 from flows.report.campaign.page import write_report
-from flows.report.folder import Folder
 from flows.viewer.campaign import write_recording
 from lake.handoff.export_folder import export_handoff
 from lake.handoff.import_folder import import_handoff
@@ -35,13 +34,6 @@ def lake(tmp_path):
     lake = Lake.open(tmp_path / "lake", create=True)
     import_handoff(lake, folder, PROVENANCE)
     return lake
-
-
-@pytest.fixture
-def no_figures(monkeypatch):
-    """Reports without drawings on disk, where the claim is about words and numbers."""
-    monkeypatch.setattr("flows.report.folder.save_svg", lambda figure, path: None)
-    monkeypatch.setattr(Folder, "print_figure", Folder.figure)
 
 
 def text_of(html: str) -> str:
@@ -84,7 +76,7 @@ def test_a_report_says_the_same_of_a_campaign_in_another_lake(tmp_path, no_figur
     assert quality[0] == quality[1]
 
 
-def test_simulations_alone_make_a_report(tmp_path):
+def test_simulations_alone_make_a_report(tmp_path, no_figures):
     folder = good_folder(tmp_path / "their-lab")
     sim = grasp("s", fidelity="sim", tool_id="")
     write_csv(folder / "grasps.csv", [sim])

@@ -4,7 +4,7 @@ import pytest
 
 from flows.campaign import progress
 from flows.campaign.progress import MOST_CPU, CampaignProgress, Workload
-from flows.progress import UNKNOWN
+from flows.progress import UNKNOWN, ProgressReporter
 
 
 def test_share_of_work_done():
@@ -14,9 +14,8 @@ def test_share_of_work_done():
 def test_lines_that_cost_much_come_seldom(monkeypatch):
     """A bench measures for days: what people read of it must not cost more than the rest."""
     clock, cpu_s, lines = [0.0], [0.0], []
-    monkeypatch.setattr(progress, "time", SimpleNamespace(
-        monotonic=lambda: clock[0], thread_time=lambda: cpu_s[0], strftime=lambda form: "12:00:00",
-    ))  # fmt: skip
+    fake_time = SimpleNamespace(monotonic=lambda: clock[0], thread_time=lambda: cpu_s[0])
+    monkeypatch.setattr(progress, "time", fake_time)
     monkeypatch.setattr(progress, "at_present", lambda campaign: SimpleNamespace(state=lambda: None))
 
     def count(campaign, state) -> Workload:
@@ -24,7 +23,7 @@ def test_lines_that_cost_much_come_seldom(monkeypatch):
         return Workload(1, 2, 3, 4)
 
     monkeypatch.setattr(progress, "count_work", count)
-    reporter = CampaignProgress(SimpleNamespace(), lines.append)
+    reporter = CampaignProgress(SimpleNamespace(), ProgressReporter(lines.append, lines.append).report)
     for _ in range(200):
         clock[0] += 1.0
         reporter.line("a grasp")
@@ -37,12 +36,10 @@ def test_lines_that_cost_much_come_seldom(monkeypatch):
 def test_after_a_break_no_time_is_said_until_the_rate_of_the_grasps_is_known_again(monkeypatch):
     """The simulations of the stage are done, half of the grasps are left, and their first came after a print."""
     clock, grasps, lines = [0.0], [0], []
-    monkeypatch.setattr(progress, "time", SimpleNamespace(
-        monotonic=lambda: clock[0], thread_time=lambda: 0.0, strftime=lambda form: "12:00:00",
-    ))  # fmt: skip
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: clock[0], thread_time=lambda: 0.0))
     monkeypatch.setattr(progress, "at_present", lambda campaign: SimpleNamespace(state=lambda: None))
     monkeypatch.setattr(progress, "count_work", lambda campaign, state: Workload(grasps[0], 20, 30, 30))
-    reporter = CampaignProgress(SimpleNamespace(), lines.append)
+    reporter = CampaignProgress(SimpleNamespace(), ProgressReporter(lines.append, lines.append).report)
     for at_s, done in ((0.0, 8), (10.0, 9), (20.0, 10), (4000.0, 11), (4010.0, 12)):
         clock[0], grasps[0] = at_s, done
         reporter.line("a grasp")

@@ -3,10 +3,10 @@
 import pytest
 
 from flows.campaign.single_steps import measure_one_batch, simulate_missing
+from lake.leases import exclusive
 from lake.store import Lake
 from lake.tables.campaign import GraspRow
 from models.errors import FastError
-from tasks.campaign.requests import exclusive
 from tests.flows.cli.cli_lakes import proposed_lake
 
 

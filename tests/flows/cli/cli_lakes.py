@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,6 +31,7 @@ class Answer(NamedTuple):
     @property
     def json(self) -> Any:
         """Standard output, as JSON."""
+        assert self.status == 0, self
         return json.loads(self.out)
 
 
@@ -92,3 +94,14 @@ def _propose(config: Path, address: str | Path) -> Path:
 def everything_in(folder: Path) -> dict[str, bytes]:
     """All files below a folder with their content."""
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def leaves(found: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
+    """Commands that do something, by their words."""
+    for name in found:
+        if name.startswith("-"):
+            continue
+        child = found[name]
+        if child.default_command is not None:
+            yield " ".join((*path, name)), child
+        yield from leaves(child, (*path, name))

@@ -7,10 +7,12 @@ from importlib.metadata import version
 import pyarrow.parquet as pq
 import pytest
 
+from flows.cli.common import table_text
+from lake.leases import exclusive
 from lake.store import Lake
 from lake.tables.campaign import EventRow, GraspRow, ToolRow
 from models.design.space import BEST_PUBLISHED
-from tasks.campaign.requests import exclusive, requested_verb
+from tasks.campaign.requests import requested_verb
 from tests.flows.cli.cli_lakes import WORLD, Fast, proposed_lake
 from tests.flows.synthetic_lake import Campaign, build
 
@@ -125,8 +127,8 @@ def test_check_knows_what_belongs_to_fast_and_fails_on_the_rest(fast, tmp_path):
 
 def test_view_takes_grasps_designs_and_campaigns(fast, measured, tmp_path):
     grasp = Lake.open(measured).rows(GraspRow, status="ok")[0]
-    for what in (grasp["grasp_id"], grasp["design_id"], "demo"):
-        out = tmp_path / f"{what}.rrd"
+    for what in (grasp["grasp_id"], grasp["design_id"], grasp["tool_id"], "demo"):
+        out = tmp_path / f"{what.replace('/', '-')}.rrd"
         answer = fast("view", what, "--save", out, "--lake", measured, "--json")
         assert answer.json == {"shown": what, "recording": str(out)}
         assert out.stat().st_size > 10_000
@@ -207,3 +209,13 @@ def _broken():
 
 def test_the_version_is_that_of_the_package(fast):
     assert fast("--version").out.strip() == version("fast-gripper-lab")
+
+
+def test_a_table_that_is_too_wide_is_cut_into_tables_with_the_same_first_column():
+    rows = [{"strategy": "measured only", **{f"number_{place}": 1.5 for place in range(8)}}]
+    text = table_text(rows, width=50)
+    assert max(map(len, text.splitlines())) <= 50
+    heads = [line.split() for line in text.splitlines() if line.startswith("strategy")]
+    assert len(heads) == 3
+    assert [name for head in heads for name in head[1:]] == [f"number_{place}" for place in range(8)]
+    assert table_text(rows, width=500) == table_text(rows)

@@ -22,9 +22,9 @@ from lake.tables.campaign import (
     GraspRow,
     SimulationRow,
     ToolRow,
-    setup_columns,
 )
 from lake.tables.links import LINKS, is_linked, summary_columns
+from lake.tables.requests import setup_columns
 from lake.tables.schema import has_samples
 from models.design.space import BEST_PUBLISHED
 from models.records import GraspSetup, GraspSimulation, Trace

@@ -11,17 +11,18 @@ import pytest
 
 from flows.cli.main import app, run
 from tasks.simulation.pool import WorkerPool
-from tests.flows.cli.cli_lakes import ROOT, WORLD, proposed_lake, write_config
+from tests.flows.cli.cli_lakes import ROOT, WORLD, leaves, proposed_lake, write_config
 
 FAST = ["-m", "flows.cli.main"]
 HEAVY = ("torch", "prefect", "pymc", "botorch", "matplotlib", "duckdb", "pyarrow", "rerun", "numpy", "pydantic")
 MODELLING = ("torch", "prefect", "pymc", "botorch", "matplotlib", "scipy", "numba", "rerun")
 COMMANDS = [
     "bench list", "bench run", "calibrate", "campaign abort", "campaign list", "campaign pause", "campaign run",
-    "campaign status", "campaign stop", "compare", "doctor", "features", "gap", "gantry diagnose", "gantry faults",
+    "campaign status", "campaign stop", "compare", "doctor", "features", "gap", "gap answer", "gap next",
+    "gantry diagnose", "gantry faults",
     "gantry grasp", "gantry home", "gantry log", "gantry park", "gantry plan", "gantry replay", "gantry tare",
     "gantry tool", "lake check", "lake compact", "lake export", "lake import", "lake lineage", "lake stats",
-    "print confirm", "print sheet", "report", "serve", "simulate", "sql", "view", "virtual start",
+    "print confirm", "print mounted", "print sheet", "report", "serve", "simulate", "sql", "view", "virtual start",
 ]  # fmt: skip
 
 
@@ -70,17 +71,6 @@ def test_the_command_line_imports_nothing_heavy():
     code = f"import sys, {', '.join(names)}; print([m for m in {HEAVY} if m in sys.modules])"
     done = python(code)
     assert (done.returncode, done.stdout.strip()) == (0, "[]"), done.stderr
-
-
-def leaves(found, path=()):
-    for name in found:
-        if name.startswith("-"):
-            continue
-        child = found[name]
-        if child.default_command is None:
-            yield from leaves(child, (*path, name))
-        else:
-            yield " ".join((*path, name)), child
 
 
 def test_every_command_is_known_here():

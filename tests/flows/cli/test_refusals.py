@@ -31,7 +31,7 @@ def lake(tmp_path_factory):
         ("seed = 1", "sede = 1", "unknown key `sede`; did you mean `seed`?"),
         ("friction = 0.56", "friction = 5.6", "`simulator.theta.friction` is 5.6, it must be at most 2"),
         ("ids = [2,", "ids = [36,", "object 36 does not exist, ids are 0 to 35"),
-        ("ids = [2, 6, 14, 18, 24, 28, 30, 32]", 'ids = "some"', 'must be "all" or a list of object ids'),
+        ("ids = [2, 14, 28, 30]", 'ids = "some"', 'must be "all" or a list of object ids'),
         ("repeats = 2", 'repeats = "two"', "`objects.repeats` is 'two', it must be a whole number"),
         ("tools_per_batch = 4", "tools_per_batch = 11", "is 11, it must be at most 10"),
         ('name = "quick"', 'name = "Quick!"', "lower-case letters, digits, hyphens"),
@@ -102,8 +102,9 @@ def test_a_folder_with_other_things_is_no_lake(fast, tmp_path):
 def test_a_lake_whose_state_cannot_be_written_is_refused(fast, tmp_path):
     root = proposed_lake(tmp_path)
     (root / ".state").write_text("in the way")
-    said = fast.refused("campaign", "run", tmp_path / "quick.toml", "--lake", root)
-    assert "cannot be written" in said
+    answer = fast("campaign", "run", tmp_path / "quick.toml", "--lake", root)
+    assert answer.status == 2
+    assert ".state/prefect cannot be written (Not a directory)" in answer.err
     assert fast("campaign", "status", "--lake", root).status == 0
 
 
@@ -115,8 +116,8 @@ def test_a_changed_config_under_the_same_name_is_refused_with_what_changed(fast,
     assert "seed 1 -> 2; simulator.theta.friction 0.56 -> 0.6" in said
     assert "undo the change or give the new config another name" in said
     after = everything_in(root)
-    after.pop(".state/campaign-quick.lock")
-    assert after == before
+    assert {name for name in after if name not in before} == {"leases/campaign-quick/00000001.json"}
+    assert after.items() >= before.items()
 
 
 @pytest.mark.parametrize(
@@ -154,7 +155,7 @@ def test_wrong_words_get_a_sentence(fast, words, said):
     [
         (["campaign", "status", "quack"], "campaign `quack` is not in this lake; did you mean `quick`?"),
         (["report", "quack"], "did you mean `quick`?"),
-        (["view", "quack", "--save", "x.rrd"], "`quack` is no grasp, design or campaign of this lake"),
+        (["view", "quack", "--save", "x.rrd"], "`quack` is no grasp, design, tool or campaign of this lake"),
         (["simulate", "--object", "2", "--version", "V1"], "simulator version `V1` is not in"),
         (["print", "sheet", "7"], "`7` is not a batch; write it like quick/B01 or B01"),
         (["print", "sheet", "B09"], "batch quick/B09 does not exist"),

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from flows.cli import doctor
+from lake.leases import exclusive, is_held
 from lake.maintenance import check
 from lake.store import Lake
 from lake.tables.campaign import GraspRow, ToolRow
-from tasks.campaign.requests import exclusive
 from tests.flows.campaign.test_campaign import CONFIG as TINY
 from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake, write_config
 from tests.flows.synthetic_lake import Campaign, build
@@ -80,7 +80,7 @@ def test_compact_check_and_stats(fast, there):
     )
 
 
-def test_lineage_report_and_recording(fast, tmp_path):
+def test_lineage_report_and_recording(fast, tmp_path, no_figures):
     grasp_id = Lake.open(ADDRESS).query("SELECT grasp_id FROM grasps LIMIT 1")["grasp_id"][0].as_py()
     assert NAME in fast("lake", "lineage", grasp_id).out
     fast("report", NAME)
@@ -92,10 +92,10 @@ def test_lineage_report_and_recording(fast, tmp_path):
 
 def test_a_campaign_waits_for_its_print(there, capsys, tmp_path):
     waiting, fast = f"{ADDRESS}-waiting", Fast(capsys)
-    root = proposed_lake(tmp_path, waiting)
+    proposed_lake(tmp_path, waiting)
     assert fast("campaign", "status", "--lake", waiting, "--json").json["campaign"] == "quick"
     with exclusive(Lake.open(waiting), "campaign-quick", "busy"):
-        assert (root / ".state" / "campaign-quick.lock").is_file()
+        assert is_held(Lake.open(waiting), "campaign-quick")
         assert fast("campaign", "pause", "--lake", waiting).status == 0
     answer = fast("print", "confirm", "quick/B01", "--operator", "A. Person", "--lake", waiting)
     assert answer.status == 0, answer.err

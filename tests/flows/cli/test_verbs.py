@@ -59,8 +59,8 @@ def run(campaign):
             run.prepared(bench)
             yield bench
 
-    nothing = lambda *_: None  # noqa: E731 - four callbacks that this test does not listen to
-    run = CampaignRun(campaign, None, open_bench, "w", True, nothing, nothing, nothing)
+    nothing = lambda *_: None  # noqa: E731 - callbacks that this test does not listen to
+    run = CampaignRun(campaign, None, open_bench, "w", True, nothing, nothing, nothing, nothing, nothing)
     run.prepared = nothing
     return run
 

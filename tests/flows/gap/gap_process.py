@@ -15,6 +15,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from flows.server.server import configure_client
 from lake.store import Lake
 from tasks.simulation.plan import SimulationPlan
@@ -49,8 +51,10 @@ def deploy(_: Path) -> None:
 def run_flow(root: Path) -> None:
     """Run the deployment's flow as a worker would."""
     from flows.deployments import close_gap
+    from tests.flows.undrawn import leave_undrawn
 
     make_up()
+    leave_undrawn(pytest.MonkeyPatch())
     state = close_gap(lake=str(root), workers=1, return_state=True)
     sys.stdout.write(f"{state.type.value}: {state.message}\n")
     sys.stdout.flush()

@@ -17,6 +17,7 @@ from lake.tables.campaign import CampaignRow, DesignRow, GraspRow, SimulationRow
 from models.calibration.inference.settings import CalibrationSettings
 from models.errors import UsageError
 from models.gap.fit import posterior
+from models.gap.grasps import Cells
 from models.records import EffectValue, GraspSetup, SimulatorVersion
 from tasks.gap.bank import plan_bank
 from tests.studies.gap.example import REPEATS, collect_example, measure_example, round_rows
@@ -36,7 +37,7 @@ def test_the_file_that_is_shipped_has_the_bank(tmp_path: Path) -> None:
     designs = [row.design for row in lake.records(DesignRow)]
     objects = sorted({row.object_id for row in lake.records(GraspRow)})
     assert (len(designs), len(objects)) == (8, 6)
-    assert n_missing(lake, plan_bank(SimulatorVersion(), designs, objects, GraspSetup())) == 0
+    assert n_missing(lake, plan_bank(SimulatorVersion(), Cells.full(designs, objects, GraspSetup()))) == 0
 
 
 @pytest.mark.study

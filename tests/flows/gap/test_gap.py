@@ -22,6 +22,7 @@ from models.gap.bank.bank import WIDE
 from models.gap.bank.surrogate import Surrogate
 from models.gap.findings import Findings
 from models.gap.fit import posterior
+from models.gap.grasps import Cells
 from models.gap.local_bank import MOST_EFFECTS
 from models.records import EffectValue
 from tasks.calibration.mean_data import TooLittleDataError, read_measured_tools, read_simulated_points
@@ -59,7 +60,7 @@ def lagging(tmp_path_factory: pytest.TempPathFactory) -> Lake:
     return gap_lake(tmp_path_factory.mktemp("lagging") / "lake", hidden=[LAG])
 
 
-def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path) -> None:
+def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path, no_figures: None) -> None:
     said: list[str] = []
     outcome = run_gap(lagging, ORDER, ProgressReporter(said.append, said.append))
     findings = outcome.run.findings
@@ -156,7 +157,7 @@ def test_the_cost_is_told_and_nothing_is_searched(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(search, "simulate_missing", simulate)
     sentence = tell_cost(lake, ORDER, silent())
     n_wide, n_local = (
-        sum(plan.n_grasps for plan in plan_bank(BASE, DESIGNS, OBJECTS, SETUP, of))
+        sum(plan.n_grasps for plan in plan_bank(BASE, Cells.full(DESIGNS, OBJECTS, SETUP), of))
         for of in (WIDE, choose_largest_bank())
     )
     took = describe_duration(3.0 * (n_wide - 16 + n_local))
@@ -186,7 +187,7 @@ def test_a_bank_that_is_not_complete_when_the_budget_ends_is_gone_on_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lake = gap_lake(tmp_path / "lake")
-    more = tuple(plan for plan in plan_bank(BASE, DESIGNS, (*OBJECTS, 33), SETUP))
+    more = tuple(plan for plan in plan_bank(BASE, Cells.full(DESIGNS, (*OBJECTS, 33), SETUP)))
     monkeypatch.setattr(search, "plan_bank", lambda *_: more)
     monkeypatch.setattr(search, "simulate_missing", lambda *_: None)
     with pytest.raises(FastError, match="the bank lacks .* run the same command again to go on from here"):

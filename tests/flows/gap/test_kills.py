@@ -11,6 +11,7 @@ import pytest
 
 from lake.store import Lake
 from lake.tables.campaign import CalibrationRow, EventRow, SimulationRow
+from models.gap.grasps import Cells
 from models.records import EffectValue
 from tasks.campaign.simulator_versions import newest_calibrated
 from tasks.gap.bank import list_bank_ids
@@ -40,7 +41,7 @@ def answer(lake: Lake) -> GapRun:
 def test_a_killed_search_goes_on_and_says_the_same(tmp_path: Path, moments: tuple[str, ...]) -> None:
     killed = gap_lake(tmp_path / "killed", hidden=[LAG], has_bank=False)
     shutil.copytree(tmp_path / "killed", tmp_path / "whole")
-    wanted = set(list_bank_ids(BASE, DESIGNS, OBJECTS, SETUP))
+    wanted = set(list_bank_ids(BASE, Cells.full(DESIGNS, OBJECTS, SETUP)))
     for moment in moments:
         assert search(killed.root, moment) == -signal.SIGKILL
         n_made, n_calibrations = len(wanted & killed.ids(SimulationRow)), len(killed.ids(CalibrationRow))

@@ -194,7 +194,7 @@ def test_campaign_report_shows_the_newest_calibration(result, tmp_path):
     assert (tmp_path / "out" / "figures" / "calibration_pairs.svg").is_file()
 
 
-def test_a_calibration_on_traces_of_an_older_version_is_shown(result, tmp_path):
+def test_a_calibration_on_traces_of_an_older_version_is_shown(result, tmp_path, no_figures):
     """It has scatters among its draws, and settings that name a method there is no more."""
     places = [result.names.index(name) for name in THETA]
     scatter = np.random.default_rng(0).lognormal(np.log(0.04), 0.2, (*result.draws.shape[:2], 1))
@@ -210,7 +210,7 @@ def test_a_calibration_on_traces_of_an_older_version_is_shown(result, tmp_path):
     assert StoredCalibration.load(lake, "C1").result.names == (*THETA, "tool_sd")
 
 
-def test_campaign_report_survives_a_calibration_without_draws(result, tmp_path):
+def test_campaign_report_survives_a_calibration_without_draws(result, tmp_path, no_figures):
     lake = build(Lake.open(tmp_path / "lake", create=True), UNMEASURED)
     lake.append(calibration_rows("C000000000003", result, 12)[-1:], PROVENANCE)
     assert "is stored without any draws" in text_of(write_report(lake, "demo", tmp_path / "out"))

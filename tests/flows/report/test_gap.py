@@ -14,6 +14,8 @@ from flows.viewer.gap import write_gap_recording
 from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate
 from models.gap.evaluation.held_out import HeldOut, add_scatter
 from models.gap.findings import (
+    Asked,
+    AskedGrasps,
     Candidate,
     Confound,
     Decision,
@@ -22,13 +24,15 @@ from models.gap.findings import (
     LawCurve,
     NextExperiment,
     ParameterEstimate,
+    Prediction,
+    Promise,
     Rest,
     RoundFindings,
 )
 from models.gap.naming.rank_effects import Separability
 from models.gap.where.locate import locate
 from models.gap.where.residuals import Residuals
-from models.records import EffectValue
+from models.records import EffectValue, GraspSetup
 from tests.synthetic.gap import GapTruth, made_up_gap
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.3})
@@ -74,6 +78,16 @@ def content() -> GapPage:
     )
 
 
+FAST = GraspSetup(lift_speed_mm_per_s=20.0)
+ASKED = Asked(
+    promised=4,
+    spent=4,
+    promised_nats=3.1,
+    got_nats=4.0,
+    before={"load_cell_lag": 0.5, "unknown": 0.5},
+    after={"load_cell_lag": 0.97, "unknown": 0.03},
+    outcome="4 grasps say load cell lag.",
+)
 _CANDIDATES = (_candidate("load_cell_lag", 0.97), _candidate("none", 0.01), _candidate("unknown", 0.02))
 
 
@@ -84,11 +98,14 @@ def _findings(evaluation: Evaluation, rounds: tuple[RoundFindings, ...]) -> Find
         gap=evaluation.gap,
         aliases=(Confound(effect="load_cell_gain", of="Young's modulus", experiment="a dead weight"),),
         next_experiment=NextExperiment(
-            setting="fast lift",
+            grasps=(AskedGrasps(tool="x/B01T3", object=14, setup=FAST, n=3, setting="lifted at 20 mm/s"),),
             separates=("load_cell_lag", "object_post_compliance"),
-            n_grasps=6,
+            promised_grasps=6,
+            promised=(Promise(between=("load_cell_lag", "object_post_compliance"), nats=3.4),),
             sentence="Lift fast.",
+            predictions=(Prediction(effect="load_cell_lag", force_n=(1.0, 2.0)),),
         ),
+        asked=(ASKED,),
         seed=3,
         budget={"bank_simulations": 100.0},
         warnings=("<Few> designs.",),
@@ -103,6 +120,9 @@ def test_page_says_where_what_and_how_much(content: GapPage, tmp_path: Path) -> 
     assert f"{gap.rmse_before_n:.2f}" in page
     assert f"noise floor {gap.rmse_floor_n:.2f} N" in page
     assert "Lift fast." in page
+    assert "B01T3" in page
+    assert "load cell lag or object post compliance" in page
+    assert "Asked before: 4 grasps promised, 4 made. 4 grasps say load cell lag. load cell lag 0.50 to 0.97" in page
     assert "a dead weight" in page
     assert "Where most of the gap is" in page
     assert "Looked at and not found:" in page
@@ -157,9 +177,11 @@ def test_a_set_and_a_name_behind_it_are_both_said() -> None:
     assert answer.shorten_answer(findings) == "one of a set, friction wear"
     assert "cannot tell apart, then Friction drifts" in answer.describe_answer(findings)
     assert answer.describe_sureness(findings) == "is missing; right with probability 0.90, 0.95"
-    (note,) = answer.describe_notes(findings.rounds[0], False)
-    assert note == "The next round takes load cell lag for granted; no simulator gets it."
-    assert answer.describe_notes(findings.rounds[2], False) == []
+    assert [answer.describe_notes(found, False) for found in findings.rounds] == [[], [], []]
+    (note,) = answer.describe_notes(_round(either, version="V2"), False)
+    assert note == "The simulator gets load cell lag, since all of them correct alike; which of them it is stays open."
+    (note,) = answer.describe_notes(_round(either, refused="it does not help."), False)
+    assert note == "Not added to the simulator: it does not help."
 
 
 def test_what_a_name_leaves_over_is_no_second_discovery() -> None:

@@ -185,14 +185,14 @@ def test_campaign_without_simulations_and_with_one_batch(tmp_path):
     assert "simulated</span>" not in index.read_text(encoding="utf-8")
 
 
-def test_half_measured_tool_is_shown_but_not_ranked(tmp_path):
+def test_half_measured_tool_is_shown_but_not_ranked(tmp_path, no_figures):
     lake = make_lake(tmp_path / "lake", n_batches=2, failed_grasps=9, n_repeats=3)  # B01T0 keeps one object of four
     seen = text_of(write_report(lake, "demo", tmp_path / "out"))
     assert "Not ranked, because not measured on every object: B01T0." in seen
     assert "not all objects" in seen
 
 
-def test_text_from_the_lake_is_escaped(tmp_path):
+def test_text_from_the_lake_is_escaped(tmp_path, no_figures):
     other = make_lake(tmp_path / "lake", n_measured_batches=0, n_batches=1)
     row = CampaignRow(campaign_id="demo", name="<script>alert(1)</script>", config_toml="a = '<b>'")
     other.append([row], Provenance(code_version="0", code_dirty=False))

@@ -20,9 +20,9 @@ from hardware.cell.layout import BenchLayout
 from hardware.clock import ScaledClock
 from hardware.virtual.bench import VirtualBench
 from hardware.virtual.world.file import World
+from lake.leases import exclusive
 from lake.store import Lake
 from models.errors import FastError
-from tasks.campaign.requests import exclusive
 from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake
 from tests.flows.server.on_server import wait_for
 from tests.studies.platform.sockets import family, is_loopback, listening

@@ -14,8 +14,9 @@ from flows.viewer.design import find_edges, write_design_recording
 from flows.viewer.grasp import Clock, write_grasp_recording
 from flows.viewer.scene import build_fingers, move_fingers
 from hardware.cell.layout import BenchLayout
+from lake.provenance import current_provenance
 from lake.store import Lake
-from lake.tables.campaign import GraspRow
+from lake.tables.campaign import DesignRow, GraspRow
 from models.design.space import BEST_PUBLISHED
 from models.errors import UsageError
 from models.records import GraspSetup, MeshSettings, SimulatorVersion, Trace
@@ -149,6 +150,15 @@ def test_design_shows_parts_mesh_and_the_tray_of_its_batch(lake, tmp_path):
     on_tray = {name.split("/")[2] for name in rows if name.startswith("/tray/B")}
     assert on_tray == {"B02T0", "B02T1", "B02T2"}
     assert {f"/tray/B02T0/{finger}_{body}" for finger in "ab" for body in ("compliant", "rigid")} <= rows.keys()
+
+
+def test_labels_of_another_lab_that_cannot_be_marks_are_no_hindrance(lake, tmp_path, monkeypatch):
+    design_id = lake.records(GraspRow)[0].design_id
+    monkeypatch.setattr("flows.viewer.design.tool_label", lambda batch, slot: f"rig {slot}")
+    assert_verified(write_design_recording(lake, design_id, tmp_path / "design.rrd"))
+    unprinted = BEST_PUBLISHED.model_copy(update={"rib_angle_deg": 1.0})
+    lake.append([DesignRow.of(unprinted)], current_provenance("", 0))
+    assert_verified(write_design_recording(lake, unprinted.design_id, tmp_path / "alone.rrd"))
 
 
 def test_edges_of_a_mesh_are_those_of_its_elements():

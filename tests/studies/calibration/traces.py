@@ -27,6 +27,7 @@ from models.records import GraspContext, Theta, Trace
 from models.traces.step_features import FEATURES, N_STEPS, PEAK, features_of_steps, step_means
 from models.traces.step_noise import SensorNoise
 from tests.studies.calibration.trace_bank import SETUP, Bank, BankJob, bank_jobs, fill_bank
+from tests.synthetic.gap import of_one_setup
 
 N_DESIGNS, OBJECTS = 10, (1, 6, 14, 25, 28, 30, 32, 34)
 N_WORLDS = 40
@@ -96,10 +97,10 @@ def make_training(
         steps_n=np.array(steps_n),
         grasp_ids=tuple(f"g{number}" for number in range(len(places))),
         noise=NOISE,
-        setup=SETUP,
+        **of_one_setup(len(places), SETUP),
     )
     # Samples of the bank have no times: the force before the lift is taken to be that at its start.
-    grid_bank = make_grid_bank(simulated_n, np.repeat(simulated_n[..., :1], N_LEAD, axis=-1))
+    grid_bank = make_grid_bank(grasps.cells, simulated_n, np.repeat(simulated_n[..., :1], N_LEAD, axis=-1))
     nothing = [np.zeros(n, dtype=bool) for n in (len(designs), len(objects))]
     return GapData(grasps, grid_bank, *nothing).training
 

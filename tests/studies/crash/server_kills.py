@@ -23,10 +23,10 @@ from flows.benchmarks.outcomes import RecordFile, read_records
 from flows.server.crashed_runs import CONTINUED
 from flows.server.lab import CHECKOUT, Lab, LabPlan, open_lab
 from flows.server.server import ask_server
+from lake.leases import exclusive, is_held
 from lake.store import Lake
 from models.errors import FastError
 from models.records import Record
-from tasks.campaign.requests import exclusive, is_held
 from tests.studies.crash.server_kill_judge import Progress, judge_campaign, judge_server
 
 N_KILLS = 100

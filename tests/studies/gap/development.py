@@ -16,6 +16,7 @@ from flows.benchmarks.base import Options, Tables
 from flows.benchmarks.outcomes import RecordFile, read_records
 from models.design.space import numbered_design
 from models.gap.bank.bank import Bank
+from models.gap.grasps import Cells
 from models.records import GraspSetup, Record, SimulatorVersion
 from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code, thresholds_id
 from tests.studies.gap.judgement import Judged, fit_probabilities
@@ -87,7 +88,7 @@ def open_panels(folder: Path) -> tuple[Panels, Bank]:
     panel = Panel.read(folder)
     panels = Panels.read(folder / "truth.jsonl", panel)
     own = [numbered_design(number) for number in panel.designs]
-    bank = read_bank(Lake(str(folder / "lake")), SimulatorVersion(), own, panel.objects, GraspSetup())
+    bank = read_bank(Lake(str(folder / "lake")), SimulatorVersion(), Cells.full(own, panel.objects, GraspSetup()))
     return panels, with_known_fields(bank)
 
 

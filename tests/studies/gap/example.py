@@ -21,7 +21,6 @@ from flows.gap.example import CAMPAIGN, FILE
 from flows.gap.folder import write_folder
 from flows.gap.search import GapOrder, run_gap
 from flows.progress import ProgressReporter
-from lake.handoff.campaign import IMPORTED
 from lake.handoff.packed import read_packed, write_packed
 from lake.provenance import current_provenance
 from lake.store import Lake
@@ -39,10 +38,12 @@ from lake.tables.campaign import (
     SimulatorVersionRow,
     ToolRow,
     TraceRow,
-    setup_columns,
 )
+from lake.tables.imported import IMPORTED
+from lake.tables.requests import setup_columns
 from lake.tables.row import Row
 from models.design.space import numbered_design
+from models.gap.grasps import Cells
 from models.records import GraspSetup, SimulatorVersion
 from tasks.gap.bank import list_plan_ids, plan_bank
 from tasks.gap.findings import STARTED
@@ -96,7 +97,7 @@ def read_bank_rows(source: Lake) -> list[Row]:
     """The simulations of the bank that another lake has."""
     numbers, objects, _ = read_cells(SMALL, LAW)
     designs = [numbered_design(number) for number in numbers]
-    ids = list_plan_ids(plan_bank(SimulatorVersion(), designs, objects, GraspSetup()))
+    ids = list_plan_ids(plan_bank(SimulatorVersion(), Cells.full(designs, objects, GraspSetup())))
     return [*_simulation_rows(source, ids)]
 
 

@@ -158,9 +158,9 @@ def visible_share(
     weight = 1.0 / np.hypot(_FLOOR * np.abs(force).max(axis=1, keepdims=True), 0.03)
     by_tool = [(_TOOL_SD * force * weight * (tool[finite] == t)[:, None]).ravel() for t in np.unique(tool)]
     free = np.column_stack([(column * weight).ravel() for column in (force, *slopes)] + by_tool)
-    ridge = np.diag([0.0] * (1 + len(slopes)) + [1.0] * len(by_tool))
+    held = np.diag([0.0] * (1 + len(slopes)) + [1.0] * len(by_tool))
     target = (change * weight).ravel()
-    fitted = free @ np.linalg.solve(free.T @ free + ridge + 1e-9 * np.eye(len(ridge)), free.T @ target)
+    fitted = free @ np.linalg.solve(free.T @ free + held + 1e-9 * np.eye(len(held)), free.T @ target)
     return float(np.linalg.norm(target - fitted) / max(float(np.linalg.norm(target)), 1e-12))
 
 

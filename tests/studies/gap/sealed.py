@@ -23,7 +23,7 @@ from models.errors import UsageError
 from models.gap.bank.bank import Bank
 from models.gap.data import GapData
 from models.gap.grasps import Grasps
-from models.records import GraspContext, GraspSetup, Record
+from models.records import GraspContext, Record
 from models.traces.step_noise import SensorNoise
 from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code, thresholds_id
 from tests.studies.gap.development import open_panels
@@ -31,6 +31,7 @@ from tests.studies.gap.judgement import Judged
 from tests.studies.gap.tables import gap_tables
 from tests.studies.gap.truth import results_folder
 from tests.studies.gap.worlds import Group, WorldKey, Worlds
+from tests.synthetic.gap import of_one_setup
 
 N_SEALED: dict[Group, int] = {"null": 30, "single": 48, "alias": 4, "unlisted": 10, "pair": 12}
 
@@ -243,10 +244,6 @@ def read_problem(path: Path, bank: Bank) -> GapData:
         steps_n=data["steps_n"],
         grasp_ids=tuple(f"g{number}" for number in range(len(contexts))),
         noise=SensorNoise(**dict(zip([f.name for f in fields(SensorNoise)], data["noise"].tolist(), strict=True))),
-        setup=GraspSetup(),
+        **of_one_setup(len(contexts)),
     )
     return GapData(grasps, bank, data["held_out_tools"], data["held_out_objects"])
-
-
-def _context(row: Sequence[float]) -> GraspContext:
-    return GraspContext.model_validate(dict(zip(GraspContext.model_fields, row, strict=True)))

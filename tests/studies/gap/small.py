@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from models.gap.bank.bank import AMPLITUDES, CENTRE, DEEPER_MM, WIDER_MM, Bank, EffectRuns
-from models.records import Trace
+from models.gap.grasps import Cells
+from models.records import GraspSetup, Trace
 from tests.studies.gap.panels import Panels
 from tests.studies.gap.truth import CHANNELS, TrueSet
 
@@ -45,7 +46,9 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
     centre_steps_n = _unpacked(arrays["centre_steps_n"])
     t, o, n_steps = centre_steps_n.shape
     placed = arrays.get("placed_steps_n")  # older files have none
+    designs, objects = (tuple(int(number) for number in arrays[key]) for key in ("designs", "objects"))
     bank = Bank(
+        targets=Cells.full([], objects, GraspSetup()).targets,
         centre=CENTRE,
         grid=arrays["grid"],
         grid_steps_n=_unpacked(arrays["grid_steps_n"]),
@@ -59,7 +62,6 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
     )
     names = [name.removeprefix("cells ") for name in arrays if name.startswith("cells ")]
     cells = {name: _cells(arrays[f"cells {name}"], arrays[f"samples {name}"].astype(float)) for name in names}
-    designs, objects = (tuple(int(number) for number in arrays[key]) for key in ("designs", "objects"))
     return Panels(
         designs, objects, {name: TrueSet.model_validate_json(str(arrays[f"set {name}"])) for name in names}, cells
     ), bank

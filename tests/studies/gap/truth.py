@@ -1,4 +1,4 @@
-"""True grasps of the hidden-effect study, in sets of a whole panel, kept in a results file and continued from there."""
+"""The panel of a gap study: its bank and its sets of true grasps, kept beside each other and continued from there."""
 
 import secrets
 import time
@@ -8,12 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.benchmarks.base import Options, Tables
+from flows.benchmarks.base import Options, Rows, Tables
 from flows.benchmarks.outcomes import RecordFile, read_records
+from lake.store import Lake
+from lake.tables.campaign import SimulationRow
+from models.design.space import numbered_design
 from models.errors import SimulationFailed, UsageError
+from models.gap.grasps import Cells
 from models.ids import seed_from
 from models.objects.catalogue import get_object
-from models.records import Record, Theta, Trace
+from models.records import GraspSetup, Record, SimulatorVersion, Theta, Trace
+from tasks.gap.bank import plan_bank
+from tasks.simulation.plan import simulate_plan
 from tasks.simulation.pool import WorkerPool
 from tests.studies.hidden.truth import TrueGrasp, solve_truth
 
@@ -124,8 +130,7 @@ class Panel(Record):
 
 
 RESPONDING, LOWER, WIDER, RAISED = "base-0", "lower friction", "wider closing", "raised objects"
-PUBLIC_SEED = "development"
-DEVELOPMENT_DESIGNS, DEVELOPMENT_OBJECTS = tuple(range(8)), (1, 14, 25, 28, 30, 32)
+PUBLIC_SEED = "development"  # of panels whose designs or objects are given
 
 
 def _draw_objects(rng: np.random.Generator) -> tuple[int, ...]:
@@ -160,17 +165,33 @@ def read_truth(path: Path | None) -> dict[str, TrueTrace]:
 
 
 def measure_gap_truth(options: Options) -> Tables:
-    """True grasps that hide the effects of the gap study: panels by law, their share of failures, and their cost."""
-    folder = results_folder(options)
+    """What a gap study compares: the simulator's bank of a panel, and true grasps that hide its effects.
+
+    The bank comes first: a run that is stopped lacks the last sets of true grasps, which are worth the least.
+    """
+    folder, end = results_folder(options), time.monotonic() + 60.0 * options.limit_minutes
     if not (folder / "panel.json").exists():
         folder.mkdir(parents=True, exist_ok=True)
-        _draw_panel(folder).write(folder)
-    panel, known = Panel.read(folder), read_truth(options.results)
+        _draw_panel(options).write(folder)
+    panel = Panel.read(folder)
+    return {"bank": _fill_bank(panel, folder / "lake", options, end), "true grasps": _solve_panel(panel, options, end)}
+
+
+def _draw_panel(options: Options) -> Panel:
+    """The panel of these designs (the first ones of the fixed sequence) and objects; of none given, from a secret."""
+    if options.designs is None and options.objects is None:
+        return Panel.draw(secrets.token_hex(16))
+    return Panel.draw(PUBLIC_SEED, tuple(range(options.designs or 0)), options.objects or ())
+
+
+def _solve_panel(panel: Panel, options: Options, end: float) -> Rows:
+    """Solve the true grasps that the results file lacks; how many there are, failed, and cost, by set."""
+    known = read_truth(options.results)
     sets, designs, objects = panel.sets, panel.designs, panel.objects
     wanted = [(one, chunk) for one in sets for chunk in one.grasps(designs, objects)]
     missing = [chunk for _, chunk in wanted if any(grasp.grasp_id not in known for grasp in chunk)]
     with RecordFile(options.results) as file:
-        for record in _solved(missing, known, options):
+        for record in _solved(missing, known, options, end):
             known[record.grasp_id] = record
             file.append(record)
     rows = []
@@ -180,19 +201,24 @@ def measure_gap_truth(options: Options) -> Tables:
         cost = sum(record.cpu_s for record in made)
         n_failed = sum(record.trace is None for record in made)
         rows.append({"set": one.name, "grasps": len(grasps), "made": len(made), "failed": n_failed, "cpu_s": cost})
-    return {"true grasps": rows}
+    return rows
 
 
-def _draw_panel(folder: Path) -> Panel:
-    """The development panel in a folder of that name, one from a secret in any other.
-
-    A folder called `sealed-same` gets the designs and objects of the development panel, whose bank it can share.
-    """
-    if folder.name == PUBLIC_SEED:
-        return Panel.draw(PUBLIC_SEED, DEVELOPMENT_DESIGNS, DEVELOPMENT_OBJECTS)
-    if folder.name == "sealed-same":
-        return Panel.draw(secrets.token_hex(16), DEVELOPMENT_DESIGNS, DEVELOPMENT_OBJECTS)
-    return Panel.draw(secrets.token_hex(16))
+def _fill_bank(panel: Panel, root: Path, options: Options, end: float) -> Rows:
+    """Simulate what the lake lacks of the panel's wide bank; how many there are, and how many failed now."""
+    lake = Lake.open(root, create=True)
+    cells = Cells.full([numbered_design(number) for number in panel.designs], panel.objects, GraspSetup())
+    n_grasps = n_failed = 0
+    for plan in plan_bank(SimulatorVersion(), cells):
+        n_grasps += plan.n_grasps
+        n_failed += simulate_plan(
+            lake,
+            plan,
+            options.workers or 1,
+            lambda done: options.tell(f"bank: {done.n_done} of {done.n_grasps} grasps"),
+            lambda: time.monotonic() > end,
+        )
+    return [{"grasps": n_grasps, "made": len(lake.ids(SimulationRow)), "failed": n_failed}]
 
 
 def results_folder(options: Options) -> Path:
@@ -209,14 +235,14 @@ def results_folder(options: Options) -> Path:
 
 
 def _solved(
-    chunks: Sequence[Sequence[TrueGrasp]], known: dict[str, TrueTrace], options: Options
+    chunks: Sequence[Sequence[TrueGrasp]], known: dict[str, TrueTrace], options: Options, end: float
 ) -> Iterable[TrueTrace]:
     """Records as their chunks end, in the order of the sets but for what runs at the same time."""
-    n_workers, started = options.workers or 1, time.monotonic()
+    n_workers = options.workers or 1
     pool = WorkerPool(n_workers)
 
     def work(chunk: Sequence[TrueGrasp]) -> list[TrueTrace]:
-        if time.monotonic() - started > 60.0 * options.limit_minutes:
+        if time.monotonic() > end:
             return []
         return pool.call(solve_chunk, [grasp for grasp in chunk if grasp.grasp_id not in known])
 

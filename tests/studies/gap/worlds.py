@@ -11,7 +11,7 @@ from models.gap.bank.bank import Bank
 from models.gap.data import GapData
 from models.gap.grasps import Grasps
 from models.ids import content_id, seed_from
-from models.records import GraspSetup, Record, Trace
+from models.records import Record, Trace
 from models.traces.step_features import is_usable, step_means
 from models.traces.step_noise import SensorNoise
 from tests.studies.gap.panels import (
@@ -22,6 +22,7 @@ from tests.studies.gap.panels import (
 )
 from tests.studies.gap.truth import MODULUS_MPA, RESPONDING
 from tests.studies.hidden.lab import NASTIER, Lab, Nuisance, Site
+from tests.synthetic.gap import of_one_setup
 
 Group = Literal["null", "nasty null", "single", "alias", "unlisted", "pair"]
 GROUPS: tuple[Group, ...] = ("null", "nasty null", "single", "alias", "unlisted", "pair")
@@ -203,7 +204,7 @@ class Worlds:
             steps_n=np.array([step_means(trace) for _, trace in measured]),
             grasp_ids=tuple(f"g{number}" for number in range(len(measured))),
             noise=SensorNoise(how.noise_sd_n, how.noise_correlation_s, how.rate_hz),
-            setup=GraspSetup(),
+            **of_one_setup(len(measured)),
         )
         rng = np.random.default_rng(seed_from("held out", key.seed))
         n_tools, n_objects = len(self.panels.designs), len(self.panels.objects)

@@ -7,14 +7,16 @@ import numpy as np
 from scipy.signal import lfilter
 
 from models.design.space import numbered_design
+from models.errors import UsageError
 from models.ids import seed_from
 from models.objects.catalogue import get_object
-from models.records import GraspContext, Record, Trace
+from models.records import GraspContext, GraspSetup, Record, Trace
 from models.traces.step_features import LIFT_MM
 from tests.studies.hidden.lab_laws import LAB_LAWS, LabLaw, Moment
 
 TOOLS_PER_BATCH = 7
 TRACE_END_MM = LIFT_MM + 1.0
+SETUP = GraspSetup()  # with which truths are solved
 
 
 class Nuisance(Record):
@@ -38,11 +40,12 @@ NASTIER = Nuisance(tool_sd=0.08, cell_sd=0.03, heavy_tails=True, missing=0.03)
 
 @dataclass(frozen=True)
 class Site:
-    """Where a grasp belongs: numbers of tool and object in the panel, and what came before it."""
+    """Where a grasp belongs: numbers of tool and object in the panel, what came before it, and how it is made."""
 
     tool: int
     obj: int
     context: GraspContext
+    setup: GraspSetup = SETUP
 
 
 @dataclass(frozen=True)
@@ -94,9 +97,15 @@ class Lab:
         return sites
 
     def measure(
-        self, truth: Callable[[int, int], Variants | None], laws: Sequence[tuple[str, float]], is_scaled: bool = True
+        self,
+        truth: Callable[[int, int], Variants | None],
+        laws: Sequence[tuple[str, float]],
+        is_scaled: bool = True,
+        asked: Sequence[Site] | None = None,
     ) -> list[tuple[Site, Trace]]:
         """Traces that the load cell reports, at its rate; without those that got lost.
+
+        `asked`: grasps that are made afterwards instead of the usual ones, of the same tools as they were mounted.
 
         `truth`: true traces of a tool's and an object's number, None where there are none. `laws`: names in `LAB_LAWS`
         and amplitudes, in the order in which they act. `is_scaled`: draw the tools' moduli; else the truth has them.
@@ -106,7 +115,9 @@ class Lab:
         tool_factor = np.exp(self.nuisance.tool_sd * _draws(rng, len(self.designs)) * is_scaled)
         cell_factor = np.exp(self.nuisance.cell_sd * _draws(rng, len(self.designs), len(self.objects)))
         measured = []
-        for site in self.order():
+        if asked is not None:
+            rng = np.random.default_rng(seed_from("asked", self.seed, len(asked)))
+        for site in self.order() if asked is None else asked:
             factor = tool_factor[site.tool] * cell_factor[site.tool, site.obj]
             factor *= float(np.exp(self.nuisance.repeat_sd * _draws(rng, 1)[0]))
             is_lost = rng.uniform() < self.nuisance.missing
@@ -119,15 +130,24 @@ class Lab:
         return measured
 
     def true_trace(self, site: Site, variants: Variants, laws: Sequence[LabLaw], factor: float = 1.0) -> Trace:
-        """The trace of a grasp under laws, before noise; `factor` on the modulus."""
+        """The trace of a grasp under laws, before noise; `factor` on the modulus.
+
+        Another stroke or height is answered by the variants, another speed or wait by the same grasp at other times.
+
+        Raises:
+            UsageError: the variants do not tell what another stroke or height does.
+        """
         moment = self.moment(site)
-        friction = wider_mm = raised_mm = 0.0
+        wider_mm = 0.5 * (site.setup.closed_gap_mm - SETUP.closed_gap_mm)
+        raised_mm, friction = site.setup.tip_below_mm - SETUP.tip_below_mm, 0.0
+        if (wider_mm and variants.wider is None) or (raised_mm and variants.raised is None):
+            raise UsageError("this truth has no grasps at another stroke or height; ask for speeds and waits.")
         for law in laws:
             factor *= law.modulus_factor(moment)
             friction += law.friction_factor(moment) - 1.0
             wider_mm += law.wider_mm(moment)
             raised_mm += law.raised_mm(moment)
-        trace = _moved(variants, friction, wider_mm, raised_mm)
+        trace = retime(_moved(variants, friction, wider_mm, raised_mm), site.setup)
         trace = Trace(trace.time_s, trace.lift_mm, factor * trace.force_n)
         for law in laws:
             trace = law.trace(trace, moment)
@@ -137,7 +157,7 @@ class Lab:
         """What laws may know of a grasp."""
         design = self.designs[site.tool]
         height_mm = get_object(self.objects[site.obj]).height_mm
-        return Moment(numbered_design(design), seed_from("true tool", design), height_mm, site.context)
+        return Moment(numbered_design(design), seed_from("true tool", design), height_mm, site.context, site.setup)
 
     def _sensed(self, trace: Trace, rng: np.random.Generator) -> Trace:
         """Readings of the transmitter: noise and tare on the force at its rate, from the closing to beyond all objects.
@@ -154,6 +174,20 @@ class Lab:
         tare_n = how.tare_n * rng.uniform(-1.0, 1.0)
         force_n = np.interp(time_s, trace.time_s, trace.force_n) + noise_n + tare_n
         return Trace(time_s, np.maximum(time_s - start_s, 0.0) * speed, force_n)
+
+
+def retime(trace: Trace, setup: GraspSetup) -> Trace:
+    """A quasi-static trace at the usual speeds as another setup makes it: the same forces at other times."""
+    lifts = trace.is_lift
+    start_s = float(trace.time_s[lifts][0])
+    closed_s = start_s * SETUP.close_speed_mm_per_s / setup.close_speed_mm_per_s
+    lift_s = (trace.time_s - start_s) * SETUP.lift_speed_mm_per_s / setup.lift_speed_mm_per_s
+    time_s = np.where(lifts, closed_s + setup.dwell_s + lift_s, trace.time_s * closed_s / max(start_s, 1e-9))
+    if setup.dwell_s == SETUP.dwell_s:
+        return Trace(time_s, trace.lift_mm, trace.force_n)
+    first = int(np.flatnonzero(lifts)[0])  # the force of the end of closing waits for the lift
+    lift_mm, force_n = np.insert(trace.lift_mm, first, 0.0), np.insert(trace.force_n, first, trace.force_n[first])
+    return Trace(np.insert(time_s, first, closed_s), lift_mm, force_n)
 
 
 def _moved(variants: Variants, friction: float, wider_mm: float, raised_mm: float) -> Trace:

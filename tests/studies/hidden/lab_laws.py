@@ -11,11 +11,12 @@ import numpy as np
 
 from hardware.virtual.world.hidden import SpanError, mean_force_n, over_tilting_post
 from models.design.profile import planar_profile
-from models.records import Design, GraspContext, Trace
+from models.records import Design, GraspContext, GraspSetup, Trace
 from tests.studies.hidden.body_laws import tool_draws
 
 DENSITY_KG_PER_MM3 = 1.13e-6
 GRAVITY = 9.81
+USUAL_SPEED_MM_PER_S = 5.0  # of the lift, at which amplitudes in mm are told
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class Moment:
     tool_seed: int
     object_height_mm: float
     context: GraspContext
+    setup: GraspSetup = GraspSetup()
 
 
 class LabLaw:
@@ -56,11 +58,11 @@ class LabLaw:
 
 
 class PowerLawRelaxation(LabLaw):
-    """M1: F (1 + t / 1 s)^-n after the closing, `amplitude` n (one exponential in the catalogue)."""
+    """M1: F (1 + t / 1 s)^-n after the closing, waits included, `amplitude` n (one exponential in the catalogue)."""
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
         """The relaxing force."""
-        held_s = np.maximum(trace.time_s - lift_start_s(trace), 0.0)
+        held_s = np.maximum(trace.time_s - lift_start_s(trace) + moment.setup.dwell_s, 0.0)
         return _with_force(trace, trace.force_n * (1.0 + held_s) ** -self.amplitude)
 
 
@@ -133,12 +135,15 @@ class AveragingTransmitter(LabLaw):
 
 
 class JitteringClock(LabLaw):
-    """S5: force late by `amplitude` mm of lift, 15 % sd from tool to tool (one shift in the catalogue)."""
+    """S5: force late by the time of `amplitude` mm at 5 mm/s, 15 % sd from tool to tool (one shift in the catalogue).
+
+    A clock is late by a time, whatever the speed.
+    """
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
         """The late force."""
         spread = 1.0 + 0.15 * float(tool_draws(moment.tool_seed, 0x55, 1)[0])
-        late_s = self.amplitude * spread / lift_speed_mm_per_s(trace)
+        late_s = self.amplitude * spread / USUAL_SPEED_MM_PER_S
         time_s = np.arange(trace.time_s[0], trace.time_s[-1], 0.02)
         lift_mm = np.interp(time_s, trace.time_s, trace.lift_mm)
         return Trace(time_s, lift_mm, np.interp(time_s - late_s, trace.time_s, trace.force_n))
@@ -170,7 +175,9 @@ class LeakingSupply(LabLaw):
 
 
 class SmoothStart(LabLaw):
-    """A5: a gantry that starts smoothly: behind by `amplitude` mm (1 - exp(-s / `amplitude`)), s commanded."""
+    """A5: a gantry that starts smoothly: behind by v T (1 - exp(-t / T)) after t, v the speed, T the time of
+    `amplitude` mm at 5 mm/s: a fast lift is further behind.
+    """
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
         """The force over the commanded lift."""
@@ -178,8 +185,10 @@ class SmoothStart(LabLaw):
             return trace
         time_s = np.arange(trace.time_s[0], trace.time_s[-1], 0.02)
         lift_mm = np.interp(time_s, trace.time_s, trace.lift_mm)
-        real_mm = lift_mm + self.amplitude * np.expm1(-lift_mm / self.amplitude)
-        real_s = np.where(lift_mm > 0.0, lift_start_s(trace) + real_mm / lift_speed_mm_per_s(trace), time_s)
+        speed = lift_speed_mm_per_s(trace)
+        behind_mm = self.amplitude * speed / USUAL_SPEED_MM_PER_S
+        real_mm = lift_mm + behind_mm * np.expm1(-lift_mm / behind_mm)
+        real_s = np.where(lift_mm > 0.0, lift_start_s(trace) + real_mm / speed, time_s)
         return Trace(time_s, lift_mm, np.interp(real_s, trace.time_s, trace.force_n))
 
 

@@ -4,17 +4,18 @@ import numpy as np
 import pytest
 
 from models.design.space import numbered_design
-from models.records import GraspContext, Trace
+from models.errors import UsageError
+from models.records import GraspContext, GraspSetup, Trace
 from models.traces.step_features import step_means
-from tests.studies.hidden.lab import NASTIER, Lab, Nuisance, Site, Variants
+from tests.studies.hidden.lab import NASTIER, SETUP, Lab, Nuisance, Site, Variants, retime
 from tests.studies.hidden.lab_laws import LAB_LAWS, Moment, lift_speed_mm_per_s
 
 FRESH = GraspContext()
 QUIET = Nuisance(tool_sd=0.0, cell_sd=0.0, repeat_sd=0.0, noise_sd_n=0.0, tare_n=0.0, missing=0.0)
 
 
-def _moment(height_mm: float = 40.0, **context: float) -> Moment:
-    return Moment(numbered_design(0), 3, height_mm, GraspContext.model_validate(context))
+def _moment(height_mm: float = 40.0, setup: GraspSetup = SETUP, **context: float) -> Moment:
+    return Moment(numbered_design(0), 3, height_mm, GraspContext.model_validate(context), setup)
 
 
 def _trace() -> Trace:
@@ -117,6 +118,69 @@ def test_time_laws() -> None:
     posts = LAB_LAWS["warm_posts"](0.5)
     assert posts.raised_mm(_moment(clock_s=7200.0)) == pytest.approx(0.5)
     assert LAB_LAWS["batch_ageing"](0.1).modulus_factor(_moment()) == pytest.approx(1.1)
+
+
+def _late_mm(name: str, amplitude: float, setup: GraspSetup) -> float:
+    """How much later in the lift a law brings the middle of the force at a setup."""
+    trace = retime(_trace(), setup)
+    made = step_means(LAB_LAWS[name](amplitude).trace(trace, _moment(setup=setup)))
+    true = step_means(trace)
+    places = 0.5 * np.arange(len(true))
+    return float((made * places).sum() / made.sum() - (true * places).sum() / true.sum())
+
+
+FASTER, WAITING = SETUP.model_copy(update={"lift_speed_mm_per_s": 20.0}), SETUP.model_copy(update={"dwell_s": 10.0})
+
+
+@pytest.mark.parametrize(("name", "amplitude"), [("lift_misalignment", 0.5), ("load_cell_lag", 0.1)])
+def test_what_is_late_by_a_time_is_later_in_a_fast_lift(name: str, amplitude: float) -> None:
+    """Clocks and transmitters know no millimetres: at four times the speed they are four times as late in the lift."""
+    assert _late_mm(name, amplitude, FASTER) == pytest.approx(4.0 * _late_mm(name, amplitude, SETUP), rel=0.1)
+
+
+def test_a_fast_lift_starts_further_behind() -> None:
+    """A gantry ramps in time: what it is behind in the end goes with the speed."""
+    usual, fast = (_late_mm("lift_start_error", 0.4, setup) for setup in (SETUP, FASTER))
+    assert fast > 3.0 * usual
+
+
+def test_a_finger_that_waits_has_relaxed_before_the_lift() -> None:
+    """(1 + t)^-n goes on in the wait: after ten seconds the lift starts at 11^-n of the force."""
+    law = LAB_LAWS["stress_relaxation"](0.2)
+    usual, waiting = (law.trace(retime(_trace(), setup), _moment(setup=setup)) for setup in (SETUP, WAITING))
+    held = waiting.force_n[waiting.is_lift][1:] / usual.force_n[usual.is_lift][1:]
+    held_s = usual.time_s[usual.is_lift][1:] - usual.time_s[usual.is_lift][0]
+    assert held[:-1] == pytest.approx(((11.0 + held_s) / (1.0 + held_s))[:-1] ** -0.2, rel=1e-6)
+
+
+def test_a_drift_goes_on_while_the_fingers_wait() -> None:
+    waits = (retime(_trace(), setup) for setup in (SETUP, WAITING))
+    usual, waiting = (LAB_LAWS["load_cell_drift"](4.0).trace(trace, _moment()).force_n[-1] for trace in waits)
+    assert waiting > usual + 0.02
+
+
+def test_a_lab_answers_at_other_strokes_only_where_it_knows_them() -> None:
+    trace = _trace()
+    stroke = SETUP.model_copy(update={"closed_gap_mm": 18.0, "tip_below_mm": 6.0})
+    site = Site(0, 0, GraspContext(), stroke)
+    lab = Lab((0,), (1,), 1, nuisance=QUIET)
+    halved, raised = (Trace(trace.time_s, trace.lift_mm, share * trace.force_n) for share in (0.8, 0.9))
+    found = lab.true_trace(site, Variants(trace, wider=halved, raised=raised), ())
+    assert found.force_n == pytest.approx((1.0 - 0.2 * 0.5 - 0.1) * trace.force_n)
+    with pytest.raises(UsageError, match="no grasps at another stroke or height"):
+        lab.true_trace(site, Variants(trace), ())
+
+
+def test_asked_grasps_are_of_the_same_tools_as_mounted() -> None:
+    lab, trace = Lab((0, 1), (1, 14), 3), _trace()
+    asked = [Site(tool, obj, GraspContext(clock_s=9000.0), FASTER) for tool in (0, 1) for obj in (0, 1)] * 20
+    usual, made = (lab.measure(lambda tool, obj: Variants(trace), (), asked=of) for of in (None, asked))
+    for tool, obj in ((0, 0), (1, 1)):
+        peaks = [
+            np.mean([t.force_n.max() for s, t in rows if (s.tool, s.obj) == (tool, obj)]) for rows in (usual, made)
+        ]
+        assert peaks[1] == pytest.approx(peaks[0], rel=0.03)
+    assert lift_speed_mm_per_s(made[0][1]) == pytest.approx(20.0, rel=1e-3)
 
 
 def test_a_lab_makes_every_grasp_once_in_random_rounds_with_a_clock() -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from hardware.virtual.world.hidden import DirectionalDilation, LeakyCylinder, RationalSlipFriction
+from hardware.virtual.world.state import USUAL_PRESSURE_PSI
 from models.design.space import numbered_design
 from models.errors import MeshingFailed, SimulationFailed, UsageError
 from models.ids import content_id, seed_from
@@ -33,7 +34,10 @@ _MODEL_SOURCES = ("design/profile.py", "objects", "simulation")
 
 
 class TrueGrasp(Record):
-    """One grasp of a truth. `law`: its name in `GRASP_LAWS`, or empty. `raised_mm`: the object above its place."""
+    """One grasp of a truth. `law`: its name in `GRASP_LAWS`, or empty. `raised_mm`: the object above its place.
+
+    `setup`, `placement`: as asked for; jaws reach another force with other air.
+    """
 
     theta: Theta
     design: int
@@ -41,11 +45,14 @@ class TrueGrasp(Record):
     law: str = ""
     parameters: dict[str, float] = {}
     raised_mm: float = 0.0
+    setup: GraspSetup = SETUP
+    placement: Placement = Placement()
 
     @property
     def grasp_id(self) -> str:
         """Id derived from the content and from the code that decides the result."""
-        return content_id("U", {"grasp": self.model_dump(mode="json"), "code": truth_code(self.law)})
+        usual = {name for name in ("setup", "placement") if getattr(self, name) == TrueGrasp.model_fields[name].default}
+        return content_id("U", {"grasp": self.model_dump(mode="json", exclude=usual), "code": truth_code(self.law)})
 
     @property
     def tool_seed(self) -> int:
@@ -70,11 +77,17 @@ def _by_tool(kind: Callable[..., Effect]) -> Callable[[Mapping[str, float], True
     return lambda parameters, grasp: kind(**parameters, tool_seed=grasp.tool_seed)
 
 
+def _cylinder(parameters: Mapping[str, float], grasp: TrueGrasp) -> Effect:
+    """Jaws at the air of the grasp: a cylinder's force goes with its pressure."""
+    psi = USUAL_PRESSURE_PSI if grasp.setup.supply_pressure_psi is None else grasp.setup.supply_pressure_psi
+    return LeakyCylinder(parameters["max_force_n"] * psi / USUAL_PRESSURE_PSI, tool_seed=grasp.tool_seed)
+
+
 # By the name of the catalogue's effect of the same physics; what no catalogue lists comes last.
 GRASP_LAWS: Mapping[str, GraspLaw] = {
     "static_kinetic_friction": GraspLaw(RationalSlipFriction, _plain(RationalSlipFriction)),
     "object_edge_radius": GraspLaw(contact.WornEdges, _plain(contact.WornEdges)),
-    "force_limited_closing": GraspLaw(LeakyCylinder, _by_tool(LeakyCylinder), scales=False),
+    "force_limited_closing": GraspLaw(LeakyCylinder, _cylinder, scales=False),
     "wall_thickness_offset": GraspLaw(DirectionalDilation, _by_tool(DirectionalDilation)),
     "hyperelastic_stiffening": GraspLaw(body.ScatteredStiffening, _by_tool(body.ScatteredStiffening)),
     "shear_adhesion": GraspLaw(
@@ -126,7 +139,7 @@ def true_placement(grasp: TrueGrasp) -> Placement:
     """Where the object sits: the same under every law, so that a law's strength is not mixed with it."""
     seed = seed_from("true placement", grasp.design, grasp.object_id, str(grasp.theta.friction))
     offset_mm = PLACEMENT_SD_MM * float(np.clip(np.random.default_rng(seed).standard_normal(), -3.0, 3.0))
-    return Placement(offset_z_mm=offset_mm + grasp.raised_mm)
+    return grasp.placement.model_copy(update={"offset_z_mm": offset_mm + grasp.raised_mm})
 
 
 def solve_truth(grasp: TrueGrasp) -> GraspSimulation:
@@ -154,7 +167,7 @@ def solve_truth(grasp: TrueGrasp) -> GraspSimulation:
             numbered_design(grasp.design),
             get_object(grasp.object_id),
             SimulatorVersion(theta=theta, mesh=MESH),
-            SETUP,
+            grasp.setup,
             placement=true_placement(grasp),
             effects=effects,
             numerics=numerics,

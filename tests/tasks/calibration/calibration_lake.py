@@ -6,8 +6,9 @@ import numpy as np
 
 from lake.provenance import Provenance
 from lake.store import Lake
-from lake.tables.campaign import CampaignRow, DesignRow, GraspRow, SimulationRow, ToolRow, setup_columns
+from lake.tables.campaign import CampaignRow, DesignRow, GraspRow, SimulationRow, ToolRow
 from lake.tables.catalogue_rows import version_rows
+from lake.tables.requests import setup_columns
 from lake.tables.row import Row
 from models.calibration.inference.result import CalibrationResult
 from models.calibration.inference.settings import CalibrationSettings

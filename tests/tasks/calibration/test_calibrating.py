@@ -16,8 +16,10 @@ from lake.tables.campaign import (
     ToolRow,
 )
 from lake.tables.catalogue_rows import missing_version_rows
+from lake.tables.requests import setup_columns
 from models.errors import UsageError
-from models.records import EffectValue, SimulatorVersion
+from models.gap.grasps import Cells
+from models.records import EffectValue, GraspSetup, SimulatorVersion
 from tasks.calibration.calibrate import calibrate_once, infer
 from tasks.calibration.mean_data import find_base_version, make_problem, read_measured_tools, read_simulated_points
 from tasks.calibration.means import gather, regather
@@ -122,7 +124,9 @@ def test_versions_that_somebody_believes_in_are_not_part_of_the_hypercube(tmp_pa
 def test_the_grid_of_a_calibration_on_traces_is_not_part_of_the_hypercube(tmp_path):
     lake = calibration_lake(tmp_path / "lake", n_tools=6, n_points=0)
     measured = read_measured_tools(lake, None)
-    for design, version in plan_theta_grid(SimulatorVersion(), measured.designs[:2], OBJECTS, measured.setup).points:
+    for design, version in plan_theta_grid(
+        SimulatorVersion(), Cells.full(measured.designs[:2], OBJECTS, measured.setup)
+    )[0].points:
         rows = [simulation_row(design, object_id, version) for object_id in OBJECTS]
         lake.append([*missing_version_rows(lake, version), *rows], PROVENANCE)
     sentence = refused(lake)
@@ -262,13 +266,26 @@ def test_measurements_that_cannot_be_compared_are_one_sentence(tmp_path):
     (row, *_) = lake.records(GraspRow, campaign_id="other")
     lake.append([row.model_copy(update={"world_hash": "W2"})], PROVENANCE)
     assert "2 benches (virtual W1, virtual W2)" in refused(lake)
-    lake.append([row.model_copy(update={"setup_id": "G2"})], PROVENANCE)
-    assert "2 grasp setups" in refused(lake)
     lake.append([row.model_copy(update={"object_id": 30})], PROVENANCE)
     assert "different objects (small: 3, other: 4)" in refused(lake)
     lake.append([row.model_copy(update={"design_id": "Dlost"})], PROVENANCE)
     assert "(Dlost) are not in the table of designs" in refused(lake, campaign="other")
     assert "simulator version `V0` is not in" in refused(lake, campaign="small", version="V0")
+
+
+def test_means_are_compared_at_the_base_setup_and_what_is_left_out_is_said(tmp_path):
+    lake = calibration_lake(tmp_path / "lake", n_points=0)
+    usual = read_measured_tools(lake, None)
+    (row, *_) = lake.records(GraspRow, tool_id=usual.tool_ids[0])
+    other = setup_columns(GraspSetup(lift_speed_mm_per_s=20.0))
+    faster = row.model_copy(update={"grasp_id": "Kfast", "peak_force_n": 99.0, **other})
+    asked = row.model_copy(update={"grasp_id": "Kasked", "peak_force_n": 99.0, "request_id": "I1"})
+    lake.append([faster, asked], PROVENANCE)
+    found = read_measured_tools(lake, None)
+    np.testing.assert_array_equal(found.forces_n, usual.forces_n)
+    assert found.setup == usual.setup
+    n_all = len(usual.grasp_ids) + 2
+    assert found.warnings[0].startswith(f"means are compared at one grasp setup: 2 of {n_all} grasps")
 
 
 def test_an_imported_campaign_is_compared_with_the_programs_simulator(tmp_path):

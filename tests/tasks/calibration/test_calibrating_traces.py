@@ -15,7 +15,6 @@ from lake.tables.campaign import (
     PosteriorDrawsRow,
     SimulatorVersionRow,
     TraceRow,
-    setup_columns,
 )
 from lake.tables.row import Row
 from models.calibration.inference.result import CalibrationResult
@@ -24,7 +23,7 @@ from models.calibration.means.problem import THETA
 from models.errors import UsageError
 from models.gap.fit import posterior, theta
 from models.gap.fit.theta import MODULUS_SHIFT, calibrate_theta
-from models.records import EffectValue, GraspSetup, SimulatorVersion, Theta
+from models.records import EffectValue, SimulatorVersion, Theta
 from tasks.calibration.calibrate import calibrate_once, infer
 from tasks.calibration.drift import read_theta_history
 from tasks.calibration.means import regather
@@ -37,7 +36,6 @@ from tests.tasks.calibration.trace_lake import (
     N_REPEATS,
     OBJECTS,
     PROVENANCE,
-    SETUP,
     TRUTH,
     measured_rows,
     normal_draws,
@@ -143,7 +141,7 @@ def gappy(tmp_path_factory: pytest.TempPathFactory) -> Lake:
     assert isinstance(trace, TraceRow)
     rows += [trace.model_copy(update={"lift_mm": 0.0 * trace.lift_mm}), stuck]
     lake.append(rows, PROVENANCE)
-    points = plan_grid(read_grasps(lake, "demo"), BASE).points
+    points = plan_grid(read_grasps(lake, "demo"), BASE)[0].points
     made: list[Row] = list({version.version_id: SimulatorVersionRow.of(version) for _, version in points}.values())
     # Another friction belongs to no grid of the base.
     other = BASE.model_copy(update={"theta": Theta(friction=0.111)})
@@ -168,7 +166,7 @@ def test_what_was_measured_and_simulated_is_gathered_and_what_is_left_out_is_sai
 
 
 def test_what_to_simulate_follows_from_what_was_measured(gappy: Lake) -> None:
-    plan = plan_grid(read_grasps(gappy, "demo"), BASE)
+    (plan,) = plan_grid(read_grasps(gappy, "demo"), BASE)
     assert plan.n_grasps == 4 * 12 * 3
     assert len({version.version_id for _, version in plan.points}) == 12
     missing = missing_objects(gappy, plan)
@@ -187,11 +185,7 @@ def test_what_cannot_be_calibrated_is_refused_in_one_sentence(gappy: Lake, tmp_p
         plan_grid(measured, SimulatorVersion(effects=(stalling,)))
     mixed = Lake.open(tmp_path / "mixed", create=True)
     rows = [*measured_rows(DESIGNS[0], "demo/B01T0", 4, 0), *measured_rows(DESIGNS[1], "demo/B01T1", 4, 0)]
-    rows[-1] = rows[-1].model_copy(update=setup_columns(GraspSetup(lift_speed_mm_per_s=7)))
+    rows[-1] = rows[-1].model_copy(update={"world_hash": "W2"})
     mixed.append(rows, PROVENANCE)
-    with pytest.raises(UsageError, match="has grasps of 2 setups"):
-        read_grasps(mixed, "demo")
-    others = {"world_hash": "W2"}, setup_columns(SETUP)
-    mixed.append([row.model_copy(update=new) for row, new in zip(rows[1::2], others, strict=True)], PROVENANCE)
     with pytest.raises(UsageError, match=r"has grasps of 2 benches \(virtual, virtual W2\)"):
         read_grasps(mixed, "demo")

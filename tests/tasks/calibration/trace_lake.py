@@ -14,14 +14,15 @@ from lake.tables.campaign import (
     SimulationRow,
     SimulatorVersionRow,
     TraceRow,
-    setup_columns,
 )
+from lake.tables.requests import setup_columns
 from lake.tables.row import Row
 from models.calibration.inference.optimise import approximate_at_mode
 from models.calibration.inference.parallel_chains import Samples
 from models.calibration.inference.settings import CalibrationSettings
 from models.design.space import numbered_design
 from models.gap.fit.posterior import PosteriorDensity
+from models.gap.grasps import Cells
 from models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace
 from tasks.gap.bank import plan_theta_grid
 from tests.synthetic.gap import made_up_trace
@@ -98,7 +99,8 @@ def trace_lake(root: Path, n_simulated: int = len(DESIGNS)) -> Lake:
     """A lake with four tools measured on three objects, and the whole grid around the first designs."""
     lake = Lake.open(root, create=True)
     rows: list[Row] = [DesignRow.of(design) for design in DESIGNS]
-    points = plan_theta_grid(BASE, DESIGNS[:n_simulated], OBJECTS, SETUP).points
+    plans = plan_theta_grid(BASE, Cells.full(DESIGNS[:n_simulated], OBJECTS, SETUP))
+    points = [point for plan in plans for point in plan.points]
     rows += {version.version_id: SimulatorVersionRow.of(version) for _, version in points}.values()
     for design, version in points:
         rows += [row for object_id in OBJECTS for row in simulated_rows(design, version, object_id)]

@@ -1,17 +1,19 @@
 import subprocess
 import sys
 import time
+from datetime import datetime, timedelta
 from types import SimpleNamespace
 
 import pytest
 
 from hardware.safety.safe_state import EmergencyStopError, StopAskedError, Verb
+from lake.leases import exclusive, is_held
+from lake.store import Lake
 from models.errors import FastError, LakeError
 from tasks.campaign.requests import (
     Requests,
     append_event,
-    exclusive,
-    is_held,
+    append_request,
     note_verbs,
     requested_verb,
     require_acknowledgement,
@@ -40,6 +42,55 @@ def test_requests_count_only_after_the_last_start(campaign):
     assert requested_verb(lake, "small") is None
 
 
+@pytest.fixture
+def clock(monkeypatch):
+    """A shell's clock; `off` sets it."""
+
+    class Clock(datetime):
+        off = timedelta(0)
+
+        @classmethod
+        def now(cls, tz=None):
+            return datetime.now(tz) + cls.off
+
+    monkeypatch.setattr("lake.provenance.datetime", Clock)
+    return Clock
+
+
+@pytest.mark.parametrize("hours", [-24, -1, 1, 24])
+def test_a_stop_of_a_shell_with_a_wrong_clock_is_heard(campaign, clock, hours):
+    requests = Requests(campaign.lake, "small")
+    append_event(campaign.lake, "small", "started", "")
+    clock.off = timedelta(hours=hours)
+    shell = Lake.open(campaign.lake.root)
+    append_request(shell, "small", Verb.PAUSE, "")
+    append_request(shell, "small", Verb.STOP, "")
+    assert requests.verb() is Verb.STOP
+    clock.off = timedelta(0)
+    append_event(campaign.lake, "small", "started", "")
+    assert requests.verb() is None
+
+
+def test_a_request_means_the_run_that_it_was_made_for(campaign):
+    """A shell looks who runs, and is slow; meanwhile that run ends and another begins."""
+    lake = campaign.lake
+    for token in ("first", "second"):
+        append_event(lake, "small", "started", "", run=token)
+    append_event(lake, "small", Verb.STOP, "", run="first")
+    assert requested_verb(lake, "small") is None
+    append_event(lake, "small", Verb.PAUSE, "", run="second")
+    assert requested_verb(lake, "small") is Verb.PAUSE
+    append_event(lake, "small", Verb.ESTOP, "", run="a single step, which writes no start")
+    assert requested_verb(lake, "small") is Verb.ESTOP
+
+
+def test_a_request_names_the_run_that_holds_the_campaign(campaign):
+    with exclusive(campaign.lake, "campaign-small", "busy") as lease:
+        append_request(campaign.lake, "small", Verb.STOP, "")  # it comes before the start is written
+        append_event(campaign.lake, "small", "started", "", run=lease.token)
+        assert requested_verb(campaign.lake, "small") is Verb.STOP
+
+
 def test_requests_asked_again_are_heard_when_they_come_and_read_only_then(campaign, monkeypatch):
     requests = Requests(campaign.lake, "small")
     append_event(campaign.lake, "small", "started", "")
@@ -56,7 +107,7 @@ def test_requests_asked_again_are_heard_when_they_come_and_read_only_then(campai
 def test_lock_refuses_a_second_owner_and_frees_itself_when_the_owner_is_killed(campaign):
     code = (
         "import sys, time; from pathlib import Path; from lake.store import Lake\n"
-        "from tasks.campaign.requests import exclusive\n"
+        "from lake.leases import exclusive\n"
         "with exclusive(Lake.open(Path(sys.argv[1])), 'gantry', 'busy'):\n    print('held', flush=True); time.sleep(60)"
     )
     owner = subprocess.Popen([sys.executable, "-c", code, str(campaign.lake.root)], stdout=subprocess.PIPE, text=True)
@@ -65,7 +116,7 @@ def test_lock_refuses_a_second_owner_and_frees_itself_when_the_owner_is_killed(c
         assert owner.stdout.readline() == "held\n"
         assert is_held(campaign.lake, "gantry")
         with (
-            pytest.raises(FastError, match=f"busy \\(process {owner.pid}\\)"),
+            pytest.raises(FastError, match=f"busy \\(process {owner.pid} on .+, since 20.+ UTC\\); wait for it"),
             exclusive(campaign.lake, "gantry", "busy"),
         ):
             pass

@@ -136,18 +136,3 @@ def expected_designs(campaign):
     designs = {row.design_id: row.design for row in campaign.lake.records(DesignRow)}
     rows = campaign.lake.rows(ProposalRow, campaign_id="small", fidelity="real")
     return {f"small/B{row['batch']:02d}T{row['slot']}": designs[row["design_id"]] for row in rows}
-
-
-def test_an_older_row_that_comes_late_supersedes_nothing(campaign):
-    """An import, say, of a lake that was merged with this one."""
-    design = numbered_design(1)
-    append_simulation(campaign, design, 4, 5.0)
-    newest = campaign.lake.rows(SimulationRow)[0]["created_at"]
-    campaign.state()
-    (row,) = campaign.lake.records(SimulationRow)
-    older = campaign.provenance().model_copy(update={"created_at": newest.replace(year=2020)})
-    campaign.lake.append([row.model_copy(update={"status": "failed", "peak_force_n": None})], older)
-    assert campaign.state().fruitful == {design.design_id}
-    assert campaign.state() == derive_state(
-        Lake(campaign.lake.address), "small", campaign.config.grasp.setup_id, [campaign.version.version_id]
-    )

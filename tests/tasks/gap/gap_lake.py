@@ -12,12 +12,13 @@ from lake.tables.campaign import (
     SimTraceRow,
     SimulationRow,
     SimulatorVersionRow,
-    setup_columns,
 )
+from lake.tables.requests import setup_columns
 from lake.tables.row import Row
 from models.design.space import numbered_design, to_unit
 from models.gap.bank.bank import NUMERICAL_MESHES
-from models.records import Design, EffectValue, GraspContext, GraspSetup, SimulatorVersion, Theta, Trace
+from models.gap.grasps import Cells
+from models.records import Design, EffectValue, GraspContext, GraspRequest, GraspSetup, SimulatorVersion, Theta, Trace
 from models.simulation.effects.catalogue import CATALOGUE, build_effects
 from tasks.gap.bank import plan_bank
 from tasks.simulation.plan import SimulationPlan
@@ -63,24 +64,44 @@ def measured_rows(
     repeat: int,
     attempt: int = 0,
     hidden: Sequence[EffectValue] = (),
+    setup: GraspSetup = SETUP,
 ) -> list[Row]:
     """A measured grasp: three seconds of closing and holding, then the lift; 80 readings a second, noise of 0.05 N."""
-    lift = made_up_trace(shape(design, object_id), TRUTH)
-    time_s = np.arange(0.0, 15.0, 1 / 80.0)
-    lift_mm = SETUP.lift_speed_mm_per_s * np.clip(time_s - 3.0, 0.0, None)
+    wider_mm, late_mm = setup.closed_gap_mm - SETUP.closed_gap_mm, setup.tip_below_mm - SETUP.tip_below_mm
+    lift = made_up_trace(shape(design, object_id), TRUTH, wider_mm=wider_mm, late_mm=late_mm)
+    closed_s = 3.0 + setup.dwell_s
+    time_s = np.arange(0.0, closed_s + 60.0 / setup.lift_speed_mm_per_s, 1 / 80.0)
+    lift_mm = setup.lift_speed_mm_per_s * np.clip(time_s - closed_s, 0.0, None)
     force_n = np.where(time_s > 0.35, np.interp(lift_mm, lift.lift_mm, lift.force_n), 0.0)
     trace = Trace(time_s, lift_mm, force_n * (1.0 + 0.02 * np.sin(7.0 * design.length_mm)))
     for effect in build_effects(hidden):
-        trace = effect.in_grasp(design, SETUP, GraspContext()).modify_trace(trace)
+        trace = effect.in_grasp(design, setup, GraspContext()).modify_trace(trace)
     rng = np.random.default_rng([int(1000 * design.length_mm), object_id, repeat])
     reported_n = np.interp(time_s, trace.time_s, trace.force_n)
     trace = Trace(time_s, lift_mm, reported_n + 0.05 * rng.standard_normal(len(time_s)))
     return grasp_rows(design, tool_id, object_id, repeat, attempt, trace)
 
 
+def answer_rows(requests: Sequence[GraspRequest], hidden: Sequence[EffectValue] = ()) -> list[Row]:
+    """The grasps that a search asks for, as the bench of `gap_lake` makes them."""
+    rows: list[Row] = []
+    for request in requests:
+        design = DESIGNS[int(request.tool_id[-1])]
+        for row in measured_rows(
+            design, request.tool_id, request.object_id, request.repeat, hidden=hidden, setup=request.setup
+        ):
+            grasp_id = GraspRow.make_id(request.tool_id, request.object_id, request.repeat, 0, request.request_id)
+            own = {"grasp_id": grasp_id}
+            if isinstance(row, GraspRow):
+                how = setup_columns(request.setup, request.placement)
+                own |= {"bench": "virtual", "peak_force_n": 5.0, "request_id": request.request_id, **how}
+            rows.append(row.model_copy(update=own))
+    return rows
+
+
 def bank_rows(designs: Sequence[Design], objects: Sequence[int], fail: Collection[tuple[int, str]] = ()) -> list[Row]:
     """The bank of designs on objects; `fail`: object and version of grasps that failed."""
-    return plan_rows(plan_bank(BASE, designs, objects, SETUP), fail)
+    return plan_rows(plan_bank(BASE, Cells.full(designs, objects, SETUP)), fail)
 
 
 def plan_rows(plans: Sequence[SimulationPlan], fail: Collection[tuple[int, str]] = ()) -> list[Row]:

@@ -13,6 +13,7 @@ from lake.tables.campaign import DesignRow, SimulationRow
 from models.design.space import numbered_design, to_unit
 from models.errors import UsageError
 from models.gap.bank.bank import AMPLITUDES, NUMERICAL_MESHES, WIDE, list_versions
+from models.gap.grasps import Cells
 from models.gap.local_bank import MOST_EFFECTS
 from models.objects.catalogue import get_object
 from models.records import Design
@@ -27,7 +28,7 @@ from tasks.simulation.plan import SimulationPlan
 from tests.tasks.calibration.trace_lake import PROVENANCE
 from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, gap_lake, measured_rows, plan_rows
 
-PLANS = plan_bank(BASE, DESIGNS[:3], OBJECTS[:2], SETUP)
+PLANS = plan_bank(BASE, Cells.full(DESIGNS[:3], OBJECTS[:2], SETUP))
 N_VERSIONS = len(list_versions(BASE)) + 4  # two placements, two wider gaps
 
 

@@ -11,14 +11,15 @@ from lake.store import Lake
 from lake.tables.campaign import DesignRow, EventRow, GraspRow, TraceRow
 from lake.tables.row import Row
 from models.errors import UsageError
-from models.gap.bank.bank import CENTRE, list_versions
+from models.gap.bank.bank import CENTRE, BankPlan, list_versions
 from models.gap.data import GapData
+from models.gap.grasps import Cells
 from models.records import Trace
 from tasks.gap.bank import list_bank_ids, plan_bank, read_bank
 from tasks.gap.data import check_units, make_data, read_grasps, rebuild_contexts, split_measurements
 from tasks.gap.split import KIND, Split, freeze_split
 from tests.tasks.calibration.trace_lake import PROVENANCE
-from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, bank_rows, gap_lake, measured_rows
+from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, bank_rows, gap_lake, measured_rows, plan_rows
 
 CAMPAIGN = "demo"
 
@@ -31,7 +32,7 @@ def lake(tmp_path_factory: pytest.TempPathFactory) -> Lake:
 def read_data(lake: Lake) -> GapData:
     """The data of a search as it reads them: split first."""
     split, measured = split_measurements(lake, CAMPAIGN, 0), read_grasps(lake, CAMPAIGN)
-    return make_data(measured, read_bank(lake, BASE, measured.grasps.designs, measured.grasps.objects, SETUP), split)
+    return make_data(measured, read_bank(lake, BASE, measured.grasps.cells), split)
 
 
 def test_the_data_hold_every_grasp_with_its_bank(lake: Lake) -> None:
@@ -54,28 +55,49 @@ def test_the_data_hold_every_grasp_with_its_bank(lake: Lake) -> None:
 
 
 def test_forces_of_the_bank_are_those_of_its_versions(lake: Lake) -> None:
-    one = read_bank(lake, BASE, DESIGNS[1:2], OBJECTS, SETUP)
-    every = read_bank(lake, BASE, DESIGNS, OBJECTS, SETUP)
+    one = read_bank(lake, BASE, Cells.full(DESIGNS[1:2], OBJECTS, SETUP))
+    every = read_bank(lake, BASE, Cells.full(DESIGNS, OBJECTS, SETUP))
     np.testing.assert_array_equal(one.centre_steps_n[0], every.centre_steps_n[1])
     assert one.centre == CENTRE
     assert not np.allclose(
         one.effects["shear_adhesion"].steps_n[0, 0, 0], one.effects["shear_adhesion"].steps_n[0, 0, 1]
     )
     with pytest.raises(UsageError, match="no simulation of the bank"):
-        read_bank(lake, BASE, DESIGNS[:1], OBJECTS, SETUP.model_copy(update={"tip_below_mm": 9.0}))
+        read_bank(lake, BASE, Cells.full(DESIGNS[:1], OBJECTS, SETUP.model_copy(update={"tip_below_mm": 9.0})))
 
 
 def test_a_failed_simulation_is_missing_and_said(tmp_path: Path) -> None:
     lake = Lake.open(tmp_path / "lake", create=True)
     versions = list_versions(BASE)
     lake.append(bank_rows(DESIGNS[:1], OBJECTS, fail={(OBJECTS[1], versions[3].version_id)}), PROVENANCE)
-    bank = read_bank(lake, BASE, DESIGNS[:1], OBJECTS, SETUP)
+    bank = read_bank(lake, BASE, Cells.full(DESIGNS[:1], OBJECTS, SETUP))
     assert np.isnan(bank.grid_steps_n[0, 1, 3]).all()
     assert np.isfinite(bank.grid_steps_n[0, 0]).all()
     n_all = len(OBJECTS) * (len(versions) + 4)  # two placements, two wider gaps
     assert bank.failed_share == pytest.approx(1 / n_all)
-    assert len(list_bank_ids(BASE, DESIGNS[:1], OBJECTS, SETUP)) == n_all
-    assert sum(plan.n_grasps for plan in plan_bank(BASE, DESIGNS[:1], OBJECTS, SETUP)) == n_all
+    assert len(list_bank_ids(BASE, Cells.full(DESIGNS[:1], OBJECTS, SETUP))) == n_all
+    assert sum(plan.n_grasps for plan in plan_bank(BASE, Cells.full(DESIGNS[:1], OBJECTS, SETUP))) == n_all
+
+
+def test_a_local_bank_takes_over_what_it_does_not_simulate(tmp_path: Path) -> None:
+    lake = Lake.open(tmp_path / "lake", create=True)
+    lake.append(bank_rows(DESIGNS[:1], OBJECTS), PROVENANCE)
+    of = (BASE, Cells.full(DESIGNS[:1], OBJECTS, SETUP))
+    wide = read_bank(lake, *of)
+    at = np.array([9.0, 0.5, 0.4])
+    plan, closing = (BankPlan.around(at, at[None, 1:], names) for names in ((), ("pressure_droop",)))
+    counts = [sum(one.n_grasps for one in plan_bank(*of, each)) / len(OBJECTS) for each in (plan, closing)]
+    assert counts == [5, 7]
+    lake.append(plan_rows(plan_bank(*of, closing)), PROVENANCE)
+    bank, with_closings = (read_bank(lake, *of, each, wide) for each in (plan, closing))
+    assert bank.grid_steps_n.shape[2] == 5
+    grows = np.sqrt((bank.centre_steps_n**2).mean(axis=-1) / (wide.centre_steps_n**2).mean(axis=-1))
+    change_n = wide.numerical_steps_n - wide.centre_steps_n[:, :, None]
+    own_n = bank.numerical_steps_n - bank.centre_steps_n[:, :, None]
+    np.testing.assert_allclose(own_n, grows[..., None, None] * change_n, atol=1e-12)
+    np.testing.assert_array_equal(with_closings.placed_steps_n, bank.placed_steps_n)
+    assert not np.allclose(with_closings.wider_steps_n, bank.wider_steps_n)
+    assert bank.failed_share == 0.0
 
 
 def test_the_split_is_written_once_and_grows_without_changing_sides(tmp_path: Path) -> None:
@@ -168,7 +190,6 @@ def test_traces_that_begin_with_the_lift_take_their_noise_from_repeats(tmp_path:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"setup_id": "Gother"}, "grasps of 2 setups"),
         ({"bench": "real"}, "grasps of 2 benches"),
         ({"design_id": "Dunknown"}, "measured design Dunknown is not in the table"),
         ({"repeat": 0}, "has 1 repeats twice, first repeat 0 of tool T0"),

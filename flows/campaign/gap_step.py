@@ -1,0 +1,144 @@
+"""What a campaign with `gap.active` does between two batches: search, ask the bench where it cannot tell, search again.
+
+Everything is derived from the lake: which search ended last, what it asks for, who mounted the tools, which grasps are
+made. Killed anywhere, the same command goes on at the missing grasp.
+"""
+
+import logging
+from collections.abc import Callable
+from typing import Any
+
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+from prefect.futures import PrefectFuture
+
+from flows.campaign.forms import open_form
+from flows.campaign.loops import CampaignRun
+from flows.campaign.operator_prompts import make_reading_form
+from flows.gap.scheduled import search_and_tell
+from flows.gap.search import GapOrder, GapOutcome
+from flows.progress import ProgressReporter
+from lake.leases import is_held
+from models.gap.findings import NextExperiment, PersonQuestion
+from tasks.bench.asked import read_open_requests
+from tasks.bench.mount import list_asked_tools, read_mounting
+from tasks.calibration.mean_data import TooLittleDataError
+from tasks.campaign import prefect_tasks as steps
+from tasks.campaign.prefect_tasks import unmapped
+from tasks.campaign.requests import append_event
+from tasks.gap.ask_settings import USUAL_BUDGET, AskSettings
+from tasks.gap.findings import count_asked, find_newest_run
+from tasks.gap.readings import is_answered
+
+logger = logging.getLogger(__name__)
+
+Wait = Callable[[], PrefectFuture]
+PERSON_ASKED = "person_asked"  # kind of events: what no grasp tells
+
+
+def close_gap(run: CampaignRun, stage: int, wait: Wait) -> bool:
+    """Search after a stage, and make what the search asks for until it asks nothing; False when asked to stop.
+
+    wait: for the next finished future, hearing what people ask meanwhile. A boundary that is behind, since the next
+    stage has begun, is left alone.
+    """
+    if not run.campaign.config.gap.active or _is_behind(run, stage):
+        return True
+    while not run.should_stop():
+        last = find_newest_run(run.campaign.lake, run.campaign.campaign_id)
+        if last is not None and last.findings.next_experiment is not None:
+            _carry_out(run, last.gap_id, last.findings.next_experiment, wait)
+        if run.should_stop():
+            break
+        outcome = _run(run, wait, search_campaign.submit(f"gap after stage {stage}", unmapped(run)))
+        if outcome is None or not outcome.is_new or outcome.run.findings.next_experiment is None:
+            break
+    return not run.should_stop()
+
+
+@task(task_run_name="{label}", cache_policy=NO_CACHE)
+def search_campaign(label: str, run: CampaignRun) -> GapOutcome | None:
+    """Search the campaign's measurements for what its simulator misses; None where there is too little to search."""
+    campaign = run.campaign
+    if is_held(campaign.lake, "gap"):
+        logger.warning("another process searches this lake for a gap; the campaign goes on without a search here.")
+        return None
+    order = GapOrder(campaign.campaign_id, asking=AskSettings(min(count_left(run), USUAL_BUDGET)))
+    reporter = ProgressReporter(progress=logger.info, announce=run.announce)
+    try:
+        return search_and_tell(
+            campaign.lake,
+            order.with_workers(campaign.config.execution.simulation_workers),
+            reporter,
+            run.should_stop,
+        )
+    except TooLittleDataError as error:
+        logger.info("nothing to search: %s", error)
+        return None
+
+
+def count_left(run: CampaignRun) -> int:
+    """Grasps that may still be asked for: a share of those that the campaign was to measure, less those asked for."""
+    campaign = run.campaign
+    measured = sum(len(cells) for cells in campaign.state().measured.values())
+    return int(campaign.config.gap.budget_share * measured) - count_asked(campaign.lake, campaign.campaign_id)
+
+
+def _carry_out(run: CampaignRun, search_id: str, asked: NextExperiment, wait: Wait) -> None:
+    """Make what is missing of what a search asks for, or ask the person; the search after it takes the answer."""
+    lake, label = run.campaign.lake, f"gap {search_id}"
+    if asked.person is not None:
+        _ask_person(run, search_id, asked.person)
+        return
+    if not read_open_requests(lake, search_id=search_id):
+        return
+    if read_mounting(lake, search_id) is None:
+        words = (search_id, run.auto_print, unmapped(run.should_stop), unmapped(run.mount_prompts))
+        _run(run, wait, steps.mount_tools.submit(label, unmapped(run.campaign), *words))
+    tools = list_asked_tools(run.campaign, run.campaign.state(), search_id)
+    if run.should_stop() or not tools:
+        return
+    future = steps.measure_asked.submit(
+        label,
+        unmapped(run.campaign),
+        unmapped(tools),
+        search_id,
+        unmapped(run.heard_bench),
+        run.world_hash,
+        unmapped(run.should_stop),
+        unmapped(run.on_grasp),
+    )
+    _run(run, wait, future)
+
+
+def _ask_person(run: CampaignRun, search_id: str, person: PersonQuestion) -> None:
+    """Ask for what no grasp tells, once; the campaign does not wait for it, the search after the answer takes it."""
+    campaign = run.campaign
+    known = campaign.lake.query(
+        "SELECT 1 FROM events WHERE kind = $kind AND payload_json ->> '$.search_id' = $search",
+        {"kind": PERSON_ASKED, "search": search_id},
+    )
+    if is_answered(campaign.lake, search_id, person.kind) or len(known):
+        return
+    form = open_form(campaign.lake, make_reading_form(campaign.lake, campaign.campaign_id, search_id, person))
+    where = f" or fill in {form}" if form else ""
+    run.announce(
+        f"{person.sentence} Then fast gap answer {person.kind} VALUE --campaign {campaign.campaign_id} --operator NAME "
+        f"--lake {campaign.lake.address}{where}."
+    )
+    append_event(campaign.lake, campaign.campaign_id, PERSON_ASKED, person.sentence, search_id=search_id)
+
+
+def _run(run: CampaignRun, wait: Wait, future: PrefectFuture) -> Any:
+    """Wait for a future while people are heard; its error is raised."""
+    run.watch(future)
+    while wait() is not future:
+        pass
+    return future.result()
+
+
+def _is_behind(run: CampaignRun, stage: int) -> bool:
+    schedule = run.campaign.config.schedule
+    if stage + 1 >= schedule.n_stages:
+        return False
+    return bool(run.campaign.state().tools_of(schedule.batches_of(stage + 1)[0]))

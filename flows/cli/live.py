@@ -1,0 +1,84 @@
+"""How a long command speaks: a live display with bars on a terminal, plain lines in a log."""
+
+import os
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from flows.cli.common import tell
+from flows.progress import UNKNOWN, Bar, ProgressReporter, describe_duration
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+    from rich.live import Live
+
+BAR_WIDTH = 32
+N_RECENT = 3
+
+
+@contextmanager
+def open_reporter() -> Iterator[ProgressReporter]:
+    """Bars at the bottom of the terminal while someone watches, and lines above them; in a log lines alone."""
+    if not is_watched():
+        yield ProgressReporter(tell, tell)
+        return
+    from rich.console import Console
+
+    with open_display(Console(stderr=True, highlight=False)) as reporter:
+        yield reporter
+
+
+def is_watched() -> bool:
+    """Whether standard error is a terminal that can be written over."""
+    return sys.stderr.isatty() and os.environ.get("TERM", "dumb") != "dumb"
+
+
+@contextmanager
+def open_display(console: "Console") -> Iterator[ProgressReporter]:
+    """A live display on a console; it goes when the command ends, what was announced stays."""
+    from rich.live import Live
+
+    # Drawn when there is news alone: a campaign runs for days.
+    with Live(console=console, auto_refresh=False, transient=True) as live:
+        yield ProgressReporter(_printer(live), _printer(live, "bold"), _drawer(live))
+
+
+def _printer(live: "Live", style: str | None = None) -> Callable[[str], None]:
+    def print_line(text: str) -> None:
+        live.console.print(text, style=style, markup=False, soft_wrap=True)
+
+    return print_line
+
+
+def _drawer(live: "Live") -> Callable[[str, Sequence[Bar]], None]:
+    recent: deque[str] = deque(maxlen=N_RECENT)
+
+    def draw(what: str, bars: Sequence[Bar]) -> None:
+        recent.append(f"{time.strftime('%H:%M:%S')}  {what}".rstrip())
+        live.update(draw_progress(recent, bars), refresh=True)
+
+    return draw
+
+
+def draw_progress(recent: Iterable[str], bars: Sequence[Bar]) -> "RenderableType":
+    """What happened last, and a row for each kind of work."""
+    from rich.console import Group
+    from rich.progress_bar import ProgressBar
+    from rich.table import Table
+    from rich.text import Text
+
+    rows = Table.grid(padding=(0, 2))
+    for bar in bars:
+        drawn = ProgressBar(total=max(bar.total, 1), completed=bar.done if bar.total else 1, width=BAR_WIDTH)
+        rows.add_row(bar.label, drawn, bar.counts, describe_left(bar))
+    return Group(*(Text(line, style="dim", overflow="ellipsis", no_wrap=True) for line in recent), rows)
+
+
+def describe_left(bar: Bar) -> str:
+    """Its time left in words."""
+    if bar.done >= bar.total:
+        return "done"
+    return UNKNOWN if bar.left_s is None else f"{describe_duration(bar.left_s)} left"

@@ -1,0 +1,122 @@
+"""`fast gap next`: the grasps that a search asks for, as a plan and a printable sheet for a bench without gantry."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from itertools import groupby
+from pathlib import Path
+
+from hardware.cell.cycle_time import plan_time
+from hardware.tools.mounted import MountedTool
+from lake.handoff.plan_folder import SHEET, find_tools, write_plan
+from lake.store import Lake
+from models.objects.catalogue import get_object
+from models.records import GraspRequest, GraspSetup, Placement
+from models.units import spell_name, unit_of
+from tasks.bench.asked import read_open_requests
+from tasks.campaign.state import load_designs
+
+_STYLE = """
+@page { size: A4; margin: 12mm }
+body { font: 13px/1.4 system-ui, Arial, sans-serif; color: #111; margin: 24px auto; max-width: 186mm }
+h1 { font-size: 22px; margin: 0 0 2px } h2 { font-size: 15px; margin: 16px 0 4px } p { margin: 4px 0 }
+table { border-collapse: collapse; width: 100% } th, td { border: 1px solid #999; padding: 3px 6px; text-align: left }
+th { font-weight: 600; background: #f2f2f2 } tr { break-inside: avoid } .changed { font-weight: 700 }
+.blank { min-width: 18mm }
+@media print { body { margin: 0; max-width: none; print-color-adjust: exact } }
+"""
+
+
+@dataclass(frozen=True)
+class BenchPlan:
+    """Grasps in the order in which they are to be made, and how long a bench with a gantry takes for them."""
+
+    requests: tuple[GraspRequest, ...]
+    minutes: float
+
+    @property
+    def sentence(self) -> str:
+        """How much there is to do."""
+        tools = len({request.tool_id for request in self.requests})
+        return (
+            f"{len(self.requests)} grasps are asked for, of {tools} tool{'s' if tools > 1 else ''}; about "
+            f"{self.minutes:.0f} min with the gantry"
+        )
+
+
+def plan_next(lake: Lake, search_id: str | None = None) -> BenchPlan:
+    """The grasps that are still open, of one search or of all.
+
+    Raises:
+        UsageError: a tool is no longer there.
+    """
+    requests = tuple(request for request, _ in read_open_requests(lake, search_id=search_id))
+    if not requests:
+        return BenchPlan((), 0.0)
+    tools, designs, total_s = find_tools(lake, requests), load_designs(lake), 0.0
+    for tool_id, group in groupby(requests, key=lambda request: request.tool_id):
+        mounted = MountedTool(tool_id, designs[tools[tool_id].design_id])
+        total_s += plan_time(mounted, tools[tool_id].slot, list(group), GraspSetup()).total_s
+    return BenchPlan(requests, total_s / 60.0)
+
+
+def write_bench_plan(lake: Lake, plan: BenchPlan, directory: Path) -> Path:
+    """Write the plan and its sheet; returns the sheet.
+
+    Raises:
+        UsageError: the folder holds such files already, or a tool is no longer there.
+    """
+    write_plan(lake, plan.requests, make_sheet(plan, lake.address, directory), directory)
+    return directory / SHEET
+
+
+def make_sheet(plan: BenchPlan, address: str, directory: Path) -> str:
+    """The sheet as one HTML page: a row for each grasp, with what differs from the row before in bold."""
+    parts = [
+        f"<h1>Grasps to make</h1><p>{escape(plan.sentence)}. Make them in this order: the effects of wear and time "
+        "cancel only then. Grasps in bold differ from the one before.</p>",
+    ]
+    before: GraspRequest | None = None
+    for number, (tool_id, group) in enumerate(groupby(enumerate(plan.requests, 1), key=lambda one: one[1].tool_id), 1):
+        parts.append(f"<h2>{number}. Mount tool {escape(tool_id)}</h2>")
+        rows = []
+        for place, request in group:
+            rows.append(_row(place, request, before))
+            before = request
+        head = "".join(f"<th>{name}</th>" for name in ("no.", "object", "repeat", "how", "what for", "done at"))
+        parts.append(f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>")
+    parts.append(
+        f"<p>Then write the times into grasps.csv, put the samples beside it as traces.csv (grasp_id, time_s, lift_mm, "
+        f"force_n), and run <code>fast lake import {escape(str(directory))} --lake {escape(address)}</code>. A grasp "
+        "that could not be made: delete its row.</p>"
+    )
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Grasps to make</title>'
+        f"<style>{_STYLE}</style></head><body>{''.join(parts)}</body></html>\n"
+    )
+
+
+def describe_settings(setup: GraspSetup, placement: Placement) -> list[str]:
+    """What a person sets on the bench, with units: `lift speed 20 mm/s`; offsets and waits where there are any."""
+    always = ("lift_speed_mm_per_s", "open_gap_mm", "closed_gap_mm", "tip_below_mm", "close_speed_mm_per_s")
+    found = [_tell(name, getattr(setup, name)) for name in always]
+    if setup.dwell_s:
+        found.append(f"wait {setup.dwell_s:g} s before the lift")
+    if setup.supply_pressure_psi is not None:
+        found.append(_tell("supply_pressure_psi", setup.supply_pressure_psi))
+    return found + [f"object: {_tell(name, value)}" for name, value in placement if value]
+
+
+def _tell(name: str, value: float) -> str:
+    return f"{spell_name(name)} {value:g} {unit_of(name) or ''}".rstrip()
+
+
+def _row(place: int, request: GraspRequest, before: GraspRequest | None) -> str:
+    known: Sequence[str] = () if before is None else describe_settings(before.setup, before.placement)
+    how = ", ".join(
+        escape(text) if text in known or before is None else f'<span class="changed">{escape(text)}</span>'
+        for text in describe_settings(request.setup, request.placement)
+    )
+    name = escape(get_object(request.object_id).name)
+    cells = (place, f"{request.object_id} {name}", request.repeat, how, escape(request.purpose))
+    return f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}<td class='blank'></td></tr>"

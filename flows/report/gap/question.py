@@ -1,0 +1,68 @@
+"""What the page of a gap search says of questions: what to measure next, what earlier ones brought."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from flows.report.folder import Folder
+from flows.report.gap.answer import GapPage, describe_effect, describe_probability, shorten_tool
+from flows.report.html import Markup, number, paragraph, section, table
+from flows.report.style import BEST, FIRST, INK, SIMULATED, WIDTH_IN, new_axes
+from models.gap.findings import Asked, NextExperiment
+from models.objects.catalogue import get_object
+from models.traces.step_features import STEP_MM
+
+_COLOURS = (FIRST, BEST, SIMULATED, "#cc79a7", INK)
+
+
+def write_next(content: GapPage, folder: Folder) -> Markup:
+    """What to measure next, what earlier questions brought, and aliases with what would tell."""
+    findings = content.findings
+    rows = [(describe_effect(a.effect), a.of, a.experiment) for a in findings.aliases]
+    listed = table(("effect", "cannot be told from", "what would tell"), rows)
+    return section(
+        "next",
+        "What to measure next",
+        *(paragraph(_describe_asked(one)) for one in findings.asked),
+        *_write_question(findings.next_experiment, folder),
+        Markup("<h3>What these data cannot tell from something else</h3>"),
+        f'<div class="words">{listed}</div>',
+    )
+
+
+def draw_predictions(asked: NextExperiment) -> Figure:
+    """What each hypothesis predicts of the asked grasp, force over lift."""
+    figure, axes = new_axes(WIDTH_IN, 2.6)
+    for one, colour in zip(asked.predictions, _COLOURS, strict=False):
+        lift_mm = STEP_MM * (np.arange(len(one.force_n)) + 0.5)
+        axes.plot(lift_mm, one.force_n, color=colour, linewidth=1.4, label=describe_effect(one.effect))
+    axes.set_xlabel("lift (mm)")
+    axes.set_ylabel("force (N)")
+    axes.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def _write_question(asked: NextExperiment | None, folder: Folder) -> list[Markup]:
+    if asked is None:
+        return [paragraph("Nothing is left ambiguous that an experiment of the bench would separate.")]
+    found = [
+        paragraph(asked.sentence, "lead"),
+        paragraph(f"It separates {', '.join(describe_effect(e) for e in asked.separates)}."),
+    ]
+    if asked.grasps:
+        rows = [(shorten_tool(g.tool), get_object(g.object).name, g.setting, number(g.n, 0)) for g in asked.grasps]
+        found.append(table(("tool", "object", "each in turn with a grasp as usual", "n"), rows, (3,)))
+    if asked.promised:
+        nats = [(" or ".join(map(describe_effect, p.between)), number(p.nats, 1)) for p in asked.promised]
+        found.append(table(("promised between", "nats (3 are odds of 20 to 1)"), nats, (1,)))
+    if asked.predictions:
+        found.append(folder.figure("question", draw_predictions(asked), "Predicted of the asked grasp"))
+    return found
+
+
+def _describe_asked(asked: Asked) -> str:
+    """What came of a question, with what was believed before and after."""
+    changes = ", ".join(
+        f"{describe_effect(name)} {describe_probability(before)} to {describe_probability(asked.after.get(name, 0.0))}"
+        for name, before in asked.before.items()
+    )
+    return f"Asked before: {asked.promised} grasps promised, {asked.spent} made. {asked.outcome} {changes}."

@@ -1,0 +1,42 @@
+"""The database of a new lake's server: a copy of an empty one, since Prefect makes it in hundreds of migrations.
+
+They take 6 s of CPU on a slow machine, two thirds of the first start. The empty database is kept beside this package as
+the first server of the machine leaves it before anyone asks it anything: tables, and Prefect's own kinds of blocks.
+"""
+
+import os
+import shutil
+import sqlite3
+from contextlib import closing
+from importlib.metadata import version
+from pathlib import Path
+
+from models.solver_code import cache_folder
+
+NAME = "prefect.db"
+OTHER_DATABASE = "PREFECT_API_DATABASE_CONNECTION_URL"  # a lab's own, such as PostgreSQL
+
+
+def take_empty_database(home: Path) -> bool:
+    """Give a new server a database; True if no empty one is kept, so that Prefect makes it."""
+    if os.environ.get(OTHER_DATABASE) or (home / NAME).exists():
+        return False
+    if not _kept().exists():
+        return True
+    part = home / f"{NAME}.part"
+    shutil.copyfile(_kept(), part)
+    part.replace(home / NAME)
+    return False
+
+
+def keep_empty_database(home: Path) -> None:
+    """Keep the database that Prefect has just made, for the servers of lakes to come."""
+    part = _kept().with_suffix(f".part{os.getpid()}")
+    part.parent.mkdir(parents=True, exist_ok=True)
+    with closing(sqlite3.connect(home / NAME)) as made, closing(sqlite3.connect(part)) as copy:
+        made.backup(copy)
+    part.replace(_kept())
+
+
+def _kept() -> Path:
+    return cache_folder(Path(__file__).parent) / f"prefect-{version('prefect')}.db"

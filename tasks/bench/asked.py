@@ -1,0 +1,58 @@
+"""Grasps that a search asks for: written to the lake in their order, read back as long as they are open."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+from lake.provenance import Provenance
+from lake.store import Lake
+from lake.tables.requests import GraspRequestRow
+from models.records import GraspRequest
+from tasks.campaign.state import tuples
+
+_LAST_REPEATS = """
+    SELECT tool_id, object_id, max(repeat) FROM (
+        SELECT tool_id, object_id, repeat FROM grasps UNION ALL SELECT tool_id, object_id, repeat FROM grasp_requests
+    ) GROUP BY ALL
+"""
+_OPEN = """
+    SELECT request_id, n_attempts FROM asked_grasps
+    WHERE state = 'open' AND ($search IS NULL OR search_id = $search) AND ($tool IS NULL OR tool_id = $tool)
+    ORDER BY search_id, place
+"""
+
+
+def write_requests(
+    lake: Lake, search_id: str, requests: Sequence[GraspRequest], campaign_id: str | None, provenance: Provenance
+) -> tuple[GraspRequest, ...]:
+    """Write what a search asks for, after what it asked for before; returned with their ids and repeats.
+
+    Repeats go on after the grasps of the tool on the object that are made or asked for: no two have the same.
+    """
+    last: dict[tuple[str, int], int] = defaultdict(lambda: -1)
+    for tool_id, object_id, repeat in tuples(lake, _LAST_REPEATS):
+        last[tool_id, object_id] = repeat
+    first = len(lake.ids(GraspRequestRow, search_id=search_id))
+    rows = []
+    for place, request in enumerate(requests, start=first):
+        cell = request.tool_id, request.object_id
+        last[cell] += 1
+        numbered = request.model_copy(update={"repeat": last[cell]})
+        rows.append(GraspRequestRow.of(search_id, place, numbered, campaign_id))
+    if rows:
+        lake.append(rows, provenance)
+    return tuple(row.request for row in rows)
+
+
+def read_requests(lake: Lake, search_id: str) -> list[GraspRequest]:
+    """All that a search asked for, in order."""
+    rows = lake.records(GraspRequestRow, search_id=search_id)
+    return [row.request for row in sorted(rows, key=lambda row: row.place)]
+
+
+def read_open_requests(
+    lake: Lake, *, search_id: str | None = None, tool_id: str | None = None
+) -> list[tuple[GraspRequest, int]]:
+    """Grasps that are asked for and not made yet, in order, each with how often it was tried."""
+    found = list(tuples(lake, _OPEN, search=search_id, tool=tool_id))
+    rows = {row.request_id: row for row in lake.records(GraspRequestRow, request_id=[name for name, _ in found])}
+    return [(rows[name].request, n_attempts) for name, n_attempts in found]

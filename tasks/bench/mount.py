@@ -1,0 +1,149 @@
+"""Kept tools on the rack again, for the grasps that a search asks for: where each hangs, and who mounted them.
+
+Nothing is printed. What a person says is an event of the lake; a tool that is gone keeps its requests open for ever,
+and nobody waits for them.
+"""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Literal, Protocol
+
+from pydantic import Field
+
+from hardware.bench import Bench
+from hardware.cell.cell import MeasuredGrasp
+from hardware.cell.layout import N_SLOTS
+from lake.leases import exclusive
+from lake.store import Lake
+from lake.tables.campaign import EventRow
+from models.errors import UsageError
+from models.ids import canonical_json, content_id
+from models.records import Record
+from tasks.bench.asked import read_open_requests
+from tasks.bench.measure import MeasureTool, OpenBench, check_position
+from tasks.bench.plan import ToolWork, plan_asked
+from tasks.campaign.campaign import Campaign, stored_provenance
+from tasks.campaign.requests import note_verbs
+from tasks.campaign.state import CampaignState, ProposedTool
+
+MOUNTED = "tools_mounted"  # kind of the events
+
+OnGrasp = Callable[[ProposedTool, MeasuredGrasp], None]
+
+
+class MountPrompts(Protocol):
+    """Where a campaign and the person who mounts kept tools meet; `slots`: of the rack, by tool."""
+
+    def ask(self, search_id: str, slots: Mapping[str, int]) -> None:
+        """Kept tools have to be mounted now."""
+
+    def remind(self, search_id: str, slots: Mapping[str, int]) -> None:
+        """Called again and again until they are."""
+
+    def close(self, search_id: str) -> None:
+        """They are mounted."""
+
+
+class Mounting(Record):
+    """A person's word on kept tools: slot of the rack of each that hangs there, and those that are gone."""
+
+    search_id: str
+    slots: dict[str, int]
+    gone: tuple[str, ...] = ()
+    operator: str = Field(min_length=1)
+    confirmed_by: Literal["person", "auto"] = "person"
+
+
+def plan_rack(lake: Lake, state: CampaignState, search_id: str) -> dict[str, int]:
+    """Slot of the rack for each tool of which a search asks a grasp: its own, or the next free one.
+
+    Raises:
+        UsageError: a tool is not one of the campaign, or was never printed.
+    """
+    wanted = list(dict.fromkeys(request.tool_id for request, _ in read_open_requests(lake, search_id=search_id)))
+    known = {tool.tool_id: tool for tool in state.tools}
+    slots: dict[str, int] = {}
+    for tool_id in wanted[:N_SLOTS]:
+        if tool_id not in known or state.confirmed.get(tool_id) != "printed":
+            raise UsageError(
+                f"search {search_id} asks for grasps of {tool_id}, which this campaign never printed; search again "
+                "with its own measurements."
+            )
+        taken = set(slots.values())
+        free = [slot for slot in (known[tool_id].rack_slot, *range(N_SLOTS)) if slot not in taken]
+        slots[tool_id] = free[0]
+    return slots
+
+
+def confirm_mounting(lake: Lake, campaign_id: str, mounting: Mounting) -> None:
+    """Keep a person's word on the tools of a search.
+
+    Raises:
+        UsageError: a slot is not there or has two tools, or the tools were mounted before.
+    """
+    if read_mounting(lake, mounting.search_id) is not None:
+        raise UsageError(f"the tools of search {mounting.search_id} are mounted already; nothing was changed.")
+    for slot in mounting.slots.values():
+        if not 0 <= slot < N_SLOTS or list(mounting.slots.values()).count(slot) > 1:
+            raise UsageError(f"rack slot {slot} is not there or has two tools; the rack has 0 to {N_SLOTS - 1}.")
+    gone = f"; gone: {', '.join(mounting.gone)}" if mounting.gone else ""
+    row = EventRow(
+        event_id=content_id("E", [MOUNTED, mounting.search_id]),
+        campaign_id=campaign_id,
+        kind=MOUNTED,
+        message=f"{mounting.operator} mounted {len(mounting.slots)} kept tools for search {mounting.search_id}{gone}",
+        payload_json=canonical_json(mounting.model_dump(mode="json")),
+    )
+    lake.append([row], stored_provenance(lake, campaign_id))
+
+
+def read_mounting(lake: Lake, search_id: str) -> Mounting | None:
+    """What a person said of the tools of a search; None before."""
+    found = lake.records(EventRow, event_id=content_id("E", [MOUNTED, search_id]))
+    return Mounting.model_validate(json.loads(found[-1].payload_json)) if found else None
+
+
+def list_asked_tools(campaign: Campaign, state: CampaignState, search_id: str) -> list[ProposedTool]:
+    """Mounted tools of which a search still asks a grasp, in the slots where they hang."""
+    mounting = read_mounting(campaign.lake, search_id)
+    if mounting is None:
+        return []
+    wanted = {request.tool_id for request, _ in read_open_requests(campaign.lake, search_id=search_id)}
+    return [
+        replace(tool, hangs_in=mounting.slots[tool.tool_id])
+        for tool in sorted(state.tools, key=lambda tool: (tool.batch, tool.slot))
+        if tool.tool_id in wanted and tool.tool_id in mounting.slots
+    ]
+
+
+def measure_asked(
+    campaign: Campaign,
+    tools: Sequence[ProposedTool],
+    search_id: str,
+    open_bench: OpenBench,
+    measure: MeasureTool,
+    *,
+    should_stop: Callable[[], bool],
+    on_grasp: OnGrasp,
+) -> None:
+    """Make the missing grasps that a search asks for, tool by tool.
+
+    Raises:
+        FastError: another process holds the bench of this lake.
+        LostLeaseError: another host took the gantry over; the bench stopped before its next motion.
+        DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
+    """
+    verbs = note_verbs(campaign.lake, campaign.campaign_id)
+    owned = exclusive(campaign.lake, "gantry", "the gantry of this lake is in use")
+    with owned as gantry, verbs, open_bench(tools) as bench:
+        bench.gantry.require_leave = gantry.require
+        for tool in tools:
+            if should_stop():
+                break
+            _measure_tool(bench, plan_asked(campaign.lake, tool, search_id), measure, on_grasp)
+        check_position(campaign, bench, tools[0].batch)
+
+
+def _measure_tool(bench: Bench, work: ToolWork, measure: MeasureTool, on_grasp: OnGrasp) -> None:
+    measure(bench, work, lambda grasp: on_grasp(work.tool, grasp))

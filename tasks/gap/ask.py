@@ -1,0 +1,251 @@
+"""Ask: from a round that leaves something open to the grasps, or the person's measurement, that would tell.
+
+First what needs no simulation: other speeds, dwells and pressures, for which what was simulated serves. Only where they
+do not promise enough are other strokes and placements simulated, a bounded number of them. Where no grasp tells, a
+person is asked.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hardware.cell.cycle_time import plan_time
+from hardware.tools.mounted import MountedTool
+from models.gap.ask.answers import forecast_measurements
+from models.gap.ask.choose import Choice, Costs, choose_experiments, list_open_pairs
+from models.gap.ask.forecast import Forecast
+from models.gap.ask.hypotheses import Hypothesis, list_hypotheses
+from models.gap.ask.outcomes import describe_pairs, describe_reading, join_outcomes
+from models.gap.ask.predict import Moved, Pair, forecast_pairs, predict_first
+from models.gap.ask.settings import Setting, list_settings
+from models.gap.findings import AskedGrasps, NextExperiment, Outcome, PersonQuestion, Prediction, Promise
+from models.gap.grasps import Grasps
+from models.gap.naming.name import NamingResult
+from models.records import GraspRequest
+from models.simulation.effects.catalogue import CATALOGUE
+from tasks.gap.ask_settings import AskSettings
+from tasks.gap.calibrate import SearchInputs
+from tasks.gap.moved import choose_cells, simulate_moved
+
+_MOST_TOOLS, _MOST_OBJECTS = 5, 5  # of which every pair is looked at
+_FEWEST_GRASPS = 2  # a pair
+_WORTH_NATS = 0.5  # promised less, two hypotheses are not said to fall apart
+
+
+def ask(search: SearchInputs, naming: NamingResult, settings: AskSettings) -> NextExperiment | None:
+    """What to do so that what a round leaves possible falls apart; None if nothing is open, or nothing would tell."""
+    hypotheses = list_hypotheses(naming)
+    if not hypotheses or settings.most_grasps < _FEWEST_GRASPS:
+        return None
+    grasps = naming.fit.features.surrogate.grasps
+    able = [one for one in list_settings(grasps.base_setup) if settings.limits.can_make(one.setup, one.placement)]
+    timings = [one for one in able if one.is_timing]
+    cells = _spread_cells(naming)
+    plan = _Plan.of(hypotheses, grasps, [Pair(*cell, one) for cell in cells for one in timings], settings)
+    if plan.open_effects:
+        strokes = [one for one in able if not one.is_timing]
+        pairs = [Pair(*cell, one) for cell in choose_cells(cells, hypotheses, strokes) for one in strokes]
+        moved = simulate_moved(search, hypotheses, pairs)
+        known = [pair for pair in pairs if all((one.name, pair) in moved for one in hypotheses)]
+        wider = _Plan.of(hypotheses, grasps, [*plan.pairs, *known], settings, moved)
+        plan = wider if wider.n_open < plan.n_open or not plan.choice.n else plan
+    person = _ask_person(hypotheses, plan)
+    return person if person is not None else plan.write(naming)
+
+
+def list_requests(asked: NextExperiment) -> list[GraspRequest]:
+    """The grasps in the order in which they are made: changed and usual ones in turn, either first in turn."""
+    found = []
+    number = 0
+    for one in asked.grasps:
+        for _ in range(one.n):
+            number += 1
+            changed = GraspRequest(
+                tool_id=one.tool, object_id=one.object, setup=one.setup, placement=one.placement, purpose=one.setting
+            )
+            usual = GraspRequest(tool_id=one.tool, object_id=one.object, setup=one.usual, purpose="as usual")
+            found += [usual, changed] if number % 2 else [changed, usual]
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """Pairs that could be made, their forecast, and those that were chosen of them."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    grasps: Grasps
+    pairs: list[Pair]
+    forecast: Forecast
+    choice: Choice
+
+    @staticmethod
+    def of(
+        hypotheses: tuple[Hypothesis, ...],
+        grasps: Grasps,
+        pairs: list[Pair],
+        settings: AskSettings,
+        moved: Moved | None = None,
+    ) -> "_Plan":
+        forecast = forecast_pairs(hypotheses, pairs, moved)
+        choice = choose_experiments(forecast, _estimate_costs(grasps, pairs), settings.most_grasps // 2)
+        return _Plan(hypotheses, grasps, pairs, forecast, choice)
+
+    @property
+    def open_effects(self) -> list[tuple[int, int]]:
+        """Pairs of effects, or of an effect and nothing, that are not promised to fall apart."""
+        pairs = list_open_pairs(self.forecast, self.choice.nats)
+        return [pair for pair in pairs if any(self.hypotheses[i].own for i in pair)]
+
+    @property
+    def n_open(self) -> int:
+        """How many pairs of effects are left open."""
+        return sum(all(self.hypotheses[i].own for i in pair) for pair in self.open_effects)
+
+    def write(self, naming: NamingResult) -> NextExperiment | None:
+        """What is asked of the bench; None if nothing is worth it."""
+        places = sorted(np.flatnonzero(self.choice.counts), key=lambda at: (self.pairs[at].tool, self.pairs[at].obj))
+        promised = self._list_promises()
+        if not len(places) or not promised:
+            return None
+        counts = self.choice.counts
+        asked = tuple(self._write_pair(self.pairs[place], int(counts[place])) for place in places)
+        most = int(max(places, key=lambda place: counts[place]))
+        outcomes = describe_pairs(self.hypotheses, self.forecast, most, int(counts[most]))
+        words = list(dict.fromkeys(one.setting for one in asked))
+        n = 2 * self.choice.n
+        return NextExperiment(
+            grasps=asked,
+            possible=_list_possible(self.hypotheses),
+            separates=tuple(dict.fromkeys(name for promise in promised for name in promise.between)),
+            promised_grasps=n,
+            promised=promised,
+            minutes=round(self.choice.minutes, 1),
+            sentence=(
+                f"{n} grasps, about {max(self.choice.minutes, 1.0):.0f} min: {'; '.join(words)}, each in turn with a "
+                f"grasp as usual. What it would mean: {join_outcomes(outcomes)}."
+            ),
+            outcomes=outcomes,
+            predictions=_predict(self.hypotheses, self.pairs[most], self.grasps),
+        )
+
+    def _write_pair(self, pair: Pair, n: int) -> AskedGrasps:
+        return AskedGrasps(
+            tool=self.grasps.tools[pair.tool],
+            object=self.grasps.objects[pair.obj],
+            setup=pair.setting.setup,
+            placement=pair.setting.placement,
+            usual=self.grasps.base_setup,
+            n=n,
+            setting=pair.setting.words,
+        )
+
+    def _list_promises(self) -> tuple[Promise, ...]:
+        """Names that are promised to fall apart, the worst first; of forms of one hypothesis the worst counts."""
+        nats: dict[tuple[str, str], float] = {}
+        sharp = np.flatnonzero(self.forecast.is_sharp)
+        for i in sharp:
+            for j in sharp[sharp < i]:
+                one, other = self.hypotheses[j].name, self.hypotheses[i].name
+                if one != other and self.choice.nats[i, j] >= _WORTH_NATS:
+                    nats[one, other] = min(nats.get((one, other), np.inf), float(self.choice.nats[i, j]))
+        ordered = sorted(nats.items(), key=lambda item: item[1])
+        return tuple(Promise(between=between, nats=round(value, 1)) for between, value in ordered)
+
+
+def _ask_person(hypotheses: tuple[Hypothesis, ...], plan: _Plan) -> NextExperiment | None:
+    """What a person measures where effects stay together in the plan for the bench; None if no reading tells more."""
+    open_pairs = [pair for pair in plan.open_effects if all(hypotheses[i].own for i in pair)]
+    known, forecast = forecast_measurements(hypotheses)
+    if not open_pairs or not known or plan.n_open < _count_pairs(hypotheses):
+        return None
+    costs = Costs(np.array([one.minutes for one in known]), np.arange(len(known)), np.arange(len(known)))
+    best, choice = None, None
+    for place in range(len(known)):
+        single = choose_experiments(forecast.select([place]), costs.select([place]), 1)
+        told = sum(single.nats[pair] >= _WORTH_NATS for pair in open_pairs) / known[place].minutes
+        if told > (0.0 if best is None else best[0]):
+            best, choice = (told, place), single
+    if best is None or choice is None:
+        return None
+    one, place = known[best[1]], best[1]
+    means = describe_reading(hypotheses, forecast, place, one)
+    names = [hypotheses[i].name for pair in open_pairs for i in pair if choice.nats[pair] >= _WORTH_NATS]
+    promises = [
+        Promise(between=(hypotheses[j].name, hypotheses[i].name), nats=round(float(choice.nats[i, j]), 1))
+        for i, j in open_pairs
+        if choice.nats[i, j] >= _WORTH_NATS
+    ]
+    sentence = f"No grasp of this bench tells. Please {one.words}. A reading of {means}."
+    return NextExperiment(
+        possible=_list_possible(hypotheses),
+        separates=tuple(dict.fromkeys(names)),
+        promised_grasps=0,
+        promised=tuple(sorted(promises, key=lambda promise: promise.nats)),
+        minutes=one.minutes,
+        sentence=sentence,
+        outcomes=tuple(Outcome(effect=name, sentence=means) for name in dict.fromkeys(names)),
+        person=PersonQuestion(kind=one.kind, sentence=sentence, label=one.label),
+    )
+
+
+def _count_pairs(hypotheses: Sequence[Hypothesis]) -> int:
+    n = sum(bool(one.own) for one in hypotheses)
+    return n * (n - 1) // 2
+
+
+def _estimate_costs(grasps: Grasps, pairs: Sequence[Pair]) -> Costs:
+    """Minutes of each pair and of a change of tool, as the bench's cycle time has them."""
+    base, minutes, change_s = grasps.base_setup, [], 0.0
+    known: dict[tuple[int, Setting], float] = {}
+    tool = MountedTool(tool_id="asked", design=grasps.designs[0])
+    for pair in pairs:
+        key = pair.obj, pair.setting
+        if key not in known:
+            object_id = grasps.objects[pair.obj]
+            items = [
+                GraspRequest(tool_id="asked", object_id=object_id, setup=base),
+                GraspRequest(tool_id="asked", object_id=object_id, setup=pair.setting.setup),
+            ]
+            time = plan_time(tool, 0, items, base)
+            known[key], change_s = sum(time.item_s) / 60.0, time.tool_change_s
+        minutes.append(known[key])
+    n_objects = len(grasps.objects)
+    return Costs(
+        np.array(minutes),
+        np.array([pair.tool for pair in pairs]),
+        np.array([pair.tool * n_objects + pair.obj for pair in pairs]),
+        change_s / 60.0,
+    )
+
+
+def _spread_cells(naming: NamingResult) -> list[tuple[int, int]]:
+    """Tools and objects of which pairs are looked at: spread over those that may be learnt from, and were measured."""
+    surrogate = naming.fit.features.surrogate
+    made = sorted(set(zip(surrogate.grasps.tool.tolist(), surrogate.grasps.obj.tolist(), strict=True)))
+    tools = _spread(sorted({tool for tool, _ in made}), _MOST_TOOLS)
+    objects = _spread(sorted({obj for _, obj in made}), _MOST_OBJECTS)
+    return [cell for cell in made if cell[0] in tools and cell[1] in objects]
+
+
+def _spread(numbers: Sequence[int], most: int) -> list[int]:
+    places = np.unique(np.linspace(0, len(numbers) - 1, min(most, len(numbers))).round().astype(int))
+    return [numbers[place] for place in places]
+
+
+def _list_possible(hypotheses: Sequence[Hypothesis]) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for one in hypotheses:
+        found[one.name] = round(found.get(one.name, 0.0) + one.probability, 3)
+    return found
+
+
+def _predict(hypotheses: Sequence[Hypothesis], pair: Pair, grasps: Grasps) -> tuple[Prediction, ...]:
+    """What each effect, and nothing, predicts of a pair's changed grasp; of *unknown* nobody knows."""
+    if not pair.setting.is_timing:
+        return ()
+    return tuple(
+        Prediction(effect=one.name, force_n=tuple(np.round(predict_first(one, pair), 3).tolist()))
+        for one in hypotheses
+        if one.name in CATALOGUE or one.name == "none"
+    )

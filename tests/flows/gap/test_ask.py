@@ -1,0 +1,89 @@
+"""A search that cannot tell asks, its answers come, and it goes on with its split unchanged."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flows.gap import search
+from flows.gap.search import GapOrder, GapOutcome, run_gap
+from flows.progress import ProgressReporter
+from lake.store import Lake
+from models.calibration.inference.settings import CalibrationSettings
+from models.errors import UsageError
+from models.gap.ask.answers import Reading
+from models.gap.fit import posterior
+from models.records import EffectValue
+from tasks.bench.asked import read_open_requests
+from tasks.gap.data import read_grasps
+from tasks.gap.readings import read_readings, write_reading
+from tasks.simulation.plan import SimulationPlan
+from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
+from tests.tasks.gap.gap_lake import answer_rows, gap_lake, plan_rows
+
+LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.08})
+ORDER = GapOrder("demo", rounds=1, settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
+pytestmark = pytest.mark.timeout(600)
+
+
+@pytest.fixture(autouse=True)
+def no_physics(monkeypatch: pytest.MonkeyPatch) -> None:
+    def simulate(lake: Lake, plans: Sequence[SimulationPlan], *_: Any) -> None:
+        lake.append(plan_rows(plans), PROVENANCE)
+
+    monkeypatch.setattr(search, "simulate_missing", simulate)
+    monkeypatch.setattr(posterior, "sample", normal_draws)
+
+
+def go(lake: Lake) -> GapOutcome:
+    return run_gap(lake, ORDER, ProgressReporter(lambda _: None, lambda _: None))
+
+
+def test_a_set_is_asked_about_and_its_answer_is_a_name(tmp_path: Path) -> None:
+    lake = gap_lake(tmp_path / "lake", hidden=[LAG])
+    first = go(lake).run
+    named, asked = first.findings.rounds[0].named, first.findings.next_experiment
+    assert named.kind == "set"
+    assert asked is not None
+    assert {"load_cell_lag", "lift_misalignment"} <= set(asked.separates)
+    assert asked.promised_nats >= 3.0
+    assert "mm/s instead of 5" in asked.sentence
+    requests = [request for request, _ in read_open_requests(lake)]
+    assert len(requests) == asked.promised_grasps == 2 * sum(one.n for one in asked.grasps)
+    assert len({request.setup.lift_speed_mm_per_s for request in requests}) == 2
+    assert not go(lake).is_new  # nobody has answered
+    lake.append(answer_rows(requests, [LAG]), PROVENANCE)
+    measured = read_grasps(lake, "demo")
+    assert measured.answers is not None
+    assert measured.answers.n_grasps == len(requests)
+    assert not set(measured.answers.grasps.grasp_ids) & set(measured.grasps.grasp_ids)
+    second = go(lake).run
+    assert second.split_id == first.split_id
+    assert (second.findings.rounds[0].named.kind, second.findings.rounds[0].named.effects) == (
+        "effect",
+        ("load_cell_lag",),
+    )
+    (told,) = second.findings.asked
+    assert (told.promised, told.spent) == (len(requests), len(requests))
+    assert told.after["load_cell_lag"] > told.before["load_cell_lag"]
+    assert told.got_nats > 1.0
+    assert not go(lake).is_new
+
+
+def test_a_half_of_a_pair_says_nothing(tmp_path: Path) -> None:
+    lake = gap_lake(tmp_path / "lake", hidden=[LAG], has_bank=False)
+    assert read_grasps(lake, "demo").answers is None
+
+
+def test_a_reading_is_kept_and_a_slip_of_the_pen_is_refused(tmp_path: Path) -> None:
+    lake = gap_lake(tmp_path / "lake", has_bank=False)
+    with pytest.raises(UsageError, match="beyond -1 to 1; measure again"):
+        write_reading(lake, "demo", "A1", Reading(kind="walls", value=12.0), "ada")
+    with pytest.raises(UsageError, match="nobody asks for a `weather`"):
+        write_reading(lake, "demo", "A1", Reading(kind="weather", value=1.0), "ada")
+    before = read_grasps(lake, "demo").content_id
+    write_reading(lake, "demo", "A1", Reading(kind="walls", value=0.12), "ada")
+    write_reading(lake, "demo", "A1", Reading(kind="walls", value=0.14), "ada")
+    assert read_readings(lake, "demo") == (Reading(kind="walls", value=0.14),)
+    assert read_grasps(lake, "demo").content_id != before

@@ -14,6 +14,7 @@ from tests.studies.gap.truth import measure_gap_truth
 from tests.studies.platform.day import measure_day
 from tests.studies.scientist.lab_bounds import measure_lab_bounds
 from tests.studies.scientist.lab_world import measure_lab_world
+from tests.studies.scientist.landscape_bank import measure_landscape_bank
 from tests.studies.scientist.peers import measure_scientist_peers
 from tests.studies.simulation.branches import measure_branches
 from tests.studies.simulation.material_law import measure_material_law
@@ -41,6 +42,7 @@ STUDIES: dict[str, Benchmark] = {
     "calibration-traces": benchmark(measure_calibration_traces, *_KEPT, "workers", "figure", "worlds"),
     "scientist-peers": benchmark(measure_scientist_peers, "limit_minutes", "figure"),
     "lab-world": benchmark(measure_lab_world, "designs", "objects", "results", "n"),
+    "landscape-bank": benchmark(measure_landscape_bank, "results", "limit_minutes"),
     "lab-bounds": benchmark(measure_lab_bounds),
     "traces": benchmark(measure_traces, "designs", "objects", "figure"),
     "identification": benchmark(measure_identification, *_KEPT, "figure"),

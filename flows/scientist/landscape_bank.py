@@ -1,0 +1,80 @@
+"""Stored designs with their simulated peaks: what landscapes are made of (`docs/benchmarks/landscapes.json`)."""
+
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from models.design.space import from_unit, to_unit
+from models.errors import UsageError
+from models.records import Design, EffectValue, Record, Theta
+
+BELIEVED, TRUE, THETA, EFFECT = "believed", "true", "theta", "theta and effect"
+
+
+def mean_peaks(peaks_n: np.ndarray) -> tuple[float | None, ...]:
+    """Means over the objects of peaks (n x objects), N; none where a grasp failed."""
+    return tuple(round(float(n), 4) if np.isfinite(n) else None for n in peaks_n.mean(axis=1))
+
+
+class DesignSet(Record):
+    """Designs with the mean over the objects of their peaks, N; none where a grasp failed."""
+
+    designs: tuple[tuple[float, ...], ...]  # n x 9, in the units of `Design`
+    mean_peak_n: tuple[float | None, ...]
+
+    @staticmethod
+    def of(x: np.ndarray, peaks_n: np.ndarray) -> "DesignSet":
+        """From unit-cube designs (n x 9) and their peaks (n x objects); NaN where a grasp failed."""
+        designs = tuple(tuple(design.model_dump().values()) for design in from_unit(x))
+        return DesignSet(designs=designs, mean_peak_n=mean_peaks(peaks_n))
+
+    @property
+    def x(self) -> np.ndarray:
+        """Designs in the unit cube, n x 9."""
+        names = tuple(Design.model_fields)
+        return to_unit([Design(**dict(zip(names, row, strict=True))) for row in self.designs])
+
+    @property
+    def y(self) -> np.ndarray:
+        """Mean peaks, n, N; NaN where a grasp failed."""
+        return np.array(self.mean_peak_n, dtype=float)
+
+
+class Truth(Record):
+    """One hidden truth, and what a night finds of it.
+
+    `found`: theta and the effect of the simulator after the night; no effect where no name was found. `sets`: mean
+    peaks of the same designs in the truth, in the simulator with the night's theta, and with its effect as well.
+    """
+
+    name: str
+    theta: Theta
+    laws: tuple[EffectValue, ...]
+    theta_only: Theta
+    theta_found: Theta
+    found: tuple[EffectValue, ...] = ()
+    sets: dict[str, tuple[float | None, ...]]
+
+
+class LandscapeBank(Record):
+    """Designs on `objects`: `believed` of all of them, and each truth's of the first `n_common` of them."""
+
+    objects: tuple[int, ...]
+    believed: DesignSet
+    n_common: int
+    truths: tuple[Truth, ...]
+
+    @staticmethod
+    def read(path: Path) -> "LandscapeBank":
+        """The bank of a file.
+
+        Raises:
+            UsageError: there is no such file, or it is no bank.
+        """
+        try:
+            return LandscapeBank.model_validate_json(path.read_text())
+        except OSError as error:
+            raise UsageError(f"`{path}` cannot be read: {error.strerror}; give the bank of landscapes.") from error
+        except ValidationError as error:
+            raise UsageError(f"`{path}` is no bank of landscapes; `docs/benchmarks/landscapes.json` is one.") from error

@@ -18,19 +18,20 @@ def measure_scientist(options: Options) -> Tables:
     rows = []
     for n_real, n_sim in SIZES:
         options.tell(f"{n_real} measured and {n_sim} simulated designs")
-        rows.append(cost_of_scientist(landscape_data(n_real, n_sim)))
+        rows.append(cost_of_scientist(made_up_data(n_real, n_sim)))
     return {"scientist": rows}
 
 
-def landscape_data(n_real: int, n_sim: int) -> ObservationSet:
-    """A landscape of the comparison, observed at random designs."""
-    from flows.scientist.landscape import synthetic_landscape
+def made_up_data(n_real: int, n_sim: int) -> ObservationSet:
+    """A hill in nine dimensions, and a simulator that scales and moves it, observed at random designs."""
     from models.design.space import random_unit
     from models.scientist.surrogate.observations import REAL, SIM
 
-    landscape, rng = synthetic_landscape(0), np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     x, s = random_unit(n_real + n_sim, rng), np.repeat([SIM, REAL], [n_sim, n_real])
-    y = np.where(s == REAL, landscape.real(x) + landscape.noise_sd_n * rng.normal(size=len(x)), landscape.simulated(x))
+    centre = np.where(s == REAL, 0.6, 0.5)[:, None]
+    hill_n = 11.0 + 16.0 * np.exp(-1.5 * ((x - centre) ** 2).sum(axis=1))
+    y = np.where(s == REAL, hill_n + 0.5 * rng.normal(size=len(x)), 0.6 * hill_n)
     return ObservationSet(x, s, y, np.zeros(len(x)))
 
 

@@ -1,6 +1,6 @@
 """`fast compare`: the scientist's strategies side by side, at the same budget, on the same worlds."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,9 +13,8 @@ from flows.cli.common import AsJson, show, table_text, tell
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from models.scientist.surrogate.observations import ObservationSet
-
 AT_LEAST_ONE = Number(gte=1)
+BANK = Path(__file__).parents[2] / "docs" / "benchmarks" / "landscapes.json"
 WIDTH = 100  # columns of text
 Rows = list[dict[str, Any]]
 _COLUMNS = ("strategy", "last_batch_n", "last_batch_sd_n", "best_n", "final_regret_n", "mean_regret_n",
@@ -29,11 +28,11 @@ def compare(
     *,
     races: Annotated[
         int | None,
-        Parameter(help="Landscapes (20) or seeds of a config (2).", validator=AT_LEAST_ONE),
+        Parameter(help="Seeds: of each landscape (20) or of a config (2).", validator=AT_LEAST_ONE),
     ] = None,
-    strategies: Annotated[str | None, Parameter(help="Names separated by `;`; default: the paper's four.")] = None,
-    emulate: Annotated[
-        Path | None, Parameter(help="Lake whose simulated designs are emulated, instead of synthetic landscapes.")
+    strategies: Annotated[str | None, Parameter(help="Names separated by `;`; default: all.")] = None,
+    bank: Annotated[
+        Path | None, Parameter(help="Stored designs that landscapes are made of (docs/benchmarks/landscapes.json).")
     ] = None,
     rounds: Annotated[
         int | None, Parameter(help="Rounds of ten measured tools (8) on a landscape.", validator=AT_LEAST_ONE)
@@ -58,18 +57,17 @@ def compare(
     each strategy, and the same first designs.
     """
     if config is not None:
-        _refuse({"emulate": emulate, "rounds": rounds, "results": results}, "CONFIG")
+        _refuse({"bank": bank, "rounds": rounds, "results": results}, "CONFIG")
         _compare_campaigns(config, races or 2, strategies, lakes or Path("compare-data"), workers or 1, figure, json)
         return
     _refuse({"lakes": lakes}, "landscapes")
-    data = _simulated(emulate) if emulate else None
-    _compare_on_landscapes(races or 20, _names(strategies), data, rounds or 8, results, figure, workers or 2, json)
+    _compare_on_landscapes(bank or BANK, races or 20, strategies, rounds or 8, results, figure, workers or 2, json)
 
 
 def _compare_on_landscapes(
-    races: int,
-    names: list[str],
-    data: "ObservationSet | None",
+    bank: Path,
+    seeds: int,
+    strategies: str | None,
     rounds: int,
     results: Path | None,
     figure: Path | None,
@@ -77,14 +75,13 @@ def _compare_on_landscapes(
     json: bool,
 ) -> None:
     from flows.scientist.landscape_run import RunSchedule
-    from flows.scientist.landscape_study import PlannedRun, run_planned
-    from flows.scientist.landscape_table import paired_rows, summary_rows
-    from flows.scientist.strategies import REFERENCE
+    from flows.scientist.landscape_study import plan_runs, run_planned
+    from flows.scientist.landscape_table import landscape_rows, paired_rows, summary_rows
+    from flows.scientist.strategies import LANDSCAPE_STRATEGIES, REFERENCE
 
-    schedule = RunSchedule(rounds=rounds)
-    plan = [PlannedRun(name, seed, schedule, data) for seed in range(races) for name in names]
-    runs = run_planned(plan, results, workers, tell)
-    _show(summary_rows(runs), paired_rows(runs, REFERENCE), _COLUMNS, json)
+    names = _names(strategies, list(LANDSCAPE_STRATEGIES))
+    runs = run_planned(plan_runs(bank, seeds, names, RunSchedule(rounds=rounds)), results, workers, tell)
+    _show(summary_rows(runs), paired_rows(runs, REFERENCE), _COLUMNS, json, {"landscapes": landscape_rows(runs)})
     if figure is not None:
         from flows.scientist.landscape_table import runs_figure
 
@@ -100,7 +97,7 @@ def _compare_campaigns(
     from tasks.campaign.config import load_config, relative_to
     from tasks.campaign.setup import read_world
 
-    names = _names(strategies)
+    names = _names(strategies, list(STRATEGIES))
     loaded = load_config(config)
     world = read_world(relative_to(config, loaded.bench.world))
     plan = [
@@ -109,7 +106,13 @@ def _compare_campaigns(
         for name in names
     ]
     runs = run_campaigns(plan, tell, workers)
-    _show(campaign_rows(runs), paired_campaign_rows(runs, REFERENCE), COLUMNS, json, map(asdict, runs))
+    _show(
+        campaign_rows(runs),
+        paired_campaign_rows(runs, REFERENCE),
+        COLUMNS,
+        json,
+        {"campaigns": list(map(asdict, runs))},
+    )
     if figure is not None:
         _draw(lambda: campaigns_figure(runs, REFERENCE), figure)
 
@@ -127,65 +130,37 @@ def _refuse(options: dict[str, object], beside: str) -> None:
             raise UsageError(f"--{name} says nothing about {beside}; leave it out.")
 
 
-def _show(
-    summary: Rows, paired: Rows, columns: Sequence[str], as_json: bool, campaigns: Iterable[dict[str, Any]] = ()
-) -> None:
+def _show(summary: Rows, paired: Rows, columns: Sequence[str], as_json: bool, others: dict[str, Rows]) -> None:
+    """Print the tables; `others` are printed as JSON only, but for the landscapes."""
     from flows.scientist.strategies import REFERENCE
 
-    table = table_text(summary, list(columns), WIDTH)
-    text = f"{table}\n\nagainst `{REFERENCE}` on the same seeds (positive: better)\n\n"
-    tables = {"strategies": summary, "paired": paired, "campaigns": list(campaigns)}
-    show({name: rows for name, rows in tables.items() if rows}, text + table_text(paired, width=WIDTH), as_json)
+    parts = [
+        table_text(summary, list(columns), WIDTH),
+        f"against `{REFERENCE}` on the same seeds (positive: better)",
+        table_text(paired, width=WIDTH),
+    ]
+    if "landscapes" in others:
+        parts += ["rounds to 97 % of the optimum, median", table_text(others["landscapes"], width=WIDTH)]
+    tables = {"strategies": summary, "paired": paired, **others}
+    show({name: rows for name, rows in tables.items() if rows}, "\n\n".join(parts), as_json)
 
 
-def _names(text: str | None) -> list[str]:
+def _names(text: str | None, known: Sequence[str]) -> list[str]:
     """Names of strategies from `a;b`.
 
     Raises:
         UsageError: there is no such strategy.
     """
-    from flows.scientist.strategies import STRATEGIES
     from models.errors import UsageError
     from models.validation import closest
 
     if text is None:
-        return list(STRATEGIES)
+        return list(known)
     names = [name.strip() for name in text.split(";")]
     for name in names:
-        if name not in STRATEGIES:
-            raise UsageError(f"There is no strategy `{name}`; {closest(name, list(STRATEGIES))}")
+        if name not in known:
+            raise UsageError(f"There is no strategy `{name}`; {closest(name, list(known))}")
     return names
-
-
-def _simulated(lake: Path) -> "ObservationSet":
-    """Mean simulated peak of every design that a lake has on as many objects as any other.
-
-    Raises:
-        UsageError: no lake, or fewer than 30 such designs.
-    """
-    import numpy as np
-
-    from lake.store import Lake
-    from models.design.space import to_unit
-    from models.errors import UsageError
-    from models.records import Design
-    from models.scientist.surrogate.observations import SIM, ObservationSet
-
-    sql = """
-        WITH means AS (
-            SELECT design_id, version_id, setup_id, avg(peak_force_n) AS mean_n, count(*) AS n_objects
-            FROM simulations WHERE status = 'ok' GROUP BY ALL
-        ), wanted AS (SELECT version_id, setup_id, n_objects FROM means GROUP BY ALL ORDER BY count(*) DESC LIMIT 1)
-        SELECT d.* EXCLUDE (design_id), mean_n
-        FROM means SEMI JOIN wanted USING (version_id, setup_id, n_objects) JOIN designs AS d USING (design_id)"""
-    rows = Lake.open(lake).query(sql).to_pylist()
-    least = 30
-    if len(rows) < least:
-        raise UsageError(f"{lake} has {len(rows)} completely simulated designs, {least} are needed; simulate more.")
-    names = Design.model_fields
-    x = to_unit([Design(**{name: row[name] for name in names}) for row in rows])
-    y = np.array([row["mean_n"] for row in rows])
-    return ObservationSet(x, np.full(len(y), SIM), y, np.zeros(len(y)))
 
 
 def _draw(make: "Callable[[], Figure]", path: Path) -> None:

@@ -1,24 +1,28 @@
-"""Stand-ins for bench and simulator that answer at once, so that strategies can be compared over many seeds.
+"""Stand-ins for bench and simulators that answer at once, so that strategies can be compared over many seeds.
 
-A landscape has a true mean force over the objects of every design, measured with noise, and a simulated one that is
-related to it: scaled, shifted and with hills of its own, as a simulator with missing effects is.
+A landscape is a hidden truth of the stored bank: an emulator of the mean peaks that were simulated under it, measured
+with scatter and noise, and emulators of the simulators that a strategy may ask.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
-from models.design.space import PARAMETERS, random_unit, snap
+from flows.scientist.landscape_bank import BELIEVED, TRUE, LandscapeBank, Truth
+from models.design.space import PARAMETERS, random_unit
 from models.scientist.acquisition.candidates import mutate, with_all_rib_counts
 from models.scientist.surrogate.fit import fit_surrogate
-from models.scientist.surrogate.observations import REAL, ObservationSet
+from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from models.scientist.surrogate.posterior import Surrogate
 
 N_DIMS = len(PARAMETERS)
 Force = Callable[[np.ndarray], np.ndarray]  # m x 9 unit-cube points to m forces, N
 
-_N_WAVES = 3
-_N_FEATURES = 400
+# Moduli of prints scatter by 4 % (one sd); placement and reading add 0.3 N to a mean over the objects.
+PRINT_SD, NOISE_SD_N = 0.04, 0.3
 _SEARCH_SCALES = (0.2, 0.1, 0.05, 0.02, 0.01)
 
 
@@ -26,99 +30,82 @@ _SEARCH_SCALES = (0.2, 0.1, 0.05, 0.02, 0.01)
 class Landscape:
     """A world to search. Forces in N at unit-cube points (m x 9) whose rib counts are on a level.
 
-    `real`: true mean force. `simulated`: what the simulator says. `noise_sd_n`: of one measured design.
-    `failing_share`: of simulations that give nothing. `best_n`: largest true force, found by search.
+    `real`: true mean force. `simulators`: what simulators say, by name. `best_n`: largest true force, found by search.
     """
 
     name: str
     real: Force
-    simulated: Force
-    noise_sd_n: float
-    failing_share: float
+    simulators: Mapping[str, Force]
     best_n: float
+    print_sd: float = PRINT_SD
+    noise_sd_n: float = NOISE_SD_N
 
-    def fails(self, x: np.ndarray) -> np.ndarray:
-        """Which designs the simulator cannot do, m: always the same ones."""
-        phases = np.modf(np.abs(np.sin(x @ np.arange(1.0, N_DIMS + 1.0)) * 43758.5453))[0]
-        return np.asarray(phases < self.failing_share)
+    def measure(self, x: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Measured mean forces of one print of each design, N."""
+        prints, noise = rng.normal(size=(2, len(x)))
+        return np.asarray(self.real(x) * np.exp(self.print_sd * prints) + self.noise_sd_n * noise)
 
 
-def synthetic_landscape(seed: int, *, noise_sd_n: float = 0.5, failing_share: float = 0.03) -> Landscape:
-    """Two hills on rough ground in nine dimensions, and a simulator that moves them and adds a false one.
+@lru_cache(maxsize=8)  # a worker races many seeds on the same landscape
+def read_landscape(path: Path, number: int) -> Landscape:
+    """The landscape of a truth in a file with a bank, by its number.
 
-    Made harder than smooth test functions on purpose: the better hill is the narrower one, the simulator's best designs
-    are mediocre in reality, and its correlation with reality over random designs is 0.3 to 0.7.
+    Raises:
+        UsageError: the file is no bank.
     """
-    rng = np.random.default_rng([seed, 20_262])
-    centres = snap(rng.uniform(0.15, 0.85, (3, N_DIMS)))
-    narrow, wide, false = (_metric(rng, width) for width in (1.9, 1.35, 1.5))
-    shift = rng.normal(0.0, 0.12, N_DIMS)
-    ground, simulated_ground = _waves(rng), _waves(rng)
-
-    def real(x: np.ndarray) -> np.ndarray:
-        return np.asarray(
-            11.0 + 16.0 * _hill(x, centres[0], narrow) + 9.0 * _hill(x, centres[1], wide) + 0.8 * ground(x)
-        )
-
-    def simulated(x: np.ndarray) -> np.ndarray:
-        hills = 12.0 * _hill(x, centres[0] - shift, 0.85 * narrow) + 7.0 * _hill(x, centres[1] + shift, wide)
-        return np.asarray(4.0 + 0.55 * (hills + 13.0 * _hill(x, centres[2], false) + 0.8 * simulated_ground(x)))
-
-    best_n = _largest(real, np.concatenate([centres, random_unit(20_000, rng)]), rng)
-    return Landscape(f"synthetic {seed}", real, simulated, noise_sd_n, failing_share, best_n)
+    return landscape_of(LandscapeBank.read(path), number)
 
 
-def emulated_landscape(data: ObservationSet, seed: int, *, noise_sd_n: float = 0.3) -> Landscape:
-    """An emulator of simulated designs (`data`) as the simulator, and a smooth random gap as what reality adds.
+def landscape_of(bank: LandscapeBank, number: int) -> Landscape:
+    """The landscape of a truth of the bank, by its number."""
+    truth = bank.truths[number]
+    believed = emulator_of(bank, None)
+    simulators = {BELIEVED: believed, **{name: emulator_of(bank, truth, name) for name in truth.sets if name != TRUE}}
+    real = emulator_of(bank, truth, TRUE)
+    starts = np.concatenate([bank.believed.x, random_unit(20_000, np.random.default_rng(number))])
+    best_n = _largest(real, starts, np.random.default_rng(number))
+    return Landscape(bank.landscape_name(number), real, simulators, best_n)
 
-    Reality saturates, as grippers of limited force do, and differs by a draw of a Gaussian process whose standard
-    deviation is half the spread of the simulations.
+
+def emulator_of(bank: LandscapeBank, truth: Truth | None, name: str = BELIEVED) -> Force:
+    """Mean peaks of a set as a function: the posterior mean of a Gaussian process of their logarithm.
+
+    Sets of a truth share what the more numerous believed simulations show of the designs (two fidelities).
     """
-    rng = np.random.default_rng([seed, 36])
-    as_real = ObservationSet(data.x, np.full(len(data), REAL), data.y, data.noise_variance)
-    emulator = fit_surrogate(as_real)
-    centre, spread = float(np.mean(data.y)), float(np.std(data.y))
-    gap = _process_draw(rng, lengthscale=0.7)
-
-    def simulated(x: np.ndarray) -> np.ndarray:
-        return emulator.mean(x, REAL)
-
-    def real(x: np.ndarray) -> np.ndarray:
-        saturated = centre + 1.5 * spread * np.tanh((simulated(x) - centre) / (1.5 * spread))
-        return np.asarray(0.8 * saturated + 0.5 * spread * gap(x))
-
-    best_n = _largest(real, random_unit(20_000, rng), rng)
-    return Landscape(f"emulated {seed}", real, simulated, noise_sd_n, 0.0, best_n)
+    surrogate = fit_surrogate(observations_of(bank, truth, name))
+    return lambda x: _forces_n(surrogate, x)
 
 
-def _metric(rng: np.random.Generator, width: float) -> np.ndarray:
-    """Inverse widths of a hill as a slightly turned 9 x 9 matrix; some parameters hardly matter."""
-    relevance = width * np.exp(rng.normal(0.0, 0.45, N_DIMS))
-    turn = np.eye(N_DIMS) + 0.1 * rng.normal(size=(N_DIMS, N_DIMS))
-    return np.asarray(turn * relevance)
+def observations_of(bank: LandscapeBank, truth: Truth | None, name: str = BELIEVED) -> ObservationSet:
+    """Logarithms of the mean peaks of a set, as real; for one of a truth those believed beside them, as simulated."""
+    x, believed_n = bank.believed.x, bank.believed.y
+    if truth is None:
+        parts = [(x, believed_n, REAL)]
+    else:
+        parts = [(x, believed_n, SIM), (x[: bank.n_common], np.array(truth.sets[name], dtype=float), REAL)]
+    all_x, all_n = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+    s = np.concatenate([np.full(len(part[1]), part[2]) for part in parts])
+    usable = np.nan_to_num(all_n) > 0.0
+    return ObservationSet(all_x[usable], s[usable], np.log(all_n[usable]), np.zeros(usable.sum()))
 
 
-def _hill(x: np.ndarray, centre: np.ndarray, metric: np.ndarray) -> np.ndarray:
-    return np.asarray(np.exp(-0.5 * (((x - centre) @ metric.T) ** 2).sum(axis=1)))
+def emulator_error(bank: LandscapeBank, number: int, name: str) -> float:
+    """Root mean square relative error of an emulator at the designs of its set, each left out in turn."""
+    surrogate = fit_surrogate(observations_of(bank, bank.truths[number], name))
+    left_out = surrogate.leave_one_out()
+    is_real = surrogate.data.s == REAL
+    return float(np.sqrt(np.mean((left_out.mean - surrogate.data.y)[is_real] ** 2)))
 
 
-def _waves(rng: np.random.Generator) -> Force:
-    directions, phases = rng.normal(0.0, 0.5, (_N_WAVES, N_DIMS)), rng.uniform(0.0, 2.0 * np.pi, _N_WAVES)
-    return lambda x: np.asarray(np.sin(2.0 * np.pi * x @ directions.T + phases).sum(axis=1))
-
-
-def _process_draw(rng: np.random.Generator, lengthscale: float) -> Force:
-    """A draw of a squared-exponential process with unit variance, by random Fourier features."""
-    directions, phases = rng.normal(size=(N_DIMS, _N_FEATURES)) / lengthscale, rng.uniform(0, 2 * np.pi, _N_FEATURES)
-    weights = rng.normal(size=_N_FEATURES) * np.sqrt(2.0 / _N_FEATURES)
-    return lambda x: np.asarray(np.cos(x @ directions + phases) @ weights)
+def _forces_n(surrogate: Surrogate, x: np.ndarray) -> np.ndarray:
+    return np.asarray(np.exp(surrogate.mean(x, REAL)))
 
 
 def _largest(force: Force, starts: np.ndarray, rng: np.random.Generator) -> float:
     """Largest force found by climbing from the best starts with shrinking steps."""
     best = starts[np.argsort(-force(starts))[:12]]
-    for scale in np.repeat(_SEARCH_SCALES, 12):
-        children = mutate(np.repeat(best, 60, axis=0), np.full(60 * len(best), scale), rng).reshape(len(best), 60, -1)
+    for scale in np.repeat(_SEARCH_SCALES, 8):
+        children = mutate(np.repeat(best, 40, axis=0), np.full(40 * len(best), scale), rng).reshape(len(best), 40, -1)
         ribs = with_all_rib_counts(best).reshape(len(best), -1, N_DIMS)
         litter = np.concatenate([best[:, None], children, ribs], axis=1)
         forces = force(litter.reshape(-1, N_DIMS)).reshape(len(best), -1)

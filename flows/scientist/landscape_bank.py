@@ -7,6 +7,7 @@ from pydantic import ValidationError
 
 from models.design.space import from_unit, to_unit
 from models.errors import UsageError
+from models.ids import content_id
 from models.records import Design, EffectValue, Record, Theta
 
 BELIEVED, TRUE, THETA, EFFECT = "believed", "true", "theta", "theta and effect"
@@ -64,6 +65,15 @@ class LandscapeBank(Record):
     believed: DesignSet
     n_common: int
     truths: tuple[Truth, ...]
+
+    @property
+    def bank_id(self) -> str:
+        """Id derived from the content."""
+        return content_id("U", self.model_dump(mode="json"))
+
+    def landscape_name(self, number: int) -> str:
+        """What the landscape of a truth is called: another bank makes another one."""
+        return f"{self.truths[number].name} of {self.bank_id}"
 
     @staticmethod
     def read(path: Path) -> "LandscapeBank":

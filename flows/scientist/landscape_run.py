@@ -8,7 +8,7 @@ from flows.scientist.landscape import N_DIMS, Landscape
 from flows.scientist.strategies import Strategy
 from models.design.space import random_unit, to_unit
 from models.records import Record
-from models.scientist.propose import propose
+from models.scientist.propose import NO_PENDING, propose
 from models.scientist.surrogate.fit import fit_surrogate
 from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from models.scientist.surrogate.posterior import Surrogate
@@ -71,7 +71,7 @@ def run_strategy(landscape: Landscape, strategy: Strategy, schedule: RunSchedule
 
 @dataclass(eq=False)
 class _Known:
-    """Designs with their outcomes at one fidelity; failed simulations are known but have no outcome."""
+    """Designs with their outcomes at one fidelity."""
 
     x: np.ndarray
     y: np.ndarray
@@ -115,7 +115,7 @@ class _Search:
 
     def verify(self) -> None:
         """Measure the designs with the best simulated forces."""
-        order = np.argsort(-np.nan_to_num(self._simulated.y, nan=-np.inf))
+        order = np.argsort(-self._simulated.y)
         self._record(self._simulated.x[order[: self._schedule.tools_per_round]], self._rng)
 
     def result(self, seed: int) -> LandscapeRun:
@@ -135,13 +135,11 @@ class _Search:
     def _propose(self, rule: str, fidelity: int, n: int) -> np.ndarray:
         # Simulation alone is its own target: its outcomes stand in the model's place of the real ones.
         stands_for = REAL if rule == "ei" else fidelity
-        failed = self._simulated.x[np.isnan(self._simulated.y)]
-        pending = np.column_stack([failed, np.full(len(failed), stands_for if rule == "ei" else SIM)])
         proposals = propose(
             self._surrogate,
             stands_for,
             n,
-            pending,
+            NO_PENDING,
             self._rng,
             min_distance=0.05 if fidelity == REAL else 0.0,
             acquisition=rule,
@@ -152,17 +150,17 @@ class _Search:
         return fit_surrogate(self._data(), self._surrogate.parameters if self._surrogate else None)
 
     def _data(self) -> ObservationSet:
-        usable = ~np.isnan(self._simulated.y)
-        x = np.concatenate([self._simulated.x[usable], self._tools.x])
-        y = np.concatenate([self._simulated.y[usable], self._tools.y])
-        s = np.repeat([SIM if self._strategy.tools is not None else REAL, REAL], [usable.sum(), len(self._tools.y)])
+        x = np.concatenate([self._simulated.x, self._tools.x])
+        y = np.concatenate([self._simulated.y, self._tools.y])
+        simulated_as = SIM if self._strategy.tools is not None else REAL
+        s = np.repeat([simulated_as, REAL], [len(self._simulated.y), len(self._tools.y)])
         return ObservationSet(x, s, y, np.zeros(len(y)))
 
     def _run_simulations(self, x: np.ndarray) -> None:
-        self._simulated.add(x, np.where(self._landscape.fails(x), np.nan, self._landscape.simulated(x)))
+        self._simulated.add(x, self._landscape.simulators[self._strategy.simulator](x))
 
     def _record(self, x: np.ndarray, rng: np.random.Generator) -> None:
         true_n = self._landscape.real(x)
-        self._tools.add(x, true_n + self._landscape.noise_sd_n * rng.normal(size=len(x)))
+        self._tools.add(x, self._landscape.measure(x, rng))
         self._best.append(max([float(true_n.max()), *self._best[-1:]]))
         self._batch_means.append(float(true_n.mean()))

@@ -9,38 +9,52 @@ from pathlib import Path
 
 from flows.benchmarks.outcomes import RecordFile, read_records
 from flows.progress import describe_duration
-from flows.scientist.landscape import Landscape, emulated_landscape, synthetic_landscape
+from flows.scientist.landscape import read_landscape
+from flows.scientist.landscape_bank import LandscapeBank
 from flows.scientist.landscape_run import LandscapeRun, RunSchedule, run_strategy
-from flows.scientist.strategies import STRATEGIES
-from models.scientist.surrogate.observations import ObservationSet
+from flows.scientist.strategies import LANDSCAPE_STRATEGIES
 
 Key = tuple[str, str, int, RunSchedule]  # landscape, strategy, seed, schedule
 
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """One strategy on one landscape. `data`: simulated designs to emulate; None for a synthetic landscape."""
+    """One strategy on the landscape of a truth, by its number in a bank; `landscape`: what it is called."""
 
     strategy: str
     seed: int
     schedule: RunSchedule
-    data: ObservationSet | None = None
+    bank: Path
+    truth: int
+    landscape: str
 
     @property
     def key(self) -> Key:
         """What the outcome will be known by."""
-        landscape = f"{'synthetic' if self.data is None else 'emulated'} {self.seed}"
-        return landscape, self.strategy, self.seed, self.schedule
+        return self.landscape, self.strategy, self.seed, self.schedule
 
-    def landscape(self) -> Landscape:
-        """The landscape; its seed is that of the run."""
-        return synthetic_landscape(self.seed) if self.data is None else emulated_landscape(self.data, self.seed)
+
+def plan_runs(path: Path, seeds: int, strategies: Sequence[str], schedule: RunSchedule) -> list[PlannedRun]:
+    """Every strategy on every truth of a bank, seed after seed.
+
+    Raises:
+        UsageError: the file is no bank.
+    """
+    bank = LandscapeBank.read(path)
+    return [
+        PlannedRun(name, seed, schedule, path, number, bank.landscape_name(number))
+        for seed in range(seeds)
+        for number in range(len(bank.truths))
+        for name in strategies
+    ]
 
 
 def run_one(planned: PlannedRun) -> LandscapeRun:
     """Run one strategy on one landscape, and say what it cost."""
+    landscape = read_landscape(planned.bank, planned.truth)
     start = time.process_time()
-    run = run_strategy(planned.landscape(), STRATEGIES[planned.strategy], planned.schedule, planned.seed)
+    strategy = LANDSCAPE_STRATEGIES[planned.strategy]
+    run = run_strategy(landscape, strategy, planned.schedule, planned.seed)
     return run.model_copy(update={"cpu_s": round(time.process_time() - start, 2)})
 
 

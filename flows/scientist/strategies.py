@@ -1,7 +1,8 @@
-"""The strategies that are compared: those of the paper's table."""
+"""The strategies that are compared: those of the paper's table, and those with a simulator made truer by a night."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from flows.scientist.landscape_bank import BELIEVED, EFFECT, THETA
 from models.scientist.propose import RANDOM
 
 
@@ -9,22 +10,31 @@ from models.scientist.propose import RANDOM
 class Strategy:
     """How measured tools (`tools`) and simulated designs (`simulations`) are chosen, as an acquisition rule; None: not.
 
-    With simulations but no tools, the best simulated designs are measured once, at the end.
+    With simulations but no tools, the best simulated designs are measured once, at the end. `simulator`: the one that
+    a campaign believes in, or the one after the night that follows the initial tools.
     """
 
     name: str
     tools: str | None
     simulations: str | None
+    simulator: str = BELIEVED
 
 
 REFERENCE = "hybrid, MES"
-_ALL = (
-    Strategy("random", RANDOM, None),
-    # Expected improvement of the simulated force, then the ten best are measured.
-    Strategy("simulation only", None, "ei"),
-    # Max-value entropy search for a batch, without simulations.
-    Strategy("measured only", "mes", None),
-    # The paper's own: bi-fidelity max-value entropy search for both.
-    Strategy(REFERENCE, "mes", "mes"),
+MEASURED_ONLY = "measured only"
+_RANDOM = Strategy("random", RANDOM, None)
+# Expected improvement of the simulated force, then the ten best are measured.
+_SIMULATION_ONLY = Strategy("simulation only", None, "ei")
+# Max-value entropy search for a batch, without simulations.
+_MEASURED_ONLY = Strategy(MEASURED_ONLY, "mes", None)
+# The paper's own: bi-fidelity max-value entropy search for both.
+_HYBRID = Strategy(REFERENCE, "mes", "mes")
+STRATEGIES = {strategy.name: strategy for strategy in (_RANDOM, _SIMULATION_ONLY, _MEASURED_ONLY, _HYBRID)}
+
+LOOP = {THETA: "loop, theta", EFFECT: "loop, theta and effect"}
+_AFTER_NIGHT = (
+    *(replace(_SIMULATION_ONLY, name=f"simulation only, {found}", simulator=found) for found in (THETA, EFFECT)),
+    *(replace(_HYBRID, name=name, simulator=found) for found, name in LOOP.items()),
 )
-STRATEGIES = {strategy.name: strategy for strategy in _ALL}
+# On landscapes, where the simulator after a night is stored.
+LANDSCAPE_STRATEGIES = STRATEGIES | {strategy.name: strategy for strategy in _AFTER_NIGHT}

@@ -1,19 +1,21 @@
 """`fast compare`: landscapes, runs of every strategy, what the table says, and continuing a killed comparison."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from flows.scientist import landscape_study
-from flows.scientist.landscape import emulated_landscape, synthetic_landscape
+from flows.scientist.landscape import NOISE_SD_N, PRINT_SD, emulator_error, landscape_of, read_landscape
+from flows.scientist.landscape_bank import BELIEVED, EFFECT, THETA, TRUE
 from flows.scientist.landscape_run import LandscapeRun, RunSchedule, run_strategy
-from flows.scientist.landscape_study import PlannedRun, read_runs, run_planned
-from flows.scientist.landscape_table import paired_rows, runs_figure, summary_rows
-from flows.scientist.strategies import REFERENCE, STRATEGIES
+from flows.scientist.landscape_study import plan_runs, read_runs, run_planned
+from flows.scientist.landscape_table import landscape_rows, paired_rows, runs_figure, sign_flip_p, summary_rows
+from flows.scientist.strategies import LANDSCAPE_STRATEGIES, LOOP, REFERENCE
 from models.design.space import random_unit
 from models.errors import UsageError
-from models.scientist.surrogate.observations import ObservationSet
 from tests.flows.cli.cli_lakes import Fast
-from tests.flows.synthetic_lake import Campaign, build
+from tests.flows.scientist.landscapes import believed_n, made_up_bank, true_n, write_bank
 
 SHORT = RunSchedule(
     initial_tools=6,
@@ -46,32 +48,34 @@ def made_up(
     )
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_a_landscape_is_hard_and_its_simulator_half_right(seed):
-    landscape, x = synthetic_landscape(seed), random_unit(4000, np.random.default_rng(1))
-    real, simulated = landscape.real(x), landscape.simulated(x)
-    assert real.max() < landscape.best_n  # four thousand random designs do not find it
-    assert np.mean(real) < 0.65 * landscape.best_n
-    assert 0.25 < np.corrcoef(real, simulated)[0, 1] < 0.8
-    assert real[np.argsort(-simulated)[:10]].mean() < 0.9 * landscape.best_n
-    assert 0.01 < landscape.fails(x).mean() < 0.06
-    np.testing.assert_array_equal(real, synthetic_landscape(seed).real(x))
+@pytest.fixture(scope="module")
+def landscapes():
+    bank = made_up_bank()
+    return [landscape_of(bank, number) for number in range(2)]
 
 
-def test_an_emulated_landscape_simulates_what_it_was_given():
-    x = random_unit(120, np.random.default_rng(2))
-    y = 20 + 6 * np.sin(2 * x[:, 0]) + 5 * x[:, 5]
-    landscape = emulated_landscape(ObservationSet(x, np.zeros(120), y, np.zeros(120)), seed=3)
-    unseen = random_unit(200, np.random.default_rng(4))
-    np.testing.assert_allclose(
-        landscape.simulated(unseen), 20 + 6 * np.sin(2 * unseen[:, 0]) + 5 * unseen[:, 5], atol=0.6
-    )
-    assert 0.3 < np.corrcoef(landscape.real(unseen), landscape.simulated(unseen))[0, 1] < 0.999
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_landscape_is_what_was_simulated_and_its_simulators_too(landscapes, number):
+    """Emulators hold between the designs of the bank, and the optimum is no worse than any design's force."""
+    landscape, x = landscapes[number], random_unit(400, np.random.default_rng(1))
+    assert np.median(np.abs(landscape.real(x) / true_n(x, number) - 1.0)) < 0.05
+    assert np.median(np.abs(landscape.simulators[BELIEVED](x) / believed_n(x) - 1.0)) < 0.05
+    assert np.median(np.abs(landscape.simulators[THETA](x) / (0.8 * believed_n(x)) - 1.0)) < 0.05
+    assert landscape.simulators[EFFECT](x) == pytest.approx(landscape.real(x), rel=1e-6)
+    assert landscape.best_n >= landscape.real(x).max()
+    assert 0.0 < emulator_error(made_up_bank(), number, TRUE) < 0.1
 
 
-@pytest.mark.parametrize("strategy", STRATEGIES.values(), ids=lambda strategy: strategy.name)
-def test_every_strategy_keeps_to_the_budget(strategy):
-    result = run_strategy(synthetic_landscape(1), strategy, SHORT, seed=1)
+def test_a_measurement_has_the_scatter_of_prints_and_noise(landscapes):
+    x = np.repeat(random_unit(1, np.random.default_rng(0)), 4000, axis=0)
+    true_force_n = landscapes[0].real(x)[0]
+    measured_n = landscapes[0].measure(x, np.random.default_rng(2))
+    assert measured_n.std() == pytest.approx(np.hypot(PRINT_SD * true_force_n, NOISE_SD_N), rel=0.05)
+
+
+@pytest.mark.parametrize("strategy", LANDSCAPE_STRATEGIES.values(), ids=lambda strategy: strategy.name)
+def test_every_strategy_keeps_to_the_budget(landscapes, strategy):
+    result = run_strategy(landscapes[1], strategy, SHORT, seed=1)
     assert result.n_measured == (6 + 2 * 3 if strategy.tools else 3)
     assert result.n_simulated == (8 + 2 * 4 if strategy.simulations else 0)
     assert len(result.best_n) == (3 if strategy.tools else 1)
@@ -79,13 +83,28 @@ def test_every_strategy_keeps_to_the_budget(strategy):
     assert max(result.batch_mean_n) <= result.optimum_n
 
 
-def test_strategies_begin_alike_and_runs_repeat():
+def test_strategies_begin_alike_and_runs_repeat(landscapes):
     first, second = (
-        run_strategy(synthetic_landscape(1), STRATEGIES[name], SHORTEST, 1) for name in ("random", REFERENCE)
+        run_strategy(landscapes[0], LANDSCAPE_STRATEGIES[name], SHORTEST, 1) for name in ("random", REFERENCE)
     )
     assert first.best_n[0] == second.best_n[0]
-    assert run_strategy(synthetic_landscape(1), STRATEGIES[REFERENCE], SHORTEST, 1) == second
-    assert run_strategy(synthetic_landscape(2), STRATEGIES[REFERENCE], SHORTEST, 2).best_n != second.best_n
+    assert run_strategy(landscapes[0], LANDSCAPE_STRATEGIES[REFERENCE], SHORTEST, 1) == second
+    assert run_strategy(landscapes[0], LANDSCAPE_STRATEGIES[REFERENCE], SHORTEST, 2).best_n != second.best_n
+
+
+def test_only_the_loop_asks_the_simulator_after_the_night(landscapes):
+    asked = {name: set() for name in LANDSCAPE_STRATEGIES}
+    for name, strategy in LANDSCAPE_STRATEGIES.items():
+
+        def watched(simulator, force, name=name):
+            return lambda x: asked[name].add(simulator) or force(x)
+
+        simulators = {key: watched(key, force) for key, force in landscapes[0].simulators.items()}
+        run_strategy(replace(landscapes[0], simulators=simulators), strategy, SHORTEST, 1)
+    assert asked[LOOP[EFFECT]] == {EFFECT}
+    assert asked[LOOP[THETA]] == {THETA}
+    assert asked[REFERENCE] == {BELIEVED}
+    assert asked["measured only"] == asked["random"] == set()
 
 
 def test_the_table_counts_regret_rounds_and_wins():
@@ -99,8 +118,29 @@ def test_the_table_counts_regret_rounds_and_wins():
     (paired,) = paired_rows([*reference, *other], REFERENCE)
     assert (paired["best_wins"], paired["last_batch_wins"], paired["n_pairs"]) == (0, 3, 3)
     assert paired["mean_regret_gain_n"] == pytest.approx(2.75 - 6.0)
-    assert paired["match_share"] == 0.5  # 15 N after one round of two equals what `random` has at its end
-    assert 0 < paired["p"] < 0.1
+    assert paired["regret_share"] == pytest.approx(6.0 / 2.75)
+    assert paired["landscapes_better"] == "0 of 3"
+    assert paired["p"] == 2 / 8  # three landscapes cannot say more
+    assert paired["rounds_share"] == 3 / 2  # never there: one round more than there are
+    assert landscape_rows([*reference, *other])[0] == {
+        "landscape": "made up 0", "optimum_n": 20.0, REFERENCE: 2.0, "random": 3.0,
+    }  # fmt: skip
+
+
+def test_seeds_of_a_landscape_are_no_independent_worlds():
+    """Twenty seeds on two landscapes: one swap of both is as likely as what was seen."""
+    runs = [
+        made_up(name, seed, (10.0, best_n)).model_copy(update={"landscape": f"truth {seed % 2}"})
+        for seed in range(20)
+        for name, best_n in ((REFERENCE, 15.0), ("random", 12.0))
+    ]
+    (paired,) = paired_rows(runs, REFERENCE)
+    assert (paired["n_pairs"], paired["landscapes_better"], paired["p"]) == (20, "0 of 2", 0.5)
+
+
+@pytest.mark.parametrize(("gains", "p"), [([1.0] * 8, 2 / 256), ([1.0, -1.0], 1.0), ([], None), ([1.0] * 17, None)])
+def test_swaps_of_whole_landscapes_are_counted_exactly(gains, p):
+    assert sign_flip_p(np.array(gains)) == p
 
 
 def test_a_strategy_that_measures_once_is_paired_by_what_it_reached():
@@ -110,7 +150,7 @@ def test_a_strategy_that_measures_once_is_paired_by_what_it_reached():
 
 
 def test_a_killed_comparison_is_continued(tmp_path, monkeypatch):
-    path, plan = tmp_path / "races.jsonl", [PlannedRun(name, 1, SHORTEST) for name in ("random", REFERENCE)]
+    path, plan = tmp_path / "races.jsonl", plan_runs(write_bank(tmp_path), 1, ("random", REFERENCE), SHORTEST)[:2]
     said: list[str] = []
     whole = run_planned(plan, path, 1, said.append)
     lines = path.read_text().splitlines(keepends=True)
@@ -143,19 +183,34 @@ def test_the_command_writes_table_and_picture(fast, tmp_path, monkeypatch):
             yield run.model_copy(update={"landscape": planned.key[0]})
 
     monkeypatch.setattr(landscape_study, "_run_all", run_all)
+    bank = str(write_bank(tmp_path))
     answer = fast(
-        "compare", "--races", "2", "--strategies", f"random;{REFERENCE}", "--figure", str(tmp_path / "c.png"), "--json"
+        "compare",
+        "--bank",
+        bank,
+        "--races",
+        "2",
+        "--strategies",
+        f"random;{REFERENCE}",
+        "--figure",
+        str(tmp_path / "c.png"),
+        "--json",
     )
-    assert [row["n_races"] for row in answer.json["strategies"]] == [2, 2]
+    assert [row["n_races"] for row in answer.json["strategies"]] == [4, 4]
+    assert [row["optimum_n"] for row in answer.json["landscapes"]] == [20.0, 20.0]
     assert (tmp_path / "c.png").stat().st_size > 10_000
     assert (
         fast("compare", "--strategies", "randon").err == "fast: There is no strategy `randon`; did you mean `random`?\n"
     )
 
 
-def test_a_lake_with_few_simulations_is_not_emulated(fast, tmp_path):
-    from lake.store import Lake
+def test_a_file_that_is_no_bank_is_refused(fast, tmp_path):
+    (tmp_path / "other.json").write_text("{}")
+    for name, said in (("other.json", "is no bank of landscapes"), ("none.json", "cannot be read")):
+        assert said in fast.refused("compare", "--bank", str(tmp_path / name))
 
-    build(Lake.open(tmp_path / "lake", create=True), Campaign(campaign_id="quick", n_measured_batches=1))
-    answer = fast("compare", "--emulate", str(tmp_path / "lake"))
-    assert (answer.status, "completely simulated designs, 30 are needed" in answer.err) == (2, True)
+
+def test_a_stored_landscape_is_read_once(tmp_path):
+    path = write_bank(tmp_path)
+    assert read_landscape(path, 1) is read_landscape(path, 1)
+    assert read_landscape(path, 0).name != read_landscape(path, 1).name

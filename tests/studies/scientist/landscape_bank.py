@@ -250,6 +250,9 @@ def _make_bank(grasps: Grasps) -> LandscapeBank:
     truths = draw_truths()
     believed_x = believed_designs(grasps)
     x = common_designs(grasps, believed_x, truths)
+    for truth in truths:
+        grasps.peaks_n(truth, x)
+        grasps.tell(f"{[law.effect for law in truth.laws]} at all {len(x)} designs")
     model = theta_model(grasps, x)
     everything = np.concatenate([x, _without(believed_x, x)])
     believed = DesignSet.of(everything, grasps.peaks_n(Simulator(BELIEF), everything))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from flows.benchmarks.base import Options, Rows, Tables, timed
-from flows.benchmarks.scientist import N_PENDING, SIZES, cost_of_scientist, landscape_data
+from flows.benchmarks.scientist import N_PENDING, SIZES, cost_of_scientist, made_up_data
 from models.scientist.surrogate.observations import ObservationSet
 
 BOTORCH_LIMIT_S = 120.0  # CPU time after which BoTorch's fit is stopped
@@ -20,7 +20,7 @@ def measure_scientist_peers(options: Options) -> Tables:
     ours: Rows = []
     theirs: Rows = []
     for n_real, n_sim in SIZES:
-        data = landscape_data(n_real, n_sim)
+        data = made_up_data(n_real, n_sim)
         options.tell(f"{n_real} measured and {n_sim} simulated designs")
         ours.append(cost_of_scientist(data))
         options.tell("the same in BoTorch")

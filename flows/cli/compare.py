@@ -75,13 +75,15 @@ def _compare_on_landscapes(
     json: bool,
 ) -> None:
     from flows.scientist.landscape_run import RunSchedule
-    from flows.scientist.landscape_study import plan_runs, run_planned
+    from flows.scientist.landscape_study import plan_runs, run_planned, with_discovery
     from flows.scientist.landscape_table import landscape_rows, paired_rows, summary_rows
-    from flows.scientist.strategies import LANDSCAPE_STRATEGIES, REFERENCE
+    from flows.scientist.strategies import LANDSCAPE_STRATEGIES, MEASURED_ONLY, REFERENCE
 
     names = _names(strategies, list(LANDSCAPE_STRATEGIES))
-    runs = run_planned(plan_runs(bank, seeds, names, RunSchedule(rounds=rounds)), results, workers, tell)
-    _show(summary_rows(runs), paired_rows(runs, REFERENCE), _COLUMNS, json, {"landscapes": landscape_rows(runs)})
+    plan = plan_runs(bank, seeds, names, RunSchedule(rounds=rounds))
+    runs = with_discovery(run_planned(plan, results, workers, tell))
+    others = {"against_measured_only": paired_rows(runs, MEASURED_ONLY), "landscapes": landscape_rows(runs)}
+    _show(summary_rows(runs), paired_rows(runs, REFERENCE), _COLUMNS, json, others)
     if figure is not None:
         from flows.scientist.landscape_table import runs_figure
 
@@ -131,16 +133,21 @@ def _refuse(options: dict[str, object], beside: str) -> None:
 
 
 def _show(summary: Rows, paired: Rows, columns: Sequence[str], as_json: bool, others: dict[str, Rows]) -> None:
-    """Print the tables; `others` are printed as JSON only, but for the landscapes."""
-    from flows.scientist.strategies import REFERENCE
+    """Print the tables; `campaigns` among the others as JSON only."""
+    from flows.scientist.strategies import MEASURED_ONLY, REFERENCE
 
+    titles = {
+        "against_measured_only": f"against `{MEASURED_ONLY}` on the same seeds",
+        "landscapes": "rounds to 97 % of the optimum, median",
+    }
     parts = [
         table_text(summary, list(columns), WIDTH),
         f"against `{REFERENCE}` on the same seeds (positive: better)",
         table_text(paired, width=WIDTH),
     ]
-    if "landscapes" in others:
-        parts += ["rounds to 97 % of the optimum, median", table_text(others["landscapes"], width=WIDTH)]
+    for name, title in titles.items():
+        if others.get(name):
+            parts += [title, table_text(others[name], width=WIDTH)]
     tables = {"strategies": summary, "paired": paired, **others}
     show({name: rows for name, rows in tables.items() if rows}, "\n\n".join(parts), as_json)
 

@@ -45,8 +45,8 @@ class DesignSet(Record):
 class Truth(Record):
     """One hidden truth, and what a night finds of it.
 
-    `found`: theta and the effect of the simulator after the night; no effect where no name was found. `sets`: mean
-    peaks of the same designs in the truth, in the simulator with the night's theta, and with its effect as well.
+    `theta_only`: what a night finds without a name. `theta_found`, `found`: theta and effect, given the name of one of
+    the laws. `sets`: mean peaks of the same designs in the truth, and in the simulator after either night.
     """
 
     name: str

@@ -15,7 +15,7 @@ from models.scientist.surrogate.posterior import Surrogate
 
 
 class RunSchedule(Record):
-    """How much is measured and simulated; the defaults are the paper's.
+    """How much is measured and simulated; the defaults are the paper's, with a quarter of its simulations a round.
 
     Simulations of a round are chosen `simulations_at_once` at a time, each given the others that are under way.
     """
@@ -24,7 +24,7 @@ class RunSchedule(Record):
     initial_simulations: int = 50
     rounds: int = 8
     tools_per_round: int = 10
-    simulations_per_round: int = 100
+    simulations_per_round: int = 25
     simulations_at_once: int = 25
 
 

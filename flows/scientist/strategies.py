@@ -32,6 +32,7 @@ _HYBRID = Strategy(REFERENCE, "mes", "mes")
 STRATEGIES = {strategy.name: strategy for strategy in (_RANDOM, _SIMULATION_ONLY, _MEASURED_ONLY, _HYBRID)}
 
 LOOP = {THETA: "loop, theta", EFFECT: "loop, theta and effect"}
+LOOP_DISCOVERED = "loop, as discovered"  # either of them: see `landscape_study.with_discovery`
 _AFTER_NIGHT = (
     *(replace(_SIMULATION_ONLY, name=f"simulation only, {found}", simulator=found) for found in (THETA, EFFECT)),
     *(replace(_HYBRID, name=name, simulator=found) for found, name in LOOP.items()),

@@ -9,9 +9,9 @@ from flows.scientist import landscape_study
 from flows.scientist.landscape import NOISE_SD_N, PRINT_SD, emulator_error, landscape_of, read_landscape
 from flows.scientist.landscape_bank import BELIEVED, EFFECT, THETA, TRUE
 from flows.scientist.landscape_run import LandscapeRun, RunSchedule, run_strategy
-from flows.scientist.landscape_study import plan_runs, read_runs, run_planned
+from flows.scientist.landscape_study import NAMED_SHARE, plan_runs, read_runs, run_planned, with_discovery
 from flows.scientist.landscape_table import landscape_rows, paired_rows, runs_figure, sign_flip_p, summary_rows
-from flows.scientist.strategies import LANDSCAPE_STRATEGIES, LOOP, REFERENCE
+from flows.scientist.strategies import LANDSCAPE_STRATEGIES, LOOP, LOOP_DISCOVERED, REFERENCE
 from models.design.space import random_unit
 from models.errors import UsageError
 from tests.flows.cli.cli_lakes import Fast
@@ -214,3 +214,14 @@ def test_a_stored_landscape_is_read_once(tmp_path):
     path = write_bank(tmp_path)
     assert read_landscape(path, 1) is read_landscape(path, 1)
     assert read_landscape(path, 0).name != read_landscape(path, 1).name
+
+
+def test_the_loop_as_discovered_is_either_loop_as_often_as_sealed_worlds_say():
+    runs = [
+        made_up(name, seed, (10.0, best_n))
+        for seed in range(400)
+        for name, best_n in ((LOOP[THETA], 15.0), (LOOP[EFFECT], 19.0))
+    ]
+    found = [run for run in with_discovery(runs) if run.strategy == LOOP_DISCOVERED]
+    assert len(found) == 400
+    assert np.mean([run.best_n[-1] == 19.0 for run in found]) == pytest.approx(NAMED_SHARE, abs=0.07)

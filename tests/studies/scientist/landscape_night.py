@@ -1,7 +1,7 @@
 """What a night makes of the simulator: theta and one named effect, fitted to traces of the initial tools alone.
 
 A night never sees a law that is hidden. It knows the traces of `N_INITIAL` random tools, with the scatter of prints and
-noise, and the name that gap discovery came to. That name is drawn: missed, wrong or right as often as in sealed worlds.
+noise, and a name: that of one of the laws, drawn. How often gap discovery finds it is in `flows.scientist.landscape`.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import least_squares
 
 from models.records import EffectValue, Theta
-from models.simulation.effects.catalogue import CATALOGUE, list_confusable
+from models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.scientist.landscape_bank import (
     BELIEF,
     HIGH_FRICTION,
@@ -27,8 +27,6 @@ from tests.studies.scientist.landscape_bank import (
 
 N_INITIAL = 10
 TOOL_SD, NOISE_N, MODEL_SHARE = 0.04, 0.1, 0.05  # prints; a bin's mean; what no theta explains, of the peak
-# Sealed worlds (docs/benchmarks/gap-sealed.json): alarm at 2 % or more; right family; right member of the family.
-ALARM, FAMILY, MEMBER = 25 / 33, 24 / 25, 11 / 13
 # Parameter of the catalogue, and the three values that a night tries first, weakest first.
 TRIED: dict[str, tuple[str, tuple[float, float, float]]] = {
     "static_kinetic_friction": ("kinetic_ratio", (0.9, 0.75, 0.55)),
@@ -82,18 +80,14 @@ def theta_model(grasps: Grasps, x: np.ndarray) -> ThetaModel:
 
 
 def draw_name(number: int, truth: Simulator) -> str:
-    """The name that gap discovery comes to for one of the laws of a truth; empty if it comes to none."""
+    """The law of a truth that gap discovery names where it names one; never more than one in the first night."""
     rng = np.random.default_rng([SEED, number, 9])
-    law = truth.laws[int(rng.integers(len(truth.laws)))].effect
-    is_alarm, is_right = rng.random() < ALARM, rng.random() < FAMILY * MEMBER
-    if not is_alarm:
-        return ""
-    return law if is_right else next((name for name in list_confusable(law) if name in TRIED), "")
+    return truth.laws[int(rng.integers(len(truth.laws)))].effect
 
 
 @dataclass(eq=False)
 class Night:
-    """The first night of a campaign on one truth; `named` is what gap discovery says, empty for nothing."""
+    """The first night of a campaign on one truth; `named` is the effect that gap discovery names."""
 
     grasps: Grasps
     model: ThetaModel
@@ -113,13 +107,11 @@ class Night:
     def fit_theta(self) -> Theta:
         """Theta by largest posterior density, without any effect."""
         self._theta = self._fit(lambda p: self.model.bins_n(_theta_of(p))[:N_INITIAL], _PRIOR_MEAN, 0.0)
-        return _theta_of(self._theta)
+        return _rounded(_theta_of(self._theta))
 
-    def fit_effect(self) -> Simulator | None:
+    def fit_effect(self) -> Simulator:
         """Theta and strength of the named effect, corrected once by a simulation at what was found first."""
-        if not self.named:
-            return None
-        first = _theta_of(self._theta)
+        first = _rounded(_theta_of(self._theta))
         _, tried = TRIED[self.named]
         strengths = np.array([0.0, *(_strength(self.named, value) for value in tried)])
         changes = [np.zeros((N_INITIAL, len(OBJECTS), self._measured_n.shape[2]))]
@@ -138,7 +130,7 @@ class Night:
         return self._found(self._fit(lambda p: model(p) + missing, found, strengths[-1]))
 
     def _found(self, p: np.ndarray) -> Simulator:
-        return self._simulator(_theta_of(p), _value(self.named, float(p[3])))
+        return self._simulator(_rounded(_theta_of(p)), _value(self.named, float(p[3])))
 
     def _simulator(self, theta: Theta, value: float) -> Simulator:
         name, _ = TRIED[self.named]
@@ -166,11 +158,14 @@ class Night:
         return np.asarray(least_squares(residuals, values, bounds=(lowest, highest)).x[:n])
 
 
+def _rounded(theta: Theta) -> Theta:
+    """Theta as a person would write it; a fit needs its slopes, and so all its digits."""
+    return Theta(**{name: round(value, 4) for name, value in theta.model_dump().items()})
+
+
 def _theta_of(p: np.ndarray) -> Theta:
     modulus, friction = np.exp(p[:2])
-    return Theta(
-        young_modulus_mpa=round(float(modulus), 4), friction=round(float(friction), 4), poisson_ratio=round(p[2], 4)
-    )
+    return Theta(young_modulus_mpa=float(modulus), friction=float(friction), poisson_ratio=float(p[2]))
 
 
 def _strength(effect: str, value: float) -> float:

@@ -34,7 +34,7 @@ class DesignSet(Record):
     def x(self) -> np.ndarray:
         """Designs in the unit cube, n x 9."""
         names = tuple(Design.model_fields)
-        return to_unit([Design(**dict(zip(names, row, strict=True))) for row in self.designs])
+        return to_unit([Design.model_validate(dict(zip(names, row, strict=True))) for row in self.designs])
 
     @property
     def y(self) -> np.ndarray:

@@ -203,7 +203,7 @@ def common_designs(grasps: Grasps, believed_x: np.ndarray, truths: Sequence[Simu
     x = np.concatenate([believed_x[:N_COMMON_RANDOM], _apart(believed_x[order], N_COMMON_BEST)])
     for n in TRUTH_ROUNDS:
         grasps.tell(f"truths with {len(x)} designs")
-        new = []
+        new: list[np.ndarray] = []
         for truth in truths:
             y = grasps.peaks_n(truth, x).mean(axis=1)
             grasps.tell(f"{[law.effect for law in truth.laws]}: best {np.nanmax(y):.1f} N")

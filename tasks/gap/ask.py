@@ -16,10 +16,10 @@ from models.gap.ask.answers import forecast_measurements
 from models.gap.ask.choose import Choice, Costs, choose_experiments, list_open_pairs
 from models.gap.ask.forecast import Forecast, compute_nats
 from models.gap.ask.hypotheses import Hypothesis, list_hypotheses
-from models.gap.ask.outcomes import describe_pairs, describe_reading, join_outcomes
+from models.gap.ask.outcomes import MEANS, describe_pairs, describe_reading, join_outcomes
 from models.gap.ask.predict import Moved, Pair, forecast_pairs, predict_first
 from models.gap.ask.settings import Setting, list_settings
-from models.gap.findings import AskedGrasps, NextExperiment, Outcome, PersonQuestion, Prediction, Promise
+from models.gap.findings import AskedGrasps, NextExperiment, PersonQuestion, Prediction, Promise
 from models.gap.grasps import Grasps
 from models.gap.naming.name import NamingResult
 from models.records import GraspRequest
@@ -123,7 +123,7 @@ class _Plan:
             minutes=round(self.choice.minutes, 1),
             sentence=(
                 f"{n} grasps, about {max(self.choice.minutes, 1.0):.0f} min: {'; '.join(words)}, each in turn with a "
-                f"grasp as usual. What it would mean: {join_outcomes(outcomes)}."
+                f"grasp as usual. {MEANS}{join_outcomes(outcomes)}."
             ),
             outcomes=outcomes,
             predictions=_predict(self.hypotheses, self.pairs[most], self.grasps),
@@ -170,14 +170,15 @@ def _ask_person(hypotheses: tuple[Hypothesis, ...], plan: _Plan) -> NextExperime
     if not told[place]:
         return None
     one, promised = known[place], nats[place]
-    means = describe_reading(hypotheses, forecast, place, one)
+    outcomes = describe_reading(hypotheses, forecast, place)
     names = [hypotheses[i].name for pair in open_pairs for i in pair if promised[pair] >= _WORTH_NATS]
     promises = [
         Promise(between=(hypotheses[j].name, hypotheses[i].name), nats=round(float(promised[i, j]), 1))
         for i, j in open_pairs
         if promised[i, j] >= _WORTH_NATS
     ]
-    sentence = f"No grasp of this bench tells. Please {one.words}. A reading of {means}."
+    order = f"No grasp of this bench tells. Please {one.words}"
+    sentence = f"{order}. {MEANS}{join_outcomes(outcomes)}."
     return NextExperiment(
         possible=_list_possible(hypotheses),
         separates=tuple(dict.fromkeys(names)),
@@ -185,7 +186,7 @@ def _ask_person(hypotheses: tuple[Hypothesis, ...], plan: _Plan) -> NextExperime
         promised=tuple(sorted(promises, key=lambda promise: promise.nats)),
         minutes=one.minutes,
         sentence=sentence,
-        outcomes=tuple(Outcome(effect=name, sentence=means) for name in dict.fromkeys(names)),
+        outcomes=outcomes,
         person=PersonQuestion(kind=one.kind, sentence=sentence, label=one.label),
     )
 

@@ -170,7 +170,7 @@ def _ask_person(hypotheses: tuple[Hypothesis, ...], plan: _Plan) -> NextExperime
     if not told[place]:
         return None
     one, promised = known[place], nats[place]
-    outcomes = describe_reading(hypotheses, forecast, place)
+    outcomes = describe_reading(hypotheses, forecast, place, one.label)
     names = [hypotheses[i].name for pair in open_pairs for i in pair if promised[pair] >= _WORTH_NATS]
     promises = [
         Promise(between=(hypotheses[j].name, hypotheses[i].name), nats=round(float(promised[i, j]), 1))

@@ -34,10 +34,12 @@ def describe_pairs(hypotheses: Sequence[Hypothesis], forecast: Forecast, place: 
     return tuple(found)
 
 
-def describe_reading(hypotheses: Sequence[Hypothesis], forecast: Forecast, place: int) -> tuple[Outcome, ...]:
+def describe_reading(
+    hypotheses: Sequence[Hypothesis], forecast: Forecast, place: int, label: str
+) -> tuple[Outcome, ...]:
     """What a person would read if each hypothesis is true; of *unknown* nobody can say it."""
     return tuple(
-        Outcome(effect=one.name, sentence=f"the reading is about {forecast.means[number, place, 0]:.2g}")
+        Outcome(effect=one.name, sentence=f"the reading ({label}) is about {forecast.means[number, place, 0]:.2g}")
         for number, one in enumerate(hypotheses)
         if forecast.is_sharp[number] and one.name != UNKNOWN
     )

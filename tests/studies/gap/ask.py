@@ -30,7 +30,7 @@ from models.gap.naming.name import name_effect
 from models.records import Record
 from tasks.gap.ask import estimate_costs
 from tasks.gap.ask_settings import USUAL_BUDGET
-from tests.studies.gap.ask_worlds import AskKey, Bench, draw_key
+from tests.studies.gap.ask_worlds import AskKey, Bench, Kind, draw_key
 from tests.studies.gap.sealed import hash_key
 
 N_MEMBERS, N_UNKNOWN = 40, 12
@@ -88,7 +88,8 @@ def measure_asking(options: Options) -> Tables:
     """How many grasps an answer takes, as promised, chosen and at random; and what stays unknown that nobody knows."""
     n_members = N_MEMBERS if options.worlds is None else options.worlds
     n_unknown = N_UNKNOWN if options.worlds is None else -(-options.worlds * N_UNKNOWN // N_MEMBERS)
-    numbers = [("member", n) for n in range(n_members)] + [("unknown", n) for n in range(n_unknown)]
+    numbers: list[tuple[Kind, int]] = [("member", n) for n in range(n_members)]
+    numbers += [("unknown", n) for n in range(n_unknown)]
     if options.results is None:
         keys = [draw_key(_PUBLIC, kind, number) for kind, number in numbers]
         judged = [(key, ask_world(str(place), Bench.of(key))) for place, key in enumerate(keys)]
@@ -195,7 +196,7 @@ def say(believed: Sequence[Hypothesis]) -> str:
     return alike[0] if len(alike) == 1 else ""
 
 
-def _ask_sealed(path: Path, numbers: Sequence[tuple[str, int]], options: Options) -> list[tuple[AskKey, Asking]]:
+def _ask_sealed(path: Path, numbers: Sequence[tuple[Kind, int]], options: Options) -> list[tuple[AskKey, Asking]]:
     """Seal worlds if there are none, ask each once, and open the keys when every answer is in the file.
 
     Raises:
@@ -221,7 +222,7 @@ def _ask_sealed(path: Path, numbers: Sequence[tuple[str, int]], options: Options
     return [(keys[one.world].key, answers[one.world].asking) for one in worlds]
 
 
-def _seal(path: Path, keys_path: Path, numbers: Sequence[tuple[str, int]]) -> None:
+def _seal(path: Path, keys_path: Path, numbers: Sequence[tuple[Kind, int]]) -> None:
     """Draw worlds from a secret in an order that tells nothing, and write keys and their hashes."""
     secret = secrets.token_hex(16)
     order = np.random.default_rng(secrets.randbits(64)).permutation(len(numbers))

@@ -93,8 +93,11 @@ class _Plan:
 
     @property
     def open_effects(self) -> list[tuple[int, int]]:
-        """Pairs of effects, or of an effect and nothing, that are not promised to fall apart."""
-        pairs = list_open_pairs(self.forecast, self.choice.nats)
+        """Pairs of effects, or of an effect and nothing, that are not expected to fall apart.
+
+        What is expected and not promised yet takes more of the same grasps, not another setting.
+        """
+        pairs = list_open_pairs(self.forecast, self.choice.expected)
         return [pair for pair in pairs if any(self.hypotheses[i].own for i in pair)]
 
     @property

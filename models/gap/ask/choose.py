@@ -40,10 +40,11 @@ class Costs:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """How often each experiment is made (c), what that promises between hypotheses (h x h), and its minutes."""
+    """How often each experiment is made (c), what that promises and what is expected (h x h), and its minutes."""
 
     counts: np.ndarray
     nats: np.ndarray
+    expected: np.ndarray
     minutes: float
 
     @property
@@ -64,11 +65,12 @@ def choose_experiments(forecast: Forecast, costs: Costs, most: int, enough: floa
     counts = chooser.prune(chooser.add(most))
     whole = np.zeros(len(costs.minutes), dtype=int)
     whole[rows] = counts
-    return Choice(whole, chooser.predict(counts).likely, chooser.costs.total(counts))
+    nats = chooser.predict(counts)
+    return Choice(whole, nats.likely, nats.expected, chooser.costs.total(counts))
 
 
 def list_open_pairs(forecast: Forecast, nats: np.ndarray, enough: float = ENOUGH_NATS) -> list[tuple[int, int]]:
-    """Pairs of possible hypotheses between which less is promised."""
+    """Pairs of possible hypotheses between which there is less."""
     weight = _weigh_pairs(forecast)
     return [(i, j) for i in range(len(nats)) for j in range(i) if weight[i, j] > 0 and nats[i, j] < enough]
 

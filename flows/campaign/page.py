@@ -20,6 +20,7 @@ from flows.server.server_process import OUTPUTS
 from lake.query.engine import Mark
 from lake.tables.campaign import GraspRow, ProposalRow, SimulationRow, ToolRow
 from tasks.campaign.campaign import Campaign
+from tasks.campaign.night_story import describe_nights
 from tasks.campaign.simulator_versions import at_present
 from tasks.campaign.state import format_ranking, rank_tools
 from tasks.gap.findings import find_newest_run
@@ -110,6 +111,8 @@ def format_page(campaign: Campaign, load: Workload, seen: Forecast, tools: list[
     ]
     if campaign.config.gap.active:
         lines.append(_describe_gap(campaign))
+    if campaign.config.follows_newest:
+        lines += describe_nights(campaign)
     if tools:
         best = tools[0]
         lines.append(f"Best so far: **{best['tool_id']}**, {best['tool_quality_n']:.2f} N mean peak pull-off force.")
@@ -129,7 +132,9 @@ def _describe_gap(campaign: Campaign) -> str:
     found = campaign.lake.query(_ASKED, {"campaign": campaign.campaign_id}).to_pylist()[0]
     told = [one.outcome for one in run.findings.asked]
     named = "; ".join(one.named.sentence for one in run.findings.rounds)
-    return " ".join([f"Simulator: {named}", f"Asked grasps: {found['n']}, made: {found['made']}.", *told])
+    verdict = run.findings.verdict
+    kept = [f"The simulator in use stays: {verdict.sentence}."] if verdict and not verdict.is_accepted else []
+    return " ".join([f"Simulator: {named}", f"Asked grasps: {found['n']}, made: {found['made']}.", *told, *kept])
 
 
 def draw_best_so_far(campaign: Campaign) -> str:

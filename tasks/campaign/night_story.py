@@ -4,12 +4,13 @@ import json
 
 import numpy as np
 
+from lake.store import Lake
 from lake.tables.campaign import EventRow
 from models.gap.findings import Verdict
 from models.ids import canonical_json, content_id
 from models.records import Record, SimulatorVersion
 from tasks.campaign.campaign import Campaign
-from tasks.campaign.simulator_versions import count_seconds, find_decision
+from tasks.campaign.simulator_versions import count_seconds, find_decision, find_newest_decision
 from tasks.gap.findings import KIND as GAP_ENDED
 from tasks.gap.findings import GapRun
 from tasks.scientist.observe import means_of_simulations, means_of_tools
@@ -70,14 +71,35 @@ class Night(Record):
 
 def find_night(campaign: Campaign, stage: int) -> Night | None:
     """The night before a stage, if it has ended."""
-    return next((night for night in read_nights(campaign) if night.stage == stage), None)
+    nights = read_nights(campaign.lake, campaign.campaign_id)
+    return next((night for night in nights if night.stage == stage), None)
 
 
-def read_nights(campaign: Campaign) -> list[Night]:
-    """The nights that have ended, in order."""
-    rows = campaign.lake.rows(EventRow, campaign_id=campaign.campaign_id, kind=KIND)
+def read_nights(lake: Lake, campaign_id: str) -> list[Night]:
+    """The nights of a campaign that have ended, in order."""
+    rows = lake.rows(EventRow, campaign_id=campaign_id, kind=KIND)
     nights = [Night.model_validate(json.loads(row["payload_json"])) for row in rows]
     return sorted(nights, key=lambda night: night.stage)
+
+
+def read_verdicts(lake: Lake, campaign_id: str) -> list[Verdict]:
+    """What the searches of a campaign, or of the whole lake, said of the simulators that they ended with, in order."""
+    rows = [row for row in lake.records(EventRow, kind=GAP_ENDED) if row.campaign_id in ("", campaign_id)]
+    verdicts = [GapRun.model_validate(json.loads(row.payload_json)).findings.verdict for row in rows]
+    return [verdict for verdict in verdicts if verdict is not None]
+
+
+def describe_nights(campaign: Campaign) -> list[str]:
+    """A sentence for each night with a new simulator, and for the one that is under way."""
+    nights = read_nights(campaign.lake, campaign.campaign_id)
+    told = [f"Night before B{night.batch:02d}: {night.sentence}." for night in nights]
+    decision = find_newest_decision(campaign)
+    if decision is None or not decision.reruns or decision.stage in {night.stage for night in nights}:
+        return told
+    state, batch = campaign.state(), campaign.config.schedule.batches_of(decision.stage)[-1]
+    n_done = sum(not state.missing_objects(design_id, campaign.object_ids) for design_id in decision.reruns)
+    n_all = len(decision.reruns)
+    return [*told, f"Night before B{batch:02d}: {n_done} of {n_all} designs are simulated with {decision.version_id}."]
 
 
 def end_night(campaign: Campaign, old: SimulatorVersion, stage: int) -> Night:
@@ -159,11 +181,8 @@ def _rank(simulated: np.ndarray, measured: np.ndarray) -> float | None:
 
 
 def _find_verdict(campaign: Campaign, old: SimulatorVersion, new: SimulatorVersion) -> Verdict | None:
-    """How the newest search of this campaign, or of the whole lake, has compared two versions; None if none has."""
-    rows = campaign.lake.records(EventRow, kind=GAP_ENDED)
-    mine = [json.loads(row.payload_json) for row in rows if row.campaign_id in ("", campaign.campaign_id)]
-    found = [verdict for payload in mine if (verdict := GapRun.model_validate(payload).findings.verdict) is not None]
-    wanted = old.version_id, new.version_id
+    """How the newest search that did has compared two versions; None if none has."""
+    wanted, found = (old.version_id, new.version_id), read_verdicts(campaign.lake, campaign.campaign_id)
     return next((v for v in reversed(found) if (v.present_version_id, v.version_id) == wanted), None)
 
 

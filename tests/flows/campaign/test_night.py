@@ -10,12 +10,16 @@ from flows.campaign import night as night_module
 from flows.campaign.night import begin_night
 from lake.store import Lake
 from lake.tables.campaign import EventRow, ProposalRow, SimulationRow
+from models.gap.findings import Decision, Verdict
+from models.records import SimulatorVersion
 from tasks.campaign.campaign import Campaign
-from tasks.campaign.night_story import read_nights
+from tasks.campaign.night_story import describe_nights, end_night, read_nights
 from tasks.campaign.settings import NightSettings
 from tasks.campaign.simulator_versions import at_present, list_reruns
 from tasks.campaign.state import NIGHT
+from tasks.gap.findings import write_run
 from tasks.scientist.observe import observe
+from tests.flows.campaign.made_up_search import write_made_up_run
 from tests.tasks.campaign.small_campaign import small_campaign
 from tests.tasks.campaign.test_versions import BASE, LAGGING, OTHER, STIFFER, all_designs, calibrate, following
 from tests.tasks.simulation.made_up import append_simulation
@@ -100,7 +104,7 @@ def read_plan(campaign: Campaign) -> list[str]:
 
 def test_a_night_without_news_costs_nothing(campaign: Campaign, clock: Clock) -> None:
     now, done = spend_night(campaign, clock)
-    assert (now.version, done, read_nights(now)) == (BASE, [], [])
+    assert (now.version, done, read_nights(now.lake, now.campaign_id)) == (BASE, [], [])
     assert not any(row.acquisition == NIGHT for row in campaign.lake.records(ProposalRow))
 
 
@@ -126,6 +130,8 @@ def test_a_night_that_was_killed_goes_on_with_the_same_list(campaign: Campaign, 
     with pytest.raises(KilledError):
         spend_night(campaign, clock, dies_after=7)
     plan = read_plan(campaign)
+    (told,) = describe_nights(at_present(campaign))
+    assert told == f"Night before B02: 7 of 20 designs are simulated with {OTHER.version_id}."
     calibrate(campaign, OTHER, LAGGING)  # news of the night are for the next one
     now, done = spend_night(campaign, clock)
     assert read_plan(campaign) == plan
@@ -135,7 +141,7 @@ def test_a_night_that_was_killed_goes_on_with_the_same_list(campaign: Campaign, 
     again, nothing = spend_night(campaign, clock)
     assert (again.version, nothing) == (OTHER, [])
     assert n_rows == (len(campaign.lake.rows(SimulationRow)), len(campaign.lake.rows(ProposalRow)))
-    assert len(read_nights(now)) == 1
+    assert len(read_nights(now.lake, now.campaign_id)) == 1
 
 
 def test_a_kill_between_proposals_and_decision_chooses_the_same(
@@ -166,7 +172,7 @@ def test_time_ends_a_night_whether_it_was_killed_or_not(campaign: Campaign, cloc
         clock.now_s += 100 * HOURS  # nobody worked meanwhile, which is no part of the night
     now, done = spend_night(campaign, clock, hours_each=1.5)
     assert len(done) + dies_after == 7  # the seventh was begun after 9 of 10 hours
-    (night,) = read_nights(now)
+    (night,) = read_nights(now.lake, now.campaign_id)
     assert (night.n_planned, night.n_done) == (20, 7)
     assert night.worker_hours == pytest.approx(7 * 1.5 * 2)
     assert spend_night(campaign, clock)[1] == []
@@ -176,7 +182,7 @@ def test_another_modulus_needs_no_simulation_and_is_told(campaign: Campaign, clo
     calibrate(campaign, BASE, STIFFER)
     now, done = spend_night(campaign, clock)
     assert (now.version, done) == (STIFFER, [])
-    (night,) = read_nights(now)
+    (night,) = read_nights(now.lake, now.campaign_id)
     assert "E 23.00 MPa" in night.sentence
     assert "no design had to be simulated again" in night.sentence
 
@@ -184,7 +190,7 @@ def test_another_modulus_needs_no_simulation_and_is_told(campaign: Campaign, clo
 def test_the_story_says_what_changed_and_what_is_not_known(campaign: Campaign, clock: Clock) -> None:
     calibrate(campaign, BASE, LAGGING)
     now, _ = spend_night(campaign, clock)
-    (night,) = read_nights(now)
+    (night,) = read_nights(now.lake, now.campaign_id)
     assert night.sentence.startswith("First-order lag of the load-cell transmitter was added, theta is E 9.00 MPa")
     assert "its held-out error is not known" in night.sentence  # no search has ended with it
     assert night.n_tools == 4
@@ -192,8 +198,35 @@ def test_the_story_says_what_changed_and_what_is_not_known(campaign: Campaign, c
     angles = [tool.design.rib_angle_deg for tool in now.state().tools]
     assert (night.rank_after == pytest.approx(1.0)) == (angles == sorted(angles))
     assert f"1.00 -> {night.rank_after:.2f}" in night.sentence
+    assert describe_nights(now) == [f"Night before B02: {night.sentence}."]
     (row,) = now.lake.records(EventRow, kind="night")
     assert row.message == night.sentence
+
+
+def test_the_error_is_that_of_the_search_that_compared_the_two(campaign: Campaign, clock: Clock) -> None:
+    calibrate(campaign, BASE, OTHER)
+    for present, new, rmse_n in ((BASE, LAGGING, 0.3), (BASE, OTHER, 0.12), (LAGGING, OTHER, 0.2)):
+        write_verdict(campaign, present, new, rmse_n)
+    now, _ = spend_night(campaign, clock)
+    (night,) = read_nights(now.lake, now.campaign_id)
+    assert "held-out error 0.49 -> 0.12 N" in night.sentence
+    assert end_night(now, BASE, 1) == night  # it is written once
+
+
+def write_verdict(campaign: Campaign, present: SimulatorVersion, new: SimulatorVersion, rmse_n: float) -> None:
+    """A finished search that has compared two simulators."""
+    named = Decision(kind="none", probability=0.9, sentence="Nothing.")
+    run = write_made_up_run(campaign.lake, campaign.campaign_id, f"A{rmse_n}", named, None)
+    verdict = Verdict(
+        present_version_id=present.version_id,
+        version_id=new.version_id,
+        present_rmse_n=0.49,
+        rmse_n=rmse_n,
+        is_accepted=True,
+        sentence="better",
+    )
+    judged = run.model_copy(update={"findings": run.findings.model_copy(update={"verdict": verdict})})
+    write_run(campaign.lake, judged, "judged", campaign.provenance())
 
 
 def test_a_night_needs_leave(campaign: Campaign, clock: Clock) -> None:

@@ -316,7 +316,7 @@ def _repeat_rounds(
         else:
             settled = settle_bank(wide, effects)
             reporter.progress(f"theta{' and ' if effects else ''}{', '.join(value.effect for value in effects)}: NUTS")
-            done = run_round(settled, calibrate_simulator(settled.search, effects))
+            done = run_round(settled, calibrate_simulator(settled.search, effects, is_on_trial=True))
         reporter.announce(f"round {len(rounds) + 1}: {done.sentence}")
         rounds.append(done)
     return rounds

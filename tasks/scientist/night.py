@@ -6,7 +6,7 @@ import numpy as np
 
 from lake.tables.campaign import DesignRow, ProposalRow
 from models.design.printability import printable
-from models.design.space import from_unit, random_unit, snap, to_unit
+from models.design.space import PARAMETERS, from_unit, random_unit, snap, to_unit
 from models.ids import content_id
 from models.records import Design
 from models.scientist.surrogate.fit import MIN_OBSERVATIONS, fit_surrogate
@@ -51,9 +51,9 @@ def choose_designs(campaign: Campaign, stage: int, n: int) -> list[Design]:
     if len(data) >= MIN_OBSERVATIONS and n_new:
         surrogate = fit_surrogate(_thin_out(data, rng), None, seed=campaign.seed("night fit", stage))
         known = _rank(surrogate, known)
-    near = [] if surrogate is None else _draw_near(campaign, surrogate, n_new, rng)
+    near = np.zeros((0, len(PARAMETERS))) if surrogate is None else _draw_near(campaign, surrogate, n_new, rng)
     anywhere = _keep_printable(campaign, random_unit(_DRAWS * n_new, rng))[:n_new]
-    turns = zip_longest(known, from_unit(np.array(near)) if len(near) else [], from_unit(anywhere))
+    turns = zip_longest(known, from_unit(near), from_unit(anywhere))
     rest = {design.design_id: design for turn in turns for design in turn if design is not None}
     chosen = [designs[i] for i in tools] + [design for i, design in rest.items() if i not in tools][:n_new]
     _append_new(campaign, stage, [design for design in chosen if design.design_id not in designs], data)

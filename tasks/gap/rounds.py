@@ -125,6 +125,8 @@ def settle_answers(search: SearchInputs, naming: NamingResult) -> tuple[NamingRe
         return naming, None
     moved = simulate_moved(search, hypotheses, list(search.answers.experiments))
     likelihood = search.answers.weigh(hypotheses, moved)
+    if np.ptp(likelihood) == 0.0:  # readings in which none of them has a say
+        return naming, None
     asked = tell_asked(read_questions(search.lake, search.campaign_id), hypotheses, likelihood, search.answers)
     return settle(naming, believe(hypotheses, likelihood)), asked
 

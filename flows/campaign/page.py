@@ -22,6 +22,7 @@ from lake.query.engine import Mark
 from lake.tables.campaign import GraspRow, ProposalRow, SimulationRow, ToolRow
 from tasks.bench.asked import read_open_requests
 from tasks.campaign.campaign import Campaign
+from tasks.campaign.night_story import describe_nights
 from tasks.campaign.simulator_versions import at_present
 from tasks.campaign.state import format_ranking, rank_tools
 from tasks.gap.findings import GapRun, find_newest_run
@@ -113,6 +114,8 @@ def format_page(campaign: Campaign, load: Workload, seen: Forecast, tools: list[
     ]
     if campaign.config.gap.active:
         lines.append(_describe_gap(campaign))
+    if campaign.config.follows_newest:
+        lines += describe_nights(campaign)
     if tools:
         best = tools[0]
         lines.append(f"Best so far: **{best['tool_id']}**, {best['tool_quality_n']:.2f} N mean peak pull-off force.")
@@ -132,7 +135,9 @@ def _describe_gap(campaign: Campaign) -> str:
     found = campaign.lake.query(_ASKED, {"campaign": campaign.campaign_id}).to_pylist()[0]
     told = [one.outcome for one in run.findings.asked]
     named = "; ".join(one.named.sentence for one in run.findings.rounds)
-    said = " ".join([f"Simulator: {named}", f"Asked grasps: {found['n']}, made: {found['made']}.", *told])
+    verdict = run.findings.verdict
+    kept = [f"The simulator in use stays: {verdict.sentence}."] if verdict and not verdict.is_accepted else []
+    said = " ".join([f"Simulator: {named}", f"Asked grasps: {found['n']}, made: {found['made']}.", *told, *kept])
     return "\n\n".join([said, *_describe_question(campaign, run)])
 
 

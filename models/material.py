@@ -4,12 +4,14 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from models.records import Record
 
+LAYER_EXCESS = "layer_modulus_excess"  # modulus of a bar printed upright over that of a flat one, less 1
 # Unit of each quantity, and the range in which a value is believed: for modulus and friction that of the simulator.
 QUANTITIES: dict[str, tuple[str, float, float]] = {
     "young_modulus": ("MPa", 0.5, 200.0),
     "static_friction": ("1", 0.02, 2.0),
     "dynamic_friction": ("1", 0.02, 2.0),
     "hardness": ("Shore A", 10.0, 100.0),
+    LAYER_EXCESS: ("1", -0.9, 2.0),
 }
 TABLE_3 = "none"  # asks for the priors of the paper's Table 3, so no lot may have this name
 
@@ -32,6 +34,7 @@ class MaterialLot(Record):
     static_friction: MaterialMeasurement | None = None
     dynamic_friction: MaterialMeasurement | None = None
     hardness: MaterialMeasurement | None = None
+    layer_modulus_excess: MaterialMeasurement | None = None
 
     @field_validator(*QUANTITIES)
     @classmethod

@@ -90,6 +90,10 @@ class EffectValue(Record):
     effect: str
     parameters: dict[str, float] = Field(default_factory=dict)
 
+    def __hash__(self) -> int:
+        """Of the content, so that simulator versions with effects can be keys."""
+        return hash((self.effect, frozenset(self.parameters.items())))
+
 
 class MeshSettings(Record):
     """Which mesher, how fine. `extruded` is the production mesher of fin rays, `tetwild` meshes any body.

@@ -18,7 +18,8 @@ from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows.campaign.events import announce_measured
 from flows.campaign.gap_step import close_gap
-from flows.campaign.loops import BenchLoop, CampaignRun, RerunLoop, SimulationLoop
+from flows.campaign.loops import BenchLoop, CampaignRun, SimulationLoop
+from flows.campaign.night import begin_night
 from flows.campaign.page import CampaignPage
 from flows.server.run_process import RunningProcess
 from lake.maintenance import compact
@@ -29,7 +30,6 @@ from tasks.campaign.campaign import Campaign
 from tasks.campaign.flow_runs import record_run
 from tasks.campaign.prefect_tasks import unmapped
 from tasks.campaign.requests import append_event
-from tasks.campaign.simulator_versions import at_stage, list_reruns
 from tasks.scientist.observe import closed_batches
 
 POLL_S = 2.0  # how often requests of people are looked up while nothing else happens
@@ -85,15 +85,18 @@ def _run_stages(run: CampaignRun, finish: Callable[[], None]) -> bool:
 def run_stage(run: CampaignRun, stage: int, on_event: Callable[[], None]) -> bool:
     """One stage: its tools and its simulations, side by side. False when asked to stop before the end.
 
-    Where the simulator version is new, designs of earlier stages are simulated again first.
+    Where the simulator version is new, a night comes first, in which designs are simulated with it.
     """
     if run.should_stop():
         return False
-    campaign = run.campaign = at_stage(run.campaign, stage)
-    if designs := list_reruns(campaign, stage):
-        _run_loops(run, BenchLoop(run, []), RerunLoop(run, stage, designs), on_event)
+    night = begin_night(run, stage)
+    campaign = run.campaign
+    if night is not None:
+        run.announce(night.say_plan())
+        _run_loops(run, BenchLoop(run, []), night, on_event)
         if run.should_stop():
             return False
+        run.announce(night.close().sentence)
     _ensure_proposed(campaign, stage)
     batches = campaign.config.schedule.batches_of(stage)
     _run_loops(run, BenchLoop(run, batches), SimulationLoop(run, stage), on_event)

@@ -44,7 +44,9 @@ def forecast(
     simulated_s = _simulations_left_s(campaign, state, stage, s_per_simulation)
     known = [bench_s, simulated_s]
     in_s = None if None in known else max(s for s in known if s is not None)
-    return Forecast(schedule.batches_of(stage + 1)[0], in_s)
+    is_night = campaign.config.gap.active or campaign.config.night.active
+    # When a night ends depends on what it finds.
+    return Forecast(schedule.batches_of(stage + 1)[0], None if is_night else in_s)
 
 
 def _stage(campaign: Campaign, state: CampaignState) -> int:

@@ -15,6 +15,7 @@ from prefect.futures import PrefectFuture
 from flows.campaign.forms import open_form
 from flows.campaign.loops import CampaignRun
 from flows.campaign.operator_prompts import make_reading_form
+from flows.gap.answering import describe_command
 from flows.gap.scheduled import search_and_tell
 from flows.gap.search import GapOrder, GapOutcome
 from flows.progress import ProgressReporter
@@ -88,7 +89,7 @@ def _carry_out(run: CampaignRun, search_id: str, asked: NextExperiment, wait: Wa
     """Make what is missing of what a search asks for, or ask the person; the search after it takes the answer."""
     lake, label = run.campaign.lake, f"gap {search_id}"
     if asked.person is not None:
-        _ask_person(run, search_id, asked.person)
+        _ask_person(run, search_id, asked, asked.person)
         return
     if not read_open_requests(lake, search_id=search_id):
         return
@@ -111,7 +112,7 @@ def _carry_out(run: CampaignRun, search_id: str, asked: NextExperiment, wait: Wa
     _run(run, wait, future)
 
 
-def _ask_person(run: CampaignRun, search_id: str, person: PersonQuestion) -> None:
+def _ask_person(run: CampaignRun, search_id: str, asked: NextExperiment, person: PersonQuestion) -> None:
     """Ask for what no grasp tells, once; the campaign does not wait for it, the search after the answer takes it."""
     campaign = run.campaign
     known = campaign.lake.query(
@@ -122,10 +123,8 @@ def _ask_person(run: CampaignRun, search_id: str, person: PersonQuestion) -> Non
         return
     form = open_form(campaign.lake, make_reading_form(campaign.lake, campaign.campaign_id, search_id, person))
     where = f" or fill in {form}" if form else ""
-    run.announce(
-        f"{person.sentence} Then fast gap answer {person.kind} VALUE --campaign {campaign.campaign_id} --operator NAME "
-        f"--lake {campaign.lake.address}{where}."
-    )
+    command = describe_command(asked, campaign.campaign_id, campaign.lake.address)
+    run.announce(f"{person.sentence} Then {command}{where}.")
     append_event(campaign.lake, campaign.campaign_id, PERSON_ASKED, person.sentence, search_id=search_id)
 
 

@@ -217,18 +217,3 @@ class SimulationLoop:
         name = f"B{self._batch:02d} simulated design"
         proposals = state.simulations_of(self._batch)
         return [SimulationJob(p.design, f"{name} {p.index + 1} of {self._budget}") for p in proposals]
-
-
-class RerunLoop(SimulationLoop):
-    """Designs of earlier stages, simulated again since the simulator version is new; proposes nothing."""
-
-    def __init__(self, run: CampaignRun, stage: int, designs: Sequence[Design]) -> None:
-        super().__init__(run, stage)
-        self._budget = 0
-        self._designs = designs
-
-    def _known(self, state: CampaignState) -> list[SimulationJob]:
-        total = len(self._designs)
-        return [
-            SimulationJob(design, f"simulated again {n} of {total}") for n, design in enumerate(self._designs, start=1)
-        ]

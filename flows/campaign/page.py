@@ -15,14 +15,18 @@ from prefect.client.schemas.actions import ArtifactUpdate
 
 from flows.campaign.forecast import Forecast, forecast
 from flows.campaign.progress import MOST_CPU, Workload, count_work
+from flows.gap.answering import describe_command
 from flows.progress import RateEstimate
 from flows.server.server_process import OUTPUTS
 from lake.query.engine import Mark
 from lake.tables.campaign import GraspRow, ProposalRow, SimulationRow, ToolRow
+from tasks.bench.asked import read_open_requests
 from tasks.campaign.campaign import Campaign
+from tasks.campaign.night_story import describe_nights
 from tasks.campaign.simulator_versions import at_present
 from tasks.campaign.state import format_ranking, rank_tools
-from tasks.gap.findings import find_newest_run
+from tasks.gap.findings import GapRun, find_newest_run
+from tasks.gap.readings import is_answered
 
 logger = logging.getLogger(__name__)
 
@@ -110,6 +114,8 @@ def format_page(campaign: Campaign, load: Workload, seen: Forecast, tools: list[
     ]
     if campaign.config.gap.active:
         lines.append(_describe_gap(campaign))
+    if campaign.config.follows_newest:
+        lines += describe_nights(campaign)
     if tools:
         best = tools[0]
         lines.append(f"Best so far: **{best['tool_id']}**, {best['tool_quality_n']:.2f} N mean peak pull-off force.")
@@ -129,7 +135,26 @@ def _describe_gap(campaign: Campaign) -> str:
     found = campaign.lake.query(_ASKED, {"campaign": campaign.campaign_id}).to_pylist()[0]
     told = [one.outcome for one in run.findings.asked]
     named = "; ".join(one.named.sentence for one in run.findings.rounds)
-    return " ".join([f"Simulator: {named}", f"Asked grasps: {found['n']}, made: {found['made']}.", *told])
+    verdict = run.findings.verdict
+    kept = [f"The simulator in use stays: {verdict.sentence}."] if verdict and not verdict.is_accepted else []
+    said = " ".join([f"Simulator: {named}", f"Asked grasps: {found['n']}, made: {found['made']}.", *told, *kept])
+    return "\n\n".join([said, *_describe_question(campaign, run)])
+
+
+def _describe_question(campaign: Campaign, run: GapRun) -> list[str]:
+    """What is still open: the question with what each outcome would mean, and how a person answers it."""
+    asked = run.findings.next_experiment
+    if asked is None:
+        return []
+    if asked.person is not None:
+        if is_answered(campaign.lake, run.gap_id, asked.person.kind):
+            return []
+        command = describe_command(asked, campaign.campaign_id, campaign.lake.address)
+        how = f"Answer it with `{command}`, or in the form of these pages."
+        return [f"**A person is asked:** {asked.sentence}", how]
+    if not read_open_requests(campaign.lake, search_id=run.gap_id):
+        return []
+    return [f"**The bench is asked:** {asked.sentence}"]
 
 
 def draw_best_so_far(campaign: Campaign) -> str:

@@ -59,7 +59,8 @@ def simulate_missing(config_path: Path, lake: str) -> str:
     """
     with _held_campaign(config_path, lake) as campaign:
         state = campaign.state()
-        designs = proposed_designs(state)
+        not_owed = {s.design.design_id for s in state.night}  # a night simulates what its time allows
+        designs = {key: d for key, d in proposed_designs(state).items() if key not in not_owed}
         owed = [d for key, d in designs.items() if state.missing_objects(key, campaign.object_ids)]
         pool = WorkerPool(campaign.config.execution.simulation_workers)
         try:

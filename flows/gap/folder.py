@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flows.gap.answering import describe_command
 from flows.gap.search import GapOutcome
 from lake.store import Lake
 from lake.tables.campaign import GraspRow
@@ -52,8 +53,10 @@ def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":
     from models.gap.where.cells import find_unsure_cells
 
     rounds, evaluation = outcome.rounds, outcome.evaluation
+    asked = outcome.run.findings.next_experiment
+    command = "" if asked is None else describe_command(asked, outcome.run.campaign_id, lake.address)
     if not rounds or evaluation is None:
-        return GapPage(outcome.run.findings, assumed=_assumed(outcome))
+        return GapPage(outcome.run.findings, assumed=_assumed(outcome), command=command)
     first, last = rounds[0].proposed, rounds[-1].proposed  # the wide bank has every effect
     surrogate = first.fit.features.surrogate
     return GapPage(
@@ -66,6 +69,7 @@ def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":
         assumed=_assumed(outcome),
         unsure=find_unsure_cells(surrogate.bank, surrogate.grasps.tools),
         visible=find_visible_sizes(last.fit, first.ranking),
+        command=command,
     )
 
 

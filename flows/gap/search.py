@@ -33,9 +33,10 @@ from tasks.gap.cost import GraspCosts, choose_largest_bank, estimate_cost, plan_
 from tasks.gap.data import MeasuredGrasps, check_units, make_data, read_grasps, split_measurements
 from tasks.gap.findings import (
     GapRun,
+    Start,
     find_answered_run,
     find_run,
-    find_starting_effects,
+    find_start,
     make_gap_id,
     write_run,
     write_start,
@@ -238,13 +239,13 @@ def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: Pr
     """Round after round, then what it changed; writes the answer."""
     from tasks.gap.ask import list_requests
     from tasks.gap.calibrate import SearchInputs
-    from tasks.gap.rounds import evaluate_rounds, plan_held_out
+    from tasks.gap.rounds import evaluate_rounds, judge
 
     order, grasps, began = search.order, search.measured.grasps, time.monotonic() - simulator.spent_s
     bank = read_bank(lake, search.base, grasps.cells)
     data = make_data(search.measured, bank, search.split)
     warnings = [*search.measured.warnings, *check_units(data), *_failed(data)]
-    effects = _effects_so_far(lake, search)
+    start = _find_start(lake, search)
     wide = SearchInputs(
         lake=lake,
         gap_id=search.gap_id,
@@ -256,13 +257,13 @@ def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: Pr
         answers=search.measured.answers,
         progress=reporter.progress,
     )
-    rounds = _repeat_rounds(wide, effects, order.rounds, reporter)
+    rounds = _repeat_rounds(wide, start.effects, order.rounds, reporter)
     asked = _ask(rounds, order.asking, reporter)
     if not rounds[-1].is_last:
         warnings.append(f"{len(rounds)} rounds were made and the last one still found something; make more rounds.")
     before, after = rounds[0].before, rounds[-1].after
     reporter.progress("held-out grasps in the simulator, before and after")
-    simulator.simulate(HELD_OUT, plan_held_out(data, [before.version, after.version]))
+    verdict = judge(rounds[-1].search, rounds, start.version or search.version)
     evaluation = evaluate_rounds(rounds, order.seed)
     warnings += [*_failed(rounds[-1].search.data), *after.warnings, *evaluation.warnings]
     findings = Findings(
@@ -275,6 +276,7 @@ def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: Pr
         seed=order.seed,
         budget=_spent(simulator, time.monotonic() - began - simulator.spent_s),
         warnings=tuple(dict.fromkeys(warnings)),
+        verdict=verdict,
         power=_power(data),
     )
     run = GapRun(
@@ -314,7 +316,7 @@ def _repeat_rounds(
         else:
             settled = settle_bank(wide, effects)
             reporter.progress(f"theta{' and ' if effects else ''}{', '.join(value.effect for value in effects)}: NUTS")
-            done = run_round(settled, calibrate_simulator(settled.search, effects))
+            done = run_round(settled, calibrate_simulator(settled.search, effects, is_on_trial=True))
         reporter.announce(f"round {len(rounds) + 1}: {done.sentence}")
         rounds.append(done)
     return rounds
@@ -332,24 +334,23 @@ def _ask(rounds: "Sequence[Round]", asking: AskSettings, reporter: ProgressRepor
     return None
 
 
-def _effects_so_far(lake: Lake, search: _Search) -> tuple[EffectValue, ...]:
-    """Effects of the simulator now, which are tested again: what earlier searches added, else what it began with.
+def _find_start(lake: Lake, search: _Search) -> Start:
+    """The simulator in use now, whose effects are tested again: what earlier searches made of it, or the first one.
 
     Written down when the search begins: one that is killed after it added an effect begins again without. A search that
     goes on with what an earlier one asked for begins as that did: what stood for a set is no more sure than the set.
     """
-    known = find_starting_effects(lake, search.gap_id)
-    if known is not None:
-        return known
+    start = find_start(lake, search.gap_id)
+    if start is not None:
+        return start
     asking = find_answered_run(lake, search.order.campaign_id)
-    before = find_starting_effects(lake, asking.gap_id) if asking is not None else None
-    if before is not None:
-        write_start(lake, search.gap_id, search.order.campaign_id, before, search.order.seed)
-        return before
-    found = newest_calibrated(lake, search.base.version_id, search.order.campaign_id or "")
-    effects = found[0].effects if found is not None else search.version.effects
-    write_start(lake, search.gap_id, search.order.campaign_id, effects, search.order.seed)
-    return effects
+    start = find_start(lake, asking.gap_id) if asking is not None else None
+    if start is None:
+        found = newest_calibrated(lake, search.base.version_id, search.order.campaign_id or "")
+        version = found[0] if found is not None else search.version
+        start = Start(version.effects, version)
+    write_start(lake, search.gap_id, search.order.campaign_id, start, search.order.seed)
+    return start
 
 
 def _power(data: GapData) -> str:

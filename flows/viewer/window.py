@@ -8,6 +8,7 @@ from the network and reports what it is used for.
 import http.client
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -18,7 +19,7 @@ import urllib.error
 import urllib.parse
 import urllib.request
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -97,7 +98,11 @@ def open_viewer(path: Path | None, is_page: bool) -> Iterator[Viewer]:
         environment = {name: value for name, value in os.environ.items() if name != ASKS_FOR_ANALYTICS}
         log = stack.enter_context(tempfile.TemporaryFile())
         process = subprocess.Popen(
-            [*command, *([str(path)] if path else [])], env=environment | NO_ANALYTICS, stdout=log, stderr=log
+            [*command, *([str(path)] if path else [])],
+            env=environment | NO_ANALYTICS,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,  # `rerun` starts a program of its own, and both have to end
         )
         stack.callback(_end, process)
         page = stack.enter_context(_hand_on(web_port, data_port)) if is_page else None
@@ -173,9 +178,9 @@ def _wait_until_up(viewer: Viewer, port: int) -> None:
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:
-    if process.poll() is None:
-        process.terminate()
-        process.wait()
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGTERM)
+    process.wait()
 
 
 def _find_program() -> str:

@@ -131,6 +131,21 @@ class Gap(Record):
     ci95: Interval | None
 
 
+class Verdict(Record):
+    """Whether the simulator that a search ended with replaces the one in use, by held-out grasps that both simulated.
+
+    present_version_id: in use when the search began. present_rmse_n, rmse_n: root mean square differences of traces,
+    in N. sentence: why.
+    """
+
+    present_version_id: str
+    version_id: str
+    present_rmse_n: float
+    rmse_n: float
+    is_accepted: bool
+    sentence: str
+
+
 class Confound(Record):
     """Something that these data cannot tell from another quantity, declared and never named."""
 
@@ -236,7 +251,8 @@ class Asked(Record):
 class Findings(Record):
     """`findings.json`. `aliases`: confounds. `power`: what so many designs and objects could have shown, a sentence.
 
-    next_experiment: of the first round that leaves anything open. asked: what came of earlier ones.
+    next_experiment: of the first round that leaves anything open. asked: what came of earlier ones. verdict: whether
+    the simulator in use is replaced; None in answers of older code.
     """
 
     alarm: bool
@@ -249,6 +265,7 @@ class Findings(Record):
     warnings: tuple[str, ...] = ()
     power: str = ""
     asked: tuple[Asked, ...] = ()
+    verdict: Verdict | None = None
 
     def is_leftover(self, place: int) -> bool:
         """Whether a later round speaks of what an earlier name left over, and not of something else that is missing.

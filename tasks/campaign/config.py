@@ -16,6 +16,7 @@ from tasks.campaign.settings import (
     REMOVED_RULES,
     Execution,
     GapSettings,
+    NightSettings,
     ObjectPlan,
     Schedule,
     ScientistSettings,
@@ -48,6 +49,7 @@ class CampaignConfig(Record):
     simulator: SimulatorSettings = SimulatorSettings()
     scientist: ScientistSettings = ScientistSettings()
     gap: GapSettings = GapSettings()
+    night: NightSettings = NightSettings()
     bench: BenchChoice
     execution: Execution = Execution()
 
@@ -64,10 +66,16 @@ class CampaignConfig(Record):
     @property
     def science(self) -> dict[str, Any]:
         """The part that decides results, as JSON data."""
-        # A config without a lot or a search for gaps keeps the hash that it had before configs could have them.
+        # A config without a lot, a search for gaps or nights keeps the hash that it had before configs could have them.
         unused = {"execution"} | ({"material"} if not self.material else set())
         unused |= {"gap"} if self.gap == GapSettings() else set()
+        unused |= {"night"} if self.night == NightSettings() else set()
         return self.model_dump(mode="json", exclude=unused)
+
+    @property
+    def follows_newest(self) -> bool:
+        """Whether each guided batch takes the newest accepted simulator version."""
+        return self.night.active or self.simulator.follow == "latest"
 
     @property
     def config_hash(self) -> str:

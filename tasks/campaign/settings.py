@@ -198,6 +198,20 @@ class GapSettings(Record):
     )
 
 
+class NightSettings(Record):
+    """What happens between two batches when the simulator has changed: designs are simulated again, best first."""
+
+    active: bool = Field(
+        default=False, description="take the newest accepted simulator version for each batch, and simulate with it"
+    )
+    max_designs: int = Field(
+        default=2000, ge=0, le=100_000, description="designs simulated with a new version before the batch is chosen"
+    )
+    max_hours: float = Field(
+        default=4.0, gt=0, le=1000, description="how long that may take; no design is begun after it"
+    )
+
+
 class Execution(Record):
     """How the work is spread over this machine; changes no result."""
 

@@ -1,6 +1,7 @@
 """Which simulator version each stage of a campaign uses: decided once, at its beginning, and kept as an event."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import zip_longest
 from typing import NamedTuple
@@ -11,22 +12,31 @@ from models.calibration.inference.settings import WITH_EFFECTS
 from models.ids import canonical_json, content_id
 from models.records import Design, SimulatorVersion
 from tasks.campaign.campaign import Campaign
+from tasks.campaign.state import tuples
 from tasks.scientist.observe import means_of_simulations, means_of_tools, older_simulations, proposed_designs
 
 KIND = "simulator_version"
+_SECONDS = """
+    SELECT coalesce(sum(coalesce(try_cast(details_json ->> '$.wall_s' AS DOUBLE), cpu_s)), 0.0) FROM simulations
+    WHERE version_id = $version AND setup_id = $setup AND list_contains($designs, design_id)
+"""
 
 
 class StageVersion(NamedTuple):
-    """What was decided for a stage: the version, and designs to simulate with it before anything is proposed."""
+    """What was decided for a stage: the version, and designs to simulate with it before anything is proposed.
+
+    spent_s: seconds of workers that these designs had taken with the version before, in a search.
+    """
 
     stage: int
     version_id: str
     reruns: tuple[str, ...]
+    spent_s: float = 0.0
 
 
 def at_stage(campaign: Campaign, stage: int) -> Campaign:
     """The campaign with the simulator version of a stage, which is decided now unless it has been before."""
-    if campaign.config.simulator.follow == "pinned":
+    if not campaign.config.follows_newest:
         return campaign
     decided = _decisions(campaign)
     if stage > 0 and stage not in {decision.stage for decision in decided}:
@@ -37,14 +47,25 @@ def at_stage(campaign: Campaign, stage: int) -> Campaign:
 
 def at_present(campaign: Campaign) -> Campaign:
     """The campaign with the simulator version of its last stage so far."""
-    return campaign if campaign.config.simulator.follow == "pinned" else _with_versions(campaign, _decisions(campaign))
+    return _with_versions(campaign, _decisions(campaign)) if campaign.config.follows_newest else campaign
+
+
+def find_decision(campaign: Campaign, stage: int) -> StageVersion | None:
+    """What was decided for a stage, if anything was."""
+    return next((decision for decision in _decisions(campaign) if decision.stage == stage), None)
+
+
+def find_newest_decision(campaign: Campaign) -> StageVersion | None:
+    """What was decided for the last stage so far, if anything was."""
+    return max(_decisions(campaign), default=None)
 
 
 def list_reruns(campaign: Campaign, stage: int) -> list[Design]:
     """Designs that a stage simulates again because its simulator version is new, in order."""
-    if campaign.config.simulator.follow == "pinned":
+    if not campaign.config.follows_newest:
         return []
-    wanted = next((d.reruns for d in _decisions(campaign) if d.stage == stage), ())
+    decision = find_decision(campaign, stage)
+    wanted = decision.reruns if decision else ()
     designs = proposed_designs(campaign.state()) if wanted else {}
     return [designs[design_id] for design_id in wanted]
 
@@ -105,24 +126,40 @@ def _decide(campaign: Campaign, stage: int) -> None:
     version, calibration_id = found or (base, None)
     reruns: list[str] = []
     if force_ratio(campaign.version, version) is None:
-        reruns = _worth_rerunning(campaign)
+        reruns = _worth_rerunning(campaign, stage)
     if rows := missing_version_rows(campaign.lake, version):
         campaign.lake.append(rows, campaign.provenance())
     batch = campaign.config.schedule.batches_of(stage)[-1]
     message = f"B{batch:02d} is chosen and simulated with {version.version_id}"
     if version != campaign.version:
-        message += f" instead of {campaign.version.version_id}; {len(reruns)} designs are simulated again"
+        message += f" instead of {campaign.version.version_id}; {_count_in_words(campaign, len(reruns))}"
     payload = {
         "stage": stage,
         "version_id": version.version_id,
         "calibration_id": calibration_id,
         "reruns": reruns,
+        "spent_s": count_seconds(campaign, version, reruns),
     }
     _append_event(campaign, KIND, (stage,), message, payload, [calibration_id] if calibration_id else [])
 
 
-def _worth_rerunning(campaign: Campaign) -> list[str]:
-    """Designs by their use under a new version: in turn the best measured tool and the best simulated design."""
+def _count_in_words(campaign: Campaign, n_reruns: int) -> str:
+    night = campaign.config.night
+    if not night.active:
+        return f"{n_reruns} designs are simulated again"
+    return f"at most {n_reruns} designs are simulated with it in the night, for {night.max_hours:g} h at most"
+
+
+def _worth_rerunning(campaign: Campaign, stage: int) -> list[str]:
+    """Designs by their use under a new version: in turn the best measured tool and the best simulated design.
+
+    A night adds new designs to them (`tasks.scientist.night`).
+    """
+    if campaign.config.night.active:
+        from tasks.scientist.night import choose_designs  # needs SciPy, which a campaign without nights does not
+
+        chosen = choose_designs(campaign, stage, campaign.config.night.max_designs)
+        return [design.design_id for design in chosen]
     state = campaign.state()
     design_of = {tool.tool_id: tool.design.design_id for tool in state.tools}
     measured = means_of_tools(campaign, state)
@@ -147,7 +184,18 @@ def _decisions(campaign: Campaign) -> list[StageVersion]:
         json.loads(row["payload_json"])
         for row in campaign.lake.rows(EventRow, campaign_id=campaign.campaign_id, kind=KIND)
     )
-    return sorted(StageVersion(p["stage"], p["version_id"], tuple(p["reruns"])) for p in payloads)
+    return sorted(
+        StageVersion(p["stage"], p["version_id"], tuple(p["reruns"]), p.get("spent_s", 0.0)) for p in payloads
+    )
+
+
+def count_seconds(campaign: Campaign, version: SimulatorVersion, design_ids: Sequence[str]) -> float:
+    """What simulations of designs with a version have taken, summed over the workers, in seconds."""
+    if not design_ids:
+        return 0.0
+    names = {"version": version.version_id, "setup": campaign.config.grasp.setup_id, "designs": list(design_ids)}
+    ((seconds,),) = tuples(campaign.lake, _SECONDS, **names)
+    return float(seconds)
 
 
 def _append_event(

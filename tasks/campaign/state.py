@@ -13,6 +13,7 @@ from models.ids import tool_label
 from models.records import BENCH_FAULT, Design
 
 Cell = tuple[int, int]  # (object id, repeat)
+NIGHT = "night"  # what `proposals.acquisition` says of designs that a night adds to those of the schedule
 THICKNESSES = ("front_thickness_mm", "back_thickness_mm", "rib_thickness_mm")
 
 
@@ -67,6 +68,7 @@ class CampaignState:
 
     tools: tuple[ProposedTool, ...]
     simulations: tuple[ProposedSimulation, ...]
+    night: tuple[ProposedSimulation, ...] = ()  # added by nights, of which time may have left out any
     confirmed: dict[str, str] = field(default_factory=dict)  # tool_id -> printed | rejected
     measured: dict[str, set[Cell]] = field(default_factory=dict)  # tool_id -> good grasps whose trace is there
     failures: dict[tuple[str, Cell], int] = field(default_factory=dict)  # (tool_id, cell) -> failures of its own
@@ -120,7 +122,7 @@ class CampaignState:
 
 
 _PROPOSALS = f"""
-    SELECT proposal_id, batch, slot, "index", fidelity, {", ".join(f"d.{name}" for name in PARAMETERS)}
+    SELECT proposal_id, batch, slot, "index", fidelity, acquisition, {", ".join(f"d.{name}" for name in PARAMETERS)}
     FROM proposals AS p JOIN designs AS d USING (design_id)
     WHERE p.campaign_id = $campaign ORDER BY p.sequence, p.created_at, proposal_id
 """
@@ -177,17 +179,26 @@ def _read_plans(lake: Lake, campaign_id: str) -> dict[str, Any]:
     printed = {tool_id: said for tool_id, *said in tuples(lake, _TOOLS, campaign=campaign_id)}
     tools: list[ProposedTool] = []
     simulations: list[ProposedSimulation] = []
-    for proposal_id, batch, slot, index, fidelity, *values in tuples(lake, _PROPOSALS, campaign=campaign_id):
+    night: list[ProposedSimulation] = []
+    for proposal_id, batch, slot, index, fidelity, acquisition, *values in tuples(
+        lake, _PROPOSALS, campaign=campaign_id
+    ):
         design = Design.model_validate(dict(zip(PARAMETERS, values, strict=True)))
         if fidelity == "sim":
-            simulations.append(ProposedSimulation(proposal_id, batch, index, design))
+            found = night if acquisition == NIGHT else simulations
+            found.append(ProposedSimulation(proposal_id, batch, index, design))
             continue
         tool_id = ToolRow.make_id(campaign_id, batch, slot)
         _, rack_slot, *thicknesses = printed.get(tool_id, (None, None))
         measured_mm = {n: mm for n, mm in zip(THICKNESSES, thicknesses, strict=False) if mm is not None}
         tools.append(ProposedTool(tool_id, batch, slot, design, rack_slot, measured_mm))
     confirmed = {tool_id: said[0] for tool_id, said in printed.items()}
-    return {"tools": tuple(tools), "simulations": tuple(simulations), "confirmed": confirmed}
+    return {
+        "tools": tuple(tools),
+        "simulations": tuple(simulations),
+        "night": tuple(night),
+        "confirmed": confirmed,
+    }
 
 
 def _read_grasps(lake: Lake, campaign_id: str) -> dict[str, Any]:

@@ -14,12 +14,12 @@ from hardware.cell.cycle_time import plan_time
 from hardware.tools.mounted import MountedTool
 from models.gap.ask.answers import forecast_measurements
 from models.gap.ask.choose import Choice, Costs, choose_experiments, list_open_pairs
-from models.gap.ask.forecast import Forecast
+from models.gap.ask.forecast import Forecast, compute_nats
 from models.gap.ask.hypotheses import Hypothesis, list_hypotheses
-from models.gap.ask.outcomes import describe_pairs, describe_reading, join_outcomes
+from models.gap.ask.outcomes import MEANS, describe_pairs, describe_reading, join_outcomes
 from models.gap.ask.predict import Moved, Pair, forecast_pairs, predict_first
 from models.gap.ask.settings import Setting, list_settings
-from models.gap.findings import AskedGrasps, NextExperiment, Outcome, PersonQuestion, Prediction, Promise
+from models.gap.findings import AskedGrasps, NextExperiment, PersonQuestion, Prediction, Promise
 from models.gap.grasps import Grasps
 from models.gap.naming.name import NamingResult
 from models.records import GraspRequest
@@ -88,13 +88,16 @@ class _Plan:
         moved: Moved | None = None,
     ) -> "_Plan":
         forecast = forecast_pairs(hypotheses, pairs, moved)
-        choice = choose_experiments(forecast, _estimate_costs(grasps, pairs), settings.most_grasps // 2)
+        choice = choose_experiments(forecast, estimate_costs(grasps, pairs), settings.most_grasps // 2)
         return _Plan(hypotheses, grasps, pairs, forecast, choice)
 
     @property
     def open_effects(self) -> list[tuple[int, int]]:
-        """Pairs of effects, or of an effect and nothing, that are not promised to fall apart."""
-        pairs = list_open_pairs(self.forecast, self.choice.nats)
+        """Pairs of effects, or of an effect and nothing, that are not expected to fall apart.
+
+        What is expected and not promised yet takes more of the same grasps, not another setting.
+        """
+        pairs = list_open_pairs(self.forecast, self.choice.expected)
         return [pair for pair in pairs if any(self.hypotheses[i].own for i in pair)]
 
     @property
@@ -123,7 +126,7 @@ class _Plan:
             minutes=round(self.choice.minutes, 1),
             sentence=(
                 f"{n} grasps, about {max(self.choice.minutes, 1.0):.0f} min: {'; '.join(words)}, each in turn with a "
-                f"grasp as usual. What it would mean: {join_outcomes(outcomes)}."
+                f"grasp as usual. {MEANS}{join_outcomes(outcomes)}."
             ),
             outcomes=outcomes,
             predictions=_predict(self.hypotheses, self.pairs[most], self.grasps),
@@ -154,29 +157,31 @@ class _Plan:
 
 
 def _ask_person(hypotheses: tuple[Hypothesis, ...], plan: _Plan) -> NextExperiment | None:
-    """What a person measures where effects stay together in the plan for the bench; None if no reading tells more."""
+    """What a person measures where effects stay together in the plan for the bench; None if no reading tells more.
+
+    A reading is made once, so what is expected of it counts.
+    """
     open_pairs = [pair for pair in plan.open_effects if all(hypotheses[i].own for i in pair)]
     known, forecast = forecast_measurements(hypotheses)
     if not open_pairs or not known or plan.n_open < _count_pairs(hypotheses):
         return None
-    costs = Costs(np.array([one.minutes for one in known]), np.arange(len(known)), np.arange(len(known)))
-    best, choice = None, None
-    for place in range(len(known)):
-        single = choose_experiments(forecast.select([place]), costs.select([place]), 1)
-        told = sum(single.nats[pair] >= _WORTH_NATS for pair in open_pairs) / known[place].minutes
-        if told > (0.0 if best is None else best[0]):
-            best, choice = (told, place), single
-    if best is None or choice is None:
-        return None
-    one, place = known[best[1]], best[1]
-    means = describe_reading(hypotheses, forecast, place, one)
-    names = [hypotheses[i].name for pair in open_pairs for i in pair if choice.nats[pair] >= _WORTH_NATS]
-    promises = [
-        Promise(between=(hypotheses[j].name, hypotheses[i].name), nats=round(float(choice.nats[i, j]), 1))
-        for i, j in open_pairs
-        if choice.nats[i, j] >= _WORTH_NATS
+    nats = [compute_nats(forecast.select([place]), [1]).expected for place in range(len(known))]
+    told = [
+        sum(own[pair] >= _WORTH_NATS for pair in open_pairs) / one.minutes for own, one in zip(nats, known, strict=True)
     ]
-    sentence = f"No grasp of this bench tells. Please {one.words}. A reading of {means}."
+    place = int(np.argmax(told))
+    if not told[place]:
+        return None
+    one, promised = known[place], nats[place]
+    outcomes = describe_reading(hypotheses, forecast, place, one.label)
+    names = [hypotheses[i].name for pair in open_pairs for i in pair if promised[pair] >= _WORTH_NATS]
+    promises = [
+        Promise(between=(hypotheses[j].name, hypotheses[i].name), nats=round(float(promised[i, j]), 1))
+        for i, j in open_pairs
+        if promised[i, j] >= _WORTH_NATS
+    ]
+    order = f"No grasp of this bench tells. Please {one.words}"
+    sentence = f"{order}. {MEANS}{join_outcomes(outcomes)}."
     return NextExperiment(
         possible=_list_possible(hypotheses),
         separates=tuple(dict.fromkeys(names)),
@@ -184,7 +189,7 @@ def _ask_person(hypotheses: tuple[Hypothesis, ...], plan: _Plan) -> NextExperime
         promised=tuple(sorted(promises, key=lambda promise: promise.nats)),
         minutes=one.minutes,
         sentence=sentence,
-        outcomes=tuple(Outcome(effect=name, sentence=means) for name in dict.fromkeys(names)),
+        outcomes=outcomes,
         person=PersonQuestion(kind=one.kind, sentence=sentence, label=one.label),
     )
 
@@ -194,7 +199,7 @@ def _count_pairs(hypotheses: Sequence[Hypothesis]) -> int:
     return n * (n - 1) // 2
 
 
-def _estimate_costs(grasps: Grasps, pairs: Sequence[Pair]) -> Costs:
+def estimate_costs(grasps: Grasps, pairs: Sequence[Pair]) -> Costs:
     """Minutes of each pair and of a change of tool, as the bench's cycle time has them."""
     base, minutes, change_s = grasps.base_setup, [], 0.0
     known: dict[tuple[int, Setting], float] = {}

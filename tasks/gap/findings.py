@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from lake.provenance import Provenance, current_provenance
 from lake.store import Lake
@@ -81,21 +81,36 @@ def read_questions(lake: Lake, campaign_id: str | None) -> list[NextExperiment]:
     return [run.findings.next_experiment for run in runs if run.findings.next_experiment is not None]
 
 
-def find_starting_effects(lake: Lake, gap_id: str) -> tuple[EffectValue, ...] | None:
-    """Effects of the simulator with which a search has begun, if it has."""
+class Start(NamedTuple):
+    """What a search began with: effects of its simulator, and the version in use (None: begun by older code)."""
+
+    effects: tuple[EffectValue, ...]
+    version: SimulatorVersion | None
+
+
+def find_start(lake: Lake, gap_id: str) -> Start | None:
+    """What a search began with, if it has begun."""
     found = lake.records(EventRow, event_id=_event_id(gap_id, STARTED))
-    return tuple(map(EffectValue.model_validate, json.loads(found[-1].payload_json)["effects"])) if found else None
+    if not found:
+        return None
+    payload = json.loads(found[-1].payload_json)
+    version = payload.get("version")
+    effects = tuple(map(EffectValue.model_validate, payload["effects"]))
+    return Start(effects, SimulatorVersion.model_validate(version) if version else None)
 
 
-def write_start(lake: Lake, gap_id: str, campaign_id: str | None, effects: Sequence[EffectValue], seed: int) -> None:
-    """Write down that a search begins, and with which effects in its simulator."""
+def write_start(lake: Lake, gap_id: str, campaign_id: str | None, start: Start, seed: int) -> None:
+    """Write down that a search begins, and with what."""
+    effects = start.effects
     names = ", ".join(value.effect for value in effects) or "no effect"
+    version = start.version.model_dump(mode="json") if start.version else None
+    payload = {"effects": [value.model_dump(mode="json") for value in effects], "version": version}
     row = EventRow(
         event_id=_event_id(gap_id, STARTED),
         campaign_id=campaign_id or "",
         kind=STARTED,
         message=f"gap search {gap_id} begins with {names} in the simulator",
-        payload_json=canonical_json({"effects": [value.model_dump(mode="json") for value in effects]}),
+        payload_json=canonical_json(payload),
     )
     lake.append([row], current_provenance(seed=seed))
 

@@ -1,15 +1,24 @@
-"""What persons measured because a search asked for it, in the lake."""
+"""What persons measured because a search asked for it, in the lake.
+
+A tensile bar is a fact of the material: it goes into the lot of the tools, where every search of tools of this lot
+finds it, also one that was in the file of the lot before anybody asked.
+"""
 
 import json
 
 from lake.store import Lake
-from lake.tables.campaign import EventRow
+from lake.tables.campaign import EventRow, ToolRow
+from lake.tables.material import MaterialRow
+from lake.tables.row import Row
 from models.errors import UsageError
 from models.gap.ask.answers import Reading, check_reading
+from models.gap.ask.person import find_measurement
 from models.ids import canonical_json, content_id
+from models.material import LAYER_EXCESS, MaterialMeasurement
 from tasks.campaign.campaign import stored_provenance
 
 KIND = "gap_reading"
+BAR = "tensile_bar"
 
 
 def write_reading(lake: Lake, campaign_id: str | None, gap_id: str, reading: Reading, operator: str) -> None:
@@ -23,24 +32,47 @@ def write_reading(lake: Lake, campaign_id: str | None, gap_id: str, reading: Rea
         raise UsageError(complaint)
     if not operator.strip():
         raise UsageError("nobody said who measured it; give a name.")
-    row = EventRow(
+    row: Row = EventRow(
         event_id=content_id("E", [KIND, gap_id, reading.kind]),
         campaign_id=campaign_id or "",
         kind=KIND,
         message=f"{operator} measured {reading.kind.replace('_', ' ')}: {reading.value:g}",
         payload_json=canonical_json({"gap_id": gap_id, "operator": operator, **reading.model_dump()}),
     )
-    lake.append([row], stored_provenance(lake, campaign_id or ""))
+    rows = [row]
+    lot = _find_lot(lake, campaign_id) if reading.kind == BAR else ""
+    if lot:
+        rows.append(MaterialRow.of(lot, LAYER_EXCESS, _describe_bar(reading, f"{operator}, asked by search {gap_id}")))
+    lake.append(rows, stored_provenance(lake, campaign_id or ""))
 
 
 def read_readings(lake: Lake, campaign_id: str | None) -> tuple[Reading, ...]:
-    """All readings of a campaign, or of the lake, in order."""
+    """All readings of a campaign, or of the lake, in order; of a tensile bar that of the lot, if it has one."""
     where = {"campaign_id": campaign_id} if campaign_id else {}
     payloads = [json.loads(row.payload_json) for row in lake.records(EventRow, kind=KIND, **where)]
     ordered = sorted(payloads, key=lambda payload: (payload["gap_id"], payload["kind"]))
-    return tuple(Reading(kind=payload["kind"], value=payload["value"]) for payload in ordered)
+    said = [Reading(kind=payload["kind"], value=payload["value"]) for payload in ordered]
+    lot = _find_lot(lake, campaign_id)
+    bars = lake.records(MaterialRow, lot=lot, quantity=LAYER_EXCESS) if lot else []
+    if not bars:
+        return tuple(said)
+    others = [reading for reading in said if reading.kind != BAR]
+    return (*others, Reading(kind=BAR, value=bars[-1].value))
 
 
 def is_answered(lake: Lake, gap_id: str, kind: str) -> bool:
     """Whether a person has measured what a search asked for."""
     return bool(lake.records(EventRow, event_id=content_id("E", [KIND, gap_id, kind])))
+
+
+def _find_lot(lake: Lake, campaign_id: str | None) -> str:
+    """The lot of all printed tools of a campaign, or of the lake; empty where there is none, or more than one."""
+    where = {"campaign_id": campaign_id} if campaign_id else {}
+    lots = {row.material_lot for row in lake.records(ToolRow, **where) if row.status == "printed"}
+    return lots.pop() if len(lots) == 1 else ""
+
+
+def _describe_bar(reading: Reading, source: str) -> MaterialMeasurement:
+    measurement = find_measurement(reading.kind)
+    method = measurement.words if measurement is not None else reading.kind
+    return MaterialMeasurement(value=reading.value, unit="1", method=method, source=source)

@@ -23,7 +23,7 @@ from models.gap.evaluation.confounds import find_confounds
 from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate, measure_change
 from models.gap.evaluation.held_out import HeldOut, Prediction, add_scatter
 from models.gap.evaluation.rest import describe_rest
-from models.gap.findings import Asked, Confound, Decision, RoundFindings
+from models.gap.findings import Asked, Confound, Decision, RoundFindings, Verdict
 from models.gap.fit.fit import Fit
 from models.gap.fit.recalibrate import TOOL_SD
 from models.gap.fit.whitened_features import PLACEMENT_SHARE, REPEAT_SD
@@ -125,6 +125,8 @@ def settle_answers(search: SearchInputs, naming: NamingResult) -> tuple[NamingRe
         return naming, None
     moved = simulate_moved(search, hypotheses, list(search.answers.experiments))
     likelihood = search.answers.weigh(hypotheses, moved)
+    if np.ptp(likelihood) == 0.0:  # readings in which none of them has a say
+        return naming, None
     asked = tell_asked(read_questions(search.lake, search.campaign_id), hypotheses, likelihood, search.answers)
     return settle(naming, believe(hypotheses, likelihood)), asked
 
@@ -204,6 +206,35 @@ def evaluate_rounds(rounds: Sequence[Round], seed: int) -> Evaluation:
 
     before, after = map(predict, (BEFORE, AFTER), simulators, steps_n)
     return evaluate(held_out, before, after, rounds[0].residuals, seed)
+
+
+def judge(search: SearchInputs, rounds: Sequence[Round], present: SimulatorVersion) -> Verdict:
+    """Whether the simulator that the rounds ended with may replace the present one, which the lake is told.
+
+    What a round has named or dropped has been judged in that round. Where nothing was, theta alone is new, and is
+    accepted if it makes the error of held-out grasps smaller.
+    """
+    before, after = rounds[0].before, rounds[-1].after
+    in_use = CalibratedSimulator(present, "", (), np.zeros((0, 0)))
+    search.simulate(HELD_OUT, plan_held_out(search.data, [present, before.version, after.version]))
+    held_out, _, present_n, after_n = _compare_held_out(search, (in_use, after))
+    change = measure_change(held_out, present_n, after_n, search.settings.seed)
+    is_same, is_theta_alone = after.version == present, after is before
+    is_accepted = is_same or not is_theta_alone or change.is_gain
+    if is_theta_alone and not is_same:
+        refused = "" if is_accepted else f"Theta is not taken over: {change.sentence}."
+        admit_simulator(search.lake, after, refused)
+    elif not is_theta_alone and before.version != present:
+        names = ", ".join(value.effect for value in after.effects) or "no effect"
+        admit_simulator(search.lake, before, f"The same search ended with another simulator, with {names}.")
+    return Verdict(
+        present_version_id=present.version_id,
+        version_id=after.version.version_id,
+        present_rmse_n=change.before_n,
+        rmse_n=change.after_n,
+        is_accepted=is_accepted,
+        sentence=change.sentence,
+    )
 
 
 def _with_bank(wide: SearchInputs, plan: BankPlan) -> SearchInputs:

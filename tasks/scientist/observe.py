@@ -90,7 +90,7 @@ def observed_rows(campaign: Campaign, state: CampaignState, batches: Iterable[in
 
 def proposed_designs(state: CampaignState) -> dict[str, Design]:
     """All designs that the campaign has proposed, for the simulator or the printer, by id."""
-    proposed = [s.design for s in state.simulations] + [t.design for t in state.tools]
+    proposed = [s.design for s in (*state.simulations, *state.night)] + [t.design for t in state.tools]
     return {design.design_id: design for design in proposed}
 
 

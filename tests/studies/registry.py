@@ -33,7 +33,7 @@ STUDIES: dict[str, Benchmark] = {
     "scale": benchmark(measure_scale, "workers"),
     "gap-truth": benchmark(measure_gap_truth, *_KEPT, "workers"),
     "gap": benchmark(measure_gap, "results", "limit_minutes", "worlds"),
-    "gap-ask": benchmark(measure_asking, "worlds"),
+    "gap-ask": benchmark(measure_asking, "worlds", "results"),
     "gap-sealed": benchmark(measure_gap_sealed, "results", "limit_minutes", "worlds"),
     "calibration-ranks": benchmark(
         measure_calibration_ranks, "worlds", "results", "limit_minutes", "workers", "figure"

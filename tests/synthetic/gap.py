@@ -6,8 +6,8 @@ shape of a grasp through their designs and numbers, so that what is learnt of so
 and those with a memory are the catalogue's own.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -34,13 +34,16 @@ _REFERENCE_MPA = 0.05
 
 Parameters = Mapping[str, float]
 Hidden = Mapping[str, Parameters]
+# Of a trace, a design, an object's number, what came before the grasp, and how it is made.
+Sense = Callable[[Trace, Design, int, GraspContext, GraspSetup], Trace]
 
 
 @dataclass(frozen=True)
 class GapTruth:
     """What made-up measurements hide; scatters are relative.
 
-    mesh: how far the truth is from the simulator's mesh, in units of the bank's other meshes.
+    mesh: how far the truth is from the simulator's mesh, in units of the bank's other meshes. unlisted: made-up laws
+    that no catalogue has, as `made_up_trace` takes them. sense: what the load cell reports of a trace, by another law.
     """
 
     theta: Theta = Theta(young_modulus_mpa=9.2, friction=0.66, poisson_ratio=0.43)
@@ -50,6 +53,8 @@ class GapTruth:
     repeat_sd: float = 0.01
     mesh: float = 0.7
     noise: SensorNoise = SensorNoise(sd_n=0.12, correlation_s=0.05, rate_hz=80.0)
+    unlisted: Hidden = field(default_factory=dict)
+    sense: Sense | None = None
 
 
 def made_up_gap(
@@ -227,6 +232,10 @@ def _friction_factor(stiffness: float, shape: np.ndarray, hidden: Hidden) -> np.
         law = hidden["static_kinetic_friction"]
         slip_mm = _LIFT_MM / 3.0 * (0.5 + shape[1])
         factor = law["kinetic_ratio"] + (1.0 - law["kinetic_ratio"]) * np.exp(-slip_mm / law["slip_scale_mm"])
+    if "rational_friction" in hidden:
+        law = hidden["rational_friction"]
+        slip_mm = _LIFT_MM / 3.0 * (0.5 + shape[1])
+        factor = law["kinetic_ratio"] + (1.0 - law["kinetic_ratio"]) / (1.0 + slip_mm / law["slip_scale_mm"])
     if "pressure_dependent_friction" in hidden:
         law = hidden["pressure_dependent_friction"]
         pressure_mpa = stiffness * (0.5 + shape[2]) / 300.0
@@ -318,6 +327,8 @@ def _measured(
         root = _find_root(covariance.tobytes())
         own = (float(tool_factor[at_tool]), mesh)
         trace = _true_trace(shapes[at_tool, at_obj], designs[at_tool], truth, context, setup, own)
+        if truth.sense is not None:
+            trace = truth.sense(trace, designs[at_tool], OBJECTS[at_obj], context, setup)
         steps = step_means(trace)
         steps = steps + np.abs(steps).max() * offsets[at_tool, at_obj]
         steps = steps * np.exp(truth.repeat_sd * rng.standard_normal())
@@ -341,7 +352,8 @@ def _true_trace(
 ) -> Trace:
     """The trace of one grasp with all that is hidden, free of noise; scatter: factor on the modulus, and mesh."""
     theta = truth.theta
-    made_up = {row.effect: _whole(row.effect, row.parameters) for row in truth.effects if row.effect in _MADE_UP}
+    listed = {row.effect: _whole(row.effect, row.parameters) for row in truth.effects if row.effect in _MADE_UP}
+    made_up = {**listed, **truth.unlisted}
     built = build_effects([value for value in truth.effects if value.effect not in _MADE_UP])
     effects = [effect.in_grasp(design, setup, context) for effect in built]
     wider_mm, worn = setup.closed_gap_mm - SETUP.closed_gap_mm, 1.0

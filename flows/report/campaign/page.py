@@ -9,6 +9,7 @@ from flows.report.calibration.page import calibration_section
 from flows.report.campaign.account import write_cost, write_paper, write_provenance, write_tools
 from flows.report.campaign.content import Content
 from flows.report.campaign.finger import write_best
+from flows.report.campaign.nights import write_nights
 from flows.report.campaign.quality import headline, write_baselines, write_progress
 from flows.report.campaign.shapes import write_shapes
 from flows.report.campaign.simulation import write_agreement, write_moments
@@ -33,6 +34,7 @@ NAV = {
     "shapes": "Shapes",
     "work": "Grasp work",
     "agreement": "Simulation",
+    "nights": "New simulators",
     "calibration": "Calibration",
     "supplement": "Sensitivities",
     "tools": "Tools",
@@ -51,6 +53,7 @@ SECTIONS = (
     write_shapes,
     write_work,
     write_agreement,
+    write_nights,
     calibration_section,
     write_tools,
     write_surrogate,

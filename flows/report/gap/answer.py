@@ -36,7 +36,8 @@ class GapPage:
     """A finished search; all but the answer is optional.
 
     `where`: of each round; `residuals`, `separability`: of the first; `assumed`: sentences. `unsure`: cells in which
-    meshes or heights differ; `visible`: sizes of effects that would have been seen.
+    meshes or heights differ; `visible`: sizes of effects that would have been seen. `command`: by which a person
+    answers the open question.
     """
 
     findings: Findings
@@ -48,6 +49,7 @@ class GapPage:
     assumed: tuple[str, ...] = ()
     unsure: tuple[UnsureCell, ...] = ()
     visible: tuple[VisibleSize, ...] = ()
+    command: str = ""
 
 
 def describe_effect(effect: str) -> str:

@@ -1,5 +1,7 @@
 """What the page of a gap search says of questions: what to measure next, what earlier ones brought."""
 
+from html import escape
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -7,10 +9,13 @@ from flows.report.folder import Folder
 from flows.report.gap.answer import GapPage, describe_effect, describe_probability, shorten_tool
 from flows.report.html import Markup, number, paragraph, section, table
 from flows.report.style import BEST, FIRST, INK, SIMULATED, WIDTH_IN, new_axes
-from models.gap.findings import Asked, NextExperiment
+from models.gap.ask.outcomes import MEANS
+from models.gap.findings import UNKNOWN, Asked, NextExperiment
 from models.objects.catalogue import get_object
 from models.traces.step_features import STEP_MM
 
+_HOW_PERSON = "Answer with {}, or in the form that <code>fast serve</code> shows; the next search takes it."
+_HOW_GRASPS = "A campaign with <code>gap.active</code> makes them by itself. Without the gantry: {} writes the plan."
 _COLOURS = (FIRST, BEST, SIMULATED, "#cc79a7", INK)
 
 
@@ -23,7 +28,7 @@ def write_next(content: GapPage, folder: Folder) -> Markup:
         "next",
         "What to measure next",
         *(paragraph(_describe_asked(one)) for one in findings.asked),
-        *_write_question(findings.next_experiment, folder),
+        *_write_question(findings.next_experiment, content.command, folder),
         Markup("<h3>What these data cannot tell from something else</h3>"),
         f'<div class="words">{listed}</div>',
     )
@@ -41,13 +46,20 @@ def draw_predictions(asked: NextExperiment) -> Figure:
     return figure
 
 
-def _write_question(asked: NextExperiment | None, folder: Folder) -> list[Markup]:
+def _write_question(asked: NextExperiment | None, command: str, folder: Folder) -> list[Markup]:
     if asked is None:
         return [paragraph("Nothing is left ambiguous that an experiment of the bench would separate.")]
     found = [
-        paragraph(asked.sentence, "lead"),
+        paragraph(asked.sentence.partition(MEANS)[0], "lead"),
         paragraph(f"It separates {', '.join(describe_effect(e) for e in asked.separates)}."),
     ]
+    if asked.outcomes:
+        means = [(one.sentence, describe_effect(one.effect), _tell_chance(asked, one.effect)) for one in asked.outcomes]
+        means.append(("anything else", describe_effect(UNKNOWN), _tell_chance(asked, UNKNOWN)))
+        found.append(table(("if", "then it is", "probability now"), means, (2,)))
+    if command:
+        how = _HOW_PERSON if asked.person is not None else _HOW_GRASPS
+        found.append(paragraph(Markup(how.format(f"<code>{escape(command)}</code>"))))
     if asked.grasps:
         rows = [(shorten_tool(g.tool), get_object(g.object).name, g.setting, number(g.n, 0)) for g in asked.grasps]
         found.append(table(("tool", "object", "each in turn with a grasp as usual", "n"), rows, (3,)))
@@ -57,6 +69,10 @@ def _write_question(asked: NextExperiment | None, folder: Folder) -> list[Markup
     if asked.predictions:
         found.append(folder.figure("question", draw_predictions(asked), "Predicted of the asked grasp"))
     return found
+
+
+def _tell_chance(asked: NextExperiment, name: str) -> str:
+    return describe_probability(asked.possible[name]) if name in asked.possible else ""
 
 
 def _describe_asked(asked: Asked) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.ask.forecast import Forecast, compute_least_nats, compute_nats
+from models.gap.ask.forecast import Forecast, Nats, compute_nats
 
 ENOUGH_NATS = 3.0  # odds of 20 to 1
 POSSIBLE = 0.03  # a hypothesis below is not what an experiment is made for
@@ -40,10 +40,11 @@ class Costs:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """How often each experiment is made (c), what that promises between hypotheses (h x h), and its minutes."""
+    """How often each experiment is made (c), what that promises and what is expected (h x h), and its minutes."""
 
     counts: np.ndarray
     nats: np.ndarray
+    expected: np.ndarray
     minutes: float
 
     @property
@@ -55,19 +56,21 @@ class Choice:
 def choose_experiments(forecast: Forecast, costs: Costs, most: int, enough: float = ENOUGH_NATS) -> Choice:
     """Experiments one after the other, always the one with the greatest gain a minute, until all pairs are promised.
 
-    The gain is the sum of P_i P_j min(D_ij, enough) over pairs of hypotheses. Experiments without which as much is
-    promised are taken out again. `most`: repetitions of all. Where nothing tells, no experiment is chosen.
+    The gain is the sum of P_i P_j min(D_ij, enough) over pairs of hypotheses, D the mean of what is expected and what
+    is likely: the first repetitions promise nothing yet. Promised is what is likely. Experiments without which as much
+    is promised are taken out again. `most`: repetitions of all. Where nothing tells, no experiment is chosen.
     """
     rows = _shortlist(forecast, costs, _weigh_pairs(forecast), enough)
     chooser = _Chooser(forecast.select(rows), costs.select(rows), _weigh_pairs(forecast), enough)
     counts = chooser.prune(chooser.add(most))
     whole = np.zeros(len(costs.minutes), dtype=int)
     whole[rows] = counts
-    return Choice(whole, chooser.promise(counts), chooser.costs.total(counts))
+    nats = chooser.predict(counts)
+    return Choice(whole, nats.likely, nats.expected, chooser.costs.total(counts))
 
 
 def list_open_pairs(forecast: Forecast, nats: np.ndarray, enough: float = ENOUGH_NATS) -> list[tuple[int, int]]:
-    """Pairs of possible hypotheses between which less is promised."""
+    """Pairs of possible hypotheses between which there is less."""
     weight = _weigh_pairs(forecast)
     return [(i, j) for i in range(len(nats)) for j in range(i) if weight[i, j] > 0 and nats[i, j] < enough]
 
@@ -80,14 +83,10 @@ def _weigh_pairs(forecast: Forecast) -> np.ndarray:
     return np.where(names[:, None] == names, 0.0, np.outer(possible, possible))
 
 
-def _promise(forecast: Forecast, counts: Sequence[int] | np.ndarray) -> np.ndarray:
-    return compute_least_nats(compute_nats(forecast, [int(n) for n in counts]))
-
-
 def _shortlist(forecast: Forecast, costs: Costs, weight: np.ndarray, enough: float) -> list[int]:
     """Experiments that tell most a minute alone, and the best of each two hypotheses."""
     minutes = costs.minutes + costs.change
-    alone = np.array([_promise(forecast.select([place]), [1]) for place in range(len(minutes))])
+    alone = np.array([compute_nats(forecast.select([place]), [1]).expected for place in range(len(minutes))])
     value = (weight * np.minimum(alone, enough)).sum(axis=(1, 2)) / minutes
     chosen = list(np.argsort(-value, kind="stable")[:_SHORTLIST])
     for i, j in zip(*np.nonzero(np.triu(weight)), strict=True):
@@ -104,13 +103,14 @@ class _Chooser:
     weight: np.ndarray
     enough: float
 
-    def promise(self, counts: np.ndarray) -> np.ndarray:
-        """Nats between hypotheses, h x h."""
-        return _promise(self.forecast, counts)
+    def predict(self, counts: np.ndarray) -> Nats:
+        """Nats between hypotheses."""
+        return compute_nats(self.forecast, [int(n) for n in counts])
 
-    def value(self, nats: np.ndarray) -> float:
+    def value(self, nats: Nats) -> float:
         """Weighted nats, of which no more count than are enough."""
-        return float((self.weight * np.minimum(nats, self.enough)).sum())
+        counted = np.minimum(nats.expected, self.enough) + np.minimum(nats.likely, self.enough)
+        return 0.5 * float((self.weight * counted).sum())
 
     def n_cells(self, counts: np.ndarray) -> int:
         """How many cells take part."""
@@ -136,12 +136,12 @@ class _Chooser:
     def prune(self, counts: np.ndarray) -> np.ndarray:
         """Without what is not needed: what is promised stays, as far as it counts, and so does the number of cells."""
         counts = counts.copy()
-        promised = np.minimum(self.promise(counts), self.enough)
+        promised = np.minimum(self.predict(counts).likely, self.enough)
         n_cells = min(self.n_cells(counts), self.fewest_cells)
         for place in np.argsort(-self.costs.minutes, kind="stable"):
             while counts[place]:
                 counts[place] -= 1
-                left = np.minimum(self.promise(counts), self.enough)
+                left = np.minimum(self.predict(counts).likely, self.enough)
                 if (left < promised - _SLACK)[self.weight > 0].any() or self.n_cells(counts) < n_cells:
                     counts[place] += 1
                     break
@@ -149,12 +149,12 @@ class _Chooser:
 
     def _find_best(self, counts: np.ndarray) -> int | None:
         """The experiment with the greatest gain a minute; None if none gains anything that is still wanted."""
-        before, spent = self.value(self.promise(counts)), self.costs.total(counts)
+        before, spent = self.value(self.predict(counts)), self.costs.total(counts)
         rates = np.zeros(len(counts))
         for place in range(len(counts)):
             tried = counts.copy()
             tried[place] += 1
-            gain = self.value(self.promise(tried)) - before
+            gain = self.value(self.predict(tried)) - before
             if gain > _LEAST_GAIN * self.weight.sum():
                 rates[place] = gain / max(self.costs.total(tried) - spent, 1e-9)
         return int(np.argmax(rates)) if rates.any() else None
@@ -162,6 +162,6 @@ class _Chooser:
     def _find_other_cell(self, counts: np.ndarray) -> int | None:
         """The experiment in a cell that takes no part which tells most a minute alone."""
         used = np.isin(self.costs.cell, self.costs.cell[counts > 0])
-        alone = np.array([self.value(_promise(self.forecast.select([place]), [1])) for place in range(len(counts))])
+        alone = np.array([self.value(compute_nats(self.forecast.select([at]), [1])) for at in range(len(counts))])
         rates = np.where(used, 0.0, alone / (self.costs.minutes + self.costs.change))
         return int(np.argmax(rates)) if rates.any() else None

@@ -4,8 +4,9 @@ An experiment is a pair of grasps of one tool on one object, one at a changed se
 print, placement and most of theta cancel in the difference of their features. Each hypothesis predicts the differences
 of all pairs together as one normal distribution: a mean, columns of what it does not know of itself (parameters, law),
 which all pairs share, scatter of a cell that more pairs do not take away, and noise of a pair that they do. The
-discrimination of two hypotheses is the expected log-likelihood ratio, a Kullback-Leibler divergence of normal
-distributions (Buzzi-Ferraris and Forzatti 1983; weighted by what is possible as of Box and Hill 1967).
+discrimination of two hypotheses is their log-likelihood ratio: its mean, a Kullback-Leibler divergence of normal
+distributions (Buzzi-Ferraris and Forzatti 1983; weighted by what is possible as of Box and Hill 1967), and what it
+likely reaches.
 """
 
 from collections.abc import Sequence
@@ -13,8 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.special import gammaincinv, ndtri
 
+LIKELY = 0.8  # probability that a promise is kept, or more comes
 MOST_NATS = 6.0  # that an answer may say between two hypotheses: no error model is right far out
+_LEAST_SD, _LEAST_SKEW = 1e-9, 1e-2  # below, a ratio is a number, or normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,31 +56,67 @@ class Forecast:
         return self.means.reshape(len(self.names), -1), np.array([own + rows @ rows.T for rows in flat])
 
 
-def compute_nats(forecast: Forecast, counts: Sequence[int]) -> np.ndarray:
-    """Expected log-likelihood ratios of experiments made so many times (c), h x h: of row over column, row being true.
+@dataclass(frozen=True, eq=False)
+class Nats:
+    """How far hypotheses are apart, in nats, h x h: `expected`, the mean, and `likely`, reached with odds of `LIKELY`.
 
-    D = 1/2 [tr(V_j^-1 V_i) - n + (m_j - m_i)' V_j^-1 (m_j - m_i) + ln |V_j| / |V_i|].
+    Of each two hypotheses the smaller one: so much comes whichever is true.
+    """
+
+    expected: np.ndarray
+    likely: np.ndarray
+
+
+def compute_nats(forecast: Forecast, counts: Sequence[int]) -> Nats:
+    """Log-likelihood ratios of experiments made so many times (c).
+
+    A ratio is a quadratic form of normal numbers. A hypothesis that does not know itself well makes it skewed: a few
+    outcomes far out carry its mean, and half of all outcomes stay far below. So the mean says what is worth a try, and
+    `likely` what can be promised.
     """
     made = [place for place, n in enumerate(counts) if n > 0]
     n_hypotheses = len(forecast.names)
+    expected, likely = np.zeros((2, n_hypotheses, n_hypotheses))
     if not made:
-        return np.zeros((n_hypotheses, n_hypotheses))
+        return Nats(expected, likely)
     means, covariances = forecast.select(made).stack([counts[place] for place in made])
-    nats = np.zeros((n_hypotheses, n_hypotheses))
+    log_dets = [_log_det(np.linalg.cholesky(covariance)) for covariance in covariances]
     for j, covariance in enumerate(covariances):
         factor = cho_factor(covariance, lower=True)
         for i in range(n_hypotheses):
             if i != j:
-                away = means[i] - means[j]
-                trace = float(np.trace(cho_solve(factor, covariances[i]))) - len(away)
-                nats[i, j] = 0.5 * (trace + away @ cho_solve(factor, away) + _log_det(factor[0]))
-                nats[i, j] -= 0.5 * _log_det(np.linalg.cholesky(covariances[i]))
-    return nats
+                cumulants = _find_cumulants(means[i] - means[j], covariances[i], factor, log_dets[j] - log_dets[i])
+                expected[i, j] = cumulants[0]
+                likely[i, j] = max(_find_quantile(*cumulants, 1.0 - LIKELY), 0.0)
+    return Nats(np.minimum(expected, expected.T), np.minimum(likely, likely.T))
 
 
-def compute_least_nats(nats: np.ndarray) -> np.ndarray:
-    """Of each two hypotheses the smaller discrimination, h x h: whichever is true, so much is promised."""
-    return np.minimum(nats, nats.T)
+def _find_cumulants(
+    away: np.ndarray, own: np.ndarray, factor: tuple[np.ndarray, bool], log_dets: float
+) -> tuple[float, float, float]:
+    """First three cumulants of ln N_i / N_j under i.
+
+    away: m_i - m_j; own: V_i; factor: of V_j; log_dets: ln |V_j| / |V_i|. The first one is the Kullback-Leibler
+    divergence 1/2 [tr M - n + w' (m_i - m_j) + ln |V_j| / |V_i|], with M = V_j^-1 V_i and w = V_j^-1 (m_i - m_j).
+    """
+    ratio, w = cho_solve(factor, own), cho_solve(factor, away)
+    square, u = ratio @ ratio, own @ w
+    once, twice, thrice = float(np.trace(ratio)), float(np.trace(square)), float(np.sum(square * ratio.T))
+    n, slope = len(away), float(w @ u)
+    mean = 0.5 * (once - n + float(away @ w) + log_dets)
+    third = thrice - 3.0 * twice + 3.0 * once - n + 3.0 * (float(u @ cho_solve(factor, u)) - slope)
+    return mean, 0.5 * (twice - 2.0 * once + n) + slope, third
+
+
+def _find_quantile(mean: float, variance: float, third: float, share: float) -> float:
+    """Quantile of a distribution with these cumulants: that of a shifted gamma distribution (Pearson's type III)."""
+    sd = np.sqrt(max(variance, 0.0))
+    skew = third / sd**3 if sd > _LEAST_SD else 0.0
+    if abs(skew) < _LEAST_SKEW:
+        return float(mean + sd * ndtri(share))
+    shape = 4.0 / skew**2
+    at = gammaincinv(shape, share if skew > 0.0 else 1.0 - share)
+    return float(mean - 2.0 * sd / skew + 0.5 * sd * skew * at)
 
 
 def weigh(forecast: Forecast, outcomes: Sequence[np.ndarray]) -> np.ndarray:

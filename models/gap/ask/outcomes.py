@@ -7,11 +7,11 @@ import numpy as np
 
 from models.gap.ask.forecast import Forecast
 from models.gap.ask.hypotheses import Hypothesis
-from models.gap.ask.person import Measurement
 from models.gap.bank.surrogate import FEATURES
 from models.gap.findings import UNKNOWN, Outcome
 from models.simulation.effects.catalogue import CATALOGUE
 
+MEANS = "What it would mean: "  # stands in a question before its outcomes
 _CLEAR_SD = 3.0
 _UNSEEN_SD = 1.0  # of the mean of a chosen experiment: less is said to stay
 
@@ -34,13 +34,15 @@ def describe_pairs(hypotheses: Sequence[Hypothesis], forecast: Forecast, place: 
     return tuple(found)
 
 
-def describe_reading(hypotheses: Sequence[Hypothesis], forecast: Forecast, place: int, one: Measurement) -> str:
-    """What a reading would mean, in a sentence."""
-    parts = []
-    for number, hypothesis in enumerate(hypotheses):
-        if forecast.is_sharp[number]:
-            parts.append(f"about {forecast.means[number, place, 0]:.2g}: {hypothesis.title}")
-    return "; ".join(dict.fromkeys(parts))
+def describe_reading(
+    hypotheses: Sequence[Hypothesis], forecast: Forecast, place: int, label: str
+) -> tuple[Outcome, ...]:
+    """What a person would read if each hypothesis is true; of *unknown* nobody can say it."""
+    return tuple(
+        Outcome(effect=one.name, sentence=f"the reading ({label}) is about {forecast.means[number, place, 0]:.2g}")
+        for number, one in enumerate(hypotheses)
+        if forecast.is_sharp[number] and one.name != UNKNOWN
+    )
 
 
 def _say_change(feature: str, change: float, *, is_seen: bool) -> str:

@@ -40,21 +40,25 @@ Moved = Mapping[tuple[str, Pair], np.ndarray]
 
 
 def forecast_pairs(
-    hypotheses: Sequence[Hypothesis], pairs: Sequence[Pair], moved: Moved | None = None, seed: int = 0
+    hypotheses: Sequence[Hypothesis],
+    pairs: Sequence[Pair],
+    moved: Moved | None = None,
+    seed: int = 0,
+    n_draws: int = N_DRAWS,
 ) -> Forecast:
     """The forecast of one pair each, as differences of features (c x 16), changed less usual.
 
-    moved: for settings that are not of timing alone.
+    moved: for settings that are not of timing alone. The first `n_draws` columns of a hypothesis are its draws.
     """
     sides = [_Sides.of(one, pairs, moved or {}) for one in hypotheses]
     bias, noise = sides[0].noise
     rng = np.random.default_rng(seed)
     means, columns = [], []
     for one, side in zip(hypotheses, sides, strict=True):
-        drawn = np.array([side.difference(*draw) for draw in one.draw(N_DRAWS, rng)])
+        drawn = np.array([side.difference(*draw) for draw in one.draw(n_draws, rng)])
         mean = drawn.mean(axis=0)
         means.append(mean + bias)
-        own = [np.moveaxis(drawn - mean, 0, -1) / np.sqrt(N_DRAWS - 1.0)]
+        own = [np.moveaxis(drawn - mean, 0, -1) / np.sqrt(n_draws - 1.0)]
         columns.append(np.concatenate([*own, *_list_doubts(one, side, pairs)], axis=-1))
     amplitude = sides[0].amplitude
     share = np.array([_TIMING_SHARE if pair.setting.is_timing else 1.0 for pair in pairs])

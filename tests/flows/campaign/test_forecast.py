@@ -6,6 +6,8 @@ import pytest
 
 from flows.campaign.forecast import Forecast, forecast
 from tasks.bench.print import PrintConfirmation, confirm_print
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.settings import NightSettings
 from tasks.scientist.propose import propose_initial
 from tests.tasks.campaign.small_campaign import small_campaign
 from tests.tasks.simulation.made_up import append_grasp, append_simulation
@@ -37,6 +39,13 @@ def test_a_campaign_needs_a_person_now_then_when_bench_and_simulations_are_done(
     n_proposed = len(state.simulations_of(1))
     left_s = (2 - n_proposed) * 2 * 100.0
     assert look(campaign) == Forecast(2, pytest.approx(max(7 * 15.0, left_s)))
+
+
+def test_when_a_night_ends_is_not_known(campaign):
+    propose_initial(campaign)
+    confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada"))
+    config = campaign.config.model_copy(update={"night": NightSettings(active=True)})
+    assert look(Campaign(campaign.lake, config)) == Forecast(2, None)
 
 
 @pytest.mark.parametrize(

@@ -24,13 +24,15 @@ from hardware.virtual.world.file import World
 from lake.store import Lake
 from lake.tables.campaign import EventRow, GraspRow
 from models.errors import UsageError
+from models.gap.ask.answers import Reading
 from models.records import GraspSetup
 from tasks.bench import mount
 from tasks.bench.asked import read_open_requests
 from tasks.campaign import prefect_tasks as steps
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.settings import GapSettings
-from tests.flows.campaign.made_up_search import search_made_up
+from tasks.gap.readings import write_reading
+from tests.flows.campaign.made_up_search import ask_person, search_made_up
 from tests.flows.campaign.test_campaign import ROOT
 
 CONFIG = """
@@ -187,10 +189,21 @@ def test_the_page_says_what_was_asked_and_what_came_of_it(campaign: Campaign, in
     with pytest.raises(KilledError):
         close_gap(run, 0, wait)
     assert read_line() == "Simulator: set. Asked grasps: 4, made: 1."
+    assert "**The bench is asked:** Lift fast." in format_page(campaign, *SEEN)
     assert close_gap(*_in_order(make_run(campaign)))
     assert read_line() == "Simulator: effect. Asked grasps: 4, made: 4. 4 grasps say lag."
+    assert "is asked" not in format_page(campaign, *SEEN)
     object.__setattr__(campaign, "config", campaign.config.model_copy(update={"gap": GapSettings()}))
     assert "Asked grasps" not in format_page(campaign, *SEEN)
+
+
+def test_the_page_says_how_a_person_answers_until_it_is_answered(campaign: Campaign) -> None:
+    run = ask_person(campaign.lake, campaign.campaign_id)
+    page = format_page(campaign, *SEEN)
+    assert "**A person is asked:** Please measure the walls." in page
+    assert f"`fast gap answer walls VALUE --campaign {campaign.campaign_id} --operator NAME --lake" in page
+    write_reading(campaign.lake, campaign.campaign_id, run.gap_id, Reading(kind="walls", value=0.1), "ada")
+    assert "is asked" not in format_page(campaign, *SEEN)
 
 
 def _in_order(made: tuple[Any, Callable[[], Any]]) -> tuple[Any, int, Callable[[], Any]]:

@@ -2,15 +2,10 @@
 
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 from flows.campaign import flow as campaign_flow
-from flows.campaign.loops import RerunLoop
-from models.design.space import random_designs
 from models.errors import DeviceError, LakeError
-from tasks.campaign.settings import Schedule
-from tasks.campaign.state import CampaignState
 
 
 class ScriptedLoop:
@@ -61,18 +56,6 @@ def test_a_failed_bench_stops_new_work_and_lets_simulations_end(run):
     assert drive(run, bench, simulations) is fault
     assert simulations.n_finished == 2
     assert run.stopping.is_set()
-
-
-def test_designs_are_simulated_again_in_order_and_nothing_new_is_proposed():
-    designs = random_designs(3, np.random.default_rng(1))
-    config = SimpleNamespace(schedule=Schedule(initial_simulations=5, simulations_per_batch=5))
-    run = SimpleNamespace(campaign=SimpleNamespace(config=config, object_ids=(4, 7)))
-    loop = RerunLoop(run, 1, designs)
-    state = CampaignState((), (), simulated={designs[0].design_id: {4, 7}, designs[1].design_id: {4}})
-    assert loop._find_unfinished(state).design == designs[1]
-    assert loop._find_unfinished(state).label == "simulated again 2 of 3"
-    done = CampaignState((), (), simulated={design.design_id: {4, 7} for design in designs})
-    assert loop._find_unfinished(done) is None
 
 
 def test_a_lake_that_stays_unreadable_ends_the_wheel(run):

@@ -31,7 +31,7 @@ class Answer(NamedTuple):
     @property
     def json(self) -> Any:
         """Standard output, as JSON."""
-        assert self.status == 0, self
+        assert self.out, self
         return json.loads(self.out)
 
 

@@ -5,14 +5,17 @@ much.
 """
 
 import io
+import pkgutil
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import flows
 from flows.cli.main import app, run
 from hardware.virtual.world.file import load_world
 from models.errors import ConfigError, FastError
@@ -70,6 +73,9 @@ def nothing_works(monkeypatch, tmp_path):
     def refuse(*args: object, **kwargs: object) -> None:
         raise FastError("no work in this test.")
 
+    # A module that is imported first while these are replaced would keep the replacement.
+    for module in pkgutil.walk_packages(flows.__path__, "flows."):
+        import_module(module.name)
     for place in WORK:
         monkeypatch.setattr(place, refuse)
     monkeypatch.chdir(tmp_path)  # what a hostile path makes is made here

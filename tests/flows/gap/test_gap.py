@@ -94,6 +94,11 @@ def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path,
     found = newest_calibrated(lagging, BASE.version_id, "demo")
     assert found is not None
     assert found[0].version_id == version.version_id
+    verdict = findings.verdict
+    assert verdict is not None
+    assert (verdict.present_version_id, verdict.version_id) == (BASE.version_id, version.version_id)
+    assert verdict.is_accepted
+    assert verdict.rmse_n < 0.6 * verdict.present_rmse_n
     page = write_folder(lagging, outcome, tmp_path / "out")
     assert Findings.model_validate(json.loads((tmp_path / "out" / "findings.json").read_text())) == findings
     assert "load-cell transmitter" in page.read_text()

@@ -1,11 +1,13 @@
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from flows.gap.answering import describe_command
 from flows.gap.search import write_answer
 from flows.report.gap import answer
 from flows.report.gap.answer import INDEPENDENT, GapPage, ThetaRow
@@ -23,7 +25,9 @@ from models.gap.findings import (
     Gap,
     LawCurve,
     NextExperiment,
+    Outcome,
     ParameterEstimate,
+    PersonQuestion,
     Prediction,
     Promise,
     Rest,
@@ -132,6 +136,34 @@ def test_page_says_where_what_and_how_much(content: GapPage, tmp_path: Path) -> 
     for source in re.findall(r'(?:src|href)="((?:figures|data)/[^"]+)"', page):
         assert (tmp_path / source).is_file(), source
     assert "http" not in page
+
+
+def test_page_says_what_a_person_should_measure_how_to_answer_and_what_it_would_mean(
+    content: GapPage, tmp_path: Path
+) -> None:
+    sentence = "No grasp of this bench tells. Please measure the walls. What it would mean: if so: walls."
+    asked = NextExperiment(
+        separates=("wall_thickness_offset", "rib_imperfection"),
+        possible={"wall_thickness_offset": 0.6, "rib_imperfection": 0.3, "unknown": 0.1},
+        promised_grasps=0,
+        sentence=sentence,
+        outcomes=(
+            Outcome(effect="wall_thickness_offset", sentence="the reading is about 0.12"),
+            Outcome(effect="rib_imperfection", sentence="the reading is about 0"),
+        ),
+        person=PersonQuestion(kind="walls", sentence=sentence, label="Walls, more than drawn, mm"),
+    )
+    findings = content.findings.model_copy(update={"next_experiment": asked})
+    command = describe_command(asked, "lab", "/data/lake")
+    assert command == "fast gap answer walls VALUE --campaign lab --operator NAME --lake /data/lake"
+    page = write_gap_report(replace(content, findings=findings, command=command), tmp_path, "X1").read_text()
+    assert "Please measure the walls." in page
+    assert "What it would mean" not in page  # its outcomes stand in a table
+    for row in (("0.12", "wall thickness offset", "0.60"), ("about 0<", "rib imperfection", "0.30")):
+        place = page.index(row[0])
+        assert place < page.index(row[1], place) < page.index(row[2], place) < place + 200
+    assert "anything else" in page
+    assert f"Answer with <code>{command}</code>, or in the form" in page
 
 
 def test_findings_are_the_contract_for_machines(content: GapPage, tmp_path: Path) -> None:

@@ -12,8 +12,9 @@ from flows.report.campaign.simulation import draw_agreement
 from lake.provenance import Provenance
 from lake.query.sql import csv_bytes, run_sql
 from lake.store import Lake
-from lake.tables.campaign import CampaignRow, GraspRow
+from lake.tables.campaign import CampaignRow, EventRow, GraspRow
 from models.errors import UsageError
+from tasks.campaign.night_story import Night
 from tests.flows.synthetic_lake import Campaign, build
 
 SECTIONS = (
@@ -212,3 +213,30 @@ def test_unwritable_folder_is_one_sentence(lake, tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(UsageError, match="cannot be written"):
         write_report(lake, "demo", tmp_path / "file" / "out")
+
+
+def test_a_new_simulator_is_told_of(tmp_path):
+    lake = make_lake(tmp_path / "data")
+    night = Night(
+        stage=1,
+        batch=2,
+        old_version_id="V0",
+        version_id="V1",
+        change="Friction falls with slip was added",
+        n_planned=500,
+        n_done=412,
+        worker_hours=2.34,
+        n_tools=14,
+        rank_before=0.61,
+        rank_after=0.83,
+        error_before_n=0.49,
+        error_after_n=None,
+    )
+    payload = night.model_dump_json()
+    row = EventRow(event_id="E", campaign_id="demo", kind="night", message=night.sentence, payload_json=payload)
+    lake.append([row], Provenance(code_version="test", code_dirty=False))
+    out = write_report(lake, "demo", tmp_path / "out")
+    assert "B02 Friction falls with slip was added 0.49 \u2192 \u2013 0.61 \u2192 0.83 14 412 of 500 2.34" in text_of(
+        out
+    )
+    assert ",0.61,0.83,0.49," in (out.parent / "data" / "nights.csv").read_text()

@@ -52,7 +52,10 @@ def test_the_page_is_of_this_machine_and_may_ask_this_machine_only(recording, no
         assert "https:" not in policy
         with urllib.request.urlopen(viewer.page_address.partition("?")[0] + "re_viewer.js", timeout=10) as answer:
             assert len(answer.read()) > 10_000
-    assert not psutil.pid_exists(process.pid)
+        started = [process, *process.children(recursive=True)]
+        assert len(started) > 1  # `rerun` is a script that starts the viewer
+    _, alive = psutil.wait_procs(started, timeout=10)
+    assert alive == []
 
 
 def test_two_viewers_do_not_meet(recording):

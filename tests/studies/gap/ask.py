@@ -1,134 +1,289 @@
-"""Asking on made-up worlds whose effect is known: promised against needed grasps, chosen against random settings."""
+"""Asking on made-up worlds: promised against spent grasps, chosen against random, and what nobody knows stays unknown.
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+`--results FILE` seals: worlds are drawn from a secret, a hash of every key is written before any world is asked, the
+answers with their hashes after that, and only then the keys are read. Without it the worlds are of a public seed, for
+development. The bench answers through `Bench` alone; whoever asks never sees its key.
+"""
+
+import hashlib
+import secrets
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
 from flows.benchmarks.base import Options, Rows, Tables
-from models.gap.ask.answers import Answers
-from models.gap.ask.choose import ENOUGH_NATS, Costs, choose_experiments
+from flows.benchmarks.outcomes import RecordFile, read_records
+from models.errors import UsageError
+from models.gap.ask.answers import believe, merge_forms
+from models.gap.ask.choose import ENOUGH_NATS, choose_experiments
 from models.gap.ask.forecast import weigh
-from models.gap.ask.hypotheses import Hypothesis
+from models.gap.ask.hypotheses import Hypothesis, list_hypotheses
 from models.gap.ask.predict import Pair, forecast_pairs
 from models.gap.ask.settings import list_settings
 from models.gap.data import GapData
-from models.gap.fit.recalibrate import Fitter, recalibrate
-from models.records import EffectValue
-from tests.synthetic.gap import GapTruth, made_up_answers, made_up_gap
+from models.gap.findings import NONE, UNKNOWN
+from models.gap.naming.name import name_effect
+from models.records import Record
+from tasks.gap.ask import estimate_costs
+from tasks.gap.ask_settings import USUAL_BUDGET
+from tests.studies.gap.ask_worlds import AskKey, Bench, Kind, draw_key
+from tests.studies.gap.sealed import hash_key
 
-N_TOOLS, N_OBJECTS = 6, 6
+N_MEMBERS, N_UNKNOWN = 40, 12
 CELLS = tuple((tool, obj) for tool in (0, 2, 4) for obj in (0, 2, 4))
-MOST_PAIRS = 30
-_UNKNOWN, _SIZE = 0.1, 0.03
-# Members of confusable sets, each the truth in turn.
-SETS: tuple[tuple[EffectValue, ...], ...] = (
-    (
-        EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.1}),
-        EffectValue(effect="lift_misalignment", parameters={"shift_mm": 0.5}),
-        EffectValue(effect="lift_start_error", parameters={"backlash_mm": 0.3, "ramp_s": 0.1}),
-    ),
-    (
-        EffectValue(effect="stress_relaxation", parameters={"relaxed_share": 0.08, "time_constant_s": 5.0}),
-        EffectValue(effect="static_kinetic_friction", parameters={"kinetic_ratio": 0.85, "slip_scale_mm": 3.0}),
-    ),
-)
+MOST_PAIRS = 24
+_PUBLIC = "development"
 
 
-@dataclass(frozen=True, eq=False)
-class _World:
-    """A bench whose truth is known, and the hypotheses that its ordinary grasps leave."""
+class Asking(Record):
+    """What came of asking one world. `before`, `says`: the answer before and after; empty where it cannot tell.
 
-    data: GapData
-    truth: EffectValue
-    seed: int
-    hypotheses: tuple[Hypothesis, ...]
+    possible: effects that the search left. promised, spent: grasps of the first request, and of all. at_random: grasps
+    at random settings until an answer; `says_at_random`: which. minutes: of bench time.
+    """
 
-    @staticmethod
-    def of(members: Sequence[EffectValue], truth: EffectValue, seed: int) -> "_World":
-        data = made_up_gap(N_TOOLS, N_OBJECTS, seed, GapTruth(effects=(truth,)), n_repeats=2)
-        base = recalibrate(data.training)
-        fits = [Fitter(base.features, base.theta, [value]).fit() for value in members]
-        share = (1.0 - _UNKNOWN) / len(members)
-        named = [Hypothesis(value.effect, share, fit) for value, fit in zip(members, fits, strict=True)]
-        unknown = [Hypothesis("unknown", 0.5 * _UNKNOWN, base, size) for size in (0.0, _SIZE)]
-        return _World(data, truth, seed, (*named, *unknown))
+    world: str
+    before: str
+    possible: tuple[str, ...]
+    promised: int = 0
+    spent: int = 0
+    minutes: float = 0.0
+    says: str = ""
+    at_random: int = 0
+    says_at_random: str = ""
 
-    def answer(self, made: Mapping[Pair, int]) -> Answers:
-        return made_up_answers(self.data, self.seed, GapTruth(effects=(self.truth,)), made)
+    @property
+    def answer_hash(self) -> str:
+        """SHA-256 of all that was said."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()
 
-    def count_needed(self, order: Sequence[Pair]) -> tuple[int, str]:
-        """Pairs, made in this order, until the best effect leads the next by enough, and which it is."""
-        counts = {pair: order.count(pair) for pair in dict.fromkeys(order)}
-        outcomes = self.answer(counts).experiments
-        pairs = list(counts)
-        forecast = forecast_pairs(self.hypotheses, pairs)
-        names = [one.name for one in self.hypotheses if one.own]
-        best = ""
-        for n in range(1, len(order) + 1):
-            seen = [outcomes[pair][: order[:n].count(pair)] for pair in pairs]
-            likelihood = weigh(forecast, seen)[: len(names)]
-            first, second = np.sort(likelihood)[::-1][:2]
-            best = names[int(np.argmax(likelihood))]
-            if first - second >= ENOUGH_NATS:
-                return n, best
-        return len(order), best
+
+class SealedAsking(Record):
+    """What came of asking a sealed world, with the hash that was written with it."""
+
+    asking: Asking
+    answer_hash: str
+
+
+class SealedAskKey(Record):
+    """The key of a world, with the salt of its hash."""
+
+    world: str
+    salt: str
+    key: AskKey
+
+
+class SealedWorld(Record):
+    """What anybody may see of a world before it is judged."""
+
+    world: str
+    key_hash: str
 
 
 def measure_asking(options: Options) -> Tables:
-    """How many pairs of grasps an answer takes, as promised, as chosen and at random."""
-    rows: Rows = []
-    for seed in range(options.worlds or 2):
-        for members in SETS:
-            for truth in members:
-                rows.append(_ask(_World.of(members, truth, seed)))
-                options.tell(f"{truth.effect}, world {seed}: {rows[-1]}")
+    """How many grasps an answer takes, as promised, chosen and at random; and what stays unknown that nobody knows."""
+    n_members = N_MEMBERS if options.worlds is None else options.worlds
+    n_unknown = N_UNKNOWN if options.worlds is None else -(-options.worlds * N_UNKNOWN // N_MEMBERS)
+    numbers: list[tuple[Kind, int]] = [("member", n) for n in range(n_members)]
+    numbers += [("unknown", n) for n in range(n_unknown)]
+    if options.results is None:
+        keys = [draw_key(_PUBLIC, kind, number) for kind, number in numbers]
+        judged = [(key, ask_world(str(place), Bench.of(key))) for place, key in enumerate(keys)]
+    else:
+        judged = _ask_sealed(options.results, numbers, options)
+    rows = [_report(key, asking) for key, asking in judged]
     return {"asking": [_summarise(rows)], "worlds": rows}
 
 
-def _ask(world: _World) -> dict[str, object]:
-    base = world.data.grasps.base_setup
-    settings = [one for one in list_settings(base) if one.is_timing]
-    pairs = [Pair(*cell, one) for cell in CELLS for one in settings]
-    forecast = forecast_pairs(world.hypotheses, pairs)
-    counts = choose_experiments(forecast, _costs(pairs), MOST_PAIRS).counts
-    plan = [pairs[place] for place in np.flatnonzero(counts) for _ in range(counts[place])]
-    rng = np.random.default_rng([world.seed, 7])
-    needed, chosen_says = world.count_needed([plan[k % len(plan)] for k in range(MOST_PAIRS)]) if plan else (0, "")
-    random = [pairs[int(place)] for place in rng.integers(len(pairs), size=MOST_PAIRS)]
-    at_random, _ = world.count_needed(random)
+def ask_world(name: str, bench: Bench) -> Asking:
+    """Search a world, ask its bench in whole requests as a campaign does, and once more at random settings."""
+    naming = name_effect(bench.data, (), catalogue=bench.catalogue)
+    before = naming.named.effects[0] if naming.named.kind == "effect" else _PLAIN.get(naming.named.kind, "")
+    hypotheses = list_hypotheses(naming)
+    effects = tuple(dict.fromkeys(one.name for one in hypotheses if one.own))
+    if not hypotheses:
+        return Asking(world=name, before=before, possible=(), says=before)
+    questioner = _Questioner(bench.data, hypotheses)
+    asked = questioner.ask(bench)
+    at_random, says_at_random = questioner.ask_at_random(bench)
+    return Asking(
+        world=name,
+        before=before,
+        possible=effects,
+        promised=2 * asked.promised,
+        spent=2 * asked.spent,
+        minutes=round(asked.minutes, 2),
+        says=asked.says,
+        at_random=2 * at_random,
+        says_at_random=says_at_random,
+    )
+
+
+_PLAIN = {"none": NONE, "unknown": UNKNOWN}
+
+
+@dataclass
+class _Asked:
+    """Pairs of the first request and of all, minutes of the bench, and the answer."""
+
+    promised: int = 0
+    spent: int = 0
+    minutes: float = 0.0
+    says: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class _Questioner:
+    """Asks a bench what would tell the hypotheses of a search apart; only timings."""
+
+    data: GapData
+    hypotheses: tuple[Hypothesis, ...]
+
+    @cached_property
+    def pairs(self) -> list[Pair]:
+        """Pairs that could be made."""
+        timings = [one for one in list_settings(self.data.grasps.base_setup) if one.is_timing]
+        return [Pair(*cell, one) for cell in CELLS for one in timings]
+
+    def ask(self, bench: Bench) -> _Asked:
+        """Whole requests, one after the other, until the hypotheses are told apart or nothing is worth asking."""
+        forecast = forecast_pairs(self.hypotheses, self.pairs)
+        costs = estimate_costs(self.data.grasps, self.pairs)
+        made: Counter[Pair] = Counter()
+        now, asked = self.hypotheses, _Asked()
+        while not asked.says and asked.spent < MOST_PAIRS:
+            probability = np.array([one.probability for one in now])
+            most = min(USUAL_BUDGET // 2, MOST_PAIRS - asked.spent)
+            choice = choose_experiments(replace(forecast, probability=probability), costs, most)
+            if not choice.n:
+                break
+            asked.promised = asked.promised or choice.n
+            asked.spent += choice.n
+            asked.minutes += choice.minutes
+            made.update({self.pairs[place]: int(choice.counts[place]) for place in np.flatnonzero(choice.counts)})
+            now = believe(self.hypotheses, bench.answer(made).weigh(self.hypotheses))
+            asked.says = say(now)
+        return asked
+
+    def ask_at_random(self, bench: Bench) -> tuple[int, str]:
+        """Pairs at random settings until the answer is given, looked at after each, and the answer."""
+        rng = np.random.default_rng(7)
+        order = [self.pairs[int(place)] for place in rng.integers(len(self.pairs), size=MOST_PAIRS)]
+        counts = Counter(order)
+        outcomes, pairs = bench.answer(counts).experiments, list(counts)
+        forecast = forecast_pairs(self.hypotheses, pairs)
+        for n in range(1, MOST_PAIRS + 1):
+            seen = [outcomes[pair][: order[:n].count(pair)] for pair in pairs]
+            says = say(believe(self.hypotheses, weigh(forecast, seen)))
+            if says:
+                return n, says
+        return MOST_PAIRS, ""
+
+
+def say(believed: Sequence[Hypothesis]) -> str:
+    """The one answer that is left by the rules of `models.gap.ask.settle`; empty where effects are still alike."""
+    chance = merge_forms(believed)
+    effects = sorted((name for name in chance if name not in (NONE, UNKNOWN)), key=lambda name: -chance[name])
+    if chance.get(NONE, 0.0) > 0.5:
+        return NONE
+    if not effects or chance.get(UNKNOWN, 0.0) > sum(chance[name] for name in effects):
+        return UNKNOWN
+    alike = [name for name in effects if chance[name] > chance[effects[0]] * np.exp(-ENOUGH_NATS)]
+    return alike[0] if len(alike) == 1 else ""
+
+
+def _ask_sealed(path: Path, numbers: Sequence[tuple[Kind, int]], options: Options) -> list[tuple[AskKey, Asking]]:
+    """Seal worlds if there are none, ask each once, and open the keys when every answer is in the file.
+
+    Raises:
+        UsageError: a key or an answer was changed after its hash was written.
+    """
+    keys_path, answers_path = (path.with_name(f"{path.stem}-{what}.jsonl") for what in ("keys", "answers"))
+    if not path.exists():
+        _seal(path, keys_path, numbers)
+    keys = {one.world: one for one in read_records(keys_path, SealedAskKey, "key of a sealed world")}
+    known = {one.asking.world for one in read_records(answers_path, SealedAsking, "answer to a sealed world")}
+    worlds = list(read_records(path, SealedWorld, "sealed world"))
+    with RecordFile(answers_path) as file:
+        for one in worlds:
+            if one.world not in known:
+                asking = ask_world(one.world, Bench.of(keys[one.world].key))
+                file.append(SealedAsking(asking=asking, answer_hash=asking.answer_hash))
+                options.tell(f"{one.world}: {asking.spent} grasps, {asking.says or 'no answer'}")
+    answers = {one.asking.world: one for one in read_records(answers_path, SealedAsking, "answer to a sealed world")}
+    for one in worlds:
+        key, said = keys[one.world], answers[one.world]
+        if hash_key(key.salt, key.key) != one.key_hash or said.asking.answer_hash != said.answer_hash:
+            raise UsageError(f"the key of {one.world}, or the answer to it, does not fit its hash; this run is void.")
+    return [(keys[one.world].key, answers[one.world].asking) for one in worlds]
+
+
+def _seal(path: Path, keys_path: Path, numbers: Sequence[tuple[Kind, int]]) -> None:
+    """Draw worlds from a secret in an order that tells nothing, and write keys and their hashes."""
+    secret = secrets.token_hex(16)
+    order = np.random.default_rng(secrets.randbits(64)).permutation(len(numbers))
+    with RecordFile(keys_path) as hidden, RecordFile(path) as public:
+        for place, at in enumerate(order):
+            key = SealedAskKey(
+                world=f"world-{place:03d}", salt=secrets.token_hex(16), key=draw_key(secret, *numbers[int(at)])
+            )
+            hidden.append(key)
+            public.append(SealedWorld(world=key.world, key_hash=hash_key(key.salt, key.key)))
+
+
+def _report(key: AskKey, asking: Asking) -> dict[str, object]:
+    """A row of the table of worlds."""
     return {
-        "truth": world.truth.effect,
-        "seed": world.seed,
-        "promised_pairs": int(counts.sum()),
-        "needed_pairs": needed,
-        "random_pairs": at_random,
-        "says": chosen_says if needed < MOST_PAIRS else "",
-        "is_right": needed < MOST_PAIRS and chosen_says == world.truth.effect,
-        "is_wrong": needed < MOST_PAIRS and chosen_says != world.truth.effect,
+        "kind": key.kind,
+        "law": key.law,
+        "amplitude": key.amplitude,
+        **asking.model_dump(exclude={"world"}),
+        "is_possible": key.law in asking.possible,
+        "is_right": asking.says == key.answer,
+        "is_wrong": asking.says not in ("", NONE, UNKNOWN, key.answer),
     }
-
-
-def _costs(pairs: Sequence[Pair]) -> Costs:
-    """A pair is a minute, and its dwell and slow lift on top."""
-    minutes = [1.0 + pair.setting.setup.dwell_s / 60.0 + 1.0 / pair.setting.setup.lift_speed_mm_per_s for pair in pairs]
-    cells = np.array([10 * pair.tool + pair.obj for pair in pairs])
-    return Costs(np.array(minutes), np.array([pair.tool for pair in pairs]), cells, 0.5)
 
 
 def _summarise(rows: Rows) -> dict[str, object]:
-    promised, needed, random = (
-        np.array([row[name] for row in rows], dtype=float)
-        for name in ("promised_pairs", "needed_pairs", "random_pairs")
+    """Counts and medians (none of nothing); of members those that were asked and whose effect the search had left."""
+    members = [row for row in rows if row["kind"] == "member"]
+    asked = [row for row in members if row["spent"] and row["is_possible"]]
+    answered = [row for row in asked if row["says"]]
+    unknown = [row for row in rows if row["kind"] == "unknown"]
+    before = [row for row in unknown if row["before"] == UNKNOWN]
+    spent, promised, random = (
+        np.array([row[name] for row in asked], dtype=float) for name in ("spent", "promised", "at_random")
     )
-    is_made = promised > 0
+    is_answered = np.array([bool(row["says"]) for row in asked], dtype=bool)
+    right_at_random = sum(row["says_at_random"] == row["law"] for row in asked)
     return {
-        "worlds": len(rows),
-        "asked": int(is_made.sum()),
-        "right": sum(bool(row["is_right"]) for row in rows),
-        "wrong": sum(bool(row["is_wrong"]) for row in rows),
-        "median_needed_grasps": float(2 * np.median(needed[is_made])),
-        "needed_within_1.5_of_promised": float((needed <= 1.5 * promised)[is_made].mean()),
-        "median_random_grasps": float(2 * np.median(random[is_made])),
-        "chosen_over_random": float(needed[is_made].sum() / random[is_made].sum()),
+        "members": len(members),
+        "asked": len(asked),
+        "right": _count(asked, "is_right"),
+        "wrong": _count(asked, "is_wrong"),
+        "wrong_by_law": dict(Counter(str(row["law"]) for row in asked if row["is_wrong"])),
+        "median_spent_grasps": _median(spent),
+        "median_promised_grasps": _median(promised),
+        "answered_within_1.5_of_promised": int((is_answered & (spent <= 1.5 * promised)).sum()),
+        "median_minutes_per_answer": _median([float(row["minutes"]) for row in answered]),
+        "right_at_random": right_at_random,
+        "wrong_at_random": sum(bool(row["says_at_random"]) and row["says_at_random"] != row["law"] for row in asked),
+        "median_random_grasps": _median(random),
+        "chosen_over_random": float(spent.sum() / random.sum()) if len(random) else None,
+        "unknown_truths": len(unknown),
+        "unknown_after_asking": _count(unknown, "is_right"),
+        "unknown_before_asking": len(before),
+        "unknown_before_and_after": _count(before, "is_right"),
     }
+
+
+def _count(rows: Rows, name: str) -> int:
+    return sum(bool(row[name]) for row in rows)
+
+
+def _median(values: Sequence[float] | np.ndarray) -> float | None:
+    return float(np.median(values)) if len(values) else None

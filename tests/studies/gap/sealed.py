@@ -63,7 +63,12 @@ class SealedKey(Record):
     @property
     def key_hash(self) -> str:
         """SHA-256 of salt and key."""
-        return hashlib.sha256(f"{self.salt}|{self.key.model_dump_json()}".encode()).hexdigest()
+        return hash_key(self.salt, self.key)
+
+
+def hash_key(salt: str, key: Record) -> str:
+    """SHA-256 of a salt and a key."""
+    return hashlib.sha256(f"{salt}|{key.model_dump_json()}".encode()).hexdigest()
 
 
 def measure_gap_sealed(options: Options) -> Tables:

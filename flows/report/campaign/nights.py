@@ -1,0 +1,50 @@
+"""How the campaign's simulator changed: what each night added, and what that did to error and ranking."""
+
+from flows.report.campaign.content import Content
+from flows.report.folder import Folder
+from flows.report.html import Markup, count, number, paragraph, section, table
+from tasks.campaign.night_story import Night, read_nights, read_verdicts
+
+TITLE = "How the simulator changed"
+_HEADINGS = (
+    "before batch",
+    "what changed",
+    "held-out error (N)",
+    "rank correlation",
+    "tools compared",
+    "designs simulated",
+    "worker hours",
+)
+_ARROW = "\u2192"
+
+
+def write_nights(content: Content, folder: Folder) -> Markup:
+    """A row for each night with a new simulator; empty where there was none and no search has judged one."""
+    lake, campaign_id = content.lake, content.campaign.campaign_id
+    nights = read_nights(lake, campaign_id)
+    refused = [verdict for verdict in read_verdicts(lake, campaign_id) if not verdict.is_accepted]
+    if not nights and not refused:
+        return Markup("")
+    words = paragraph(
+        f"{count(len(nights), 'time')} a new simulator was taken for the next batch. Held-out error: root mean square "
+        "difference between simulated and measured traces of grasps that nothing was inferred from. Rank correlation: "
+        "of the forces that the simulator gives for the measured tools with the measured ones; 1 is the same order. "
+        "Both before and after the change; a dash is not known."
+    )
+    parts = [words, table(_HEADINGS, [_row(night) for night in nights], numeric=(2, 3, 4, 5, 6))]
+    if nights:
+        parts.append(folder.numbers("nights", [night.model_dump(mode="json") for night in nights]))
+    parts += [paragraph(f"The simulator in use stayed: {verdict.sentence}.", "note") for verdict in refused]
+    return section("nights", TITLE, *parts)
+
+
+def _row(night: Night) -> tuple[object, ...]:
+    return (
+        f"B{night.batch:02d}",
+        night.change,
+        f"{number(night.error_before_n, 2)} {_ARROW} {number(night.error_after_n, 2)}",
+        f"{number(night.rank_before, 2)} {_ARROW} {number(night.rank_after, 2)}",
+        night.n_tools,
+        f"{night.n_done} of {night.n_planned}",
+        number(night.worker_hours, 2),
+    )

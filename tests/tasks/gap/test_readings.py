@@ -1,0 +1,69 @@
+"""What a person measured for a search is a fact of the lake, a tensile bar one of the material."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lake.provenance import current_provenance
+from lake.query.lineage import find_lineage
+from lake.store import Lake
+from lake.tables.campaign import ToolRow
+from lake.tables.material import MaterialRow
+from models.gap.ask.answers import Answers, Reading
+from tasks.bench.print import PrintConfirmation, confirm_print
+from tasks.gap import rounds
+from tasks.gap.readings import is_answered, read_readings, write_reading
+from tests.flows.cli.cli_lakes import proposed_lake
+
+BAR = Reading(kind="tensile_bar", value=0.21)
+
+
+@pytest.fixture
+def lake(tmp_path: Path) -> Lake:
+    found = Lake.open(proposed_lake(tmp_path))
+    confirm_print(found, "quick", 1, PrintConfirmation(operator="ada", material_lot="L7"))
+    return found
+
+
+def test_a_tensile_bar_goes_into_the_lot_of_the_tools(lake: Lake) -> None:
+    write_reading(lake, "quick", "A1", BAR, "ada")
+    (row,) = lake.records(MaterialRow, lot="L7")
+    assert (row.quantity, row.value, row.unit) == ("layer_modulus_excess", 0.21, "1")
+    assert row.source == "ada, asked by search A1"
+    assert "tensile bars" in row.method
+    (tool, *_) = lake.ids(ToolRow)
+    assert row.material_id in str(find_lineage(lake, tool))
+    assert is_answered(lake, "A1", "tensile_bar")
+    assert read_readings(lake, "quick") == (BAR,)  # once, though event and lot have it
+
+
+def test_a_corrected_lot_counts_for_every_search_of_its_tools(lake: Lake) -> None:
+    write_reading(lake, "quick", "A1", BAR, "ada")
+    (row,) = lake.records(MaterialRow, lot="L7")
+    write_reading(lake, "quick", "A1", Reading(kind="walls", value=0.1), "ada")
+    write_reading(lake, None, "A2", Reading(kind="tensile_bar", value=0.4), "bob")
+    assert {row.value for row in lake.records(MaterialRow, lot="L7")} == {0.4}
+    assert read_readings(lake, "quick") == (Reading(kind="walls", value=0.1), BAR.model_copy(update={"value": 0.4}))
+
+
+def test_a_reading_in_which_no_hypothesis_has_a_say_changes_no_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    naming: Any = object()
+    hypotheses = [SimpleNamespace(name=name, probability=0.5, estimate_parameters=dict) for name in ("a", "unknown")]
+    monkeypatch.setattr(rounds, "list_hypotheses", lambda naming: hypotheses)
+    monkeypatch.setattr(rounds, "simulate_moved", lambda *_: {})
+    grasps: Any = SimpleNamespace(steps_n=np.zeros((0, 120)), grasp_ids=())
+    answers = Answers(grasps, np.zeros((0, 2), dtype=int), (BAR,))
+    search: Any = SimpleNamespace(answers=answers, lake=None, campaign_id="quick")
+    assert rounds.settle_answers(search, naming) == (naming, None)
+
+
+def test_without_one_lot_a_bar_is_an_answer_to_its_search_alone(lake: Lake) -> None:
+    (tool, *_) = lake.records(ToolRow, campaign_id="quick")
+    other = tool.model_copy(update={"material_lot": "L8"})
+    lake.append([other], current_provenance())
+    write_reading(lake, "quick", "A1", BAR, "ada")
+    assert not lake.ids(MaterialRow)
+    assert read_readings(lake, "quick") == (BAR,)

@@ -124,3 +124,19 @@ def call_after(clock, delay_s, act):
             act()
 
     clock.add_listener(listener)
+
+
+class HandsOnVirtual:
+    """What a hand can do to the virtual GRBL, for a rig that has it as `controller`."""
+
+    def true_mm(self):
+        return self.controller.position_mm()
+
+    def press_reset(self):
+        self.controller.inject("reset", boot_s=0.0)
+
+    def close_switch(self, axis):
+        self.controller.inject("limit", axis=axis)
+
+    def open_switch(self, axis):
+        self.controller.clear("limit", axis=axis)

@@ -7,13 +7,13 @@ from hardware.clock import VirtualClock
 from hardware.grbl.stand_still import STOPPED
 from hardware.virtual.grbl.server import VirtualGrbl
 from hardware.virtual.memory_wires import MemoryTransport
-from tests.hardware.grbl.faulty_line import FaultyLine, call_after
+from tests.hardware.grbl.faulty_line import FaultyLine, HandsOnVirtual, call_after
 from tests.hardware.grbl.wire_faults import CASES, PAGE, SAME_MM, row_beginning, run_case
 
 NEAR_HOME_MM = (1470.0, 1475.0, 172.0)
 
 
-class VirtualRig:
+class VirtualRig(HandsOnVirtual):
     """The virtual GRBL in lockstep, on wires in memory."""
 
     def __init__(self):
@@ -22,18 +22,6 @@ class VirtualRig:
         self.line = FaultyLine(MemoryTransport(self.controller))
         self.gantry = Gantry(self.line, self.clock)
         self.gantry.connect()
-
-    def true_mm(self):
-        return self.controller.position_mm()
-
-    def press_reset(self):
-        self.controller.inject("reset", boot_s=0.0)
-
-    def close_switch(self, axis):
-        self.controller.inject("limit", axis=axis)
-
-    def open_switch(self, axis):
-        self.controller.clear("limit", axis=axis)
 
     def at(self, delay_s, act):
         """See `call_after`."""

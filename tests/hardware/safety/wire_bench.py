@@ -10,7 +10,7 @@ from hardware.virtual.memory_wires import MemoryTransport
 from hardware.wire.serial import SerialTransport
 from models.errors import DeviceError, FastError
 from models.records import BENCH_FAULT
-from tests.hardware.grbl.faulty_line import FaultyLine
+from tests.hardware.grbl.faulty_line import FaultyLine, HandsOnVirtual
 from tests.hardware.grbl.firmware_board import IMAGE, PACE, Board, BoardClock, write_settings
 from tests.hardware.grbl.wire_faults import CASES, SAME_MM, furthest_mm
 from tests.hardware.safety.scenario_bench import (
@@ -40,7 +40,7 @@ PARKED_MM = (1480.0, 1480.0, 175.0)
 
 
 @dataclass
-class BenchRig:
+class BenchRig(HandsOnVirtual):
     """A bench, its faulty line to the gantry, and what a hand can do to the controller."""
 
     bench: Bench
@@ -50,18 +50,6 @@ class BenchRig:
 
     gantry = property(lambda self: self.bench.gantry)
     clock = property(lambda self: self.bench.clock)
-
-    def true_mm(self):
-        return self.controller.position_mm()
-
-    def press_reset(self):
-        self.controller.inject("reset", boot_s=0.0)
-
-    def close_switch(self, axis):
-        self.controller.inject("limit", axis=axis)
-
-    def open_switch(self, axis):
-        self.controller.clear("limit", axis=axis)
 
 
 @contextmanager

@@ -11,20 +11,9 @@ from hardware.virtual.grbl.server import VirtualGrbl
 from hardware.wire.replay_grbl import replay_grbl, split
 from hardware.wire.serial import SerialTransport
 from models.errors import DeviceError
+from tests.hardware.grbl.faulty_line import call_after
 
 NEAR_HOME_MM = (1380.0, 1400.0, 170.0)
-
-
-def at(clock, delay_s, act):
-    """Call `act` once when virtual time has moved on."""
-    due_s = clock.now_s() + delay_s
-
-    def listener(now_s):
-        if now_s >= due_s:
-            clock.remove_listener(listener)
-            act()
-
-    clock.add_listener(listener)
 
 
 def ordinary(gantry, controller, clock):
@@ -61,7 +50,7 @@ def held_and_resumed(gantry, controller, clock):
 
 def limit_switch(gantry, controller, clock):
     gantry.home()
-    at(clock, 0.4, lambda: controller.inject("limit", axis="x"))
+    call_after(clock, 0.4, lambda: controller.inject("limit", axis="x"))
     with pytest.raises(DeviceError):
         gantry.move_to(1000, 1300, 120)
     controller.clear("limit", axis="x")
@@ -71,7 +60,7 @@ def limit_switch(gantry, controller, clock):
 
 def restart_in_motion(gantry, controller, clock):
     gantry.home()
-    at(clock, 0.4, lambda: controller.inject("reset"))
+    call_after(clock, 0.4, lambda: controller.inject("reset"))
     with pytest.raises(DeviceError):
         gantry.move_to(1000, 1300, 120)
     gantry.home()
@@ -89,7 +78,7 @@ def interrupted(gantry, controller, clock):
         raise KeyboardInterrupt
 
     gantry.home()
-    at(clock, 0.4, ctrl_c)
+    call_after(clock, 0.4, ctrl_c)
     with pytest.raises(KeyboardInterrupt):
         gantry.move_to(1000, 1300, 120)
     gantry.hold()

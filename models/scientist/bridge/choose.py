@@ -14,7 +14,7 @@ from models.scientist.acquisition.candidates import Spacing
 from models.scientist.bridge.entropy import MaxValueEntropy
 from models.scientist.bridge.load import call_own, is_own
 from models.scientist.bridge.model import SurrogateModel
-from models.scientist.bridge.own_model import OwnSurrogate
+from models.scientist.bridge.own_model import OwnSurrogate, own_draws
 from models.scientist.surrogate.observations import REAL
 from models.scientist.surrogate.posterior import Surrogate
 
@@ -53,12 +53,24 @@ def select_by_rule(
     """Up to n rows of `points` (m x 9), greedily by an acquisition function; what is chosen becomes pending.
 
     `rule` is the `module:function` that makes the acquisition function of (model, situation), or `mes`. One that cannot
-    take pending points is made again on the model given their predicted outcomes. torch's generator is seeded.
+    take pending points is made again on the model given their predicted outcomes.
 
     Raises:
         UsageError: the user's function is not found, fails, or gives something unusable.
     """
-    torch.manual_seed(int(rng.integers(2**31)))
+    with own_draws(int(rng.integers(2**31))):
+        return _select(rule, surrogate, points, fidelity, n, pending, spacing)
+
+
+def _select(
+    rule: str,
+    surrogate: Surrogate | OwnSurrogate,
+    points: np.ndarray,
+    fidelity: int,
+    n: int,
+    pending: np.ndarray,
+    spacing: Spacing,
+) -> list[tuple[int, float]]:
     model = surrogate.model if isinstance(surrogate, OwnSurrogate) else SurrogateModel(surrogate)
     candidates, under_way = _tensor(points, fidelity), torch.from_numpy(np.asarray(pending, dtype=float))
     measured = _tensor(surrogate.data.x[surrogate.data.s == REAL], REAL)

@@ -50,9 +50,11 @@ class MaxValueEntropy(AcquisitionFunction):
             deviations = draw_deviations(covariance, self._n_paths, rng)
             paths = posterior.mean[:, 0].numpy()[:, None] + deviations
             m = len(self._candidates)
-            self._pending_noise = noise_of(self.model, self.X_pending)
+            self._pending_noise = _noise_at(self.model, self.X_pending)
             errors = rng.normal(size=(len(self.X_pending), self._n_paths))
-            self._promised = torch.from_numpy(paths[m:]) + self._pending_noise.sqrt()[:, None] * torch.from_numpy(errors)
+            self._promised = torch.from_numpy(paths[m:]) + self._pending_noise.sqrt()[:, None] * torch.from_numpy(
+                errors
+            )
             self._best = torch.from_numpy(paths[:m].max(axis=0))
 
     @t_batch_mode_transform(expected_q=1)
@@ -62,7 +64,8 @@ class MaxValueEntropy(AcquisitionFunction):
         posterior = self.model.posterior(torch.cat([_as_real(X), X, pending], dim=-2))
         mean, covariance = posterior.mean[..., 0], posterior.distribution.covariance_matrix
         means, covariance = self._given_promises(mean, covariance)
-        noise = noise_of(self.model, X)[..., 0]
+        noisy = self.model.posterior(X, observation_noise=True).variance[..., 0, 0]
+        noise = (noisy - posterior.variance[..., 1, 0]).detach().clamp_min(0.0)
         variance = covariance[..., 0, 0].clamp_min(1e-14)
         of_observation = (covariance[..., 1, 1] + noise).clamp_min(1e-14)
         correlation_2 = (covariance[..., 0, 1] ** 2 / (variance * of_observation)).clamp(0.0, _MAX_CORRELATION_2)
@@ -87,14 +90,12 @@ def truncation_gain(gamma: Tensor, correlation_2: Tensor) -> Tensor:
     return -0.5 * torch.log1p(-correlation_2 * shrinkage)
 
 
-def noise_of(model: Model, X: Tensor) -> Tensor:
-    """Variance of one observation around the outcome at `X` (batch x q x 10), batch x q, N^2."""
-    if X.shape[-2] == 0:
-        return torch.zeros(X.shape[:-1], dtype=torch.float64)
-    with torch.no_grad():
-        alone = X.detach().unsqueeze(-2)
-        noisy = model.posterior(alone, observation_noise=True).variance - model.posterior(alone).variance
-    return noisy[..., 0, 0].clamp_min(0.0)
+def _noise_at(model: Model, points: Tensor) -> Tensor:
+    """Variance of one observation around the outcome at `points` (p x 10), p, N^2."""
+    if not len(points):
+        return torch.zeros(0, dtype=torch.float64)
+    noise = model.posterior(points, observation_noise=True).variance - model.posterior(points).variance
+    return noise[:, 0].clamp_min(0.0)
 
 
 def _as_real(X: Tensor) -> Tensor:

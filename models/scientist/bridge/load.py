@@ -8,9 +8,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+
 from models.errors import UsageError
+from models.records import Design
 from models.validation import closest
 
+OWN = "module:function"  # how such a name is written
 _NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 
 
@@ -49,6 +53,23 @@ def call_own(name: str, *arguments: object) -> Any:
         raise UsageError(f"`{name}` failed ({_words(error)}); correct it and start again.") from error
 
 
+def load_constraint(name: str) -> Callable[[Design], bool]:
+    """The user's function `module:function` of a design, which says whether the design may be made.
+
+    Raises:
+        UsageError: it cannot be found; when called: it fails, or its answer is neither True nor False.
+    """
+    load_own(name)
+
+    def is_allowed(design: Design) -> bool:
+        answer = call_own(name, design)
+        if not isinstance(answer, bool | np.bool_):
+            raise UsageError(f"`{name}` answered {answer!r} for a design; it must give True or False.")
+        return bool(answer)
+
+    return is_allowed
+
+
 def _import(name: str) -> ModuleType:
     here = str(Path.cwd())
     is_new = here not in sys.path
@@ -57,7 +78,11 @@ def _import(name: str) -> ModuleType:
     try:
         return importlib.import_module(name)
     except Exception as error:
-        if isinstance(error, ModuleNotFoundError) and error.name is not None and f"{name}.".startswith(f"{error.name}."):
+        if (
+            isinstance(error, ModuleNotFoundError)
+            and error.name is not None
+            and f"{name}.".startswith(f"{error.name}.")
+        ):
             raise UsageError(
                 f"There is no module `{name}`; put its file in the folder that you start `fast` in, or install it."
             ) from error

@@ -1,5 +1,7 @@
 """A user's BoTorch model in the place of FAST's surrogate."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -50,7 +52,7 @@ def make_own_surrogate(name: str, data: ObservationSet, seed: int) -> OwnSurroga
     """The model that the user's function `name` makes of (train_X, train_Y, train_Yvar).
 
     train_X: n x 10. train_Y: n x 1, N. train_Yvar: n x 1, the part of each variance that is known, N^2: that of
-    imputed objects, 0 where every object has a value. torch's generator is seeded first.
+    imputed objects, 0 where every object has a value. `seed` is that of torch's draws.
 
     Raises:
         UsageError: the function is not found, fails, or gives something else than a usable BoTorch model.
@@ -58,9 +60,24 @@ def make_own_surrogate(name: str, data: ObservationSet, seed: int) -> OwnSurroga
     import torch
     from botorch.models.model import Model
 
-    torch.manual_seed(seed)
     columns = (np.column_stack([data.x, data.s]), data.y[:, None], data.noise_variance[:, None])
-    model: Any = call_own(name, *(torch.from_numpy(column.astype(float)) for column in columns))
+    with own_draws(seed):
+        model: Any = call_own(name, *(torch.from_numpy(column.astype(float)) for column in columns))
     if not isinstance(model, Model):
         raise UsageError(f"`{name}` gave a {type(model).__name__}; it must give a fitted BoTorch model.")
     return OwnSurrogate(name, data, model.eval())
+
+
+@contextmanager
+def own_draws(seed: int) -> Iterator[None]:
+    """Within, torch draws from `seed` and computes on one thread: the same numbers whatever ran before."""
+    import torch
+
+    n_threads = torch.get_num_threads()
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        torch.set_num_threads(1)
+        try:
+            yield
+        finally:
+            torch.set_num_threads(n_threads)

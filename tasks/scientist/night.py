@@ -24,7 +24,6 @@ from tasks.scientist.observe import (
 )
 from tasks.scientist.propose import constraint_of
 
-
 _N_FITTED = (
     300  # simulated designs that the surrogate is fitted to: the best half and a random half, for seconds of CPU
 )

@@ -11,6 +11,7 @@ import torch
 from botorch.models.model import FantasizeMixin, Model
 from botorch.posteriors import GPyTorchPosterior
 from gpytorch.distributions import MultivariateNormal
+from linear_operator import to_linear_operator
 from torch import Tensor
 
 from models.blas import one_blas_thread
@@ -86,7 +87,7 @@ class SurrogateModel(Model, FantasizeMixin):
             covariance = covariance + torch.diag_embed(observation_noise[..., 0].expand(mean.shape))
         elif observation_noise:
             covariance = covariance + torch.diag_embed(self._noise_at(X).expand(mean.shape))
-        posterior = GPyTorchPosterior(MultivariateNormal(mean, covariance))
+        posterior = GPyTorchPosterior(MultivariateNormal(mean, to_linear_operator(covariance)))
         return posterior if posterior_transform is None else posterior_transform(posterior)
 
     def condition_on_observations(
@@ -129,8 +130,8 @@ class SurrogateModel(Model, FantasizeMixin):
         n_columns = self.train_inputs[0].shape[1]
         if X.shape[-1] != n_columns:
             raise UsageError(
-                f"Points have {X.shape[-1]} columns, the surrogate takes {n_columns}: the design in the unit cube, then "
-                "the fidelity."
+                f"Points have {X.shape[-1]} columns, the surrogate takes {n_columns}: the design in the unit cube, "
+                "then the fidelity."
             )
         if not torch.isin(X[..., -1], torch.tensor([SIM, REAL], dtype=X.dtype)).all():
             raise UsageError(

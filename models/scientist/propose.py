@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from models.records import Design
 from models.scientist.acquisition.candidates import CandidateSettings, Spacing, candidate_points
 from models.scientist.acquisition.improvement import select_by_improvement
 from models.scientist.acquisition.mes import select_by_mes
+from models.scientist.bridge.load import is_own
+from models.scientist.bridge.own_model import OwnSurrogate
 from models.scientist.surrogate.observations import REAL, SIM
 from models.scientist.surrogate.posterior import Surrogate
 from models.validation import closest
@@ -21,10 +24,12 @@ from models.validation import closest
 Selection = Callable[
     [Surrogate, np.ndarray, int, int, np.ndarray, Spacing, np.random.Generator], list[tuple[int, float]]
 ]
-# A new rule is one function and one line here; `random` needs no surrogate, and no function.
+# A new rule is one function and one line here; `random` needs no surrogate, and no function. Rules of a user's own and
+# models of a user's own go through BoTorch (`models.scientist.bridge`).
 ACQUISITIONS: dict[str, Selection] = {"mes": select_by_mes, "ei": select_by_improvement}
 RANDOM = "random"
 NO_PENDING = np.zeros((0, len(PARAMETERS) + 1))
+Constraint = Callable[[Design], bool]  # whether a design may be made
 NO_POINTS = np.zeros((0, len(PARAMETERS)))
 # One proposal at a time deserves fewer candidates than a batch that is printed.
 BATCH_CANDIDATES = CandidateSettings()
@@ -41,7 +46,7 @@ class Proposal:
 
 
 def propose(
-    surrogate: Surrogate | None,
+    surrogate: Surrogate | OwnSurrogate | None,
     fidelity: int,
     n: int,
     pending: np.ndarray,
@@ -52,6 +57,7 @@ def propose(
     taken: np.ndarray = NO_POINTS,
     rejected: np.ndarray = NO_POINTS,
     printing: PrintingRules | None = None,
+    constraint: Constraint | None = None,
 ) -> list[Proposal]:
     """The next n designs for one fidelity (0 sim, 1 real), best first.
 
@@ -59,12 +65,14 @@ def propose(
     conditioned on. The proposals keep `min_distance` (Euclidean, unit cube) from each other, from pending
     points of the same fidelity and from `rejected` ones (k x 9), and never repeat data of the same fidelity or what was
     proposed before (`taken`, k x 9), whatever became of it. What is known at one fidelity may be proposed at the other.
-    Candidates that break a rule of `printing` are left out before anything is chosen, so that the optimum looked for is
-    that of what can be printed. Deterministic given the arguments and the state of `rng`. `surrogate` may be None for
-    `acquisition="random"` only.
+    Candidates that break a rule of `printing` or that `constraint` refuses are left out before anything is chosen, so
+    that the optimum looked for is that of what can be printed. `acquisition` is a name of `ACQUISITIONS`, `random`, or
+    `module:function` of one's own. Deterministic given the arguments and the state of `rng`. `surrogate` may be None
+    for `acquisition="random"` only.
 
     Raises:
-        UsageError: unknown acquisition or fidelity, wrong shape of pending, no surrogate, or no room for n designs.
+        UsageError: unknown acquisition or fidelity, wrong shape of pending, no surrogate, no room for n designs, or a
+            function of one's own that cannot be used.
 
     Example:
         >>> proposals = propose(None, 1, 3, NO_PENDING, np.random.default_rng(0), acquisition="random")
@@ -76,17 +84,18 @@ def propose(
     neighbours = np.concatenate([pending[pending[:, -1] == fidelity, :-1], rejected])
     spacing = Spacing(known, neighbours, min_distance)
     if surrogate is None or acquisition == RANDOM:
-        return _propose_random(n, spacing, rng, printing)
+        return _propose_random(n, spacing, rng, printing, constraint)
+    select = _selection(acquisition, surrogate)
     with one_blas_thread():
         # From fresh candidates until n are found; what is already chosen counts as pending.
         settings = SINGLE_CANDIDATES if n == 1 else BATCH_CANDIDATES
         proposals: list[Proposal] = []
         for _ in range(_MAX_ROUNDS):
-            points = _printable(candidate_points(surrogate, rng, settings), printing)
+            points = keep_allowed(candidate_points(surrogate, rng, settings), printing, constraint)
             if not len(points):
                 continue
             n_left = n - len(proposals)
-            chosen = ACQUISITIONS[acquisition](surrogate, points, fidelity, n_left, pending, spacing, rng)
+            chosen = select(surrogate, points, fidelity, n_left, pending, spacing, rng)
             rows = [row for row, _ in chosen]
             designs = from_unit(points[rows])
             proposals += [Proposal(design, value) for design, (_, value) in zip(designs, chosen, strict=True)]
@@ -98,10 +107,14 @@ def propose(
 
 
 def _propose_random(
-    n: int, spacing: Spacing, rng: np.random.Generator, printing: PrintingRules | None
+    n: int,
+    spacing: Spacing,
+    rng: np.random.Generator,
+    printing: PrintingRules | None,
+    constraint: Constraint | None,
 ) -> list[Proposal]:
     chosen: list[np.ndarray] = []
-    for point in _printable(random_unit(max(200, 20 * n), rng), printing):
+    for point in keep_allowed(random_unit(max(200, 20 * n), rng), printing, constraint):
         if len(chosen) == n:
             break
         if spacing.allowed(point[None, :])[0]:
@@ -112,19 +125,35 @@ def _propose_random(
     return [Proposal(design, 0.0) for design in from_unit(np.array(chosen).reshape(-1, len(PARAMETERS)))]
 
 
-def _printable(points: np.ndarray, rules: PrintingRules | None) -> np.ndarray:
-    return points if rules is None else points[printable(points, rules)]
+def _selection(acquisition: str, surrogate: Surrogate | OwnSurrogate) -> Selection:
+    if not is_own(acquisition) and not isinstance(surrogate, OwnSurrogate):
+        return ACQUISITIONS[acquisition]
+    if not is_own(acquisition) and acquisition != "mes":
+        raise UsageError(f"Acquisition `{acquisition}` needs FAST's surrogate; with a model of your own use `mes`.")
+    from models.scientist.bridge.choose import select_by_rule  # imports torch
+
+    return partial(select_by_rule, acquisition)
 
 
-def _known(surrogate: Surrogate | None, fidelity: int) -> np.ndarray:
+def keep_allowed(points: np.ndarray, rules: PrintingRules | None, constraint: Constraint | None) -> np.ndarray:
+    """Those of the points (m x 9) whose designs keep the rules of printing and the constraint."""
+    kept = points if rules is None else points[printable(points, rules)]
+    if constraint is None:
+        return kept
+    return kept[np.array([constraint(design) for design in from_unit(kept)], dtype=bool)]
+
+
+def _known(surrogate: Surrogate | OwnSurrogate | None, fidelity: int) -> np.ndarray:
     if surrogate is None:
         return NO_POINTS
     return surrogate.data.x[surrogate.data.s == fidelity]
 
 
-def _check(surrogate: Surrogate | None, fidelity: int, n: int, pending: np.ndarray, acquisition: str) -> None:
+def _check(
+    surrogate: Surrogate | OwnSurrogate | None, fidelity: int, n: int, pending: np.ndarray, acquisition: str
+) -> None:
     names = [*ACQUISITIONS, RANDOM]
-    if acquisition not in names:
+    if acquisition not in names and not is_own(acquisition):
         raise UsageError(f"Acquisition `{acquisition}` is unknown; {closest(acquisition, names)}")
     if surrogate is None and acquisition != RANDOM:
         raise UsageError(f"Acquisition `{acquisition}` needs a fitted surrogate; fit one, or propose with `random`.")

@@ -66,10 +66,14 @@ class CampaignConfig(Record):
     @property
     def science(self) -> dict[str, Any]:
         """The part that decides results, as JSON data."""
-        # A config without a lot, a search for gaps or nights keeps the hash that it had before configs could have them.
-        unused = {"execution"} | ({"material"} if not self.material else set())
-        unused |= {"gap"} if self.gap == GapSettings() else set()
-        unused |= {"night"} if self.night == NightSettings() else set()
+        # A config without a lot, a search for gaps, nights or a model of one's own keeps the hash that it had before
+        # configs could have them.
+        unused: dict[str, Any] = {"execution": True} | ({"material": True} if not self.material else {})
+        unused |= {"gap": True} if self.gap == GapSettings() else {}
+        unused |= {"night": True} if self.night == NightSettings() else {}
+        own = {"surrogate", "constraint"}
+        defaults = ScientistSettings()
+        unused["scientist"] = {key for key in own if getattr(self.scientist, key) == getattr(defaults, key)}
         return self.model_dump(mode="json", exclude=unused)
 
     @property
@@ -158,7 +162,8 @@ def _flatten(data: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
 
 
 def _check_science(config: CampaignConfig, source: str) -> None:
-    """Refuse effects that are unknown, and a tier or rules that only stored configs may still name."""
+    """Refuse unknown effects, functions that are not there, and a tier or rules that only stored configs may name."""
+    from models.scientist.bridge.load import load_own
     from models.simulation.effects.catalogue import build_effects
 
     try:
@@ -167,6 +172,8 @@ def _check_science(config: CampaignConfig, source: str) -> None:
         for rule in (config.scientist.acquisition, config.scientist.simulation_acquisition):
             if rule in REMOVED_RULES:
                 raise ConfigError(f'The acquisition rule "{rule}" was removed, "mes" is no worse; set it instead.')
+        for name in config.scientist.own_functions:
+            load_own(name)
     except UsageError as error:
         sentence = str(error)
         raise ConfigError(f"{source}: {sentence[:1].lower()}{sentence[1:]}") from error

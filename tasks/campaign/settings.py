@@ -17,6 +17,7 @@ from models.records import (
     Theta,
     Tier,
 )
+from models.scientist.bridge.load import OWN, is_own
 from tasks.simulation.engine import check_engine
 
 N_OBJECTS = 36
@@ -84,6 +85,7 @@ class ObjectPlan(Record):
 
 
 RULES = ("mes", "random")  # how designs can be chosen
+SURROGATES = ("bi-fidelity",)  # what predicts the force of a design
 REMOVED_RULES = ("nei", "jes", "thompson")  # configs that lakes keep may name them; `load_config` refuses them
 
 
@@ -130,6 +132,10 @@ class SimulatorSettings(Record):
 class ScientistSettings(Record):
     """How designs are proposed."""
 
+    surrogate: str = Field(
+        default="bi-fidelity",
+        description="what predicts forces when tools are chosen; or `module:function` of one's own",
+    )
     acquisition: str = Field(default="mes", description="how tools to print are chosen")
     simulation_acquisition: str = Field(default="mes", description="how designs to simulate are chosen")
     min_distance: float = Field(
@@ -138,15 +144,38 @@ class ScientistSettings(Record):
         le=1,
         description="of tools from others of the batch and from rejected ones, in the unit cube of the design space",
     )
+    constraint: str | None = Field(
+        default=None, description="`module:function` of one's own that says whether a design may be made"
+    )
     manufacturable: bool = Field(default=False, description="propose only what keeps the rules of `printing`")
     printing: PrintingRules = PrintingRules()
 
     @field_validator("acquisition", "simulation_acquisition")
     @classmethod
     def _check_rule(cls, rule: str) -> str:
-        if rule not in (*RULES, *REMOVED_RULES):
-            raise ValueError(f"it must be {_alternatives(RULES)}; change it")
+        if rule not in (*RULES, *REMOVED_RULES) and not is_own(rule):
+            raise ValueError(f"it must be {_alternatives((*RULES, OWN))}; change it")
         return rule
+
+    @field_validator("surrogate")
+    @classmethod
+    def _check_surrogate(cls, name: str) -> str:
+        if name not in SURROGATES and not is_own(name):
+            raise ValueError(f"it must be {_alternatives((*SURROGATES, OWN))}; change it")
+        return name
+
+    @field_validator("constraint")
+    @classmethod
+    def _check_constraint(cls, name: str | None) -> str | None:
+        if name is not None and not is_own(name):
+            raise ValueError(f'it must be "{OWN}"; change it')
+        return name
+
+    @property
+    def own_functions(self) -> list[str]:
+        """Functions of one's own that are named here, as `module:function`."""
+        names = (self.surrogate, self.acquisition, self.simulation_acquisition, self.constraint)
+        return [name for name in names if name is not None and is_own(name)]
 
     @property
     def printing_rules(self) -> PrintingRules | None:

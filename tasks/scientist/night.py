@@ -5,10 +5,10 @@ from itertools import zip_longest
 import numpy as np
 
 from lake.tables.campaign import DesignRow, ProposalRow
-from models.design.printability import printable
 from models.design.space import PARAMETERS, from_unit, random_unit, snap, to_unit
 from models.ids import content_id
 from models.records import Design
+from models.scientist.propose import keep_allowed
 from models.scientist.surrogate.fit import MIN_OBSERVATIONS, fit_surrogate
 from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from models.scientist.surrogate.posterior import Surrogate
@@ -22,6 +22,7 @@ from tasks.scientist.observe import (
     observe,
     proposed_designs,
 )
+from tasks.scientist.propose import constraint_of
 
 _N_FITTED = (
     300  # simulated designs that the surrogate is fitted to: the best half and a random half, for seconds of CPU
@@ -95,8 +96,7 @@ def _draw_near(campaign: Campaign, surrogate: Surrogate, n: int, rng: np.random.
 
 
 def _keep_printable(campaign: Campaign, points: np.ndarray) -> np.ndarray:
-    rules = campaign.config.scientist.printing_rules
-    return points if rules is None else points[printable(points, rules)]
+    return keep_allowed(points, campaign.config.scientist.printing_rules, constraint_of(campaign))
 
 
 def _append_new(campaign: Campaign, stage: int, designs: list[Design], data: ObservationSet) -> None:

@@ -11,7 +11,9 @@ from models.design.space import random_designs, to_unit
 from models.errors import UsageError
 from models.ids import content_id
 from models.records import Design
-from models.scientist.propose import RANDOM, propose
+from models.scientist.bridge.load import is_own, load_constraint
+from models.scientist.bridge.own_model import make_own_surrogate
+from models.scientist.propose import RANDOM, Constraint, propose
 from models.scientist.propose import Proposal as ProposedDesign
 from models.scientist.surrogate.observations import ObservationSet
 from models.scientist.surrogate.posterior import Surrogate
@@ -67,22 +69,23 @@ def propose_initial_tools(campaign: Campaign) -> None:
 
 
 def _random_tools(campaign: Campaign, n: int, rng: np.random.Generator) -> list[Design]:
-    """Random designs to print, without those that break a rule of printing.
+    """Random designs to print, without those that break a rule of printing or a constraint of one's own.
 
     Raises:
         UsageError: hardly any design keeps the rules.
     """
-    rules = campaign.config.scientist.printing_rules
-    if rules is None:
+    rules, constraint = campaign.config.scientist.printing_rules, constraint_of(campaign)
+    if rules is None and constraint is None:
         return random_designs(n, rng)
     designs: list[Design] = []
     for _ in range(_MAX_DRAWS):
-        designs += [design for design in random_designs(n, rng) if not broken_rules(design, rules)]
+        drawn = [d for d in random_designs(n, rng) if rules is None or not broken_rules(d, rules)]
+        designs += [d for d in drawn if constraint is None or constraint(d)]
         if len(designs) >= n:
             return designs[:n]
     raise UsageError(
-        f"only {len(designs)} of {_MAX_DRAWS * n} random designs keep the rules of `scientist.printing`, "
-        f"{n} are needed; relax them."
+        f"only {len(designs)} of {_MAX_DRAWS * n} random designs keep the rules of `scientist.printing` and "
+        f"`scientist.constraint`, {n} are needed; relax them."
     )
 
 
@@ -113,8 +116,11 @@ def propose_tools(
     seed = campaign.seed("tools", batch)
     scientist = campaign.config.scientist
     pending = pending_points(campaign, state)
+    model = surrogate
+    if is_own(scientist.surrogate):
+        model = make_own_surrogate(scientist.surrogate, data, seed)
     proposals = propose(
-        surrogate,
+        model,
         1,
         campaign.config.schedule.tools_of(batch),
         pending,
@@ -124,6 +130,7 @@ def propose_tools(
         taken=to_unit([t.design for t in state.tools]),
         rejected=to_unit([t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]),
         printing=scientist.printing_rules,
+        constraint=constraint_of(campaign),
     )
     fit_id = tools_fit_id(campaign, batch, data)
     append_tools(campaign, batch, proposals, Choice(scientist.acquisition, seed, data, len(pending), (fit_id,)))
@@ -146,9 +153,16 @@ def propose_simulation(
         acquisition=scientist.simulation_acquisition,
         taken=to_unit(simulated_designs(campaign, state)),
         printing=scientist.printing_rules,
+        constraint=constraint_of(campaign),
     )[0]
     choice = Choice(scientist.simulation_acquisition, seed, surrogate.data, len(pending), (fit_id,))
     append_simulation(campaign, batch, index, proposal, choice)
+
+
+def constraint_of(campaign: Campaign) -> Constraint | None:
+    """The constraint of one's own, if the config names one."""
+    name = campaign.config.scientist.constraint
+    return None if name is None else load_constraint(name)
 
 
 def pending_points(campaign: Campaign, state: CampaignState) -> np.ndarray:

@@ -10,7 +10,14 @@ from tasks.campaign.campaign import Campaign
 from tasks.campaign.state import CampaignState
 from tasks.scientist.fit import surrogate_for_simulation
 from tasks.scientist.observe import means_of_simulations, observe, observed_rows, proposed_designs
-from tasks.scientist.propose import Choice, append_simulation, append_tools, pending_points, simulated_designs
+from tasks.scientist.propose import (
+    Choice,
+    append_simulation,
+    append_tools,
+    constraint_of,
+    pending_points,
+    simulated_designs,
+)
 
 IMPROVEMENT, BEST_SIMULATED = "ei", "best_simulated"  # what `proposals.acquisition` calls the two
 _NOTHING = 1e-6  # of the simulations' spread: stands for a discrepancy that is not there
@@ -35,6 +42,7 @@ def propose_improvement(campaign: Campaign, batch: int, index: int, state: Campa
         acquisition=IMPROVEMENT,
         taken=to_unit(simulated_designs(campaign, state)),
         printing=campaign.config.scientist.printing_rules,
+        constraint=constraint_of(campaign),
     )[0]
     append_simulation(campaign, batch, index, proposal, Choice(IMPROVEMENT, seed, data, len(pending), (fit_id,)))
 

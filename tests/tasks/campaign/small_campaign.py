@@ -3,12 +3,15 @@
 from pathlib import Path
 
 from lake.store import Lake
+from tasks.bench.print import PrintConfirmation, confirm_print
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
+from tasks.scientist.propose import propose_initial
+from tests.tasks.simulation.made_up import append_grasp, append_simulation
 
 
-def small_campaign(folder: Path) -> Campaign:
-    """A campaign on an empty lake: two initial tools, one guided batch of two, two objects."""
+def small_campaign(folder: Path, **sections: object) -> Campaign:
+    """A campaign on an empty lake: two initial tools, one guided batch of two, two objects; `sections` of the config."""
     config = CampaignConfig.model_validate(
         {
             "name": "small",
@@ -22,6 +25,22 @@ def small_campaign(folder: Path) -> Campaign:
             },
             "objects": {"ids": [4, 7], "repeats": 2, "order": "fixed"},
             "bench": {"world": "world.toml"},
+            **sections,
         }
     )
     return Campaign(Lake.open(folder / "lake", create=True), config)
+
+
+def begun(campaign: Campaign, **word) -> Campaign:
+    """Initial tools printed (`word` of the person) and measured, they and the initial designs simulated."""
+    propose_initial(campaign)
+    confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada", **word))
+    state = campaign.state()
+    for number, tool in enumerate(state.tools):
+        if state.confirmed[tool.tool_id] == "printed":
+            for object_id, repeat in campaign.config.objects.cells(0):
+                append_grasp(campaign, tool, object_id, repeat, 10.0 + number + object_id)
+    for number, design in enumerate([s.design for s in state.simulations] + [t.design for t in state.tools]):
+        for object_id in campaign.object_ids:
+            append_simulation(campaign, design, object_id, 5.0 + number)
+    return campaign

@@ -16,6 +16,7 @@ from tasks.campaign.settings import ScientistSettings
 from tasks.scientist.fit import REFIT_LEAST, fit, fitted_before, surrogate_for_simulation
 from tasks.scientist.observe import closed_batches, observe
 from tasks.scientist.propose import pending_points, propose_initial, propose_simulation, propose_tools
+from tests.tasks.campaign.small_campaign import begun
 from tests.tasks.simulation.made_up import append_grasp, append_simulation
 
 N_REAL, N_SIM = 8, 12
@@ -71,21 +72,6 @@ def test_a_fit_for_tools_keeps_its_health_and_can_be_had_again(campaign):
     again = fitted_before(row, grown_by(0))
     points = random_unit(20, np.random.default_rng(0))
     np.testing.assert_allclose(again.mean(points, REAL), surrogate.mean(points, REAL))
-
-
-def begun(campaign: Campaign, **word) -> Campaign:
-    """Initial tools printed (`word` of the person) and measured, they and the initial designs simulated."""
-    propose_initial(campaign)
-    confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada", **word))
-    state = campaign.state()
-    for number, tool in enumerate(state.tools):
-        if state.confirmed[tool.tool_id] == "printed":
-            for object_id, repeat in campaign.config.objects.cells(0):
-                append_grasp(campaign, tool, object_id, repeat, 10.0 + number + object_id)
-    for number, design in enumerate([s.design for s in state.simulations] + [t.design for t in state.tools]):
-        for object_id in campaign.object_ids:
-            append_simulation(campaign, design, object_id, 5.0 + number)
-    return campaign
 
 
 def propose_one(campaign: Campaign, index: int = 0) -> Design:

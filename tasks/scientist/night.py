@@ -73,7 +73,7 @@ def _thin_out(data: ObservationSet, rng: np.random.Generator) -> ObservationSet:
         best, others = np.split(rows, [_N_FITTED // 2])
         rows = np.concatenate([best, rng.choice(others, _N_FITTED - len(best), replace=False)])
     rows = np.sort(np.concatenate([rows, np.flatnonzero(data.s == REAL)]))
-    return ObservationSet(data.x[rows], data.s[rows], data.y[rows], data.noise_variance[rows])
+    return data.take(rows)
 
 
 def _rank(surrogate: Surrogate, designs: list[Design]) -> list[Design]:

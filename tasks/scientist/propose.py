@@ -131,6 +131,7 @@ def propose_tools(
         rejected=to_unit([t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]),
         printing=scientist.printing_rules,
         constraint=constraint_of(campaign),
+        n_best=scientist.best_predicted,
     )
     fit_id = tools_fit_id(campaign, batch, data)
     append_tools(campaign, batch, proposals, Choice(scientist.acquisition, seed, data, len(pending), (fit_id,)))

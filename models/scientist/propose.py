@@ -151,7 +151,7 @@ def _propose_random(
     return [Proposal(design, 0.0) for design in from_unit(np.array(chosen).reshape(-1, len(PARAMETERS)))]
 
 
-def _selection(acquisition: str, surrogate: Surrogate | OwnSurrogate) -> Selection:
+def _selection(acquisition: str, surrogate: Surrogate | OwnSurrogate) -> Callable[..., list[tuple[int, float]]]:
     if not is_own(acquisition) and not isinstance(surrogate, OwnSurrogate):
         return ACQUISITIONS[acquisition]
     if not is_own(acquisition) and acquisition != "mes":

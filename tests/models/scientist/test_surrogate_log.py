@@ -8,6 +8,7 @@ from models.scientist.propose import NO_PENDING, propose
 from models.scientist.surrogate.fit import fit_surrogate, trust_simulations
 from models.scientist.surrogate.health import health_of
 from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from models.scientist.surrogate.posterior import Surrogate
 
 
 def observed(seed: int, *, is_true: bool) -> ObservationSet:
@@ -47,7 +48,9 @@ def test_the_errors_of_the_health_card_are_forces():
 def test_simulations_that_mislead_are_left_aside(seed):
     good = fit_surrogate(observed(seed, is_true=True).in_logs())
     assert trust_simulations(good) is good
-    bad = trust_simulations(fit_surrogate(observed(seed, is_true=False).in_logs()))
+    data = observed(seed, is_true=False).in_logs()
+    believed = fit_surrogate(data).parameters.model_copy(update={"rho": 1.0, "sd_e": 0.01})  # an early fit that trusts
+    bad = trust_simulations(Surrogate.condition(data, believed))
     assert (bad.data.n_real, bad.data.n_sim, bad.data.is_log) == (25, 0, True)
     x = random_unit(300, np.random.default_rng(seed + 50))
     error_good, error_bad = (np.abs(one.mean(x, REAL) - np.log1p(force_n(x))).mean() for one in (good, bad))

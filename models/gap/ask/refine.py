@@ -33,14 +33,10 @@ _PEAK = FEATURES.index("peak_n")
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """How n draws rank t designs. quality_n: n x t, mean simulated peak. values: n x p, the parameters in their units.
-
-    inner: n x p, the same where their posterior is normal, in standard deviations of it.
-    """
+    """How n draws rank t designs. quality_n: n x t, mean simulated peak. parameters: n x p, in standard deviations."""
 
     names: tuple[str, ...]
-    values: np.ndarray
-    inner: np.ndarray
+    parameters: np.ndarray
     quality_n: np.ndarray
 
     @property
@@ -77,20 +73,15 @@ class Ranking:
         """Numbers of the parameters, the one that matters most first."""
         return [int(place) for place in np.argsort(-self.weights, kind="stable")]
 
-    def find_interval(self, place: int) -> tuple[float, float]:
-        """The 90 % interval of a parameter, in its unit."""
-        low, high = np.quantile(self.values[:, place], [0.05, 0.95])
-        return float(low), float(high)
-
     def shorten(self, place: int, sd_left: float) -> "Ranking":
         """The ranking once a parameter has so much of its standard deviation left; its middle stays."""
         slope_n = self._find_slopes(self.quality_n)[place]
-        known = (1.0 - sd_left) * np.outer(self.inner[:, place], slope_n)
+        known = (1.0 - sd_left) * np.outer(self.parameters[:, place], slope_n)
         return replace(self, quality_n=self.quality_n - known)
 
     def _find_slopes(self, rows_n: np.ndarray) -> np.ndarray:
         """Change of each column of rows (n x c) by a standard deviation of each parameter, p x c."""
-        return np.asarray(np.linalg.lstsq(self.inner, rows_n - rows_n.mean(axis=0), rcond=None)[0])
+        return np.asarray(np.linalg.lstsq(self.parameters, rows_n - rows_n.mean(axis=0), rcond=None)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,17 +98,14 @@ def rank_draws(named: Hypothesis, seed: int = 0) -> Ranking:
     """How draws of the posterior of a named effect rank the measured designs, each printed and grasped as usual."""
     surrogate = _take_all(named.fit.features.surrogate)
     axes = [(value.effect, axis) for value in named.fit.effects for axis in axes_of(value.effect)]
-    values, inner, quality_n = [], [], []
+    parameters, quality_n = [], []
     for theta, effects, _ in named.draw(N_DRAWS, np.random.default_rng(seed)):
-        drawn = {value.effect: value.parameters for value in effects}
-        found = [drawn[effect][axis.name] for effect, axis in axes]
-        values.append([*theta, *found])
-        inner.append([*theta, *(axis.inner(value) for value, (_, axis) in zip(found, axes, strict=True))])
+        values = {value.effect: value.parameters for value in effects}
+        parameters.append([*theta, *(axis.inner(values[effect][axis.name]) for effect, axis in axes)])
         quality_n.append(_average_by_tool(surrogate, surrogate.predict_features(theta, effects)[:, _PEAK]))
-    rows = np.array(inner)
-    rows = (rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0, ddof=1), 1e-12)
-    names = (*_THETA, *(f"{effect}.{axis.name}" for effect, axis in axes))
-    return Ranking(names, np.array(values), rows, np.array(quality_n))
+    drawn = np.array(parameters)
+    drawn = (drawn - drawn.mean(axis=0)) / np.maximum(drawn.std(axis=0, ddof=1), 1e-12)
+    return Ranking((*_THETA, *(f"{effect}.{axis.name}" for effect, axis in axes)), drawn, np.array(quality_n))
 
 
 def refine(
@@ -138,7 +126,7 @@ def refine(
         return None
     forecast = forecast_pairs([replace(named, probability=1.0)], pairs, moved, seed, N_DRAWS)
     for place in ranking.by_weight:
-        learner = Learner(forecast, ranking.inner[:, place])
+        learner = Learner(forecast, ranking.parameters[:, place])
         counts = _choose(learner, costs, most, lambda left, at=place: ranking.shorten(at, left).is_settled)
         sd_left = learner.find_sd(counts)
         if sd_left <= MOST_LEFT:

@@ -26,6 +26,7 @@ from models.ids import content_id
 from models.records import EffectValue, SimulatorVersion
 from tasks.bench.asked import read_requests, write_requests
 from tasks.calibration.mean_data import find_base_version
+from tasks.campaign.requests import GAP_LEASE
 from tasks.campaign.simulator_versions import newest_calibrated
 from tasks.gap.ask_settings import AskSettings
 from tasks.gap.bank import HELD_OUT, LOCAL_BANK, WIDE_BANK, list_plan_ids, plan_bank, read_bank
@@ -102,7 +103,7 @@ def run_gap(
         UsageError: measurements are missing, too few, not of one kind, or not in N.
         FastError: the budget ended before the bank was complete, or another process searches in this lake.
     """
-    with exclusive(lake, "gap", f"the lake {lake.address} is already being searched for a gap"):
+    with exclusive(lake, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
         search = _prepare(lake, order)
         known = find_run(lake, search.gap_id)
         if known is not None:
@@ -127,7 +128,7 @@ def tell_cost(lake: Lake, order: GapOrder, reporter: ProgressReporter) -> str:
         UsageError: measurements are missing, too few, not of one kind, or not in N.
         FastError: another process searches in this lake.
     """
-    with exclusive(lake, "gap", f"the lake {lake.address} is already being searched for a gap"):
+    with exclusive(lake, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
         search = _prepare(lake, order)
         known = find_run(lake, search.gap_id)
         if known is not None:

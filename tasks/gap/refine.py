@@ -112,7 +112,8 @@ def _write_ranking(
 def _write_experiment(fit: Fit, plan: Refinement, pairs: Sequence[Pair], ranked: RankedDesigns) -> NextExperiment:
     """What is asked of the bench for a parameter."""
     grasps = fit.features.surrogate.grasps
-    places = sorted(np.flatnonzero(plan.counts), key=lambda at: (pairs[at].tool, pairs[at].obj))
+    chosen = [int(place) for place in np.flatnonzero(plan.counts)]
+    places = sorted(chosen, key=lambda at: (pairs[at].tool, pairs[at].obj))
     asked = tuple(write_pair(grasps, pairs[place], int(plan.counts[place])) for place in places)
     n, words = 2 * int(plan.counts.sum()), dict.fromkeys(one.setting for one in asked)
     what = describe_parameter(plan.parameter, ranked.ci90)

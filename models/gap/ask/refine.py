@@ -7,7 +7,7 @@ agree on the order of the best designs. What a draw says of a design comes from 
 one is made.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -127,23 +127,20 @@ def refine(
     forecast = forecast_pairs([replace(named, probability=1.0)], pairs, moved, seed, N_DRAWS)
     for place in ranking.by_weight:
         learner = Learner(forecast, ranking.parameters[:, place])
-        counts = _choose(learner, costs, most, lambda left, at=place: ranking.shorten(at, left).is_settled)
+        counts = _choose(learner, costs, most, ranking, place)
         sd_left = learner.find_sd(counts)
         if sd_left <= MOST_LEFT:
             return Refinement(ranking.names[place], counts, sd_left, costs.total(counts))
     return None
 
 
-def _choose(learner: "Learner", costs: Costs, most: int, is_enough: Callable[[float], bool]) -> np.ndarray:
-    """Repetitions of each pair (c), always one more of that which brings the parameter most a minute.
-
-    is_enough: whether so much of its standard deviation may be left.
-    """
+def _choose(learner: "Learner", costs: Costs, most: int, ranking: Ranking, parameter: int) -> np.ndarray:
+    """Repetitions of each pair (c), always one more of that which brings a parameter of the ranking most a minute."""
     n_pairs = len(costs.minutes)
     counts = np.zeros(n_pairs, dtype=int)
     while counts.sum() < most:
         before, spent = learner.find_sd(counts), costs.total(counts)
-        if counts.any() and is_enough(before):
+        if counts.any() and ranking.shorten(parameter, before).is_settled:
             break
         gains, rates = np.zeros(n_pairs), np.zeros(n_pairs)
         for place in range(n_pairs):

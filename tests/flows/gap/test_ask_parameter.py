@@ -13,7 +13,7 @@ from tests.flows.gap.test_ask import LAG, go, no_physics  # noqa: F401 - a fixtu
 from tests.tasks.calibration.trace_lake import PROVENANCE
 from tests.tasks.gap.gap_lake import answer_rows, gap_lake
 
-pytestmark = pytest.mark.timeout(600)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 
 def test_a_name_that_is_sure_leaves_a_parameter_to_ask_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

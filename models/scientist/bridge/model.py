@@ -1,7 +1,8 @@
 """FAST's surrogate as a BoTorch model: any acquisition function of BoTorch can be built on it.
 
 The posterior is that of the numpy surrogate (cached Cholesky factor, closed forms), and so is its gradient. Inputs
-have ten columns: a design in the unit cube, then the fidelity s (0 simulated, 1 measured). Outcomes are in the units of its data: N, or logarithms.
+have ten columns: a design in the unit cube, then the fidelity s (0 simulated, 1 measured). Outcomes are in the units
+of its data: N, or logarithms.
 """
 
 from typing import Any
@@ -31,11 +32,6 @@ class SurrogateModel(Model, FantasizeMixin):
         extra_x: Points of later outcomes, `batch_shape x p x 10`; none: p is 0.
         extra_y: Their outcomes, `batch_shape x p`, N.
         extra_noise: Variance of each outcome, `batch_shape x p`, N^2.
-
-    Example:
-        >>> model = SurrogateModel(fit_surrogate(data))                          # doctest: +SKIP
-        >>> model.posterior(torch.rand(4, 2, 10).round()).mean.shape             # doctest: +SKIP
-        torch.Size([4, 2, 1])
     """
 
     def __init__(

@@ -92,11 +92,11 @@ def run_stage(run: CampaignRun, stage: int, on_event: Callable[[], None]) -> boo
     night = begin_night(run, stage)
     campaign = run.campaign
     if night is not None:
-        run.announce(night.say_plan())
+        run.reporter.announce(night.say_plan())
         _run_loops(run, BenchLoop(run, []), night, on_event)
         if run.should_stop():
             return False
-        run.announce(night.close().sentence)
+        run.reporter.announce(night.close().sentence)
     _ensure_proposed(campaign, stage)
     batches = campaign.config.schedule.batches_of(stage)
     _run_loops(run, BenchLoop(run, batches), SimulationLoop(run, stage), on_event)

@@ -18,7 +18,6 @@ from flows.campaign.operator_prompts import make_reading_form
 from flows.gap.answering import describe_command
 from flows.gap.scheduled import search_and_tell
 from flows.gap.search import GapOrder, GapOutcome
-from flows.progress import ProgressReporter
 from lake.leases import is_held
 from models.gap.findings import NextExperiment, PersonQuestion
 from tasks.bench.asked import read_open_requests
@@ -26,7 +25,7 @@ from tasks.bench.mount import list_asked_tools, read_mounting
 from tasks.calibration.mean_data import TooLittleDataError
 from tasks.campaign import prefect_tasks as steps
 from tasks.campaign.prefect_tasks import unmapped
-from tasks.campaign.requests import append_event
+from tasks.campaign.requests import GAP_LEASE, append_event
 from tasks.gap.ask_settings import USUAL_BUDGET, AskSettings
 from tasks.gap.findings import count_asked, find_newest_run
 from tasks.gap.readings import is_answered
@@ -61,16 +60,15 @@ def close_gap(run: CampaignRun, stage: int, wait: Wait) -> bool:
 def search_campaign(label: str, run: CampaignRun) -> GapOutcome | None:
     """Search the campaign's measurements for what its simulator misses; None where there is too little to search."""
     campaign = run.campaign
-    if is_held(campaign.lake, "gap"):
+    if is_held(campaign.lake, GAP_LEASE):
         logger.warning("another process searches this lake for a gap; the campaign goes on without a search here.")
         return None
     order = GapOrder(campaign.campaign_id, asking=AskSettings(min(count_left(run), USUAL_BUDGET)))
-    reporter = ProgressReporter(progress=logger.info, announce=run.announce)
     try:
         return search_and_tell(
             campaign.lake,
             order.with_workers(campaign.config.execution.simulation_workers),
-            reporter,
+            run.reporter,
             run.should_stop,
         )
     except TooLittleDataError as error:
@@ -124,7 +122,7 @@ def _ask_person(run: CampaignRun, search_id: str, asked: NextExperiment, person:
     form = open_form(campaign.lake, make_reading_form(campaign.lake, campaign.campaign_id, search_id, person))
     where = f" or fill in {form}" if form else ""
     command = describe_command(asked, campaign.campaign_id, campaign.lake.address)
-    run.announce(f"{person.sentence} Then {command}{where}.")
+    run.reporter.announce(f"{person.sentence} Then {command}{where}.")
     append_event(campaign.lake, campaign.campaign_id, PERSON_ASKED, person.sentence, search_id=search_id)
 
 

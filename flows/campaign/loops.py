@@ -8,6 +8,7 @@ from queue import Queue
 
 from prefect.futures import PrefectFuture
 
+from flows.progress import ProgressReporter
 from hardware.bench import Bench
 from hardware.cell.cell import MeasuredGrasp
 from hardware.safety.safe_state import Verb
@@ -38,7 +39,7 @@ class CampaignRun:
     on_simulated: Callable[[str, int], None]
     prompts: OperatorPrompts
     mount_prompts: MountPrompts
-    announce: Callable[[str], None]
+    reporter: ProgressReporter
     events: "Queue[PrefectFuture]" = field(default_factory=Queue)
     stopping: threading.Event = field(default_factory=threading.Event)
     asked: Verb | None = None

@@ -133,7 +133,8 @@ def _describe_gap(campaign: Campaign) -> str:
     if run is None:
         return "No search for what the simulator misses has ended yet."
     found = campaign.lake.query(_ASKED, {"campaign": campaign.campaign_id}).to_pylist()[0]
-    told = [one.outcome for one in run.findings.asked]
+    ranking = run.findings.ranking
+    told = [*(one.outcome for one in run.findings.asked), *([ranking.sentence] if ranking is not None else [])]
     named = "; ".join(one.named.sentence for one in run.findings.rounds)
     verdict = run.findings.verdict
     kept = [f"The simulator in use stays: {verdict.sentence}."] if verdict and not verdict.is_accepted else []

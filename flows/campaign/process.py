@@ -65,7 +65,8 @@ def run_in_process(
     simulations = _open_simulations(config)
     physics = WorkerPool(config.execution.physics_workers)
     told = notifier(isinstance(setup, World), config.execution.notify, config.execution.notify_virtual)
-    progress = CampaignProgress(campaign, functools.partial(_report, reporter))
+    reporter = with_run_page(reporter)
+    progress = CampaignProgress(campaign, reporter.report)
     run = CampaignRun(
         campaign=campaign,
         pool=simulations,
@@ -76,7 +77,7 @@ def run_in_process(
         on_simulated=functools.partial(_tell_simulated, progress),
         prompts=PrintPrompts(campaign, reporter, told),
         mount_prompts=MountPrompts(campaign, reporter, told),
-        announce=reporter.announce,
+        reporter=reporter,
     )
     if auto_print:
         reporter.announce("--auto-print: trays count as printed and mounted without asking a person")
@@ -110,11 +111,22 @@ def _open_simulations(config: CampaignConfig) -> Engine:
     return open_engine(config.execution.engine, config.execution.simulation_workers, limit_s)
 
 
-def _report(reporter: ProgressReporter, what: str, bars: Sequence[Bar]) -> None:
-    """Progress for the terminal and, where one is running, for the flow's page."""
-    reporter.report(what, bars)
-    with contextlib.suppress(MissingContextError):
-        get_run_logger().info(format_report(what, bars))
+def with_run_page(reporter: ProgressReporter) -> ProgressReporter:
+    """The reporter, which also writes its progress on the page of the flow or task that is running, if there is one."""
+
+    def write(words: str) -> None:
+        with contextlib.suppress(MissingContextError):
+            get_run_logger().info(words)
+
+    def progress(words: str) -> None:
+        reporter.progress(words)
+        write(words)
+
+    def draw(what: str, bars: Sequence[Bar]) -> None:
+        reporter.report(what, bars)
+        write(format_report(what, bars))
+
+    return ProgressReporter(progress, reporter.announce, draw)
 
 
 @contextmanager

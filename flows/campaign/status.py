@@ -13,7 +13,7 @@ from lake.tables.imported import IMPORTED, importing_campaign, is_imported
 from models.validation import load_record
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig
-from tasks.campaign.requests import lease_name, requested_verb
+from tasks.campaign.requests import GAP_LEASE, lease_name, requested_verb
 from tasks.campaign.simulator_versions import at_present
 from tasks.campaign.state import rank_tools
 
@@ -49,7 +49,7 @@ def read_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
     events = lake.query(_LAST_EVENT, [campaign_id])["message"].to_pylist()
     return {
         "campaign": campaign_id,
-        "state": _state_word(lake, campaign_id, load.fraction >= 1.0),
+        "state": describe_state(lake, campaign_id, load.fraction >= 1.0),
         "grasps": f"{load.grasps_done}/{load.grasps_total}",
         "simulated": f"{load.simulated_done}/{load.simulated_total}",
         "waiting_for_print": [f"{campaign_id}/B{batch:02d}" for batch in waiting],
@@ -94,9 +94,13 @@ def format_status(status: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _state_word(lake: Lake, campaign_id: str, is_complete: bool) -> str:
+def describe_state(lake: Lake, campaign_id: str, is_complete: bool) -> str:
+    """What a campaign is doing, in a word or two: who owns it, or how its last run ended."""
     holder = holder_of(lake, lease_name(campaign_id))
     if holder is not None:
+        searcher = holder_of(lake, GAP_LEASE)
+        if searcher is not None and (searcher.machine, searcher.pid) == (holder.machine, holder.pid):
+            return "running, searches for a gap"
         return "running" if holder.is_here else f"running, as far as is known, on {holder.host}"
     if is_complete:
         return "complete"

@@ -105,12 +105,12 @@ def next_(
     Add the samples to the folder and give it back with `fast lake import`; `fast gap` then goes on with the answer.
     """
     from flows.cli.campaign import open_lake
-    from flows.gap.bench_plan import plan_next, write_bench_plan
+    from flows.gap.bench_plan import explain_silence, plan_next, write_bench_plan
 
     found = open_lake(lake)
     plan = plan_next(found, search)
     if not plan.requests:
-        show({"grasps": []}, "No grasp is asked for; `fast gap` asks where it cannot tell what is missing.", json)
+        show({"grasps": []}, explain_silence(found, search), json)
         return
     rows = [
         {
@@ -203,6 +203,7 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
     lines += [f"asked: {one.outcome}" for one in findings.asked]
     if findings.next_experiment is not None:
         lines.append(f"next experiment: {findings.next_experiment.sentence}")
+    lines += [f"ranking: {findings.ranking.sentence}"] if findings.ranking is not None else []
     lines += [f"power: {findings.power}"] if findings.power else []
     lines += [f"not to be told from {alias.of}: {alias.effect}" for alias in findings.aliases]
     lines += [f"warning: {sentence}" for sentence in findings.warnings]

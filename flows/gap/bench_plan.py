@@ -15,6 +15,7 @@ from models.records import GraspRequest, GraspSetup, Placement
 from models.units import spell_name, unit_of
 from tasks.bench.asked import read_open_requests
 from tasks.campaign.state import load_designs
+from tasks.gap.findings import find_last_run, find_run
 
 _STYLE = """
 @page { size: A4; margin: 12mm }
@@ -58,6 +59,14 @@ def plan_next(lake: Lake, search_id: str | None = None) -> BenchPlan:
         mounted = MountedTool(tool_id, designs[tools[tool_id].design_id])
         total_s += plan_time(mounted, tools[tool_id].slot, list(group), GraspSetup()).total_s
     return BenchPlan(requests, total_s / 60.0)
+
+
+def explain_silence(lake: Lake, search_id: str | None = None) -> str:
+    """Why no grasp is asked for: what a search, or the last one of the lake, says of the ranking of designs."""
+    run = find_run(lake, search_id) if search_id is not None else find_last_run(lake)
+    if run is not None and run.findings.ranking is not None:
+        return run.findings.ranking.sentence
+    return "No grasp is asked for; `fast gap` asks where it cannot tell what is missing."
 
 
 def write_bench_plan(lake: Lake, plan: BenchPlan, directory: Path) -> Path:

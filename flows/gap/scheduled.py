@@ -96,5 +96,6 @@ def markdown(outcome: GapOutcome, page: str) -> str:
     ]
     if findings.next_experiment is not None:
         lines.append(f"- next experiment: {findings.next_experiment.sentence}")
+    lines += [f"- ranking: {findings.ranking.sentence}"] if findings.ranking is not None else []
     lines += [f"- warning: {sentence}" for sentence in findings.warnings]
     return "\n".join([*lines, "", f"Page: `{page}`"])

@@ -21,11 +21,12 @@ from models.calibration.inference.settings import CalibrationSettings
 from models.errors import FastError
 from models.gap.data import GapData
 from models.gap.evaluation.power import write_power_sentence
-from models.gap.findings import Findings, NextExperiment
+from models.gap.findings import Findings
 from models.ids import content_id
 from models.records import EffectValue, SimulatorVersion
 from tasks.bench.asked import read_requests, write_requests
 from tasks.calibration.mean_data import find_base_version
+from tasks.campaign.requests import GAP_LEASE
 from tasks.campaign.simulator_versions import newest_calibrated
 from tasks.gap.ask_settings import AskSettings
 from tasks.gap.bank import HELD_OUT, LOCAL_BANK, WIDE_BANK, list_plan_ids, plan_bank, read_bank
@@ -102,7 +103,7 @@ def run_gap(
         UsageError: measurements are missing, too few, not of one kind, or not in N.
         FastError: the budget ended before the bank was complete, or another process searches in this lake.
     """
-    with exclusive(lake, "gap", f"the lake {lake.address} is already being searched for a gap"):
+    with exclusive(lake, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
         search = _prepare(lake, order)
         known = find_run(lake, search.gap_id)
         if known is not None:
@@ -127,7 +128,7 @@ def tell_cost(lake: Lake, order: GapOrder, reporter: ProgressReporter) -> str:
         UsageError: measurements are missing, too few, not of one kind, or not in N.
         FastError: another process searches in this lake.
     """
-    with exclusive(lake, "gap", f"the lake {lake.address} is already being searched for a gap"):
+    with exclusive(lake, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
         search = _prepare(lake, order)
         known = find_run(lake, search.gap_id)
         if known is not None:
@@ -239,6 +240,7 @@ def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: Pr
     """Round after round, then what it changed; writes the answer."""
     from tasks.gap.ask import list_requests
     from tasks.gap.calibrate import SearchInputs
+    from tasks.gap.refine import ask_next
     from tasks.gap.rounds import evaluate_rounds, judge
 
     order, grasps, began = search.order, search.measured.grasps, time.monotonic() - simulator.spent_s
@@ -258,7 +260,11 @@ def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: Pr
         progress=reporter.progress,
     )
     rounds = _repeat_rounds(wide, start.effects, order.rounds, reporter)
-    asked = _ask(rounds, order.asking, reporter)
+    following = ask_next(rounds, order.asking)
+    asked, ranking = following.asked, following.ranking
+    said = [f"to be asked: {asked.sentence}"] if asked is not None else []
+    for sentence in [*said, *([ranking.sentence] if ranking is not None else [])]:
+        reporter.announce(sentence)
     if not rounds[-1].is_last:
         warnings.append(f"{len(rounds)} rounds were made and the last one still found something; make more rounds.")
     before, after = rounds[0].before, rounds[-1].after
@@ -272,11 +278,12 @@ def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: Pr
         gap=evaluation.gap,
         aliases=rounds[0].confounds,
         next_experiment=asked,
-        asked=tuple(one.asked for one in rounds if one.asked is not None),
+        asked=tuple(told for told in (*(one.asked for one in rounds), following.refined) if told is not None),
         seed=order.seed,
         budget=_spent(simulator, time.monotonic() - began - simulator.spent_s),
         warnings=tuple(dict.fromkeys(warnings)),
         verdict=verdict,
+        ranking=ranking,
         power=_power(data),
     )
     run = GapRun(
@@ -294,7 +301,8 @@ def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: Pr
     parents = list(dict.fromkeys([before.calibration_id, *run.calibration_ids]))
     provenance = current_provenance(content_id("H", search.gap_id), order.seed, parents)
     if asked is not None and not read_requests(lake, search.gap_id):
-        write_requests(lake, search.gap_id, list_requests(asked), order.campaign_id, provenance)
+        requests = list_requests(asked)
+        write_requests(lake, search.gap_id, requests, order.campaign_id, provenance, asked.parameter)
     write_run(lake, run, write_answer(findings), provenance)
     return GapOutcome(run, True, tuple(rounds), evaluation)
 
@@ -320,18 +328,6 @@ def _repeat_rounds(
         reporter.announce(f"round {len(rounds) + 1}: {done.sentence}")
         rounds.append(done)
     return rounds
-
-
-def _ask(rounds: "Sequence[Round]", asking: AskSettings, reporter: ProgressReporter) -> NextExperiment | None:
-    """What the first round that leaves anything open asks for."""
-    from tasks.gap.ask import ask
-
-    for one in rounds:
-        found = ask(one.search, one.naming, asking)
-        if found is not None:
-            reporter.announce(f"to be asked: {found.sentence}")
-            return found
-    return None
 
 
 def _find_start(lake: Lake, search: _Search) -> Start:

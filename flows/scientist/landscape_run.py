@@ -8,10 +8,13 @@ from flows.scientist.landscape import N_DIMS, Landscape
 from flows.scientist.strategies import Strategy
 from models.design.space import random_unit, to_unit
 from models.records import Record
+from models.scientist.acquisition.candidates import mutate
 from models.scientist.propose import NO_PENDING, propose
-from models.scientist.surrogate.fit import fit_surrogate
+from models.scientist.surrogate.fit import fit_surrogate, trust_simulations
 from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from models.scientist.surrogate.posterior import Surrogate
+
+_N_PARENTS, _STEPS = 20, (0.05, 0.1, 0.2)  # around which designs a night looks, and how far (unit cube)
 
 
 class RunSchedule(Record):
@@ -95,6 +98,17 @@ class _Search:
             self._record(tools, initial)
         if strategy.simulations is not None:
             self._run_simulations(simulations[: schedule.initial_simulations])
+        if strategy.n_night:
+            self._spend_night(strategy.n_night)
+
+    def _spend_night(self, n: int) -> None:
+        """Simulate designs anywhere, then, in two parts, around the best simulated ones."""
+        n_anywhere = n - 2 * (n // 5)
+        self._run_simulations(random_unit(n_anywhere, self._rng))
+        for _ in range(2):
+            best = self._simulated.x[np.argsort(-self._simulated.y)[:_N_PARENTS]]
+            parents = best[self._rng.integers(0, len(best), n // 5)]
+            self._run_simulations(mutate(parents, self._rng.choice(_STEPS, n // 5), self._rng))
 
     def simulate(self) -> None:
         """The simulations of one round, in parts; the model is fitted once and updated between the parts."""
@@ -111,6 +125,8 @@ class _Search:
         """One round of tools."""
         rule = self._strategy.tools or ""
         self._surrogate = None if rule == "random" else self._fit()
+        if self._surrogate is not None and self._strategy.is_log:
+            self._surrogate = trust_simulations(self._surrogate)
         self._record(self._propose(rule, REAL, self._schedule.tools_per_round), self._rng)
 
     def verify(self) -> None:
@@ -143,6 +159,7 @@ class _Search:
             self._rng,
             min_distance=0.05 if fidelity == REAL else 0.0,
             acquisition=rule,
+            n_best=self._strategy.n_best if fidelity == REAL else 0,
         )
         return to_unit([proposal.design for proposal in proposals])
 
@@ -154,7 +171,8 @@ class _Search:
         y = np.concatenate([self._simulated.y, self._tools.y])
         simulated_as = SIM if self._strategy.tools is not None else REAL
         s = np.repeat([simulated_as, REAL], [len(self._simulated.y), len(self._tools.y)])
-        return ObservationSet(x, s, y, np.zeros(len(y)))
+        data = ObservationSet(x, s, y, np.zeros(len(y)))
+        return data.in_logs() if self._strategy.is_log else data
 
     def _run_simulations(self, x: np.ndarray) -> None:
         self._simulated.add(x, self._landscape.simulators[self._strategy.simulator](x))

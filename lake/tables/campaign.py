@@ -335,7 +335,11 @@ class DiagnosticRow(_TraceColumns):
 
 
 class FitRow(Row):
-    """Hyperparameters and health of the surrogate when tools or simulations were decided (`purpose`)."""
+    """Hyperparameters and health of the surrogate when tools or simulations were decided (`purpose`).
+
+    `is_log`: forces are modelled as ln(1 + force / 1 N), and standard deviations and means are of these. `n_sim` 0: the
+    simulations were left aside, since measured designs are predicted better without; errors are those with them.
+    """
 
     table: ClassVar[str] = "fits"
     fit_id: str
@@ -364,6 +368,7 @@ class FitRow(Row):
     shared_variance: float | None = None
     measured_only_loo_rmse_n: float | None = None
     n_outliers: int | None = None
+    is_log: bool = False
 
 
 class EventRow(Row):

@@ -44,9 +44,17 @@ class GraspRequestRow(Row):
     offset_y_mm: float | None = None
     yaw_deg: float | None = None
     purpose: str = Field(default="", description="what it shall tell, in words")
+    parameter: str | None = Field(default=None, description="whose interval it shall shorten, if no effects are told")
 
     @classmethod
-    def of(cls, search_id: str, place: int, request: GraspRequest, campaign_id: str | None = None) -> Self:
+    def of(
+        cls,
+        search_id: str,
+        place: int,
+        request: GraspRequest,
+        campaign_id: str | None = None,
+        parameter: str | None = None,
+    ) -> Self:
         """Row of a request of a search."""
         where = setup_columns(request.setup, request.placement)
         return cls(
@@ -58,6 +66,7 @@ class GraspRequestRow(Row):
             object_id=request.object_id,
             repeat=request.repeat,
             purpose=request.purpose,
+            parameter=parameter,
             **where,
         )
 

@@ -203,7 +203,8 @@ class NextExperiment(Record):
 
     possible: probability of each hypothesis, `none` and `unknown` among them. separates: those that would fall apart.
     promised_grasps: how many grasps that takes, as many as usual among them; minutes: of the bench or the person.
-    usual_n: what is measured as usual of the first asked grasp's tool and object, predicted by the first hypothesis.
+    parameter: `effect.name` whose interval shall get shorter, where a name is sure and nothing has to fall apart; ci90:
+    its interval when that was asked; sd_left: share of its width that is promised to stay.
     """
 
     grasps: tuple[AskedGrasps, ...] = ()
@@ -216,6 +217,9 @@ class NextExperiment(Record):
     outcomes: tuple[Outcome, ...] = ()
     predictions: tuple[Prediction, ...] = ()
     person: PersonQuestion | None = None
+    parameter: str = ""
+    ci90: Interval | None = None
+    sd_left: float | None = None
 
     @property
     def promised_nats(self) -> float:
@@ -235,8 +239,8 @@ class NextExperiment(Record):
 class Asked(Record):
     """What came of grasps and readings that searches had asked for.
 
-    promised, spent: grasps. promised_nats, got_nats: for what is believed now, over what is next to it.
-    before, after: probability of each hypothesis. outcome: a sentence.
+    promised, spent: grasps. promised_nats, got_nats: for what is believed now, over what is next to it; of a parameter,
+    log of how much shorter its interval gets. before, after: probability of each hypothesis. outcome: a sentence.
     """
 
     promised: int
@@ -248,11 +252,27 @@ class Asked(Record):
     outcome: str
 
 
+class RankedDesigns(Record):
+    """Whether the order of the best measured designs hangs on what is not known of the calibrated simulator.
+
+    tools: printed of them, best first. parameter: on which the order hangs most, `effect.name` or of theta; ci90: its
+    interval. agreement: share of the posterior's draws with this order. is_settled: no grasp would change it.
+    """
+
+    tools: tuple[str, ...]
+    parameter: str
+    ci90: Interval
+    agreement: float
+    is_settled: bool
+    sentence: str
+
+
 class Findings(Record):
     """`findings.json`. `aliases`: confounds. `power`: what so many designs and objects could have shown, a sentence.
 
-    next_experiment: of the first round that leaves anything open. asked: what came of earlier ones. verdict: whether
-    the simulator in use is replaced; None in answers of older code.
+    next_experiment: of the first round that leaves anything open, or for the ranking of designs. asked: what came of
+    earlier ones. verdict: whether the simulator in use is replaced; None in answers of older code. ranking: None where
+    the simulator has no effect.
     """
 
     alarm: bool
@@ -266,6 +286,7 @@ class Findings(Record):
     power: str = ""
     asked: tuple[Asked, ...] = ()
     verdict: Verdict | None = None
+    ranking: RankedDesigns | None = None
 
     def is_leftover(self, place: int) -> bool:
         """Whether a later round speaks of what an earlier name left over, and not of something else that is missing.

@@ -39,7 +39,7 @@ _MAX_ROUNDS = 20
 
 @dataclass(frozen=True)
 class Proposal:
-    """A design to evaluate. `value` is the acquisition value it was chosen for (MES: nats; random: 0)."""
+    """A design to evaluate. `value`: of the acquisition that chose it (MES: nats; random, best predicted: 0)."""
 
     design: Design
     value: float
@@ -58,6 +58,7 @@ def propose(
     rejected: np.ndarray = NO_POINTS,
     printing: PrintingRules | None = None,
     constraint: Constraint | None = None,
+    n_best: int = 0,
 ) -> list[Proposal]:
     """The next n designs for one fidelity (0 sim, 1 real), best first.
 
@@ -67,8 +68,9 @@ def propose(
     proposed before (`taken`, k x 9), whatever became of it. What is known at one fidelity may be proposed at the other.
     Candidates that break a rule of `printing` or that `constraint` refuses are left out before anything is chosen, so
     that the optimum looked for is that of what can be printed. `acquisition` is a name of `ACQUISITIONS`, `random`, or
-    `module:function` of one's own. Deterministic given the arguments and the state of `rng`. `surrogate` may be None
-    for `acquisition="random"` only.
+    `module:function` of one's own. The first `n_best` are those with the largest predicted force instead; the others
+    are chosen given them. Deterministic given the arguments and the state of `rng`. `surrogate` may be None for
+    `acquisition="random"` only.
 
     Raises:
         UsageError: unknown acquisition or fidelity, wrong shape of pending, no surrogate, no room for n designs, or a
@@ -89,7 +91,11 @@ def propose(
     with one_blas_thread():
         # From fresh candidates until n are found; what is already chosen counts as pending.
         settings = SINGLE_CANDIDATES if n == 1 else BATCH_CANDIDATES
-        proposals: list[Proposal] = []
+        best = _best_predicted(surrogate, min(n_best, n), spacing, rng, printing, constraint)
+        proposals = [Proposal(design, 0.0) for design in from_unit(best)]
+        if len(proposals) == n:
+            return proposals
+        pending = np.concatenate([pending, np.column_stack([best, np.full(len(best), fidelity)])])
         for _ in range(_MAX_ROUNDS):
             points = keep_allowed(candidate_points(surrogate, rng, settings), printing, constraint)
             if not len(points):
@@ -104,6 +110,26 @@ def propose(
             picked = np.column_stack([points[rows], np.full(len(rows), fidelity)])
             pending = np.concatenate([pending, picked])
     raise _no_room(n, len(proposals))
+
+
+def _best_predicted(
+    surrogate: Surrogate | OwnSurrogate,
+    n: int,
+    spacing: Spacing,
+    rng: np.random.Generator,
+    printing: PrintingRules | None,
+    constraint: Constraint | None,
+) -> np.ndarray:
+    """Up to n candidates with the largest predicted real force that keep the spacing, best first, m x 9."""
+    if not n:
+        return NO_POINTS
+    points = keep_allowed(candidate_points(surrogate, rng, BATCH_CANDIDATES), printing, constraint)
+    chosen: list[np.ndarray] = []
+    for point in points[np.argsort(-surrogate.mean(points, REAL), kind="stable")]:
+        if len(chosen) < n and spacing.allowed(point[None, :])[0]:
+            chosen.append(point)
+            spacing.add(point)
+    return np.array(chosen).reshape(-1, len(PARAMETERS))
 
 
 def _propose_random(
@@ -125,7 +151,7 @@ def _propose_random(
     return [Proposal(design, 0.0) for design in from_unit(np.array(chosen).reshape(-1, len(PARAMETERS)))]
 
 
-def _selection(acquisition: str, surrogate: Surrogate | OwnSurrogate) -> Selection:
+def _selection(acquisition: str, surrogate: Surrogate | OwnSurrogate) -> Callable[..., list[tuple[int, float]]]:
     if not is_own(acquisition) and not isinstance(surrogate, OwnSurrogate):
         return ACQUISITIONS[acquisition]
     if not is_own(acquisition) and acquisition != "mes":

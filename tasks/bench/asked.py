@@ -22,11 +22,17 @@ _OPEN = """
 
 
 def write_requests(
-    lake: Lake, search_id: str, requests: Sequence[GraspRequest], campaign_id: str | None, provenance: Provenance
+    lake: Lake,
+    search_id: str,
+    requests: Sequence[GraspRequest],
+    campaign_id: str | None,
+    provenance: Provenance,
+    parameter: str = "",
 ) -> tuple[GraspRequest, ...]:
     """Write what a search asks for, after what it asked for before; returned with their ids and repeats.
 
-    Repeats go on after the grasps of the tool on the object that are made or asked for: no two have the same.
+    parameter: whose interval they shall shorten; empty where they shall tell effects apart. Repeats go on after the
+    grasps of the tool on the object that are made or asked for: no two have the same.
     """
     last: dict[tuple[str, int], int] = defaultdict(lambda: -1)
     for tool_id, object_id, repeat in tuples(lake, _LAST_REPEATS):
@@ -37,7 +43,7 @@ def write_requests(
         cell = request.tool_id, request.object_id
         last[cell] += 1
         numbered = request.model_copy(update={"repeat": last[cell]})
-        rows.append(GraspRequestRow.of(search_id, place, numbered, campaign_id))
+        rows.append(GraspRequestRow.of(search_id, place, numbered, campaign_id, parameter or None))
     if rows:
         lake.append(rows, provenance)
     return tuple(row.request for row in rows)

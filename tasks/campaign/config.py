@@ -71,7 +71,7 @@ class CampaignConfig(Record):
         unused: dict[str, Any] = {"execution": True} | ({"material": True} if not self.material else {})
         unused |= {"gap": True} if self.gap == GapSettings() else {}
         unused |= {"night": True} if self.night == NightSettings() else {}
-        own = {"surrogate", "constraint"}
+        own = {"surrogate", "constraint", "best_predicted"}
         defaults = ScientistSettings()
         unused["scientist"] = {key for key in own if getattr(self.scientist, key) == getattr(defaults, key)}
         return self.model_dump(mode="json", exclude=unused)

@@ -85,7 +85,8 @@ class ObjectPlan(Record):
 
 
 RULES = ("mes", "random")  # how designs can be chosen
-SURROGATES = ("bi-fidelity",)  # what predicts the force of a design
+LOG = "log"
+SURROGATES = ("bi-fidelity", LOG)  # what predicts the force of a design
 REMOVED_RULES = ("nei", "jes", "thompson")  # configs that lakes keep may name them; `load_config` refuses them
 
 
@@ -134,7 +135,7 @@ class ScientistSettings(Record):
 
     surrogate: str = Field(
         default="bi-fidelity",
-        description="what predicts forces when tools are chosen; or `module:function` of one's own",
+        description="what predicts forces: the paper's model, the same of their logarithms, or `module:function`",
     )
     acquisition: str = Field(default="mes", description="how tools to print are chosen")
     simulation_acquisition: str = Field(default="mes", description="how designs to simulate are chosen")
@@ -143,6 +144,12 @@ class ScientistSettings(Record):
         ge=0,
         le=1,
         description="of tools from others of the batch and from rejected ones, in the unit cube of the design space",
+    )
+    best_predicted: int = Field(
+        default=0,
+        ge=0,
+        le=10,
+        description="tools of a batch with the largest predicted force; others teach most",
     )
     constraint: str | None = Field(
         default=None, description="`module:function` of one's own that says whether a design may be made"

@@ -29,19 +29,19 @@ from tasks.gap.calibrate import SearchInputs
 from tasks.gap.moved import choose_cells, simulate_moved
 
 _MOST_TOOLS, _MOST_OBJECTS = 5, 5  # of which every pair is looked at
-_FEWEST_GRASPS = 2  # a pair
+FEWEST_GRASPS = 2  # a pair
 _WORTH_NATS = 0.5  # promised less, two hypotheses are not said to fall apart
 
 
 def ask(search: SearchInputs, naming: NamingResult, settings: AskSettings) -> NextExperiment | None:
     """What to do so that what a round leaves possible falls apart; None if nothing is open, or nothing would tell."""
     hypotheses = list_hypotheses(naming)
-    if not hypotheses or settings.most_grasps < _FEWEST_GRASPS:
+    if not hypotheses or settings.most_grasps < FEWEST_GRASPS:
         return None
     grasps = naming.fit.features.surrogate.grasps
     able = [one for one in list_settings(grasps.base_setup) if settings.limits.can_make(one.setup, one.placement)]
     timings = [one for one in able if one.is_timing]
-    cells = _spread_cells(naming)
+    cells = spread_cells(grasps)
     plan = _Plan.of(hypotheses, grasps, [Pair(*cell, one) for cell in cells for one in timings], settings)
     if plan.open_effects:
         strokes = [one for one in able if not one.is_timing]
@@ -112,7 +112,7 @@ class _Plan:
         if not len(places) or not promised:
             return None
         counts = self.choice.counts
-        asked = tuple(self._write_pair(self.pairs[place], int(counts[place])) for place in places)
+        asked = tuple(write_pair(self.grasps, self.pairs[place], int(counts[place])) for place in places)
         most = int(max(places, key=lambda place: counts[place]))
         outcomes = describe_pairs(self.hypotheses, self.forecast, most, int(counts[most]))
         words = list(dict.fromkeys(one.setting for one in asked))
@@ -130,17 +130,6 @@ class _Plan:
             ),
             outcomes=outcomes,
             predictions=_predict(self.hypotheses, self.pairs[most], self.grasps),
-        )
-
-    def _write_pair(self, pair: Pair, n: int) -> AskedGrasps:
-        return AskedGrasps(
-            tool=self.grasps.tools[pair.tool],
-            object=self.grasps.objects[pair.obj],
-            setup=pair.setting.setup,
-            placement=pair.setting.placement,
-            usual=self.grasps.base_setup,
-            n=n,
-            setting=pair.setting.words,
         )
 
     def _list_promises(self) -> tuple[Promise, ...]:
@@ -199,6 +188,19 @@ def _count_pairs(hypotheses: Sequence[Hypothesis]) -> int:
     return n * (n - 1) // 2
 
 
+def write_pair(grasps: Grasps, pair: Pair, n: int) -> AskedGrasps:
+    """What is asked for a pair that is made n times."""
+    return AskedGrasps(
+        tool=grasps.tools[pair.tool],
+        object=grasps.objects[pair.obj],
+        setup=pair.setting.setup,
+        placement=pair.setting.placement,
+        usual=grasps.base_setup,
+        n=n,
+        setting=pair.setting.words,
+    )
+
+
 def estimate_costs(grasps: Grasps, pairs: Sequence[Pair]) -> Costs:
     """Minutes of each pair and of a change of tool, as the bench's cycle time has them."""
     base, minutes, change_s = grasps.base_setup, [], 0.0
@@ -224,10 +226,9 @@ def estimate_costs(grasps: Grasps, pairs: Sequence[Pair]) -> Costs:
     )
 
 
-def _spread_cells(naming: NamingResult) -> list[tuple[int, int]]:
-    """Tools and objects of which pairs are looked at: spread over those that may be learnt from, and were measured."""
-    surrogate = naming.fit.features.surrogate
-    made = sorted(set(zip(surrogate.grasps.tool.tolist(), surrogate.grasps.obj.tolist(), strict=True)))
+def spread_cells(grasps: Grasps) -> list[tuple[int, int]]:
+    """Tools and objects of which pairs are looked at: spread over those that were measured (and may be learnt from)."""
+    made = sorted(set(zip(grasps.tool.tolist(), grasps.obj.tolist(), strict=True)))
     tools = _spread(sorted({tool for tool, _ in made}), _MOST_TOOLS)
     objects = _spread(sorted({obj for _, obj in made}), _MOST_OBJECTS)
     return [cell for cell in made if cell[0] in tools and cell[1] in objects]

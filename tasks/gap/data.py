@@ -36,8 +36,8 @@ _NOISE_TRACES = 20  # of each tool, whose readings before contact are kept
 class MeasuredGrasps:
     """Measured grasps, what each tool was printed from (t), their campaigns, and what was left out or is not known.
 
-    answers: grasps that searches asked for, which are none of the others, and readings of persons. context_warnings:
-    what is not known of the order of the grasps, which theta alone does not need.
+    answers: grasps that searches asked for to tell effects apart, which are none of the others, and readings of
+    persons. context_warnings: what is not known of the order of the grasps, which theta alone does not need.
     """
 
     grasps: Grasps
@@ -147,7 +147,7 @@ def read_grasps(lake: Lake, campaign_id: str | None, size: PanelSize = WHOLE) ->
     made_by = [GraspSetup.model_validate_json(row.setup_json) for row in used]
     setups, setup = number_distinct(made_by, find_base_setup(rows))
     placements, placement = number_distinct([row.placement for row in used], Placement())
-    is_asked = np.array([bool(row.request_id) for row in used])
+    is_asked = _find_questions(lake, used)
     is_usual = (setup == 0) & (placement == 0) & ~is_asked
     cell = tool * len(objects) + obj
     noise, noise_sentences = _noise(quiet, all_steps_n[is_usual], cell[is_usual], setups[0])
@@ -172,14 +172,23 @@ def read_grasps(lake: Lake, campaign_id: str | None, size: PanelSize = WHOLE) ->
         campaigns=tuple(sorted({row.campaign_id for row in used})),
         trace_warnings=(*sentences, *printed_sentences, *noise_sentences),
         context_warnings=contexts.warnings,
-        answers=_gather_answers(lake, campaign_id, grasps, used),
+        answers=_gather_answers(lake, campaign_id, grasps, used, is_asked),
     )
 
 
-def _gather_answers(lake: Lake, campaign_id: str | None, grasps: Grasps, rows: Sequence[GraspRow]) -> Answers | None:
+def _find_questions(lake: Lake, rows: Sequence[GraspRow]) -> np.ndarray:
+    """Which grasps (n) were asked for to tell effects apart; one for a parameter is a grasp like any other."""
+    asked = lake.records(GraspRequestRow, request_id=[row.request_id for row in rows if row.request_id])
+    for_parameter = {row.request_id for row in asked if row.parameter}
+    return np.array([bool(row.request_id) and row.request_id not in for_parameter for row in rows])
+
+
+def _gather_answers(
+    lake: Lake, campaign_id: str | None, grasps: Grasps, rows: Sequence[GraspRow], is_asked: np.ndarray
+) -> Answers | None:
     """What came of questions: grasps (of `rows`) in the pairs in which they were asked for, and readings of persons."""
     readings = read_readings(lake, campaign_id)
-    places = {row.request_id: place for place, row in enumerate(rows) if row.request_id}
+    places = {row.request_id: place for place, row in enumerate(rows) if is_asked[place]}
     asked = lake.records(GraspRequestRow, request_id=list(places))
     of_pair: dict[tuple[str, int], list[int]] = defaultdict(list)
     for request in sorted(asked, key=lambda row: (row.search_id, row.place)):

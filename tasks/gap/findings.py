@@ -53,20 +53,41 @@ def find_run(lake: Lake, gap_id: str) -> GapRun | None:
 
 def find_newest_run(lake: Lake, campaign_id: str | None) -> GapRun | None:
     """The search of a campaign, or of a whole lake, that ended last."""
-    found = lake.records(EventRow, kind=KIND, campaign_id=campaign_id or "")
+    return next(iter(_read_runs(lake, campaign_id)[-1:]), None)
+
+
+def find_last_run(lake: Lake) -> GapRun | None:
+    """The search of a lake that ended last, of whatever campaign."""
+    found = lake.records(EventRow, kind=KIND)
     return GapRun.model_validate(json.loads(found[-1].payload_json)) if found else None
 
 
 def find_answered_run(lake: Lake, campaign_id: str | None) -> GapRun | None:
-    """The search that ended last, if what it asked for is answered, in part at least: it is to be gone on with."""
+    """The search that ended last, if what it asked for is answered, in part at least: it is to be gone on with.
+
+    One that asked for a parameter had its name already; the search after it begins with that.
+    """
     run = find_newest_run(lake, campaign_id)
-    if run is None or run.findings.next_experiment is None:
+    if run is None or run.findings.next_experiment is None or run.findings.next_experiment.parameter:
         return None
     person = run.findings.next_experiment.person
     if person is not None:
         return run if is_answered(lake, run.gap_id, person.kind) else None
-    made = lake.query(_N_MADE, {"search": run.gap_id})["n"][0].as_py()
-    return run if made else None
+    return run if count_made(lake, run.gap_id) else None
+
+
+def find_refined_run(lake: Lake, campaign_id: str | None) -> GapRun | None:
+    """The last search that asked for a parameter and had any of its grasps made."""
+    for run in reversed(_read_runs(lake, campaign_id)):
+        asked = run.findings.next_experiment
+        if asked is not None and asked.parameter and count_made(lake, run.gap_id):
+            return run
+    return None
+
+
+def count_made(lake: Lake, gap_id: str) -> int:
+    """How many of the grasps that a search asked for are made."""
+    return int(lake.query(_N_MADE, {"search": gap_id})["n"][0].as_py())
 
 
 def count_asked(lake: Lake, campaign_id: str) -> int:
@@ -76,9 +97,14 @@ def count_asked(lake: Lake, campaign_id: str) -> int:
 
 def read_questions(lake: Lake, campaign_id: str | None) -> list[NextExperiment]:
     """What finished searches of a campaign, or of a whole lake, have asked for, in order."""
-    rows = lake.records(EventRow, kind=KIND, campaign_id=campaign_id or "")
-    runs = [GapRun.model_validate(json.loads(row.payload_json)) for row in rows]
+    runs = _read_runs(lake, campaign_id)
     return [run.findings.next_experiment for run in runs if run.findings.next_experiment is not None]
+
+
+def _read_runs(lake: Lake, campaign_id: str | None) -> list[GapRun]:
+    """Finished searches of a campaign, or of a whole lake, in order."""
+    rows = lake.records(EventRow, kind=KIND, campaign_id=campaign_id or "")
+    return [GapRun.model_validate(json.loads(row.payload_json)) for row in rows]
 
 
 class Start(NamedTuple):

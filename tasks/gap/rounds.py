@@ -127,7 +127,8 @@ def settle_answers(search: SearchInputs, naming: NamingResult) -> tuple[NamingRe
     likelihood = search.answers.weigh(hypotheses, moved)
     if np.ptp(likelihood) == 0.0:  # readings in which none of them has a say
         return naming, None
-    asked = tell_asked(read_questions(search.lake, search.campaign_id), hypotheses, likelihood, search.answers)
+    questions = [one for one in read_questions(search.lake, search.campaign_id) if not one.parameter]
+    asked = tell_asked(questions, hypotheses, likelihood, search.answers)
     return settle(naming, believe(hypotheses, likelihood)), asked
 
 

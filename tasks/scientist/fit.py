@@ -7,12 +7,13 @@ from typing import Any, Literal
 from lake.tables.campaign import FitRow
 from models.blas import one_blas_thread
 from models.ids import content_id
-from models.scientist.surrogate.fit import fit_surrogate
+from models.scientist.surrogate.fit import fit_surrogate, trust_simulations
 from models.scientist.surrogate.health import health_of
 from models.scientist.surrogate.observations import ObservationSet
 from models.scientist.surrogate.parameters import SurrogateParameters
 from models.scientist.surrogate.posterior import Surrogate
 from tasks.campaign.campaign import Campaign
+from tasks.campaign.settings import LOG
 
 logger = logging.getLogger(__name__)
 
@@ -26,10 +27,20 @@ def fit(campaign: Campaign, batch: int, data: ObservationSet, rows: Sequence[str
     `rows` are the ids of the grasps and simulations behind `data`.
     """
     seed = campaign.seed("fit", batch)
-    surrogate = fit_surrogate(data, None, seed=seed)
-    row = _fit_row(campaign, tools_fit_id(campaign, batch, data), batch, surrogate, seed, "tools")
+    surrogate = chosen = fit_surrogate(in_units_of(campaign, data), None, seed=seed)
+    if surrogate.data.is_log:
+        chosen = trust_simulations(surrogate, seed)
+    row = _fit_row(campaign, tools_fit_id(campaign, batch, data), batch, chosen, seed, "tools")
     campaign.lake.append([_with_health(row, surrogate)], campaign.provenance(seed, rows))
-    return surrogate
+    if chosen is not surrogate:
+        words = "simulations are left aside for the choice of tools: measured tools are predicted better without them"
+        logger.warning("%s, before B%02d: %s", campaign.campaign_id, batch, words)
+    return chosen
+
+
+def in_units_of(campaign: Campaign, data: ObservationSet) -> ObservationSet:
+    """The observations as the campaign's surrogate takes them: forces, or their logarithms."""
+    return data.in_logs() if campaign.config.scientist.surrogate == LOG else data
 
 
 def surrogate_for_simulation(
@@ -40,6 +51,7 @@ def surrogate_for_simulation(
     The last fit of the batch, conditioned on all data, while these have grown little; then a new fit, recorded, that
     starts from the last. Which it is depends on the lake alone, so that a restart changes no proposal.
     """
+    data = in_units_of(campaign, data)
     last = _last_fit(campaign, batch)
     if last is not None and not _is_outgrown(last, data):
         return fitted_before(last, data), last["fit_id"]
@@ -119,6 +131,7 @@ def _fit_row(
         nugget_n=parameters.nugget,
         mean_sim_n=parameters.mean_sim,
         mean_real_n=parameters.mean_real,
+        is_log=data.is_log,
     )
 
 

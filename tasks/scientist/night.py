@@ -14,6 +14,7 @@ from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from models.scientist.surrogate.posterior import Surrogate
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.state import NIGHT
+from tasks.scientist.fit import in_units_of
 from tasks.scientist.observe import (
     Means,
     closed_batches,
@@ -50,7 +51,8 @@ def choose_designs(campaign: Campaign, stage: int, n: int) -> list[Design]:
     data = observe(campaign, state, closed_batches(campaign, state))
     surrogate = None
     if len(data) >= MIN_OBSERVATIONS and n_new:
-        surrogate = fit_surrogate(_thin_out(data, rng), None, seed=campaign.seed("night fit", stage))
+        thinned = in_units_of(campaign, _thin_out(data, rng))
+        surrogate = fit_surrogate(thinned, None, seed=campaign.seed("night fit", stage))
         known = _rank(surrogate, known)
     near = np.zeros((0, len(PARAMETERS))) if surrogate is None else _draw_near(campaign, surrogate, n_new, rng)
     anywhere = _keep_printable(campaign, random_unit(_DRAWS * n_new, rng))[:n_new]
@@ -73,7 +75,7 @@ def _thin_out(data: ObservationSet, rng: np.random.Generator) -> ObservationSet:
         best, others = np.split(rows, [_N_FITTED // 2])
         rows = np.concatenate([best, rng.choice(others, _N_FITTED - len(best), replace=False)])
     rows = np.sort(np.concatenate([rows, np.flatnonzero(data.s == REAL)]))
-    return ObservationSet(data.x[rows], data.s[rows], data.y[rows], data.noise_variance[rows])
+    return data.take(rows)
 
 
 def _rank(surrogate: Surrogate, designs: list[Design]) -> list[Design]:

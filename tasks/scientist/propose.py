@@ -12,7 +12,7 @@ from models.errors import UsageError
 from models.ids import content_id
 from models.records import Design
 from models.scientist.bridge.load import is_own, load_constraint
-from models.scientist.bridge.own_model import make_own_surrogate
+from models.scientist.bridge.own_model import OwnSurrogate, make_own_surrogate
 from models.scientist.propose import RANDOM, Constraint, propose
 from models.scientist.propose import Proposal as ProposedDesign
 from models.scientist.surrogate.observations import ObservationSet
@@ -116,7 +116,7 @@ def propose_tools(
     seed = campaign.seed("tools", batch)
     scientist = campaign.config.scientist
     pending = pending_points(campaign, state)
-    model = surrogate
+    model: Surrogate | OwnSurrogate = surrogate
     if is_own(scientist.surrogate):
         model = make_own_surrogate(scientist.surrogate, data, seed)
     proposals = propose(
@@ -131,6 +131,7 @@ def propose_tools(
         rejected=to_unit([t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]),
         printing=scientist.printing_rules,
         constraint=constraint_of(campaign),
+        n_best=scientist.best_predicted,
     )
     fit_id = tools_fit_id(campaign, batch, data)
     append_tools(campaign, batch, proposals, Choice(scientist.acquisition, seed, data, len(pending), (fit_id,)))

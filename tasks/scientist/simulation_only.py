@@ -1,10 +1,12 @@
 """The baseline that never learns from a measurement: search in simulation alone, then print what simulated best."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from models.design.space import to_unit
 from models.scientist.propose import Proposal, propose
-from models.scientist.surrogate.observations import REAL, ObservationSet
+from models.scientist.surrogate.observations import REAL
 from models.scientist.surrogate.posterior import Surrogate
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.state import CampaignState
@@ -63,5 +65,5 @@ def as_target(surrogate: Surrogate) -> Surrogate:
     parameters = p.model_copy(
         update={"rho": 1.0, "sd_e": _NOTHING * p.sd_h, "noise_sd": p.nugget, "mean_real": p.mean_sim}
     )
-    as_real = ObservationSet(data.x, np.full(len(data), REAL), data.y, data.noise_variance)
+    as_real = replace(data, s=np.full(len(data), REAL))
     return Surrogate.condition(as_real, parameters)

@@ -49,7 +49,13 @@ def write_surrogate(content: Content, folder: Folder) -> Markup:
             "how many newtons on the bench go with one in the simulation. Shared: part of the variance that measured "
             "designs have in common with their simulation. Error: each measured design predicted from all others, root "
             "mean square; alone: the same without simulations. Predicted: part of the variance between measured "
-            "designs. In 90 %: part of them inside their 90 % interval. Noise: between measurements of one design.",
+            "designs. In 90 %: part of them inside their 90 % interval. Noise: between measurements of one design"
+            + (
+                ", at the mean force; logarithms of forces are modelled. Without simulated designs: they were left "
+                "aside, since measured designs are predicted better so."
+                if last["is_log"]
+                else "."
+            ),
             "note",
         ),
         columns(

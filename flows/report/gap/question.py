@@ -10,7 +10,7 @@ from flows.report.gap.answer import GapPage, describe_effect, describe_probabili
 from flows.report.html import Markup, number, paragraph, section, table
 from flows.report.style import BEST, FIRST, INK, SIMULATED, WIDTH_IN, new_axes
 from models.gap.ask.outcomes import MEANS
-from models.gap.findings import UNKNOWN, Asked, NextExperiment
+from models.gap.findings import UNKNOWN, Asked, NextExperiment, RankedDesigns
 from models.objects.catalogue import get_object
 from models.traces.step_features import STEP_MM
 
@@ -29,6 +29,7 @@ def write_next(content: GapPage, folder: Folder) -> Markup:
         "What to measure next",
         *(paragraph(_describe_asked(one)) for one in findings.asked),
         *_write_question(findings.next_experiment, content.command, folder),
+        *_write_ranking(findings.ranking),
         Markup("<h3>What these data cannot tell from something else</h3>"),
         f'<div class="words">{listed}</div>',
     )
@@ -51,8 +52,9 @@ def _write_question(asked: NextExperiment | None, command: str, folder: Folder) 
         return [paragraph("Nothing is left ambiguous that an experiment of the bench would separate.")]
     found = [
         paragraph(asked.sentence.partition(MEANS)[0], "lead"),
-        paragraph(f"It separates {', '.join(describe_effect(e) for e in asked.separates)}."),
     ]
+    if asked.separates:
+        found.append(paragraph(f"It separates {', '.join(describe_effect(e) for e in asked.separates)}."))
     if asked.outcomes:
         means = [(one.sentence, describe_effect(one.effect), _tell_chance(asked, one.effect)) for one in asked.outcomes]
         means.append(("anything else", describe_effect(UNKNOWN), _tell_chance(asked, UNKNOWN)))
@@ -71,6 +73,14 @@ def _write_question(asked: NextExperiment | None, command: str, folder: Folder) 
     return found
 
 
+def _write_ranking(ranking: RankedDesigns | None) -> list[Markup]:
+    """Whether the order of the best designs hangs on what is not known, and the designs."""
+    if ranking is None:
+        return []
+    rows = [(str(place), shorten_tool(tool)) for place, tool in enumerate(ranking.tools, 1)]
+    return [paragraph(ranking.sentence), table(("simulated rank", "tool"), rows, (0,))]
+
+
 def _tell_chance(asked: NextExperiment, name: str) -> str:
     return describe_probability(asked.possible[name]) if name in asked.possible else ""
 
@@ -81,4 +91,5 @@ def _describe_asked(asked: Asked) -> str:
         f"{describe_effect(name)} {describe_probability(before)} to {describe_probability(asked.after.get(name, 0.0))}"
         for name, before in asked.before.items()
     )
-    return f"Asked before: {asked.promised} grasps promised, {asked.spent} made. {asked.outcome} {changes}."
+    told = f" {changes}." if changes else ""
+    return f"Asked before: {asked.promised} grasps promised, {asked.spent} made. {asked.outcome}{told}"

@@ -1,9 +1,10 @@
 """Once an effect is named: the grasps that shorten the interval of the parameter on which the ranking of designs hangs.
 
-The hypotheses are draws of one posterior. A parameter matters as far as it moves the best tools against each other. The
-interval of the one that matters most is what pairs of grasps are chosen for, by the nats a minute that they bring it:
-outcomes and parameter are taken to be normal together, as the draws have them. Nothing is asked once the draws agree
-on the order of the best tools.
+The hypotheses are draws of one posterior. A parameter matters as far as it moves the best designs against each other.
+The interval of the one that matters most is what pairs of grasps are chosen for, by the nats a minute that they bring
+it: outcomes and parameter are taken to be normal together, as the draws have them. Nothing is asked once the draws
+agree on the order of the best designs. What a draw says of a design comes from simulations that the bank has: no new
+one is made.
 """
 
 from collections.abc import Sequence
@@ -14,21 +15,25 @@ import numpy as np
 from models.gap.ask.choose import Costs
 from models.gap.ask.forecast import Forecast
 from models.gap.ask.hypotheses import Hypothesis
-from models.gap.ask.predict import Moved, Pair, forecast_pairs
-from models.gap.bank.surrogate import FEATURES
+from models.gap.ask.predict import Moved, Pair, forecast_pairs, make_grasps
+from models.gap.ask.settings import Setting
+from models.gap.bank.surrogate import FEATURES, Surrogate
 from models.gap.fit.fit import axes_of
+from models.records import GraspContext
 
 N_DRAWS = 96  # well above the number of parameters: fewer would seem to know each other
-N_BEST = 3  # tools whose order counts
+N_BEST = 10  # designs whose order counts
 SURE_SHARE = 0.95  # of the draws with one order: more grasps would not change it
+EQUAL_SHARE = 0.01  # of the force: designs that are no further apart than repeats of a grasp have no order
 LEAST_NATS = 0.02  # that a pair brings the parameter; one that brings less is not made
+MOST_LEFT = 0.9  # of the interval: a parameter that keeps more of it is not worth any grasp
 _THETA = ("young_modulus_mpa", "friction", "poisson_ratio")
 _PEAK = FEATURES.index("peak_n")
 
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """How n draws rank t tools. quality_n: n x t, mean simulated peak. parameters: n x p, in standard deviations."""
+    """How n draws rank t designs. quality_n: n x t, mean simulated peak. parameters: n x p, in standard deviations."""
 
     names: tuple[str, ...]
     parameters: np.ndarray
@@ -36,14 +41,16 @@ class Ranking:
 
     @property
     def best(self) -> np.ndarray:
-        """The tools that are best by the mean of the draws, best first."""
+        """The designs that are best by the mean of the draws, best first."""
         return np.argsort(-self.quality_n.mean(axis=0), kind="stable")[:N_BEST]
 
     @property
     def agreement(self) -> float:
-        """Share of the draws that have the best tools in this order."""
-        orders = np.argsort(-self.quality_n, axis=1, kind="stable")[:, : len(self.best)]
-        return float((orders == self.best).all(axis=1).mean())
+        """Share of the draws in which no design is better than one above it, by more than repeats of a grasp differ."""
+        ordered_n = self.quality_n[:, self.best]
+        least_above_n = np.minimum.accumulate(ordered_n, axis=1)
+        equal_n = EQUAL_SHARE * np.abs(ordered_n).mean(axis=1, keepdims=True)
+        return float((ordered_n - least_above_n <= equal_n).all(axis=1).mean())
 
     @property
     def is_settled(self) -> bool:
@@ -57,7 +64,7 @@ class Ranking:
         Neighbours that lie close together count most.
         """
         margins_n = -np.diff(self.quality_n[:, self.best], axis=1)
-        slopes_n, *_ = np.linalg.lstsq(self.parameters, margins_n - margins_n.mean(axis=0), rcond=None)
+        slopes_n = self._find_slopes(margins_n)
         closeness = margins_n.std(axis=0) / np.maximum(np.abs(margins_n.mean(axis=0)), 1e-9)
         return np.asarray(np.sqrt((slopes_n**2 * np.minimum(closeness, 1.0) ** 2).sum(axis=1)))
 
@@ -65,6 +72,16 @@ class Ranking:
     def by_weight(self) -> list[int]:
         """Numbers of the parameters, the one that matters most first."""
         return [int(place) for place in np.argsort(-self.weights, kind="stable")]
+
+    def shorten(self, place: int, sd_left: float) -> "Ranking":
+        """The ranking once a parameter has so much of its standard deviation left; its middle stays."""
+        slope_n = self._find_slopes(self.quality_n)[place]
+        known = (1.0 - sd_left) * np.outer(self.parameters[:, place], slope_n)
+        return replace(self, quality_n=self.quality_n - known)
+
+    def _find_slopes(self, rows_n: np.ndarray) -> np.ndarray:
+        """Change of each column of rows (n x c) by a standard deviation of each parameter, p x c."""
+        return np.asarray(np.linalg.lstsq(self.parameters, rows_n - rows_n.mean(axis=0), rcond=None)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,50 +95,53 @@ class Refinement:
 
 
 def rank_draws(named: Hypothesis, seed: int = 0) -> Ranking:
-    """How draws of the posterior of a named effect rank the measured tools, as designs: each printed as usual."""
-    surrogate = named.fit.features.surrogate
-    grasps = surrogate.grasps
-    is_usual = grasps.setup == grasps.setups.index(grasps.base_setup)
-    cells = np.stack([grasps.tool, grasps.obj], axis=1)[is_usual]
-    _, first = np.unique(cells, axis=0, return_index=True)
-    rows = np.flatnonzero(is_usual)[first]
+    """How draws of the posterior of a named effect rank the measured designs, each printed and grasped as usual."""
+    surrogate = _take_all(named.fit.features.surrogate)
     axes = [(value.effect, axis) for value in named.fit.effects for axis in axes_of(value.effect)]
     parameters, quality_n = [], []
     for theta, effects, _ in named.draw(N_DRAWS, np.random.default_rng(seed)):
         values = {value.effect: value.parameters for value in effects}
         parameters.append([*theta, *(axis.inner(values[effect][axis.name]) for effect, axis in axes)])
-        peak_n = surrogate.predict_features(theta, effects)[rows, _PEAK]
-        quality_n.append(_average_by_tool(peak_n, grasps.tool[rows], len(grasps.tools)))
+        quality_n.append(_average_by_tool(surrogate, surrogate.predict_features(theta, effects)[:, _PEAK]))
     drawn = np.array(parameters)
     drawn = (drawn - drawn.mean(axis=0)) / np.maximum(drawn.std(axis=0, ddof=1), 1e-12)
     return Ranking((*_THETA, *(f"{effect}.{axis.name}" for effect, axis in axes)), drawn, np.array(quality_n))
 
 
 def refine(
-    named: Hypothesis, pairs: Sequence[Pair], costs: Costs, most: int, moved: Moved | None = None, seed: int = 0
+    named: Hypothesis,
+    ranking: Ranking,
+    pairs: Sequence[Pair],
+    costs: Costs,
+    most: int,
+    moved: Moved | None = None,
+    seed: int = 0,
 ) -> Refinement | None:
-    """The pairs to make, `most` repetitions in all; None if the ranking is settled, or no pair shortens any interval.
+    """The fewest pairs that are expected to settle a ranking of `rank_draws`, `most` repetitions in all.
 
-    A parameter that no pair tells anything of is passed over for the next one.
+    None if the ranking is settled, or no pairs shorten any interval by a tenth. A parameter of which they tell less is
+    passed over for the next one.
     """
-    ranking = rank_draws(named, seed)
-    if ranking.is_settled:
+    if ranking.is_settled or not pairs:
         return None
     forecast = forecast_pairs([replace(named, probability=1.0)], pairs, moved, seed, N_DRAWS)
     for place in ranking.by_weight:
         learner = Learner(forecast, ranking.parameters[:, place])
-        counts = _choose(learner, costs, most)
-        if counts.any():
-            return Refinement(ranking.names[place], counts, learner.find_sd(counts), costs.total(counts))
+        counts = _choose(learner, costs, most, ranking, place)
+        sd_left = learner.find_sd(counts)
+        if sd_left <= MOST_LEFT:
+            return Refinement(ranking.names[place], counts, sd_left, costs.total(counts))
     return None
 
 
-def _choose(learner: "Learner", costs: Costs, most: int) -> np.ndarray:
-    """Repetitions of each pair (c), always one more of that which brings the parameter most a minute."""
+def _choose(learner: "Learner", costs: Costs, most: int, ranking: Ranking, parameter: int) -> np.ndarray:
+    """Repetitions of each pair (c), always one more of that which brings a parameter of the ranking most a minute."""
     n_pairs = len(costs.minutes)
     counts = np.zeros(n_pairs, dtype=int)
     while counts.sum() < most:
         before, spent = learner.find_sd(counts), costs.total(counts)
+        if counts.any() and ranking.shorten(parameter, before).is_settled:
+            break
         gains, rates = np.zeros(n_pairs), np.zeros(n_pairs)
         for place in range(n_pairs):
             tried = counts.copy()
@@ -158,8 +178,20 @@ class Learner:
         return float(np.sqrt(max(left, 1e-6)))
 
 
-def _average_by_tool(values: np.ndarray, tool: np.ndarray, n_tools: int) -> np.ndarray:
-    """Mean of each of the tools, t; of one without any, the least."""
-    total = np.bincount(tool, weights=values, minlength=n_tools)
-    n = np.bincount(tool, minlength=n_tools)
-    return np.where(n > 0, total / np.maximum(n, 1), values.min())
+def _take_all(usual: Surrogate) -> Surrogate:
+    """The surrogate of every tool on every object that the bank has both of, as usual, each the first of a new tool."""
+    grasps = usual.grasps
+    setting = Setting(grasps.base_setup)
+    pairs = [Pair(tool, obj, setting) for tool in range(len(grasps.tools)) for obj in range(len(grasps.objects))]
+    made = make_grasps(grasps, pairs).select(np.arange(len(pairs)))
+    found = usual.at(replace(made, contexts=(GraspContext(),) * len(pairs)))
+    return found.select(np.flatnonzero(found.is_usable))
+
+
+def _average_by_tool(surrogate: Surrogate, peak_n: np.ndarray) -> np.ndarray:
+    """Mean of each tool, t, over objects; where a cell is not known, the mean of the others on this object stands."""
+    grasps = surrogate.grasps
+    table = np.full((len(grasps.tools), len(grasps.objects)), np.nan)
+    table[grasps.tool, grasps.obj] = peak_n
+    known = table[:, np.isfinite(table).any(axis=0)]
+    return np.asarray(np.where(np.isfinite(known), known, np.nanmean(known, axis=0)).mean(axis=1))

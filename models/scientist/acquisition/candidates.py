@@ -6,19 +6,30 @@ incumbent with every rib count.
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial.distance import cdist
 
 from models.design.space import N_RIB_LEVELS, RIB_COUNT_COLUMN, random_unit, snap
-from models.scientist.surrogate.observations import REAL
-from models.scientist.surrogate.posterior import Surrogate
+from models.scientist.surrogate.observations import REAL, ObservationSet
 
 DUPLICATE_DISTANCE = 1e-4  # unit-cube length below which two designs print as the same finger
 _CLIMB_SCALES = (0.2, 0.12, 0.08, 0.05, 0.03, 0.02)  # unit-cube lengths, one step each
 _LOCAL_SCALES = np.array([0.02, 0.05, 0.1, 0.2])
 _MOVE_SHARE = 0.5  # of the continuous coordinates, so that steps follow the axes of the lengthscales
 _RIB_MOVE_SHARE = 0.3
+
+
+class Predictor(Protocol):
+    """What candidates need of a surrogate: what it has seen, and the mean that it predicts, N or its logarithm."""
+
+    @property
+    def data(self) -> ObservationSet:
+        """Observations behind it."""
+
+    def mean(self, x: np.ndarray, s: np.ndarray | int) -> np.ndarray:
+        """Predictive mean at m points `x` (m x 9) of fidelity `s`, m."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +43,7 @@ class CandidateSettings:
     n_best_measured: int = 4
 
 
-def candidate_points(surrogate: Surrogate, rng: np.random.Generator, settings: CandidateSettings) -> np.ndarray:
+def candidate_points(surrogate: Predictor, rng: np.random.Generator, settings: CandidateSettings) -> np.ndarray:
     """Candidates in the unit cube, (n_random + n_local) x 9; the incumbents themselves are among them."""
     random_points = random_unit(settings.n_random, rng)
     incumbents = np.concatenate(
@@ -46,7 +57,7 @@ def candidate_points(surrogate: Surrogate, rng: np.random.Generator, settings: C
 
 
 def climb_mean(
-    surrogate: Surrogate, pool: np.ndarray, rng: np.random.Generator, settings: CandidateSettings
+    surrogate: Predictor, pool: np.ndarray, rng: np.random.Generator, settings: CandidateSettings
 ) -> np.ndarray:
     """Hill-climbed maxima of the real outcome's posterior mean, n_lineages x 9.
 
@@ -91,7 +102,7 @@ def with_all_rib_counts(points: np.ndarray) -> np.ndarray:
     return repeated
 
 
-def _best_measured(surrogate: Surrogate, n: int) -> np.ndarray:
+def _best_measured(surrogate: Predictor, n: int) -> np.ndarray:
     real = surrogate.data.s == REAL
     x, y = snap(surrogate.data.x[real]), surrogate.data.y[real]
     return x[np.argsort(-y, kind="stable")[:n]]

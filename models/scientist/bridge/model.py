@@ -144,7 +144,7 @@ class _JointPosterior(torch.autograd.Function):
     """Mean and covariance of b sets of q points by numpy, with their gradient in closed form."""
 
     @staticmethod
-    def forward(ctx: Any, surrogate: Surrogate, points: Tensor) -> tuple[Tensor, Tensor]:  # type: ignore[override]
+    def forward(ctx: Any, surrogate: Surrogate, points: Tensor) -> tuple[Tensor, Tensor]:
         ctx.surrogate = surrogate
         ctx.save_for_backward(points)
         array = points.detach().numpy()

@@ -40,6 +40,26 @@ def fit_surrogate(data: ObservationSet, previous: SurrogateParameters | None = N
         return _fit(data.sims_first(), previous, np.random.default_rng(seed))
 
 
+def trust_simulations(surrogate: Surrogate, seed: int = 0) -> Surrogate:
+    """The surrogate, or one fitted to the measurements alone where that predicts each of them better from the others.
+
+    Compared is the sum of the logarithms of leave-one-out densities at measured designs. A simulator that misleads is
+    so left aside for the choice that is at hand.
+    """
+    data = surrogate.data
+    if not data.n_sim or data.n_real < MIN_OBSERVATIONS:
+        return surrogate
+    alone = fit_surrogate(data.take(data.s == REAL), seed=seed)
+    return alone if _left_out_density(alone) > _left_out_density(surrogate) else surrogate
+
+
+def _left_out_density(surrogate: Surrogate) -> float:
+    """Sum over measured designs of the log density of each given all others."""
+    loo, is_real = surrogate.leave_one_out(), surrogate.data.s == REAL
+    away = (surrogate.data.y - loo.mean)[is_real] / loo.sd[is_real]
+    return float(np.sum(-0.5 * away**2 - np.log(loo.sd[is_real])))
+
+
 def _fit(data: ObservationSet, previous: SurrogateParameters | None, rng: np.random.Generator) -> Surrogate:
     units = Standardisation.of(data)
     standardised = units.apply(data)

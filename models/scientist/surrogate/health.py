@@ -139,7 +139,12 @@ def _fidelity(surrogate: Surrogate, loo: LeaveOneOut, fidelity: int) -> tuple[fl
     rows = surrogate.data.s == fidelity
     if np.count_nonzero(rows) < 2:
         return None, None, None
-    y, error = surrogate.data.y[rows], surrogate.data.y[rows] - loo.mean[rows]
+    y = surrogate.data.force_n(surrogate.data.y[rows])
+    error = y - surrogate.data.force_n(loo.mean[rows])
     spread = float(np.var(y))
     q2 = 1.0 - float(np.mean(error**2)) / spread if spread > 0 else None
-    return float(np.sqrt(np.mean(error**2))), float(np.mean(np.abs(error) <= Z_90 * loo.sd[rows])), q2
+    return float(np.sqrt(np.mean(error**2))), _coverage(surrogate, loo, rows), q2
+
+
+def _coverage(surrogate: Surrogate, loo: LeaveOneOut, rows: np.ndarray) -> float:
+    return float(np.mean(np.abs(surrogate.data.y[rows] - loo.mean[rows]) <= Z_90 * loo.sd[rows]))

@@ -1,6 +1,6 @@
 """What the surrogate is fitted to: designs with their mean grasping force at either fidelity."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -8,6 +8,7 @@ from models.design.space import PARAMETERS
 from models.errors import UsageError
 
 SIM, REAL = 0, 1
+LOG_UNIT_N = 1.0  # forces well above it count by their ratios, those below by their differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,13 +16,15 @@ class ObservationSet:
     """n observed designs.
 
     x: n x 9, unit cube. s: n, fidelity (0 sim, 1 real). y: n, mean force over the objects, N.
-    noise_variance: n, known extra variance of `y` (missing objects), N^2.
+    noise_variance: n, known extra variance of `y` (missing objects), N^2. is_log: `y` is ln(1 + force / 1 N) instead,
+    and `noise_variance` that of it; see `in_logs`.
     """
 
     x: np.ndarray
     s: np.ndarray
     y: np.ndarray
     noise_variance: np.ndarray
+    is_log: bool = False
 
     def __post_init__(self) -> None:
         """Check shapes and values once, at the boundary.
@@ -61,7 +64,21 @@ class ObservationSet:
 
     def take(self, rows: np.ndarray) -> "ObservationSet":
         """The observations with these row numbers (or mask), in that order."""
-        return ObservationSet(self.x[rows], self.s[rows], self.y[rows], self.noise_variance[rows])
+        parts = {name: getattr(self, name)[rows] for name in ("x", "s", "y", "noise_variance")}
+        return replace(self, **parts)
+
+    def in_logs(self) -> "ObservationSet":
+        """The same observations as ln(1 + force / 1 N); a force below zero counts as zero.
+
+        What a simulator lacks changes forces by factors, and so does another print: on logarithms these are sums.
+        """
+        y = np.log1p(np.maximum(self.y, 0.0) / LOG_UNIT_N)
+        slope = np.exp(-y) / LOG_UNIT_N
+        return replace(self, y=y, noise_variance=self.noise_variance * slope**2, is_log=True)
+
+    def force_n(self, y: np.ndarray) -> np.ndarray:
+        """Values in the units of `y` as forces, N."""
+        return np.asarray(LOG_UNIT_N * np.expm1(y)) if self.is_log else y
 
     def sims_first(self) -> "ObservationSet":
         """The same observations with the simulated ones first: the discrepancy then fills one block."""

@@ -4,7 +4,7 @@ The optimiser works on standardised data: each fidelity is centred by its own me
 standard deviation, so that the priors mean the same whatever proxy the simulator reports.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydantic import Field
@@ -16,7 +16,9 @@ FLAT_SCALE_N = 1.0  # stands in for the standard deviation of data that do not v
 
 
 class SurrogateParameters(Record):
-    """Everything that fixes the surrogate besides its data. Forces in N, lengthscales in unit-cube lengths.
+    """Everything that fixes the surrogate besides its data.
+
+    Forces are in the units of the data, lengthscales in unit-cube lengths.
 
     Eq. 1-3 of the FAST paper: f = rho h + eps, with h and eps Matern-5/2 processes of standard deviation
     `sd_h` and `sd_e`. `noise_sd` is on measurements, `nugget` (a standard deviation) on simulations.
@@ -58,7 +60,7 @@ class Standardisation:
         """The same observations with zero mean and unit spread per fidelity (dimensionless)."""
         mean = np.where(data.s == REAL, self.mean_real, self.mean_sim)
         scale = np.where(data.s == REAL, self.scale_real, self.scale_sim)
-        return ObservationSet(data.x, data.s, (data.y - mean) / scale, data.noise_variance / scale**2)
+        return replace(data, y=(data.y - mean) / scale, noise_variance=data.noise_variance / scale**2)
 
 
 @dataclass(frozen=True)

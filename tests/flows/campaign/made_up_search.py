@@ -26,8 +26,10 @@ FAST = GraspSetup(lift_speed_mm_per_s=20.0)
 N_MADE = "SELECT count(*) FROM grasps WHERE request_id IS NOT NULL AND status = 'ok'"
 
 
-def search_made_up(lake: Lake, order: GapOrder, reporter: ProgressReporter, *_: Any) -> GapOutcome:
+def search_made_up(lake: Lake, order: GapOrder, reporter: ProgressReporter | None, *_: Any) -> GapOutcome:
     """What it says depends on how many asked grasps the lake has."""
+    if reporter is not None:
+        reporter.progress(f"searching {order.campaign_id}")
     ((n_made,),) = tuples(lake, N_MADE)
     ((object_id,),) = tuples(lake, "SELECT coalesce(min(object_id), 3) FROM grasps")
     gap_id = f"A{n_made}"

@@ -17,10 +17,14 @@ from flows.campaign import gap_step
 from flows.campaign.forecast import Forecast
 from flows.campaign.gap_step import close_gap
 from flows.campaign.page import format_page
+from flows.campaign.process import with_run_page
 from flows.campaign.progress import Workload
+from flows.campaign.status import describe_state
+from flows.progress import ProgressReporter
 from hardware.bench import open_virtual_bench
 from hardware.tools.mounted import MountedTool
 from hardware.virtual.world.file import World
+from lake.leases import exclusive
 from lake.store import Lake
 from lake.tables.campaign import EventRow, GraspRow
 from models.errors import UsageError
@@ -30,10 +34,13 @@ from tasks.bench import mount
 from tasks.bench.asked import read_open_requests
 from tasks.campaign import prefect_tasks as steps
 from tasks.campaign.campaign import Campaign
+from tasks.campaign.requests import GAP_LEASE, lease_name
 from tasks.campaign.settings import GapSettings
 from tasks.gap.readings import write_reading
 from tests.flows.campaign.made_up_search import ask_person, search_made_up
 from tests.flows.campaign.test_campaign import ROOT
+
+SILENT = ProgressReporter(lambda _: None, lambda _: None)
 
 CONFIG = """
 name = "tiny"
@@ -116,7 +123,7 @@ def make_run(campaign: Campaign, dies_after: int = 0, auto_print: bool = True) -
         should_stop=lambda: False,
         on_grasp=on_grasp,
         mount_prompts=None,
-        announce=lambda words: None,
+        reporter=SILENT,
         watch=futures.append,
     )
     return run, futures.pop
@@ -141,6 +148,18 @@ def test_asked_grasps_are_made_once_each_by_the_drivers(campaign: Campaign, in_t
     assert len(lake.records(EventRow, kind=mount.MOUNTED)) == 1
     assert close_gap(*_in_order(make_run(campaign)))  # nothing is left to do
     assert len(asked(lake)) == 4
+
+
+def test_people_who_watch_a_campaign_see_how_far_its_search_is(campaign: Campaign, in_turn: None) -> None:
+    said: list[str] = []
+    made = make_run(campaign)
+    made[0].reporter = with_run_page(ProgressReporter(said.append, said.append))
+    assert close_gap(*_in_order(made))
+    assert said.count(f"searching {campaign.campaign_id}") == 2
+    with exclusive(campaign.lake, lease_name(campaign.campaign_id), "busy"):
+        assert describe_state(campaign.lake, campaign.campaign_id, False) == "running"
+        with exclusive(campaign.lake, GAP_LEASE, "busy"):
+            assert describe_state(campaign.lake, campaign.campaign_id, False) == "running, searches for a gap"
 
 
 def test_without_leave_nothing_is_searched_and_without_budget_nothing_is_asked(

@@ -8,6 +8,7 @@ import pytest
 
 from flows.campaign import night as night_module
 from flows.campaign.night import begin_night
+from flows.progress import ProgressReporter
 from lake.store import Lake
 from lake.tables.campaign import EventRow, ProposalRow, SimulationRow
 from models.gap.findings import Decision, Verdict
@@ -23,6 +24,8 @@ from tests.flows.campaign.made_up_search import write_made_up_run
 from tests.tasks.campaign.small_campaign import small_campaign
 from tests.tasks.campaign.test_versions import BASE, LAGGING, OTHER, STIFFER, all_designs, calibrate, following
 from tests.tasks.simulation.made_up import append_simulation
+
+SILENT = ProgressReporter(lambda _: None, lambda _: None)
 
 HOURS = 3600.0
 
@@ -70,7 +73,7 @@ def spend_night(
     dies_after: so many designs, between two of them.
     """
     campaign = Campaign(Lake.open(campaign.lake.root), campaign.config)
-    run = SimpleNamespace(campaign=campaign, announce=lambda words: None)
+    run = SimpleNamespace(campaign=campaign, reporter=SILENT)
     loop, done = begin_night(run, 1), []
     while loop is not None:
         state = run.campaign.state()
@@ -239,7 +242,7 @@ def test_a_night_needs_leave(campaign: Campaign, clock: Clock) -> None:
 
 def test_the_loop_says_how_long_it_takes(campaign: Campaign, clock: Clock) -> None:
     calibrate(campaign, BASE, OTHER)
-    run: Any = SimpleNamespace(campaign=campaign, announce=lambda words: None)
+    run: Any = SimpleNamespace(campaign=campaign, reporter=SILENT)
     loop = begin_night(run, 1)
     assert loop is not None
     assert loop.say_plan() == f"B02: up to 20 designs are simulated with {OTHER.version_id}, how long is not known yet"

@@ -30,6 +30,7 @@ from models.gap.findings import (
     PersonQuestion,
     Prediction,
     Promise,
+    RankedDesigns,
     Rest,
     RoundFindings,
 )
@@ -164,6 +165,26 @@ def test_page_says_what_a_person_should_measure_how_to_answer_and_what_it_would_
         assert place < page.index(row[1], place) < page.index(row[2], place) < place + 200
     assert "anything else" in page
     assert f"Answer with <code>{command}</code>, or in the form" in page
+
+
+def test_page_says_that_the_order_of_designs_is_settled_and_what_grasps_for_a_parameter_brought(
+    content: GapPage, tmp_path: Path
+) -> None:
+    ranking = RankedDesigns(
+        tools=("x/B01T4", "x/B01T2"),
+        parameter="load_cell_lag.time_constant_s",
+        ci90=(0.07, 0.09),
+        agreement=0.97,
+        is_settled=True,
+        sentence="No further grasp: the order of the 2 best designs does not depend on it.",
+    )
+    refined = ASKED.model_copy(update={"before": {}, "after": {}, "outcome": "Its interval is half as wide."})
+    update = {"next_experiment": None, "ranking": ranking, "asked": (refined,)}
+    page = write_gap_report(replace(content, findings=content.findings.model_copy(update=update)), tmp_path, "X1")
+    words = page.read_text(encoding="utf-8")
+    assert ranking.sentence in words
+    assert words.index(ranking.sentence) < words.index("B01T4") < words.index("B01T2")
+    assert "4 grasps promised, 4 made. Its interval is half as wide.</p>" in words
 
 
 def test_findings_are_the_contract_for_machines(content: GapPage, tmp_path: Path) -> None:

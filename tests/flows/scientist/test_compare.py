@@ -77,7 +77,7 @@ def test_a_measurement_has_the_scatter_of_prints_and_noise(landscapes):
 def test_every_strategy_keeps_to_the_budget(landscapes, strategy):
     result = run_strategy(landscapes[1], strategy, SHORT, seed=1)
     assert result.n_measured == (6 + 2 * 3 if strategy.tools else 3)
-    assert result.n_simulated == (8 + 2 * 4 if strategy.simulations else 0)
+    assert result.n_simulated == strategy.n_night + (8 + 2 * 4 if strategy.simulations else 0)
     assert len(result.best_n) == (3 if strategy.tools else 1)
     assert (np.diff(result.best_n) >= 0).all()
     assert max(result.batch_mean_n) <= result.optimum_n

@@ -16,7 +16,7 @@ from tasks.campaign.settings import ScientistSettings
 from tasks.scientist.fit import REFIT_LEAST, fit, fitted_before, surrogate_for_simulation
 from tasks.scientist.observe import closed_batches, observe
 from tasks.scientist.propose import pending_points, propose_initial, propose_simulation, propose_tools
-from tests.tasks.campaign.small_campaign import begun
+from tests.tasks.campaign.small_campaign import begun, small_campaign
 from tests.tasks.simulation.made_up import append_grasp, append_simulation
 
 N_REAL, N_SIM = 8, 12
@@ -148,3 +148,15 @@ def test_a_manufacturable_campaign_prints_nothing_else(campaign):
     impossible = scientist.model_copy(update={"printing": PrintingRules(max_mass_g=1.0)})
     with pytest.raises(UsageError, match="only 0 of 200 random designs keep the rules"):
         propose_initial(Campaign(campaign.lake, campaign.config.model_copy(update={"scientist": impossible})))
+
+
+def test_logarithms_are_modelled_where_the_config_says_so(tmp_path):
+    campaign = small_campaign(tmp_path, scientist={"surrogate": "log"})
+    before, fit_id = surrogate_for_simulation(campaign, 2, 0, grown_by(0), list)
+    after, again = surrogate_for_simulation(campaign, 2, 1, grown_by(1), list)
+    assert (again, before.data.is_log, after.parameters) == (fit_id, True, before.parameters)
+    assert 1.0 < before.parameters.mean_real < 4.0  # ln(1 + 10 N) or so
+    chosen = fit(campaign, 2, grown_by(0), [])
+    (row,) = campaign.lake.rows(FitRow, purpose="tools")
+    assert (row["is_log"], row["n_sim"], row["mean_real_n"]) == (True, chosen.data.n_sim, chosen.parameters.mean_real)
+    assert 0.0 < row["loo_rmse_n"] < 3.0  # in N, not in logarithms

@@ -33,8 +33,11 @@ class SurrogateModel(Model, FantasizeMixin):
         extra_noise: Variance of each outcome, `batch_shape x p`, N^2.
 
     Example:
-        >>> model = SurrogateModel(fit_surrogate(data))                          # doctest: +SKIP
-        >>> model.posterior(torch.rand(4, 2, 10).round()).mean.shape             # doctest: +SKIP
+        >>> from models.scientist.surrogate.fit import fit_surrogate
+        >>> from models.scientist.surrogate.observations import ObservationSet
+        >>> x, s = np.linspace(0.0, 1.0, 90).reshape(10, 9), np.repeat([0, 1], 5)
+        >>> surrogate = fit_surrogate(ObservationSet(x, s, x[:, 0] + s, np.zeros(10)))
+        >>> SurrogateModel(surrogate).posterior(torch.ones(4, 2, 10)).mean.shape
         torch.Size([4, 2, 1])
     """
 

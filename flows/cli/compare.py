@@ -77,7 +77,7 @@ def _compare_on_landscapes(
     from flows.scientist.landscape_run import RunSchedule
     from flows.scientist.landscape_study import plan_runs, run_planned, with_discovery
     from flows.scientist.landscape_table import landscape_rows, paired_rows, summary_rows
-    from flows.scientist.strategies import LANDSCAPE_STRATEGIES, MEASURED_ONLY, REFERENCE
+    from flows.scientist.strategies import LANDSCAPE_STRATEGIES, MEASURED_ONLY, NOT_DRAWN, REFERENCE
 
     names = _names(strategies, list(LANDSCAPE_STRATEGIES))
     plan = plan_runs(bank, seeds, names, RunSchedule(rounds=rounds))
@@ -87,7 +87,8 @@ def _compare_on_landscapes(
     if figure is not None:
         from flows.scientist.landscape_table import runs_figure
 
-        _draw(lambda: runs_figure(runs, REFERENCE), figure)
+        drawn = [run for run in runs if run.strategy not in NOT_DRAWN]
+        _draw(lambda: runs_figure(drawn, REFERENCE), figure)
 
 
 def _compare_campaigns(

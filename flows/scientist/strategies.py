@@ -47,3 +47,5 @@ _AFTER_NIGHT = (
 )
 # On landscapes, where the simulator after a night is stored.
 LANDSCAPE_STRATEGIES = STRATEGIES | {strategy.name: strategy for strategy in (_LOG_MEASURED_ONLY, *_AFTER_NIGHT)}
+# What a truer simulator alone brings: in the tables, not in the figure.
+NOT_DRAWN = frozenset(strategy.name for strategy in _AFTER_NIGHT) - frozenset(LOOP.values())

@@ -26,7 +26,7 @@ def write_nights(content: Content, folder: Folder) -> Markup:
     if not nights and not refused:
         return Markup("")
     words = paragraph(
-        f"{count(len(nights), 'time')} a new simulator was taken for the next batch. Held-out error: root mean square "
+        f"A new simulator was taken for the next batch {count(len(nights), 'time')}. Held-out error: root mean square "
         "difference between simulated and measured traces of grasps that nothing was inferred from. Rank correlation: "
         "of the forces that the simulator gives for the measured tools with the measured ones; 1 is the same order. "
         "Both before and after the change; a dash is not known."

@@ -1,7 +1,8 @@
 """FAST's surrogate as a BoTorch model: any acquisition function of BoTorch can be built on it.
 
 The posterior is that of the numpy surrogate (cached Cholesky factor, closed forms), and so is its gradient. Inputs
-have ten columns: a design in the unit cube, then the fidelity s (0 simulated, 1 measured). Outcomes are forces in N.
+have ten columns: a design in the unit cube, then the fidelity s (0 simulated, 1 measured). Outcomes are in the units
+of its data: N, or logarithms.
 """
 
 from typing import Any

@@ -32,6 +32,14 @@ class SurrogateModel(Model, FantasizeMixin):
         extra_x: Points of later outcomes, `batch_shape x p x 10`; none: p is 0.
         extra_y: Their outcomes, `batch_shape x p`, N.
         extra_noise: Variance of each outcome, `batch_shape x p`, N^2.
+
+    Example:
+        >>> from models.scientist.surrogate.fit import fit_surrogate
+        >>> from models.scientist.surrogate.observations import ObservationSet
+        >>> x, s = np.linspace(0.0, 1.0, 90).reshape(10, 9), np.repeat([0, 1], 5)
+        >>> surrogate = fit_surrogate(ObservationSet(x, s, x[:, 0] + s, np.zeros(10)))
+        >>> SurrogateModel(surrogate).posterior(torch.ones(4, 2, 10)).mean.shape
+        torch.Size([4, 2, 1])
     """
 
     def __init__(

@@ -66,6 +66,25 @@ def test_status_costs_little_more_than_the_libraries_that_read_a_lake(tmp_path):
     assert all_s < 3.2 * libraries_s
 
 
+DEFAULT_RULE = """
+import sys
+import numpy as np
+import flows.campaign.flow
+from flows.cli.main import run
+from models.scientist.propose import NO_PENDING, propose
+from models.scientist.surrogate.fit import fit_surrogate
+from flows.benchmarks.scientist import made_up_data
+assert run(["sql", "SELECT 1", "--lake", sys.argv[1]]) == 0
+assert len(propose(fit_surrogate(made_up_data(5, 5)), 1, 2, NO_PENDING, np.random.default_rng(0))) == 2
+print("torch" in sys.modules)
+"""
+
+
+def test_neither_queries_nor_campaigns_with_the_default_rule_import_torch(tmp_path):
+    done = python(DEFAULT_RULE, proposed_lake(tmp_path))
+    assert (done.returncode, done.stdout.split()[-1]) == (0, "False"), done.stderr
+
+
 def test_the_command_line_imports_nothing_heavy():
     names = ["flows.cli", *(f"flows.cli.{path.stem}" for path in sorted((ROOT / "flows" / "cli").glob("[a-z]*.py")))]
     code = f"import sys, {', '.join(names)}; print([m for m in {HEAVY} if m in sys.modules])"

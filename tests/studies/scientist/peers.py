@@ -3,6 +3,7 @@
 import time
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,15 +20,58 @@ def measure_scientist_peers(options: Options) -> Tables:
     limit_s = min(BOTORCH_LIMIT_S, 60.0 * options.limit_minutes)
     ours: Rows = []
     theirs: Rows = []
+    bridged: Rows = []
     for n_real, n_sim in SIZES:
         data = made_up_data(n_real, n_sim)
         options.tell(f"{n_real} measured and {n_sim} simulated designs")
         ours.append(cost_of_scientist(data))
+        bridged.append(_through_bridge(data))
         options.tell("the same in BoTorch")
         theirs.append(_botorch(data, limit_s))
     if options.figure is not None:
         _draw(options.figure, ours, theirs)
-    return {"scientist": ours, "botorch": theirs}
+    return {"scientist": ours, "botorch": theirs, "bridge": bridged}
+
+
+def make_log_improvement(model: Any, situation: Any) -> object:
+    """BoTorch's own rule for noisy measurements, as a user would name it in a config."""
+    from botorch.acquisition.logei import qLogNoisyExpectedImprovement
+
+    return qLogNoisyExpectedImprovement(model, X_baseline=situation.measured)
+
+
+def make_entropy(model: Any, situation: Any) -> object:
+    """FAST's entropy search as an acquisition function, as a user would name it in a config."""
+    from models.scientist.bridge.entropy import MaxValueEntropy
+
+    return MaxValueEntropy(model, situation.candidates)
+
+
+def _through_bridge(data: ObservationSet) -> dict[str, float]:
+    """The same fitted surrogate by numpy and as a BoTorch model: its posterior, and ten tools by several rules."""
+    import torch
+
+    from models.design.space import random_unit
+    from models.scientist.bridge.model import SurrogateModel
+    from models.scientist.propose import NO_PENDING, propose
+    from models.scientist.surrogate.fit import fit_surrogate
+    from models.scientist.surrogate.observations import REAL
+
+    torch.set_num_threads(1)
+    surrogate = fit_surrogate(data)
+    x = random_unit(_CANDIDATES, np.random.default_rng(0))
+    points = torch.from_numpy(np.column_stack([x, np.ones(len(x))]))
+    model = SurrogateModel(surrogate)
+    row: dict[str, float] = {"n_real": data.n_real, "n_sim": data.n_sim}
+    surrogate.posterior(x[:2], REAL)
+    _, row["posterior_numpy_cpu_s"] = timed(partial(surrogate.posterior, x, REAL))
+    _, row["posterior_bridge_cpu_s"] = timed(lambda: model.posterior(points).distribution.covariance_matrix)
+    rules = {"mes": "mes", "entropy": f"{__name__}:make_entropy", "log_nei": f"{__name__}:make_log_improvement"}
+    for column, rule in rules.items():
+        choose = partial(propose, surrogate, REAL, acquisition=rule)
+        choose(1, NO_PENDING, np.random.default_rng(1))  # imports
+        _, row[f"ten_tools_{column}_cpu_s"] = timed(partial(choose, 10, NO_PENDING, np.random.default_rng(0)))
+    return row
 
 
 def _botorch(data: ObservationSet, limit_s: float) -> dict[str, float | str]:

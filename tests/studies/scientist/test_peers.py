@@ -16,4 +16,6 @@ def test_both_fit_and_propose_on_the_same_data(monkeypatch, tmp_path):
     assert (ours["n_real"], ours["n_sim"]) == (theirs["n_real"], theirs["n_sim"]) == (5, 10)
     assert all(value > 0 for column, value in ours.items() if column.endswith("cpu_s"))
     assert theirs["fit_cpu_s"] > 0
+    (bridge,) = tables["bridge"]
+    assert all(value > 0 for value in bridge.values())
     assert figure.stat().st_size > 1000

@@ -11,7 +11,7 @@ from tests.tasks.simulation.made_up import append_grasp, append_simulation
 
 
 def small_campaign(folder: Path, **sections: object) -> Campaign:
-    """A campaign on an empty lake: two initial tools, one guided batch of two, two objects; `sections`: of it."""
+    """A campaign on an empty lake: two initial tools, one guided batch of two, two objects; more `sections`."""
     config = CampaignConfig.model_validate(
         {
             "name": "small",

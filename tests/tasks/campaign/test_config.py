@@ -55,7 +55,7 @@ def test_last_initial_tray_may_be_partly_filled():
         (
             "[bench]",
             '[scientist]\nacquisition = "ucb"\n[bench]',
-            r"is 'ucb': it must be \"mes\" or \"random\"; change it",
+            r"is 'ucb': it must be \"mes\" or \"random\" or \"module:function\"; change it",
         ),
         ("[bench]", '[scientist]\nacquisition = "jes"\n[bench]', 'rule "jes" was removed, "mes" is no worse'),
         ("[bench]", '[scientist]\nsimulation_acquisition = "thompson"\n[bench]', 'rule "thompson" was removed'),

@@ -52,7 +52,7 @@ def write_surrogate(content: Content, folder: Folder) -> Markup:
             "designs. In 90 %: part of them inside their 90 % interval. Noise: between measurements of one design"
             + (
                 ", at the mean force. Logarithms of forces are modelled: rho is by how many per cent the force on the "
-                "bench rises with one per cent in the simulation. Without simulated designs: they were left aside, since "
+                "bench rises with one per cent in the simulation. Without simulated designs: they were left aside, as "
                 "measured designs are predicted better so."
                 if last["is_log"]
                 else "."

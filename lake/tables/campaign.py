@@ -368,7 +368,7 @@ class FitRow(Row):
     shared_variance: float | None = None
     measured_only_loo_rmse_n: float | None = None
     n_outliers: int | None = None
-    is_log: bool = False
+    is_log: bool | None = None
 
 
 class EventRow(Row):

@@ -65,7 +65,7 @@ def make_own_surrogate(name: str, data: ObservationSet, seed: int) -> OwnSurroga
         model: Any = call_own(name, *(torch.from_numpy(column.astype(float)) for column in columns))
     if not isinstance(model, Model):
         raise UsageError(f"`{name}` gave a {type(model).__name__}; it must give a fitted BoTorch model.")
-    return OwnSurrogate(name, data, model.eval())
+    return OwnSurrogate(name, data, model.train(mode=False))
 
 
 @contextmanager

@@ -1,12 +1,13 @@
-"""The 36 test objects, fixed once: a table of data, from which shapes follow.
+"""The 36 test objects, fixed once: a table of data, from which shapes follow; and the way to own objects by number.
 
 The paper (Materials and Methods, Test objects) gives the classes, the 50 mm box and a few numbers: 14 is a tube, 24 and
 25 are cones, 30 to 35 have flat sides. The rest is this project's choice, drawn in docs/objects.png. Sizes are those
 of the sharp shape; `rounding_mm` then takes away edges and tips.
 """
 
+import weakref
 from functools import cached_property
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from models.objects.primitives import bounds, is_round, moved, rotated
 from models.objects.shapes import SHAPES
 from models.records import Record
 
+FIRST_OWN_ID = 1000  # numbers of own objects follow from their content, see `models.objects.own`
 Orientation = Literal["axis z", "axis x", "axis y", "turned 45 deg", "upside down"]
 
 _HALF = np.sqrt(0.5)
@@ -31,7 +33,8 @@ class RigidObject(Record):
     """A rigid object on its mount, in the object frame: footprint centred in x and y, resting on z = 0.
 
     `mirror_x` / `mirror_y`: the shape is its own mirror image in the plane x = 0 / y = 0. `orientation`: where the
-    shape's own axis points, or how it is turned about z.
+    shape's own axis points, or how it is turned about z. `shape`: of an own object, as `models.objects.own` writes it;
+    None for the 36, whose class and parameters say it.
     """
 
     object_id: int
@@ -41,23 +44,70 @@ class RigidObject(Record):
     orientation: Orientation
     mirror_x: bool
     mirror_y: bool
+    shape: str | None = None
 
     @property
     def primitives(self) -> np.ndarray:
         """The shape as rows (n_rows, N_COLUMNS) for `models.objects.distance`, in the object frame, mm."""
+        if self.shape is not None:
+            from models.objects.own import shape_rows  # compiles; the 36 do without
+
+            return shape_rows(self.shape)
         rows = rotated(SHAPES[self.object_class](self.parameters), _ROTATIONS[self.orientation])
         low, high = bounds(rows)
         return moved(rows, -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]]))
 
     @cached_property
+    def size_mm(self) -> tuple[float, float, float]:
+        """Footprint in x and y, and height: of the box round the object, in mm."""
+        low, high = bounds(self.primitives)
+        return float(high[0] - low[0]), float(high[1] - low[1]), float(high[2])
+
+    @property
     def height_mm(self) -> float:
         """Top of the object over its mount, in mm."""
-        return float(bounds(self.primitives)[1][2])
+        return self.size_mm[2]
 
     @cached_property
     def is_round(self) -> bool:
         """True for a body of revolution about its vertical axis, which looks the same after any turn about it."""
         return is_round(self.primitives)
+
+
+class ObjectSource(Protocol):
+    """What knows own objects by number: a lake."""
+
+    def find_object(self, object_id: int) -> RigidObject | None:
+        """The own object with this number, if it is known here."""
+        ...
+
+
+_OWN: dict[int, RigidObject] = {}
+_SOURCES: "weakref.WeakSet[ObjectSource]" = weakref.WeakSet()
+
+
+def register(obj: RigidObject) -> None:
+    """Have `get_object` know an own object in this process. Its number is its content's, so no two can clash."""
+    _OWN[obj.object_id] = obj
+
+
+def add_source(source: ObjectSource) -> None:
+    """Have `get_object` ask a source, as long as it is in use, for own objects that this process does not know yet."""
+    _SOURCES.add(source)
+
+
+def find_object(object_id: int) -> RigidObject | None:
+    """The object with this number; None where neither this process nor a lake that it has open knows it."""
+    if 0 <= object_id < len(OBJECTS):
+        return OBJECTS[object_id]
+    if object_id in _OWN or object_id < FIRST_OWN_ID:
+        return _OWN.get(object_id)
+    for source in list(_SOURCES):
+        found = source.find_object(object_id)
+        if found is not None:
+            register(found)
+            return found
+    return None
 
 
 def get_object(object_id: int) -> RigidObject:
@@ -66,14 +116,20 @@ def get_object(object_id: int) -> RigidObject:
     Raises:
         UsageError: there is no such object.
     """
-    if not 0 <= object_id < len(OBJECTS):
+    found = find_object(object_id)
+    if found is None and object_id >= FIRST_OWN_ID:
+        raise UsageError(
+            f"object {object_id} is an own object that this lake does not have; add its file with `fast objects add`."
+        )
+    if found is None:
         raise UsageError(f"object {object_id} does not exist; the numbers go from 0 to {len(OBJECTS) - 1}.")
-    return OBJECTS[object_id]
+    return found
 
 
 def name_object(object_id: int) -> str:
-    """Name and number of an object; the number alone where the catalogue does not have it."""
-    return f"{OBJECTS[object_id].name} ({object_id})" if 0 <= object_id < len(OBJECTS) else f"object {object_id}"
+    """Name and number of an object; the number alone where nothing has it."""
+    found = find_object(object_id)
+    return f"object {object_id}" if found is None else f"{found.name} ({object_id})"
 
 
 _Entry = tuple[str, str, Orientation, dict[str, float]]

@@ -14,6 +14,8 @@ from models.objects.primitives import (
     BOX,
     CIRCLE,
     ELLIPSOID,
+    GRID,
+    GRID_VALUES,
     KIND,
     LATHE,
     LENGTH,
@@ -53,6 +55,8 @@ def core_distance(rows: np.ndarray, i: int, x: float, y: float, z: float) -> Gra
         return d, g_rho * cosine, g_rho * sine, g_z
     if kind == PRISM:
         return _prism(rows, i, x, y, z)
+    if kind == GRID:
+        return _grid(rows, i, x, y, z)
     return _square_lathe(rows, i, x, y, z)
 
 
@@ -205,3 +209,58 @@ def _to_trapezoid(
     s = ((x - ax) * ex + (y - ax) * ex + (z - az) * ez) / (square + ex * ex)
     clamped = min(max(s, 0.0), 1.0)
     return x - ax - clamped * ex, y - ax - clamped * ex, z - az - clamped * ez, False
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _grid(rows: np.ndarray, row: int, x: float, y: float, z: float) -> Gradient3:
+    """Distance to a solid on a grid: a spline of degree 2 within the grid, a lower bound outside it.
+
+    From a point outside a box that holds the solid, the way to the solid is at least the hypotenuse of the way to the
+    nearest point of the box and the distance there, since the box lies behind that point. The normal is that from
+    what is nearest to that point.
+    """
+    h = rows[row, VALUES + 3]
+    u, v, w = (x - rows[row, VALUES + 4]) / h, (y - rows[row, VALUES + 5]) / h, (z - rows[row, VALUES + 6]) / h
+    a = min(max(u, 1.0), rows[row, VALUES] - 2.0)
+    b = min(max(v, 1.0), rows[row, VALUES + 1] - 2.0)
+    c = min(max(w, 1.0), rows[row, VALUES + 2] - 2.0)
+    d, g_x, g_y, g_z = _spline(rows, row, a, b, c)
+    size = max(math.sqrt(g_x * g_x + g_y * g_y + g_z * g_z), _TINY_MM)
+    g_x, g_y, g_z = g_x / size, g_y / size, g_z / size
+    if u == a and v == b and w == c:
+        return d, g_x, g_y, g_z
+    d = max(d, 0.0)
+    u, v, w = (u - a) * h, (v - b) * h, (w - c) * h
+    _, g_x, g_y, g_z = _from_closest(u + d * g_x, v + d * g_y, w + d * g_z)
+    return math.sqrt(u * u + v * v + w * w + d * d), g_x, g_y, g_z
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _spline(rows: np.ndarray, row: int, u: float, v: float, w: float) -> Gradient3:
+    """Value and gradient (both per spacing along the grid) of the spline at (u, v, w) spacings from the first point."""
+    ny, nz = int(rows[row, VALUES + 1]), int(rows[row, VALUES + 2])
+    i, j, k = int(u + 0.5), int(v + 0.5), int(w + 0.5)
+    p, q, r = u - i, v - j, w - k
+    x_0, x_1, x_2 = 0.5 * (0.5 - p) ** 2, 0.75 - p * p, 0.5 * (0.5 + p) ** 2
+    y_0, y_1, y_2 = 0.5 * (0.5 - q) ** 2, 0.75 - q * q, 0.5 * (0.5 + q) ** 2
+    z_0, z_1, z_2 = 0.5 * (0.5 - r) ** 2, 0.75 - r * r, 0.5 * (0.5 + r) ** 2
+    first = GRID_VALUES + 3 * int(rows[row, N_VERTICES]) + ((i - 1) * ny + j - 1) * nz + k - 1
+    d = g_x = g_y = g_z = 0.0
+    for a in range(3):
+        x_a = x_0 if a == 0 else (x_1 if a == 1 else x_2)
+        dx_a = p - 0.5 if a == 0 else (-2.0 * p if a == 1 else p + 0.5)
+        plane = plane_y = plane_z = 0.0
+        for b in range(3):
+            at = first + (a * ny + b) * nz
+            y_b = y_0 if b == 0 else (y_1 if b == 1 else y_2)
+            dy_b = q - 0.5 if b == 0 else (-2.0 * q if b == 1 else q + 0.5)
+            line = z_0 * rows[row, at] + z_1 * rows[row, at + 1] + z_2 * rows[row, at + 2]
+            slope = (r - 0.5) * rows[row, at] - 2.0 * r * rows[row, at + 1] + (r + 0.5) * rows[row, at + 2]
+            plane += y_b * line
+            plane_y += dy_b * line
+            plane_z += y_b * slope
+        d += x_a * plane
+        g_x += dx_a * plane
+        g_y += x_a * plane_y
+        g_z += x_a * plane_z
+    return d, g_x, g_y, g_z

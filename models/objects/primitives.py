@@ -6,25 +6,30 @@ exact. A solid is the union of its rows, an array (n_rows, N_COLUMNS):
 
 | column | content |
 |---|---|
-| KIND | which core, one of the `POINT` ... `PRISM` codes |
+| KIND | which core, one of the `POINT` ... `GRID` codes |
 | RADIUS | inflation, mm |
 | CENTRE, 3 | origin of the row's own frame, mm |
 | ROTATION, 9 | row-major matrix, columns are the row's own axes in the object frame |
-| N_VERTICES | vertices of the profile (LATHE, SQUARE_LATHE, PRISM) |
-| LENGTH | half length (SEGMENT, PRISM) or radius (CIRCLE), mm |
+| N_VERTICES | vertices of the profile (LATHE, SQUARE_LATHE, PRISM) or of the convex hull (GRID) |
+| LENGTH | half length (SEGMENT, PRISM) or radius (CIRCLE), mm; 1 if it is round about its own z axis (GRID) |
 | REACH | radius about CENTRE of a ball that holds the inflated core, mm |
 | VALUES, 16 | semi-axes (BOX, ELLIPSOID) or profile vertices, two numbers each, mm |
+
+A GRID is a solid alone: its row has more columns. From VALUES on it holds the numbers of grid points along x, y and z,
+their spacing and the place of the first one (mm), the vertices of the convex hull, and then the coefficients of the
+spline of its distance (mm), z running fastest.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
-POINT, SEGMENT, CIRCLE, BOX, ELLIPSOID, LATHE, SQUARE_LATHE, PRISM = range(8)
+POINT, SEGMENT, CIRCLE, BOX, ELLIPSOID, LATHE, SQUARE_LATHE, PRISM, GRID = range(9)
 
 KIND, RADIUS, CENTRE, ROTATION, N_VERTICES, LENGTH, REACH, VALUES = 0, 1, 2, 5, 14, 15, 16, 17
 MAX_VERTICES = 8
 N_COLUMNS = VALUES + 2 * MAX_VERTICES
+GRID_VALUES = VALUES + 7  # hull and coefficients of a GRID
 ROUND_TOLERANCE = 1e-12  # of a centre in mm and of the cosine of an axis with z
 
 Vertices = Sequence[tuple[float, float]]
@@ -81,6 +86,27 @@ def prism(outline: Vertices, height_mm: float, rounding_mm: float) -> np.ndarray
     return _profile_row(PRISM, outline, rounding_mm, length=height_mm / 2 - rounding_mm)
 
 
+def grid(
+    coefficients: np.ndarray,
+    spacing_mm: float,
+    origin_mm: np.ndarray,
+    corners_mm: np.ndarray,
+    *,
+    is_round: bool,
+) -> np.ndarray:
+    """Row (1, columns) of a solid given by its signed distance on a grid.
+
+    `coefficients` (nx, ny, nz): of the spline of degree 2 of the distance, mm; `origin_mm` (3): the first grid point;
+    `corners_mm` (n, 3): vertices of the convex hull; `is_round`: about z.
+    """
+    values = [coefficients.shape, [spacing_mm], origin_mm, corners_mm.ravel(), coefficients.ravel()]
+    row = np.concatenate([np.zeros(VALUES), *(np.asarray(v, dtype=np.float64) for v in values)])
+    row[KIND], row[N_VERTICES], row[LENGTH] = GRID, len(corners_mm), float(is_round)
+    row[ROTATION : ROTATION + 9] = np.eye(3).ravel()
+    row[REACH] = np.linalg.norm(corners_mm, axis=1).max()
+    return row[None]
+
+
 def rotated(rows: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """Rows (n, N_COLUMNS) turned about the origin by a rotation matrix (3, 3)."""
     turned = rows.copy()
@@ -126,6 +152,7 @@ def _is_round(row: np.ndarray) -> bool:
     kind, values = int(row[KIND]), row[VALUES:]
     is_spherical = kind == POINT or (kind == ELLIPSOID and values[0] == values[1] == values[2])
     has_axis = kind in (SEGMENT, CIRCLE, LATHE) or (kind == ELLIPSOID and values[0] == values[1])
+    has_axis = has_axis or (kind == GRID and row[LENGTH] == 1.0)
     is_upright = abs(row[ROTATION + 8]) > 1.0 - ROUND_TOLERANCE
     is_centred = float(np.abs(row[CENTRE : CENTRE + 2]).max()) < ROUND_TOLERANCE
     return is_centred and (is_spherical or (has_axis and is_upright))
@@ -199,6 +226,8 @@ def _core_reach(row: np.ndarray, direction: np.ndarray) -> float:
         return float(row[VALUES : VALUES + 3] @ np.abs(direction))
     if kind == ELLIPSOID:
         return float(np.linalg.norm(row[VALUES : VALUES + 3] * direction))
+    if kind == GRID:
+        return float(np.max(row[GRID_VALUES : GRID_VALUES + 3 * int(row[N_VERTICES])].reshape(-1, 3) @ direction))
     vertices = row[VALUES : VALUES + 2 * int(row[N_VERTICES])].reshape(-1, 2)
     if kind == PRISM:
         return float(np.max(vertices @ direction[:2]) + length * abs(direction[2]))

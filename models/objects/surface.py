@@ -16,7 +16,11 @@ def object_mesh(obj: RigidObject, spacing_mm: float = 1.0) -> trimesh.Trimesh:
 
     `spacing_mm`: grid spacing; edges of triangles are about as long.
     """
-    rows = obj.primitives
+    return surface_of(obj.primitives, spacing_mm)
+
+
+def surface_of(rows: np.ndarray, spacing_mm: float = 1.0) -> trimesh.Trimesh:
+    """As `object_mesh`, of rows (n_rows, n_columns) of primitives."""
     low, high = bounds(rows)
     # A grid off the object's flat faces, which otherwise go through grid points and give empty triangles.
     axes = [np.arange(a - 1.37 * spacing_mm, b + 2 * spacing_mm, spacing_mm) for a, b in zip(low, high, strict=True)]

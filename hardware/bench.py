@@ -147,6 +147,7 @@ def open_virtual_bench(
     wires: Literal["lines", "memory"] = "lines",
     log_folder: Path | None = None,
     fault_log_folder: Path | None = None,
+    layout: BenchLayout = BenchLayout(),  # noqa: B008 - frozen record
 ) -> Iterator[Bench]:
     """A virtual bench with its drivers connected and homed; stopped at the end of the `with`.
 
@@ -156,7 +157,7 @@ def open_virtual_bench(
     logs go; None keeps them in memory, and `fault_log_folder` gets what is there when the bench ends with an error.
     """
     clock: Clock = VirtualClock() if speed_up is None else ScaledClock(speed_up)
-    with open_virtual_servers(world, tools, physics, clock) as virtual:
+    with open_virtual_servers(world, tools, physics, clock, layout=layout) as virtual:
         at = virtual.endpoints
         is_noisy = world.sensor.noise_sd_n >= 0.05  # several counts: identical readings can only be a frozen instrument
         settings = BenchSettings(
@@ -169,6 +170,7 @@ def open_virtual_bench(
             force_rate_hz=world.sensor.rate_hz,
             stale_after_s=0.5 if is_noisy else None,
             pressure_time_out_s=2.0 if speed_up is None else _PHYSICS_PATIENCE_S * speed_up,
+            layout=layout,
         )
         logs = _LogFolders(log_folder, fault_log_folder)
         with _open(settings, tools, clock, virtual, is_in_memory=wires == "memory", logs=logs) as bench:
@@ -184,12 +186,13 @@ def open_virtual_servers(
     plc_port: int = 0,
     transmitter_port: int = 0,
     is_transmitter_continuous: bool = False,
+    layout: BenchLayout = BenchLayout(),  # noqa: B008 - frozen record
 ) -> Iterator[VirtualBench]:
     """Only the devices of a virtual bench, for drivers elsewhere (`fast virtual start`); see `.endpoints`.
 
     `is_transmitter_continuous`: its serial port sends strings by itself instead of speaking Modbus RTU.
     """
-    virtual = VirtualBench(world, tools, physics, clock, BenchLayout(), is_transmitter_continuous)
+    virtual = VirtualBench(world, tools, physics, clock, layout, is_transmitter_continuous)
     virtual.start(plc_port, transmitter_port)
     try:
         yield virtual

@@ -19,9 +19,10 @@ from lake.query.engine import Engine, Mark, check_reads_only, load_views, tables
 from lake.storage.base import MARKER, Storage
 from lake.storage.files import discard, older_copies, read_row, stage
 from lake.storage.open import storage_at
-from lake.tables.campaign import TABLE_BY_NAME, TABLES, Row, SimTraceRow, TraceRow
+from lake.tables.campaign import TABLE_BY_NAME, TABLES, ObjectRow, Row, SimTraceRow, TraceRow
 from lake.tables.schema import has_samples, schema_of, to_arrow
-from models.errors import LakeError, UsageError
+from models.errors import FastError, LakeError, UsageError
+from models.objects.catalogue import RigidObject, add_source
 from models.records import Trace
 
 _LOG = logging.getLogger(__name__)
@@ -47,6 +48,7 @@ class Lake:
         self._engine: Engine | None = None
         self._pid = os.getpid()
         self._of_parent: list[object] = []
+        add_source(self)  # the own objects of its rows are then known by number, in every process that has the lake
 
     def __reduce__(self) -> tuple[type["Lake"], tuple[str]]:
         """Pickle as the address; the connection is opened again in the other process."""
@@ -185,6 +187,14 @@ class Lake:
         with self._synced(tables_used(sql)) as engine:
             engine.define_views()  # people ask what there is, and for what is nearly its name
             yield engine
+
+    def find_object(self, object_id: int) -> RigidObject | None:
+        """The own object with this number, if the lake has it."""
+        try:
+            rows = self.records(ObjectRow, object_id=object_id)
+        except FastError:  # a lake that is gone or cannot be read has no objects
+            return None
+        return rows[-1].own_object if rows else None
 
     def mark(self, table: type[Row]) -> Mark:
         """How far the table goes now: the cheap way to ask whether anything came to it since the last mark.

@@ -13,6 +13,7 @@ from flows.benchmarks.base import Options
 from flows.benchmarks.outcomes import Outcome, RecordFile, read_outcomes
 from lake.tables.campaign import SimulationRow
 from models.design.space import BEST_PUBLISHED, numbered_design
+from models.objects.catalogue import get_object
 from models.records import GraspSetup, find_tier
 from models.solver_code import solver_id
 from models.traces.step_features import is_usable, step_means
@@ -35,7 +36,7 @@ class Case:
     @property
     def job(self) -> GraspJob:
         """What a worker is told."""
-        return GraspJob(numbered_design(self.design), self.object_id, find_tier(self.tier), SETUP, DEADLINE_S)
+        return GraspJob(numbered_design(self.design), get_object(self.object_id), find_tier(self.tier), SETUP, DEADLINE_S)
 
     @property
     def simulation_id(self) -> str:
@@ -100,7 +101,7 @@ class _Part:
 
     def _warm(self, worker: Worker) -> None:
         for tier in self._tiers:
-            job = GraspJob(BEST_PUBLISHED, WARM_OBJECT, find_tier(tier), WARM_SETUP, DEADLINE_S)
+            job = GraspJob(BEST_PUBLISHED, get_object(WARM_OBJECT), find_tier(tier), WARM_SETUP, DEADLINE_S)
             answer(worker, job, worker.submit(attempt_grasp, job))
 
     def _use(self, worker: Worker) -> None:

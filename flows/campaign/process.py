@@ -20,15 +20,16 @@ from flows.campaign.notify import notifier
 from flows.campaign.operator_prompts import MountPrompts, PrintPrompts
 from flows.campaign.progress import CampaignProgress
 from flows.progress import Bar, ProgressReporter, format_report
+from hardware.cell.layout import BenchLayout
 from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_bench
 from hardware.cell.cell import MeasuredGrasp
 from hardware.safety.safe_state import Verb
 from hardware.tools.mounted import MountedTool
 from hardware.virtual.world.file import World
-from hardware.virtual.world.physics import Physics, PhysicsCache, PhysicsRequest, simulate_request
+from hardware.virtual.world.physics import Physics, PhysicsCache, PhysicsRequest, simulate_request, solve_elsewhere
 from hardware.virtual.world.physics_cache import PhysicsFiles
 from models.errors import FastError
-from models.objects.catalogue import name_object
+from models.objects.catalogue import get_object, name_object
 from models.records import GraspSimulation
 from models.traces import peak_force_n
 from tasks.campaign.campaign import Campaign
@@ -136,11 +137,16 @@ def open_campaign_bench(
     """The campaign's bench with these tools in its rack, connected and homed."""
     mounted = {tool.rack_slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
     logs = bench_log_folder(campaign.lake)
+    objects = campaign.config.objects
     if isinstance(setup, World):
-        with open_virtual_bench(setup, mounted, physics=physics, wires="memory", fault_log_folder=logs) as bench:
+        layout = objects.stand_on(BenchLayout())
+        with open_virtual_bench(
+            setup, mounted, physics=physics, wires="memory", fault_log_folder=logs, layout=layout
+        ) as bench:
             yield bench
         return
-    with open_real_bench(setup, mounted, log_folder=logs) as bench:
+    there = setup.model_copy(update={"layout": objects.stand_on(setup.layout)})
+    with open_real_bench(there, mounted, log_folder=logs) as bench:
         told = f"bench connected and homed; wire logs {bench.wire_session} in {logs}"
         append_event(campaign.lake, campaign.campaign_id, "bench_opened", told, wire_log=bench.wire_session)
         yield bench
@@ -156,7 +162,7 @@ def keep_physics(campaign: Campaign, pool: WorkerPool) -> PhysicsCache:
 
 
 def _solve_in_worker(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulation:
-    return pool.call(physics_of_truth, request)
+    return pool.call(solve_elsewhere, physics_of_truth, get_object(request.object_id), request)
 
 
 def _tell_grasp(progress: CampaignProgress, tool: ProposedTool, grasp: MeasuredGrasp) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from flows.cli.common import AsJson, show
+from flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, show
 from flows.cli.real import YesMove
 from flows.cli.virtual import Designs, rack
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from hardware.bench import Bench
     from hardware.cell.cell import MeasuredGrasp
     from hardware.tools.mounted import MountedTool
+    from models.objects.catalogue import RigidObject
 
 app = App(name="gantry", help="Move the bench by hand: home, park, tare, grasp, faults. All of these home first.")
 app.command("flows.cli.wire:log", name="log", help="List the wire logs of benches, or print one.")
@@ -74,11 +75,13 @@ def tare(*, bench: ChosenBench = VIRTUAL_BENCH, json: AsJson = False) -> None:
 @app.command
 def grasp(
     *,
-    object: Annotated[int, Parameter(help="Object id, 0 to 35.")],
+    object: Annotated[str, Parameter(help=OBJECT_HELP)],
+    place: Annotated[int | None, Parameter(help="Place where an own object stands, 0 to 35.")] = None,
     slot: Annotated[int, Parameter(help="Slot of the tool in the rack, 0 to 9.")] = 0,
     repeats: Annotated[int, Parameter(help="How many grasps.", validator=Number(gte=1))] = 1,
     design: Designs = None,
     bench: ChosenBench = VIRTUAL_BENCH,
+    lake: LakePath = DEFAULT_LAKE,
     json: AsJson = False,
 ) -> None:
     """Pick a tool, grasp one object, lift to separation, park the tool; exit status 1 when a grasp failed.
@@ -86,12 +89,14 @@ def grasp(
     Nothing is written to a lake.
     """
     from models.records import GraspSetup
+    from tasks.objects import find_object
 
-    tools = rack(design)
-    _check_target(object, slot, tools)
+    tools, met = rack(design), find_object(object, lake)
+    own_objects = () if place is None else ((met.object_id, place),)
+    _check_target(met, own_objects, slot, tools)
     made: list[MeasuredGrasp] = []
-    plan = [(object, repeat) for repeat in range(repeats)]
-    with open_bench(bench, tools=tools) as opened:
+    plan = [(met.object_id, repeat) for repeat in range(repeats)]
+    with open_bench(bench, tools=tools, own_objects=own_objects) as opened:
         opened.cell.measure_tool(slot, plan, GraspSetup(), made.append, lambda: False)
     rows = [_grasp_row(g) for g in made]
     show(rows, "\n".join(_grasp_line(row) for row in rows), json)
@@ -115,12 +120,19 @@ def faults(*, bench: ChosenBench = VIRTUAL_BENCH, json: AsJson = False) -> None:
     show(data, "\n".join(lines), json)
 
 
-def _check_target(object_id: int, slot: int, tools: "Mapping[int, MountedTool]") -> None:
-    """Raises UsageError for an unknown object or an empty slot, before a bench is opened."""
-    from hardware.cell.layout import BenchLayout
+def _check_target(
+    met: "RigidObject", own_objects: tuple[tuple[int, int], ...], slot: int, tools: "Mapping[int, MountedTool]"
+) -> None:
+    """Raises UsageError for an object without a place or an empty slot, before a bench is opened."""
+    from hardware.cell.layout import N_OBJECTS, BenchLayout
     from models.errors import UsageError
 
-    BenchLayout().object_xy_mm(object_id)
+    is_own = met.shape is not None
+    if is_own and not own_objects:
+        raise UsageError(f"say with --place where `{met.name}` stands: a number from 0 to {N_OBJECTS - 1}.")
+    if own_objects and not is_own:
+        raise UsageError(f"--place is of an own object; `{met.name}` stands on place {met.object_id}, leave it out.")
+    BenchLayout(own_objects=own_objects).object_xy_mm(met.object_id)
     if slot not in tools:
         raise UsageError(f"slot {slot} has no tool; mounted are slots {min(tools)} to {max(tools)}.")
 
@@ -151,9 +163,12 @@ def _grasp_line(row: dict[str, Any]) -> str:
 
 @contextmanager
 def open_bench(
-    chosen: ChosenBench, may_vent: bool = False, tools: "Mapping[int, MountedTool] | None" = None
+    chosen: ChosenBench,
+    may_vent: bool = False,
+    tools: "Mapping[int, MountedTool] | None" = None,
+    own_objects: tuple[tuple[int, int], ...] = (),
 ) -> "Iterator[Bench]":
-    """The bench asked for, connected and homed.
+    """The bench asked for, connected and homed; `own_objects`: numbers of own objects with their places.
 
     Raises:
         UsageError: a wrong file, or the real bench was not confirmed.
@@ -161,14 +176,22 @@ def open_bench(
     from flows.cli.real import ask_leave
     from flows.cli.wire import log_folder
     from hardware.bench import open_real_bench, open_virtual_bench
+    from hardware.cell.layout import BenchLayout
     from tasks.campaign.setup import read_bench, read_world
 
     mounted = rack(None) if tools is None else tools
     if chosen.real is None:
-        with open_virtual_bench(read_world(chosen.world), mounted, log_folder=log_folder(None)) as bench:
+        layout = BenchLayout(own_objects=own_objects)
+        with open_virtual_bench(
+            read_world(chosen.world), mounted, log_folder=log_folder(None), layout=layout
+        ) as bench:
             yield bench
         return
     settings = read_bench(chosen.real)
+    if own_objects:
+        settings = settings.model_copy(
+            update={"layout": settings.layout.model_copy(update={"own_objects": own_objects})}
+        )
     ask_leave(chosen.real, settings, mounted, chosen.yes_move)
     with open_real_bench(settings, mounted, may_vent=may_vent, log_folder=log_folder(None)) as bench:
         yield bench

@@ -29,6 +29,7 @@ for _name, _target, _help in (
     ("campaign", "flows.cli.campaign:app", "Start, continue, watch and stop campaigns."),
     ("print", "flows.cli.printing:app", "Print sheets, and the word of the person who printed."),
     ("simulate", "flows.cli.simulate:simulate", "Simulate one grasp: peak, contact force, work, trace, picture."),
+    ("objects", "flows.cli.objects:app", "List, check, draw and print test objects, and add own ones."),
     ("gantry", "flows.cli.gantry:app", "Move the bench by hand: home, park, tare, grasp, faults."),
     ("virtual", "flows.cli.virtual:app", "A virtual bench that stays up."),
     ("lake", "flows.cli.lake:app", "Import, export, check, compact and measure the lake; where its rows come from."),

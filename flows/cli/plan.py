@@ -74,10 +74,11 @@ def _what(config: Path | None) -> "tuple[ObjectPlan, Any]":
 def _times(objects: "ObjectPlan", setup: Any, n_tools: int, design: list[Path] | None) -> "list[PlanTime]":
     """One plan per tool, each with its own order; fewer designs than tools are used again."""
     from hardware.cell.cycle_time import plan_time
+    from hardware.cell.layout import BenchLayout
 
-    mounted = list(rack(design).values())
+    mounted, layout = list(rack(design).values()), objects.stand_on(BenchLayout())
     return [
-        plan_time(mounted[slot % len(mounted)], slot, objects.cells(slot), setup, from_slot=max(slot - 1, 0))
+        plan_time(mounted[slot % len(mounted)], slot, objects.cells(slot), setup, from_slot=max(slot - 1, 0), layout=layout)
         for slot in range(n_tools)
     ]
 

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show
+from flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, say, show
 from flows.cli.simulate_output import make_folder, write_outputs
 
 if TYPE_CHECKING:
+    from models.objects.catalogue import RigidObject
     from models.records import Branches, Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion
 
-    Grasp = tuple[Design, int, SimulatorVersion, GraspSetup, Placement]
+    Grasp = tuple[Design, RigidObject, SimulatorVersion, GraspSetup, Placement]
 
 BEST = Path("best")
 
@@ -33,7 +34,7 @@ class Asked:
             "`best`, as without it: the best published design."
         ),
     ] = None
-    object: Annotated[int | None, Parameter(help="Object id, 0 to 35.")] = None
+    object: Annotated[str | None, Parameter(help=OBJECT_HELP)] = None
     version: Annotated[
         str | None, Parameter(help="Simulator version (V...) of the lake; default: the program's own values.")
     ] = None
@@ -51,7 +52,7 @@ class Asked:
     ] = None
 
     def read(self, lake: Path) -> "Grasp":
-        """Design, object id, simulator version, setup and placement.
+        """Design, object, simulator version, setup and placement.
 
         Raises:
             UsageError: no object, options that exclude each other, or an id that the lake does not have.
@@ -59,14 +60,15 @@ class Asked:
         """
         from models.errors import UsageError
         from models.records import Placement
+        from tasks.objects import find_object
 
         if self.simulation is not None:
             refuse_beside("simulation", {name: value for name, value in vars(self).items() if name != "simulation"})
             return *read_simulation(lake, self.simulation), Placement()
         if self.object is None:
-            raise UsageError("`fast simulate` needs --object: Object id, 0 to 35. See `fast simulate --help`.")
+            raise UsageError(f"`fast simulate` needs --object: {OBJECT_HELP} See `fast simulate --help`.")
         base = _base_version(lake, self.version, self.tier)
-        return read_design(self.design), self.object, *apply_settings(self.set or [], base)
+        return read_design(self.design), find_object(self.object, lake), *apply_settings(self.set or [], base)
 
 
 def simulate(
@@ -84,23 +86,21 @@ def simulate(
 ) -> None:
     """Simulate one grasp: closing, lift and pull-off. Without --out or --export-calculix, nothing is written."""
     from models.errors import UsageError
-    from models.objects.catalogue import get_object
     from models.records import Placement
     from models.simulation.branches import find_branches
     from models.simulation.grasp import simulate_grasp
     from models.simulation.output.recording import GraspRecording
 
-    design, object_id, simulator, setup, placement = asked.read(lake)
+    design, met, simulator, setup, placement = asked.read(lake)
     if branches and placement != Placement():
         raise UsageError("--branches searches around the nominal place of the object; leave out its placement.")
-    met = get_object(object_id)
     if out is not None:
         make_folder(out)
     recording = GraspRecording()
     recorder = None if out is None else recording.add
     result = simulate_grasp(design, met, simulator, setup, placement=placement, recorder=recorder)
     found = find_branches(design, met, simulator, setup, result) if branches else None
-    ids = {"design_id": design.design_id, "object_id": object_id, "version_id": simulator.version_id}
+    ids = {"design_id": design.design_id, "object_id": met.object_id, "version_id": simulator.version_id}
     data = {**ids, "placement": placement.model_dump(), **_numbers_of(result), **_branches_of(found)}
     show(data, describe_grasp(data), json)
     files = [] if out is None else write_outputs(out, design, met, placement, data, result, recording, found)
@@ -158,7 +158,7 @@ def read_design(path: Path | None) -> "Design":
     return load_record(Design, parse_json(text, f"design file `{path}`"), str(path))
 
 
-def read_simulation(lake: Path, simulation_id: str) -> "tuple[Design, int, SimulatorVersion, GraspSetup]":
+def read_simulation(lake: Path, simulation_id: str) -> "tuple[Design, RigidObject, SimulatorVersion, GraspSetup]":
     """Design, object, simulator version and setup of a simulation (S...) of the lake, failed ones too.
 
     Raises:
@@ -167,6 +167,7 @@ def read_simulation(lake: Path, simulation_id: str) -> "tuple[Design, int, Simul
     from lake.store import Lake
     from lake.tables.campaign import DesignRow, SimulationRow, SimulatorVersionRow
     from models.errors import UsageError
+    from models.objects.catalogue import get_object
     from models.records import GraspSetup
     from models.validation import closest
 
@@ -180,7 +181,7 @@ def read_simulation(lake: Path, simulation_id: str) -> "tuple[Design, int, Simul
     versions = found.records(SimulatorVersionRow, version_id=row.version_id)
     if not designs or not versions or versions[0].tier == "imported":
         raise UsageError(f"simulation `{simulation_id}` was made elsewhere; only this program's can be repeated.")
-    return designs[0].design, row.object_id, versions[0].version, GraspSetup.model_validate_json(row.setup_json)
+    return designs[0].design, get_object(row.object_id), versions[0].version, GraspSetup.model_validate_json(row.setup_json)
 
 
 def refuse_beside(option: str, others: dict[str, Any]) -> None:

@@ -17,13 +17,14 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from flows.report.style import OBJECT
-from models.objects.catalogue import get_object
+from models.objects.catalogue import RigidObject, get_object
 from models.objects.surface import object_mesh
 
 LIGHT = np.array([0.22, 0.58, 0.78])  # towards the light, in view coordinates (right, up, towards the eye)
 LARGEST_EDGE_MM = 3.0
 OBJECT_SPACING_MM = 1.5
 OBJECT_PX = 96
+OBJECTS_PER_LINE = 6
 OVERSAMPLING = 3
 LINE_PX = 1.0
 LINE_ANGLE_RAD = np.radians(35.0)  # faces that meet at more get a line between them
@@ -78,6 +79,22 @@ def object_picture(object_id: int) -> np.ndarray:
     """
     mesh = object_mesh(get_object(object_id), spacing_mm=OBJECT_SPACING_MM)
     return render([Body(mesh, OBJECT)], azimuth_deg=28.0, elevation_deg=24.0, height_px=OBJECT_PX, width_px=OBJECT_PX)
+
+
+def draw_objects(objects: Sequence[RigidObject]) -> Figure:
+    """Pictures of objects side by side, with name, number and size."""
+    n_columns = min(len(objects), OBJECTS_PER_LINE)
+    n_lines = -(-len(objects) // n_columns)
+    figure = Figure(figsize=(2.4 * n_columns, 2.7 * n_lines), dpi=DPI, layout="constrained")
+    grid = figure.subplots(n_lines, n_columns, squeeze=False).ravel()
+    for axes in grid:
+        axes.axis("off")
+    for axes, obj in zip(grid, objects, strict=False):
+        bodies = [Body(object_mesh(obj), OBJECT)]
+        axes.imshow(render(bodies, azimuth_deg=28.0, elevation_deg=24.0, height_px=240, width_px=240))
+        size = " x ".join(f"{mm:.3g}" for mm in obj.size_mm)
+        axes.set_title(f"{obj.name} ({obj.object_id})\n{size} mm", fontsize=8)
+    return figure
 
 
 def _view_rotation(azimuth: float, elevation: float) -> np.ndarray:

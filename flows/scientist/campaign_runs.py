@@ -21,11 +21,13 @@ from flows.progress import RateEstimate, describe_time_left
 from flows.scientist.strategies import Strategy
 from hardware.bench import Bench, open_virtual_bench
 from hardware.cell.cell import MeasuredGrasp
+from hardware.cell.layout import BenchLayout
 from hardware.tools.mounted import MountedTool
 from hardware.virtual.world.file import World
-from hardware.virtual.world.physics import PhysicsCache, PhysicsRequest, simulate_request
+from hardware.virtual.world.physics import PhysicsCache, PhysicsRequest, simulate_request, solve_elsewhere
 from hardware.virtual.world.physics_cache import PhysicsFiles
 from lake.store import Lake
+from models.objects.catalogue import get_object
 from models.records import Design, GraspSimulation
 from tasks.bench.measure import measure_batch, measure_tool
 from tasks.bench.plan import ToolWork
@@ -235,7 +237,10 @@ class _Runner:
     @contextmanager
     def _open_bench(self, tools: Sequence[ProposedTool]) -> Iterator[Bench]:
         mounted = {tool.rack_slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
-        with open_virtual_bench(self._world, mounted, physics=self._physics, wires="memory") as bench:
+        layout = self._campaign.config.objects.stand_on(BenchLayout())
+        with open_virtual_bench(
+            self._world, mounted, physics=self._physics, wires="memory", layout=layout
+        ) as bench:
             yield bench
 
 
@@ -263,14 +268,14 @@ def toml_of(config: CampaignConfig) -> str:
 
 def _toml(value: Any) -> str:
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {_toml(v)}" for key, v in value.items() if v is not None) + "}"
+        return "{" + ", ".join(f"{json.dumps(key)} = {_toml(v)}" for key, v in value.items() if v is not None) + "}"
     if isinstance(value, list):
         return "[" + ", ".join(_toml(v) for v in value) + "]"
     return json.dumps(value)
 
 
 def _solve(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulation:
-    return pool.call(simulate_request, request)
+    return pool.call(solve_elsewhere, simulate_request, get_object(request.object_id), request)
 
 
 def _say_nothing(line: str) -> None:

@@ -46,14 +46,20 @@ WHERE p.campaign_id = {campaign} ORDER BY p.sequence, p.created_at, p.proposal_i
 class BenchTimeline:
     """Sends what a lake has of a campaign to a recording; asked again, only what is new.
 
-    `objects` are those that its tools shall meet; `full_n` is the force of the lightest colour and of the curves' top.
+    `objects` are those that its tools shall meet, on their places of `layout`; `full_n` is the force of the lightest colour and of the curves' top.
     """
 
     def __init__(
-        self, stream: rr.RecordingStream, lake: Lake, campaign_id: str, objects: Sequence[int], full_n: float
+        self,
+        stream: rr.RecordingStream,
+        lake: Lake,
+        campaign_id: str,
+        layout: BenchLayout,
+        objects: Sequence[int],
+        full_n: float,
     ) -> None:
         self._stream, self._lake, self._campaign = stream, lake, literal(campaign_id)
-        self._layout, self._objects, self._full_n = BenchLayout(), objects, full_n
+        self._layout, self._objects, self._full_n = layout, objects, full_n
         self._curves = Curves(stream, objects, full_n)
         self._tips_mm = self._layout.mount_height_mm - GraspSetup().tip_below_mm
         self._sent: set[str] = set()

@@ -21,6 +21,7 @@ from flows.viewer.stream import lay_out, open_recording
 from hardware.cell.layout import N_OBJECTS, BenchLayout
 from lake.store import Lake
 from lake.tables.imported import is_imported
+from models.objects.catalogue import FIRST_OWN_ID
 from models.design.space import PARAMETERS
 from models.units import spell_name
 from models.validation import load_record
@@ -86,19 +87,28 @@ def send_campaign(recording: rr.RecordingStream, content: Content) -> BenchTimel
     document = rr.TextDocument(describe(content), media_type="text/markdown")
     recording.log("about", document, static=True)
     campaign_id = content.campaign.campaign_id
-    timeline = BenchTimeline(recording, content.lake, campaign_id, find_objects(content), choose_full_force_n(content))
+    layout, objects = find_objects(content)
+    timeline = BenchTimeline(recording, content.lake, campaign_id, layout, objects, choose_full_force_n(content))
     timeline.update()
     return timeline
 
 
-def find_objects(content: Content) -> list[int]:
-    """Objects that the tools of a campaign shall meet; of one that was run elsewhere, those that they met."""
+def find_objects(content: Content) -> tuple[BenchLayout, list[int]]:
+    """The bench of a campaign, and the objects that its tools shall meet.
+
+    Of a campaign that was run elsewhere, the objects that its tools met; where its own ones stood is not known, and they
+    are drawn on free places.
+    """
     config_toml = content.campaign.config_toml
     if is_imported(config_toml):
         rows = content.lake.query(_OBJECTS.format(campaign=literal(content.campaign.campaign_id))).to_pylist()
-        return [row["object_id"] for row in rows if 0 <= row["object_id"] < N_OBJECTS]
+        met = [row["object_id"] for row in rows]
+        free = (place for place in range(N_OBJECTS) if place not in met)
+        own = tuple(zip((number for number in met if number >= FIRST_OWN_ID), free, strict=False))
+        here = [number for number in met if 0 <= number < N_OBJECTS]
+        return BenchLayout(own_objects=own), [*here, *dict(own)]
     plan = load_record(ObjectPlan, tomllib.loads(config_toml).get("objects", {}), "stored config")
-    return sorted(plan.object_ids)
+    return plan.stand_on(BenchLayout()), sorted(plan.object_ids)
 
 
 def choose_full_force_n(content: Content) -> float:
@@ -113,7 +123,7 @@ def lay_out_campaign(content: Content, is_live: bool = False) -> rrb.Blueprint:
     scene = rrb.Spatial3DView(
         origin="cell",
         name=f"Bench; objects by the peak of their last grasp: dark 0, yellow {choose_full_force_n(content):g} N",
-        eye_controls=place_bench_eye(BenchLayout(), find_objects(content)),
+        eye_controls=place_bench_eye(*find_objects(content)),
         background=[255, 255, 255],
         line_grid=False,
     )

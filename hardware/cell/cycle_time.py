@@ -167,7 +167,7 @@ class _Model:
 
     def _approach(self, object_id: int, placement: Placement) -> Parts:
         layout = self._layout
-        place = layout.free_xy_mm if object_id == NO_OBJECT else layout.grasp_xy_mm(object_id, placement)
+        place = layout.grasp_xy_mm(object_id, placement) if layout.has_place(object_id) else layout.free_xy_mm
         parts = Parts(tare=BASELINE_S)
         if place != self._at[:2]:
             travel_z_mm = layout.travel_z_mm(self._design)

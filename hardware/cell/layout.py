@@ -20,7 +20,10 @@ N_SLOTS = 10
 
 
 class BenchLayout(Record):
-    """Object grid, tool dock and head geometry; the defaults are the paper's 6 x 6 at 150 mm, centred."""
+    """Object grid, tool dock and head geometry; the defaults are the paper's 6 x 6 at 150 mm, centred.
+
+    The places are numbered as the 36 objects that stand there; an own object takes one of them.
+    """
 
     workspace_mm: tuple[float, float, float] = (1500.0, 1500.0, 180.0)
     n_columns: int = Field(default=6, ge=1, le=36)
@@ -36,6 +39,27 @@ class BenchLayout(Record):
     dock_z_mm: float = Field(default=90.0, description="the longest finger hangs 30 mm above the sheet")
     top_z_mm: float = Field(default=175.0, description="travel height to and from the dock")
     limits: BenchLimits = BenchLimits()
+    own_objects: tuple[tuple[int, int], ...] = Field(
+        default=(), description="own objects, each with the number of its place"
+    )
+
+    def has_place(self, object_id: int) -> bool:
+        """Whether it is said where this object stands."""
+        return 0 <= dict(self.own_objects).get(object_id, object_id) < N_OBJECTS
+
+    def place_of(self, object_id: int) -> int:
+        """Number of the place where an object stands.
+
+        Raises:
+            UsageError: no such object.
+        """
+        place = dict(self.own_objects).get(object_id, object_id)
+        if not self.has_place(object_id):
+            raise UsageError(
+                f"Object {object_id} has no place on the bench; use an id from 0 to {N_OBJECTS - 1}, or say where an own "
+                "object stands."
+            )
+        return place
 
     def object_xy_mm(self, object_id: int) -> tuple[float, float]:
         """Centre of an object: row by row from the front left.
@@ -43,9 +67,7 @@ class BenchLayout(Record):
         Raises:
             UsageError: no such object.
         """
-        if not 0 <= object_id < N_OBJECTS:
-            raise UsageError(f"Object {object_id} does not exist; use an id from 0 to {N_OBJECTS - 1}.")
-        row, column = divmod(object_id, self.n_columns)
+        row, column = divmod(self.place_of(object_id), self.n_columns)
         n_rows = -(-N_OBJECTS // self.n_columns)
         x = self.workspace_mm[0] / 2 + (column - (self.n_columns - 1) / 2) * self.object_pitch_mm
         y = self.workspace_mm[1] / 2 + (row - (n_rows - 1) / 2) * self.object_pitch_mm
@@ -93,7 +115,9 @@ class BenchLayout(Record):
 
     def object_at(self, x_mm: float, y_mm: float, within_mm: float = 15.0) -> int | None:
         """Object whose centre is within `within_mm` of the head in x and y, or None; as far as a grasp is offset."""
-        for object_id in range(N_OBJECTS):
+        own = {place: object_id for object_id, place in self.own_objects}
+        for place in range(N_OBJECTS):
+            object_id = own.get(place, place)
             x, y = self.object_xy_mm(object_id)
             if abs(x - x_mm) <= within_mm and abs(y - y_mm) <= within_mm:
                 return object_id

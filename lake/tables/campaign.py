@@ -17,6 +17,7 @@ from lake.tables.requests import GraspRequestRow, read_placement
 from lake.tables.row import Channel, Row, Status
 from models.design.space import PARAMETERS
 from models.ids import canonical_json, content_id
+from models.objects.catalogue import RigidObject
 from models.records import Design, Placement, SimulatorVersion, Trace
 
 
@@ -56,7 +57,7 @@ class DesignRow(Row):
 
 
 class ObjectRow(Row):
-    """One of the 36 test objects."""
+    """One of the 36 test objects, or an own object with all of its shape."""
 
     table: ClassVar[str] = "objects"
     object_id: int
@@ -64,6 +65,46 @@ class ObjectRow(Row):
     object_class: str
     orientation: str
     parameters_json: str
+    size_x_mm: float | None = None
+    size_y_mm: float | None = None
+    height_mm: float | None = None
+    mirror_x: bool | None = None
+    mirror_y: bool | None = None
+    shape: str | None = Field(default=None, description="of an own object, see `models.objects.own`")
+
+    @classmethod
+    def of(cls, obj: RigidObject) -> Self:
+        """Row of an object."""
+        size_x_mm, size_y_mm, height_mm = obj.size_mm
+        return cls(
+            object_id=obj.object_id,
+            name=obj.name,
+            object_class=obj.object_class,
+            orientation=obj.orientation,
+            parameters_json=canonical_json(obj.parameters),
+            size_x_mm=size_x_mm,
+            size_y_mm=size_y_mm,
+            height_mm=height_mm,
+            mirror_x=obj.mirror_x,
+            mirror_y=obj.mirror_y,
+            shape=obj.shape,
+        )
+
+    @property
+    def own_object(self) -> RigidObject | None:
+        """The own object of this row; None for the 36, which the program itself defines."""
+        if self.shape is None:
+            return None
+        return RigidObject(
+            object_id=self.object_id,
+            name=self.name,
+            object_class=self.object_class,
+            parameters={},
+            orientation="axis z",
+            mirror_x=bool(self.mirror_x),
+            mirror_y=bool(self.mirror_y),
+            shape=self.shape,
+        )
 
 
 class BatchRow(Row):

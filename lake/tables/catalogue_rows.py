@@ -1,10 +1,11 @@
 """Rows of what the program itself knows: test objects, simulator versions and the effects that they switch on."""
 
+from collections.abc import Sequence
+
 from lake.store import Lake
 from lake.tables.campaign import EffectRow, ObjectRow, SimulatorVersionRow
 from lake.tables.row import Row
-from models.ids import canonical_json
-from models.objects.catalogue import OBJECTS
+from models.objects.catalogue import OBJECTS, RigidObject
 from models.records import EffectValue, SimulatorVersion
 
 
@@ -46,15 +47,6 @@ def _effect_row(version_id: str, place: int, value: EffectValue) -> EffectRow:
     )
 
 
-def object_rows() -> list[ObjectRow]:
-    """A row for each of the 36 test objects."""
-    return [
-        ObjectRow(
-            object_id=obj.object_id,
-            name=obj.name,
-            object_class=obj.object_class,
-            orientation=obj.orientation,
-            parameters_json=canonical_json(obj.parameters),
-        )
-        for obj in OBJECTS
-    ]
+def object_rows(own: Sequence[RigidObject] = ()) -> list[ObjectRow]:
+    """A row for each of the 36 test objects, and for own ones."""
+    return [ObjectRow.of(obj) for obj in (*OBJECTS, *own)]

@@ -19,7 +19,7 @@ from models.objects.primitives import grid, turn_about_z
 SPACING_MM = 0.5
 _MARGIN = 3  # grid points beyond the box of the mesh: the spline needs one, the border smooths one
 _ROUNDS = 2  # of eight sweeps, one from every corner
-SAME_MM = 0.05  # half of what a printer may be off; faces of a round body are so far from round
+SAME_MM = 0.1  # what a printer may be off; the triangles of a round body are as far from round
 _ROUND_TURNS_DEG = (13.0, 37.0, 90.0, 171.0)
 _SURFACE_POINTS = 4000
 

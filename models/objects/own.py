@@ -91,13 +91,21 @@ def object_of_mesh(
 @lru_cache(maxsize=GRIDS_KEPT)
 def shape_rows(shape: str) -> np.ndarray:
     """Rows of primitives, in the object frame, of the text of a shape; kept by each process, so never changed."""
-    read: _MeshShape | _PartsShape = TypeAdapter(_MeshShape | _PartsShape).validate_json(shape)
+    read = _read(shape)
     if isinstance(read, _PartsShape):
         rows = _standing(read.parts)
     else:
         rows = MeshGrid.of(_mesh_of(read)).row(is_round=read.is_round)
     rows.flags.writeable = False
     return rows
+
+
+def mesh_of(obj: RigidObject) -> trimesh.Trimesh | None:
+    """The mesh, in the object frame, from which an own object was made; None where it was not made from one."""
+    if obj.shape is None:
+        return None
+    read = _read(obj.shape)
+    return _mesh_of(read) if isinstance(read, _MeshShape) else None
 
 
 def own_id(content: bytes) -> int:
@@ -140,6 +148,11 @@ def _standing(parts: Sequence[Part]) -> np.ndarray:
     return moved(rows, -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]]))
 
 
+def _read(shape: str) -> _MeshShape | _PartsShape:
+    found: _MeshShape | _PartsShape = TypeAdapter(_MeshShape | _PartsShape).validate_json(shape)
+    return found
+
+
 def _mesh_of(shape: _MeshShape) -> trimesh.Trimesh:
     stl = zlib.decompress(base64.b64decode(shape.stl))
     return trimesh.load_mesh(io.BytesIO(stl), file_type="stl")
@@ -156,14 +169,17 @@ def _checked(mesh: trimesh.Trimesh, source: str) -> trimesh.Trimesh:
         )
     if not np.isfinite(mesh.vertices).all():
         raise ConfigError(f"{source}: a corner of it is not a finite number; export the mesh again.")
-    _, n_faces = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
-    if n_open := int((n_faces != 2).sum()):
+    a, b, c = mesh.faces.T
+    turned = mesh.copy()
+    turned.update_faces((a != b) & (b != c) & (c != a))
+    _, n_faces = np.unique(turned.edges_sorted, axis=0, return_counts=True)
+    if n_open := int((n_faces % 2).sum()):
         raise ConfigError(
             f"{source}: the mesh is not watertight, {n_open} of its {len(n_faces)} edges do not join two triangles; "
             "close it in the program that made it."
         )
-    turned = mesh.copy()
-    turned.fix_normals()
+    if not turned.is_winding_consistent or turned.volume < 0.0:
+        turned.fix_normals()
     if not abs(turned.volume) > 1e-9 * float(np.prod(np.maximum(np.ptp(turned.bounds, axis=0), 1e-9))):
         raise ConfigError(f"{source}: the mesh has no volume; export a solid.")
     return turned

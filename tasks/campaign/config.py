@@ -74,7 +74,11 @@ class CampaignConfig(Record):
         own = {"surrogate", "constraint", "best_predicted"}
         defaults = ScientistSettings()
         unused["scientist"] = {key for key in own if getattr(self.scientist, key) == getattr(defaults, key)}
-        return self.model_dump(mode="json", exclude=unused)
+        unused["objects"] = {"files", "places", "file_ids"}  # what a file is called decides nothing
+        science = self.model_dump(mode="json", exclude=unused)
+        if self.objects.files:
+            science["objects"]["own"] = [list(pair) for pair in self.objects.own_places]
+        return science
 
     @property
     def follows_newest(self) -> bool:
@@ -94,7 +98,7 @@ def load_config(path: Path) -> CampaignConfig:
         ConfigError: the file is missing, is not TOML, or has a wrong value or key.
     """
     data = read_toml(path, "campaign config")
-    config = load_record(CampaignConfig, data, str(path))
+    config = with_own_objects(load_record(CampaignConfig, data, str(path)), path)
     _check_science(config, str(path))
     world = relative_to(path, config.bench.world)
     if not world.is_file():
@@ -102,6 +106,28 @@ def load_config(path: Path) -> CampaignConfig:
     if config.material is not None:
         read_lot(relative_to(path, config.material))
     return config
+
+
+def with_own_objects(config: CampaignConfig, path: Path) -> CampaignConfig:
+    """The config with the numbers of the objects that its `objects.files` hold, which this process then knows.
+
+    Raises:
+        ConfigError: a file cannot be used, two hold the same object, or one is not what the config says it was.
+    """
+    if not config.objects.files:
+        return config
+    from tasks.objects import read_objects  # loads meshes; the 36 do without
+
+    found = read_objects([relative_to(path, name) for name in config.objects.files])
+    numbers = {name: obj.object_id for name, obj in zip(config.objects.files, found, strict=True)}
+    for name, object_id in config.objects.file_ids.items():
+        if numbers.get(name) != object_id:
+            raise ConfigError(
+                f"{path}: `{name}` is no longer object {object_id}; bring the old file back, or leave out "
+                "objects.file_ids and give the campaign another name."
+            )
+    objects = config.objects.model_copy(update={"file_ids": numbers})
+    return config.model_copy(update={"objects": objects})
 
 
 def read_lot(path: Path) -> MaterialLot:

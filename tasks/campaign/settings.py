@@ -4,8 +4,9 @@ import random
 from collections.abc import Iterable
 from typing import Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
+from hardware.cell.layout import N_OBJECTS, BenchLayout
 from models.design.printability import PrintingRules
 from models.records import (
     REMOVED_TIER,
@@ -20,13 +21,15 @@ from models.records import (
 from models.scientist.bridge.load import OWN, is_own
 from tasks.simulation.engine import check_engine
 
-N_OBJECTS = 36
 
 
 class ObjectPlan(Record):
     """Which objects a tool is measured on, and how often."""
 
     ids: Literal["all"] | tuple[int, ...] = "all"
+    files: tuple[str, ...] = Field(default=(), description="own objects: paths, relative to the config")
+    places: tuple[int, ...] = Field(default=(), description="where those of `files` stand; none: the free ones in order")
+    file_ids: dict[str, int] = Field(default={}, description="numbers of `files`; written by the program, not by you")
     repeats: int = Field(default=3, ge=1, le=20)
     order: Literal["fixed", "random"] = Field(
         default="random", description="the shortest way for every tool, or drawn for each tool"
@@ -50,14 +53,55 @@ class ObjectPlan(Record):
         for object_id in ids:
             if not 0 <= object_id < N_OBJECTS:
                 raise ValueError(f"object {object_id} does not exist, ids are 0 to {N_OBJECTS - 1}; change it")
-        if len(set(ids)) != len(ids) or not ids:
-            raise ValueError("object ids must be given once each, at least one")
+        if len(set(ids)) != len(ids):
+            raise ValueError("object ids must be given once each")
         return ids
+
+    @model_validator(mode="after")
+    def _check_files(self) -> "ObjectPlan":
+        if not self.files:
+            if self.ids == () or self.places:
+                raise ValueError("`ids` is empty or `places` is set without `files`; name one object at least")
+            return self
+        if self.ids == "all":
+            raise ValueError(
+                f"the {N_OBJECTS} of the paper take all {N_OBJECTS} places of the bench; beside `files`, set `ids` to "
+                "those that stay (`ids = []` for none)"
+            )
+        if len(set(self.files)) != len(self.files):
+            raise ValueError("`files` names one file twice; leave one of them out")
+        n_objects = len(self.files) + len(self.ids)
+        if n_objects > N_OBJECTS:
+            raise ValueError(f"`ids` and `files` name {n_objects} objects, the bench has {N_OBJECTS} places; name fewer")
+        taken = [*self.ids, *self.places]
+        if self.places and (
+            len(self.places) != len(self.files) or len(set(taken)) != len(taken) or not set(taken) <= set(range(N_OBJECTS))
+        ):
+            raise ValueError(
+                f"`places` must give each of the {len(self.files)} files a place of its own, 0 to {N_OBJECTS - 1}, that "
+                "no object of `ids` has; change it"
+            )
+        return self
+
+    @property
+    def own_ids(self) -> tuple[int, ...]:
+        """Numbers of the own objects, in the order of `files`."""
+        return tuple(self.file_ids[name] for name in self.files)
+
+    @property
+    def own_places(self) -> tuple[tuple[int, int], ...]:
+        """Own objects, each with the number of the place where it stands."""
+        free = (place for place in range(N_OBJECTS) if place not in self.ids)
+        return tuple(zip(self.own_ids, self.places or free, strict=False))
+
+    def stand_on(self, layout: BenchLayout) -> BenchLayout:
+        """A layout with the own objects on their places."""
+        return layout.model_copy(update={"own_objects": (*layout.own_objects, *self.own_places)})
 
     @property
     def object_ids(self) -> tuple[int, ...]:
         """The objects as a tuple of ids."""
-        return tuple(range(N_OBJECTS)) if self.ids == "all" else self.ids
+        return tuple(range(N_OBJECTS)) if self.ids == "all" else (*self.ids, *self.own_ids)
 
     @property
     def n_grasps(self) -> int:
@@ -78,7 +122,7 @@ class ObjectPlan(Record):
         if self.order == "fixed":
             from hardware.cell.route import shortest_tour
 
-            return list(shortest_tour(self.object_ids))
+            return list(shortest_tour(self.object_ids, self.stand_on(BenchLayout())))
         objects = list(self.object_ids)
         random.Random(seed).shuffle(objects)
         return objects

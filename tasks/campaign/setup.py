@@ -1,5 +1,6 @@
 """What a campaign starts from: the file of its bench or of its virtual world, and its entry in the lake."""
 
+import json
 import tomllib
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from lake.tables.campaign import CampaignRow
 from lake.tables.catalogue_rows import object_rows
 from lake.tables.imported import is_imported
 from models.errors import ConfigError
+from models.objects.catalogue import get_object
 from models.validation import load_record
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig, differences, read_toml, relative_to
@@ -75,5 +77,24 @@ def register(campaign: Campaign, config_toml: str) -> None:
                 f"campaign `{name}` was started with another config ({'; '.join(changes)}); "
                 "undo the change or give the new config another name."
             )
-    row = CampaignRow(campaign_id=name, name=name, config_toml=config_toml)
-    campaign.lake.append([row, *object_rows()], campaign.provenance(campaign.config.seed))
+    objects = campaign.config.objects
+    own = [get_object(object_id) for object_id in objects.own_ids]
+    row = CampaignRow(campaign_id=name, name=name, config_toml=_with_file_ids(config_toml, objects.file_ids))
+    campaign.lake.append([row, *object_rows(own)], campaign.provenance(campaign.config.seed))
+
+
+def _with_file_ids(config_toml: str, file_ids: dict[str, int]) -> str:
+    """The text of a config with the numbers of its own objects, which outlive their files.
+
+    Raises:
+        ConfigError: the text has no place for them.
+    """
+    if not file_ids or tomllib.loads(config_toml)["objects"].get("file_ids") == file_ids:
+        return config_toml
+    lines = [f"{json.dumps(name, ensure_ascii=False)} = {object_id}" for name, object_id in file_ids.items()]
+    text = "\n".join([config_toml.rstrip(), "", "[objects.file_ids]", *lines, ""])
+    try:
+        tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError("the config's `objects` must be a table of its own, [objects]; write it so.") from error
+    return text

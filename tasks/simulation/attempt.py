@@ -17,7 +17,7 @@ import numpy as np
 from models.design.space import BEST_PUBLISHED
 from models.errors import MeshingFailed, SimulationFailed
 from models.ids import canonical_json, content_id
-from models.objects.catalogue import get_object
+from models.objects.catalogue import RigidObject, get_object
 from models.records import Branches, Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion, check_tier
 from models.simulation.effects.catalogue import build_effects
 from models.simulation.mesh.build import build_mesh
@@ -43,13 +43,18 @@ class GraspJob:
     """
 
     design: Design
-    object_id: int
+    obj: RigidObject  # as a whole: a worker on another machine has no lake to ask for an own object
     version: SimulatorVersion
     setup: GraspSetup
     deadline_s: float
     lake_root: Path | None = None
     find_branches: bool = False
     placement: Placement = Placement()
+
+    @property
+    def object_id(self) -> int:
+        """Number of the object."""
+        return self.obj.object_id
 
 
 @dataclass(frozen=True)
@@ -86,12 +91,11 @@ def attempt_grasp(job: GraspJob) -> Attempt:
         check_tier(job.version.tier)
         _load_kernels()
         wall, started = time.perf_counter(), time.process_time()
-        obj = get_object(job.object_id)
         version_json = canonical_json(job.version.model_dump())
-        mesh = _mesh_of(job.design, version_json, needs_full_width(obj, job.placement), job.lake_root)
+        mesh = _mesh_of(job.design, version_json, needs_full_width(job.obj, job.placement), job.lake_root)
         meshed = time.process_time()
         result = simulate_grasp(
-            job.design, obj, job.version, job.setup, placement=job.placement, mesh=mesh, deadline_s=job.deadline_s
+            job.design, job.obj, job.version, job.setup, placement=job.placement, mesh=mesh, deadline_s=job.deadline_s
         )
     except (SimulationFailed, MeshingFailed) as error:
         reason, message = error.reason, str(error)
@@ -118,7 +122,7 @@ def _branches_of(job: GraspJob, result: GraspSimulation, started_s: float) -> Br
 
     left_s = job.deadline_s - (time.perf_counter() - started_s)
     try:
-        return find_branches(job.design, get_object(job.object_id), job.version, job.setup, result, deadline_s=left_s)
+        return find_branches(job.design, job.obj, job.version, job.setup, result, deadline_s=left_s)
     except SimulationFailed as error:
         logger.info("%s on object %d: %s", job.design.design_id, job.object_id, error)
     except (MeshingFailed, ArithmeticError, np.linalg.LinAlgError) as error:

@@ -11,6 +11,7 @@ from lake.store import Lake
 from lake.tables.campaign import DesignRow, SimulatorVersionRow
 from lake.tables.catalogue_rows import version_rows
 from lake.tables.row import Row
+from models.objects.catalogue import get_object
 from models.records import Design, GraspSetup, Placement, SimulatorVersion, find_setup_id
 from tasks.campaign.state import tuples
 from tasks.simulation.attempt import GraspJob, answer, attempt_grasp
@@ -146,7 +147,9 @@ def _simulate_point(
         for object_id in objects:
             if should_stop():
                 break
-            job = GraspJob(design, object_id, version, plan.setup, plan.deadline_s, lake.root, placement=plan.placement)
+            job = GraspJob(
+                design, get_object(object_id), version, plan.setup, plan.deadline_s, lake.root, placement=plan.placement
+            )
             attempt = answer(worker, job, worker.submit(attempt_grasp, job))
             n_made += 1
             if attempt.result is None:

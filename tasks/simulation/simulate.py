@@ -9,6 +9,7 @@ from lake.tables.campaign import Row, SimTraceRow, SimulationBranchRow, Simulati
 from lake.tables.catalogue_rows import missing_version_rows
 from lake.tables.requests import setup_columns
 from models.ids import canonical_json
+from models.objects.catalogue import get_object
 from models.records import Branches, Design
 from tasks.campaign.campaign import Campaign
 from tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
@@ -57,7 +58,7 @@ def _job(campaign: Campaign, design: Design, object_id: int, *, is_tool: bool) -
     settings = campaign.config.simulator
     return GraspJob(
         design,
-        object_id,
+        get_object(object_id),
         campaign.version,
         campaign.config.grasp,
         settings.grasp_deadline_s,

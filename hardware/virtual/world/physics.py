@@ -31,6 +31,7 @@ from models.records import (
 )
 
 if TYPE_CHECKING:
+    from models.objects.catalogue import RigidObject
     from models.simulation.effects.base import Effect
     from models.simulation.output.recording import Recorder
 
@@ -133,6 +134,18 @@ def simulate_watched(
         )
     except MeshingFailed as failure:
         raise SimulationFailed(str(failure), f"mesh_{failure.reason}") from failure
+
+
+def solve_elsewhere(physics: Physics, obj: "RigidObject", request: PhysicsRequest) -> GraspSimulation:
+    """Run a physics in another process, which may not know the own object of the request.
+
+    Raises:
+        SimulationFailed: as the physics.
+    """
+    from models.objects.catalogue import register
+
+    register(obj)
+    return physics(request)
 
 
 class PhysicsStore(Protocol):

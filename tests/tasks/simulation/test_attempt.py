@@ -9,6 +9,7 @@ import pytest
 
 from models.design.space import BEST_PUBLISHED, random_designs
 from models.errors import UsageError
+from models.objects.catalogue import get_object
 from models.records import Design, GraspSetup, MeshSettings, SimulatorVersion
 from tasks.simulation.attempt import Attempt, GraspJob, attempt_grasp
 from tasks.simulation.pool import Worker, WorkerPool
@@ -29,7 +30,7 @@ def workers() -> Iterator[list[Worker]]:
 
 
 def job(design: Design, object_id: int, deadline_s: float = 100.0, version: SimulatorVersion = COARSE) -> GraspJob:
-    return GraspJob(design, object_id, version, SHORT, deadline_s)
+    return GraspJob(design, get_object(object_id), version, SHORT, deadline_s)
 
 
 def numbers(attempt: Attempt) -> dict[str, object]:

@@ -18,6 +18,7 @@ TLS = "DASK_DISTRIBUTED__COMM__TLS__"
 ASK = """
 import os, sys
 from models.design.space import BEST_PUBLISHED
+from models.objects.catalogue import get_object
 from models.records import GraspSetup, SimulatorVersion
 from tasks.simulation.attempt import GraspJob
 from tasks.simulation.engine import open_engine
@@ -27,7 +28,7 @@ if __name__ == "__main__":
     engine = open_engine(sys.argv[1], 1, 100.0)
     with engine.lend() as worker:
         print(worker.submit(os.readlink, "/proc/self/ns/net").result(200))
-        job = GraspJob(BEST_PUBLISHED, 0, SimulatorVersion(), GraspSetup(), 60.0)
+        job = GraspJob(BEST_PUBLISHED, get_object(0), SimulatorVersion(), GraspSetup(), 60.0)
         print(worker.submit(made_up, job).result(200).result.peak_force_n)
     engine.close()
 """

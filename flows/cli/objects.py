@@ -1,0 +1,131 @@
+"""`fast objects`: the 36 test objects and own ones: list, check, draw, print, add."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import App, Parameter
+
+from flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, say, show, table_text
+
+if TYPE_CHECKING:
+    from models.objects.catalogue import RigidObject
+
+app = App(name="objects", help="List, check, draw and print test objects, and add own ones.")
+
+Files = Annotated[list[Path], Parameter(help="Mesh (.stl, .obj, .3mf, in mm) or .toml file of an own object.")]
+Named = Annotated[list[str], Parameter(help=OBJECT_HELP)]
+
+
+@app.command(name="list")
+def list_objects(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
+    """List the 36 objects and the own ones of the lake, with their sizes and planes of symmetry."""
+    from models.objects.catalogue import OBJECTS
+    from tasks.objects import own_objects
+
+    rows = [_row(obj) for obj in (*OBJECTS, *own_objects(lake))]
+    show(rows, table_text(rows), json)
+
+
+@app.command
+def check(files: Files, *, json: AsJson = False) -> None:
+    """Say what the program makes of own objects, and whether the fingers can hold them. Nothing is written."""
+    from tasks.objects import read_objects
+
+    found = read_objects(files)
+    rows = [{**_row(obj), "remarks": _remarks(obj)} for obj in found]
+    lines = [f"{row['name']}: {remark}" for row in rows for remark in row["remarks"]]
+    plain = [{name: value for name, value in row.items() if name != "remarks"} for row in rows]
+    show(rows, "\n".join([table_text(plain), *lines]), json)
+
+
+@app.command
+def add(files: Files, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
+    """Write own objects to the lake, where they are known by name and number from then on."""
+    from lake.provenance import current_provenance
+    from lake.store import Lake
+    from lake.tables.campaign import ObjectRow
+    from tasks.objects import check_names, own_objects, read_objects
+
+    found = read_objects(files)
+    check_names(found, own_objects(lake))
+    opened = Lake.open(lake, create=True)
+    opened.append([ObjectRow.of(obj) for obj in found], current_provenance())
+    opened.close()
+    rows = [_row(obj) for obj in found]
+    show(rows, "\n".join(f"{obj.name} is object {obj.object_id} of {lake}" for obj in found), json)
+
+
+@app.command
+def draw(
+    objects: Named,
+    *,
+    out: Annotated[Path, Parameter(help="PNG file to write.")],
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Draw objects as they stand on the bench, seen from the front right; the fingers close from left and right."""
+    from flows.report.mesh_picture import draw_objects
+    from tasks.objects import find_object
+
+    found = [find_object(text, lake) for text in objects]
+    _check_suffix(out, ".png")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    draw_objects(found).savefig(out)
+    say(f"wrote {out}")
+
+
+@app.command(name="print")
+def print_object(
+    object: Annotated[str, Parameter(help=OBJECT_HELP)],
+    *,
+    out: Annotated[Path, Parameter(help="STL file to write.")],
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Write an object on its mount, as one body to print."""
+    from models.objects.mount import printable_mesh
+    from tasks.objects import find_object
+
+    found = find_object(object, lake)
+    _check_suffix(out, ".stl")
+    mesh = printable_mesh(found)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    mesh.export(out)
+    size = " x ".join(f"{mm:.1f}" for mm in mesh.extents)
+    say(f"wrote {out}: {found.name} on its mount, {size} mm, {mesh.volume / 1000:.1f} cm3")
+
+
+def _row(obj: "RigidObject") -> dict[str, Any]:
+    size_x_mm, size_y_mm, height_mm = (round(mm, 2) for mm in obj.size_mm)
+    mirrors = "".join(axis for axis, has in (("x", obj.mirror_x), ("y", obj.mirror_y)) if has)
+    return {
+        "object_id": obj.object_id,
+        "name": obj.name,
+        "class": obj.object_class,
+        "size_x_mm": size_x_mm,
+        "size_y_mm": size_y_mm,
+        "height_mm": height_mm,
+        "mirrors": mirrors,
+        "round": obj.is_round,
+    }
+
+
+def _remarks(obj: "RigidObject") -> list[str]:
+    """What a person should know before it is grasped with the default setup."""
+    from models.records import GraspSetup
+
+    setup, size_x_mm = GraspSetup(), obj.size_mm[0]
+    remarks = []
+    if size_x_mm <= setup.closed_gap_mm:
+        remarks.append(
+            f"it is {size_x_mm:.1f} mm wide in x, the jaws stop {setup.closed_gap_mm:g} mm apart: only fingers that bend "
+            "inwards touch it; set grasp.closed_gap_mm lower"
+        )
+    if not obj.mirror_y:
+        remarks.append("it is not its own mirror image in y = 0: a grasp takes several times the time of a symmetric one")
+    return remarks or ["the fingers reach it"]
+
+
+def _check_suffix(out: Path, suffix: str) -> None:
+    from models.errors import UsageError
+
+    if out.suffix.lower() != suffix:
+        raise UsageError(f"--out `{out}` must end in {suffix}; change it.")

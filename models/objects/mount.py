@@ -1,0 +1,38 @@
+"""An object on its mount, as one body to print: a foot on the sheet, a post, and the object on it."""
+
+import trimesh
+
+from models.errors import UsageError
+from models.objects.catalogue import RigidObject
+from models.objects.own import mesh_of
+from models.objects.surface import object_mesh
+
+MOUNT_HEIGHT_MM = 33.0  # as in `hardware.cell.layout.BenchLayout`, from the sheet to the object's bottom
+POST_DIAMETER_MM = 12.0  # fingers that close to 16 mm pass below the object
+FOOT_MM = (40.0, 40.0, 3.0)  # tips that hang 30 mm below the object stay above it
+_OVERLAP_MM = 1.0  # of the post and the object
+_SPACING_MM = 0.5
+
+
+def printable_mesh(obj: RigidObject, mount_height_mm: float = MOUNT_HEIGHT_MM) -> trimesh.Trimesh:
+    """Watertight mesh of an object on its mount, mm; z = 0 is the sheet.
+
+    Raises:
+        UsageError: there is no material over the post to stand on.
+    """
+    own = mesh_of(obj)
+    # What is no clean solid (bodies that overlap, say) is printed as the simulator sees it.
+    body = own if own is not None and own.is_volume else object_mesh(obj, _SPACING_MM)
+    body.apply_translation([0.0, 0.0, mount_height_mm])
+    length = mount_height_mm + _OVERLAP_MM
+    post = trimesh.creation.cylinder(POST_DIAMETER_MM / 2, length, sections=64)
+    post.apply_translation([0.0, 0.0, length / 2])
+    foot = trimesh.creation.box(FOOT_MM)
+    foot.apply_translation([0.0, 0.0, FOOT_MM[2] / 2])
+    whole = trimesh.boolean.union([body, post, foot], engine="manifold")
+    if whole.body_count != 1:
+        raise UsageError(
+            f"{obj.name} has no material over the middle of its footprint, where the post of {POST_DIAMETER_MM:g} mm "
+            "would hold it; give it a floor, or print the object alone."
+        )
+    return whole

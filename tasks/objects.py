@@ -1,0 +1,164 @@
+"""Own objects from files: a mesh, or a TOML file that says how a mesh stands or of which parts an object is made."""
+
+import io
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+import trimesh
+from pydantic import Field, model_validator
+
+from lake.store import Lake
+from lake.tables.campaign import ObjectRow
+from models.errors import ConfigError, UsageError
+from models.objects.catalogue import FIRST_OWN_ID, OBJECTS, RigidObject, get_object, register
+from models.objects.own import object_of_mesh, object_of_parts
+from models.objects.parts import Part, Turn
+from models.records import Record
+from models.validation import closest, load_record, parse_toml
+
+MESH_FORMATS = (".stl", ".obj", ".3mf")
+SUFFIXES = (*MESH_FORMATS, ".toml")
+_MOST_BYTES = 50_000_000
+
+
+class ObjectFile(Record):
+    """A TOML file of an own object: `mesh` with how it stands, or `parts`."""
+
+    name: str | None = Field(default=None, description="default: the name of the file")
+    mesh: str | None = Field(default=None, description="path of an .stl, .obj or .3mf file, relative to this one")
+    scale: float = Field(default=1.0, gt=0, le=1e6, description="of the mesh, whose numbers are mm")
+    turn_deg: Turn = Field(default=(0.0, 0.0, 0.0), description="of the mesh about x, then y, then z")
+    parts: tuple[Part, ...] = Field(default=(), max_length=50)
+
+    @model_validator(mode="after")
+    def _check_kind(self) -> "ObjectFile":
+        if (self.mesh is None) == (not self.parts):
+            raise ValueError("it needs either `mesh` or `parts`; add one of them")
+        if self.parts and (self.scale != 1.0 or self.turn_deg != (0.0, 0.0, 0.0)):
+            raise ValueError("`scale` and `turn_deg` are of a mesh; give each part its own sizes and `turn_deg`")
+        return self
+
+
+def read_object(path: Path) -> RigidObject:
+    """The own object of a file, known to this process from now on.
+
+    Raises:
+        ConfigError: the file is missing, cannot be read, or is no object that the bench can hold.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise ConfigError(f"object file `{path}` is of no known kind; give one that ends in {', '.join(SUFFIXES)}.")
+    if path.suffix.lower() in MESH_FORMATS:
+        obj = object_of_mesh(path.stem, _read_mesh(path), str(path))
+    else:
+        obj = _read_description(path)
+    register(obj)
+    return obj
+
+
+def read_objects(paths: Sequence[Path]) -> list[RigidObject]:
+    """Own objects of several files.
+
+    Raises:
+        ConfigError: as `read_object`, or two files hold the same object or have the same name.
+    """
+    found: list[RigidObject] = []
+    for path in paths:
+        obj = read_object(path)
+        for other, other_path in zip(found, paths, strict=False):
+            if obj.object_id == other.object_id:
+                raise ConfigError(f"object files `{other_path}` and `{path}` hold the same object; leave one out.")
+        check_names([obj], found)
+        found.append(obj)
+    return found
+
+
+def check_names(new: Sequence[RigidObject], known: Sequence[RigidObject]) -> None:
+    """Refuse a name that another object has.
+
+    Raises:
+        ConfigError: with the name.
+    """
+    by_name = {obj.name.casefold(): obj.object_id for obj in known}
+    for obj in new:
+        if by_name.get(obj.name.casefold(), obj.object_id) != obj.object_id:
+            raise ConfigError(f"another object is called `{obj.name}`; give this one another `name` in its .toml file.")
+
+
+def _read_description(path: Path) -> RigidObject:
+    try:
+        text = _read_bytes(path).decode()
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"object file `{path}` is not a text file; give a TOML file.") from error
+    told = load_record(ObjectFile, parse_toml(text, f"object file `{path}`"), str(path))
+    name = path.stem if told.name is None else told.name
+    if told.mesh is None:
+        return object_of_parts(name, told.parts, str(path))
+    mesh_path = path.parent / told.mesh
+    if mesh_path.suffix.lower() not in MESH_FORMATS:
+        raise ConfigError(f"{path}: `mesh` is {told.mesh!r}, it must end in {', '.join(MESH_FORMATS)}; change it.")
+    return object_of_mesh(name, _read_mesh(mesh_path), str(mesh_path), scale=told.scale, turn_deg=told.turn_deg)
+
+
+def _read_mesh(path: Path) -> trimesh.Trimesh:
+    """The mesh of a file in mm, equal corners of its triangles made one."""
+    data, kind = _read_bytes(path), path.suffix.lower().removeprefix(".")
+    logging.getLogger("trimesh").setLevel(logging.ERROR)
+    try:
+        scene = trimesh.load_scene(io.BytesIO(data), file_type=kind)
+        if kind == "3mf" and scene.units is not None:  # the other formats have no unit
+            scene = scene.convert_units("mm")
+        mesh = scene.to_mesh()
+    except Exception as error:  # noqa: BLE001 - the readers of trimesh raise whatever a broken file makes them
+        raise ConfigError(f"mesh `{path}` cannot be read as {kind.upper()} ({error}); export it again.") from error
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    return mesh
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            size = path.stat().st_size / 1e6
+            raise ConfigError(f"object file `{path}` has {size:.0f} MB, at most {_MOST_BYTES / 1e6:.0f} are read.")
+        return path.read_bytes()
+    except FileNotFoundError as error:
+        raise ConfigError(f"object file `{path}` does not exist; give the path of an existing file.") from error
+    except OSError as error:
+        raise ConfigError(f"object file `{path}` cannot be read ({error.strerror}); check the path.") from error
+
+
+def find_object(text: str, lake: Path | str) -> RigidObject:
+    """The object that a person named: by number, by name (of the 36 or an own one of the lake), or by its file.
+
+    Raises:
+        UsageError: nothing is called so, or the file cannot be used.
+    """
+    if text.lstrip("-").isdecimal():
+        return _by_number(int(text), lake)
+    if Path(text).suffix.lower() in SUFFIXES:
+        return read_object(Path(text))
+    word = text.casefold().replace("-", " ")
+    own = own_objects(lake)
+    by_name = {obj.name.casefold().replace("-", " "): obj for obj in (*own, *OBJECTS)}
+    if word not in by_name:
+        raise UsageError(f"no object is called `{text}`; {closest(word, list(by_name))}")
+    return by_name[word]
+
+
+def own_objects(lake: Path | str) -> list[RigidObject]:
+    """Own objects of a lake, by name, known to this process from now on; none where there is no lake."""
+    if not Lake.exists(lake):
+        return []
+    found = Lake.open(lake)
+    rows = [row for row in found.records(ObjectRow) if row.shape is not None]
+    objects = [obj for row in rows if (obj := row.own_object) is not None]
+    found.close()
+    for obj in objects:
+        register(obj)
+    return sorted(objects, key=lambda obj: obj.name.casefold())
+
+
+def _by_number(object_id: int, lake: Path | str) -> RigidObject:
+    if object_id >= FIRST_OWN_ID:
+        own_objects(lake)
+    return get_object(object_id)

@@ -98,6 +98,7 @@ class ProposalRow(Row):
     n_real: int
     n_sim: int
     n_pending: int
+    name: str | None = Field(default=None, description="of a design of one's own, as its file says")
 
 
 class ToolRow(Row):
@@ -272,7 +273,7 @@ class GraspRow(Row):
     tare_force_n: float | None = None
     setup_id: str
     setup_json: str
-    bench: Literal["virtual", "real"]
+    bench: str = Field(description="virtual, real (this program's gantry), or the name of a foreign bench")
     world_hash: str | None = None
     details_json: str = "{}"
     offset_x_mm: float | None = Field(

@@ -116,7 +116,7 @@ def measure_tool(
     """
     if not work.items:
         return
-    orders, n_made = count(_first_order(campaign)), work.n_made
+    orders, n_made = count(find_first_order(campaign)), work.n_made
 
     def record(grasp: MeasuredGrasp) -> None:
         nonlocal n_made
@@ -163,7 +163,7 @@ def _append_run(
     )
 
 
-def _first_order(campaign: Campaign) -> int:
+def find_first_order(campaign: Campaign) -> int:
     """Place of the next grasp in its campaign: after the last, also of those that were replaced since."""
     sql = 'SELECT coalesce(max("order") + 1, 0) AS next FROM raw_grasps WHERE campaign_id = ?'
     ((order,),) = tuples(campaign.lake, sql, campaign.campaign_id)

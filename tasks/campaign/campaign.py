@@ -1,7 +1,7 @@
 """One campaign: its config on its lake. What every task is given, and all it may know."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from lake.provenance import Provenance, current_provenance
@@ -9,7 +9,8 @@ from lake.store import Lake
 from lake.tables.campaign import CampaignRow
 from models.ids import seed_from
 from models.records import SimulatorVersion
-from tasks.campaign.config import CampaignConfig
+from tasks.campaign.config import CampaignConfig, relative_to
+from tasks.campaign.own_designs import OwnDesign, place_designs, read_designs
 from tasks.campaign.state import CampaignState, derive_state
 
 
@@ -17,12 +18,15 @@ from tasks.campaign.state import CampaignState, derive_state
 class Campaign:
     """A config and the lake in which the campaign lives; its id is the config's name.
 
-    `versions`: simulator versions of its stages so far, oldest first; none is the config's.
+    `versions`: simulator versions of its stages so far, oldest first; none is the config's. `config_path`: its file,
+    None where the config comes from the lake. `own_designs`: those of the config's file of designs, by batch.
     """
 
     lake: Lake
     config: CampaignConfig
     versions: tuple[SimulatorVersion, ...] = ()
+    config_path: Path | None = None
+    own_designs: Mapping[int, tuple[OwnDesign, ...]] = field(default_factory=dict)
 
     @property
     def campaign_id(self) -> str:
@@ -81,6 +85,18 @@ class Campaign:
     def provenance(self, seed: int = 0, parents: Sequence[str] = ()) -> Provenance:
         """Provenance of rows written for this campaign."""
         return current_provenance(self.config.config_hash, seed, parents)
+
+
+def read_own_designs(config_path: Path, config: CampaignConfig) -> Mapping[int, tuple[OwnDesign, ...]]:
+    """Designs of the file that a config names, by batch; none where it names none.
+
+    Raises:
+        UsageError: the file cannot be used, or a design can neither be printed nor placed.
+    """
+    if config.designs is None:
+        return {}
+    designs = read_designs(relative_to(config_path, config.designs), config.scientist.printing)
+    return place_designs(designs, config.schedule)
 
 
 def stored_provenance(lake: Lake, campaign_id: str, parents: Sequence[str] = ()) -> Provenance:

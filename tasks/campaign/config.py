@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -28,10 +28,38 @@ _LOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,60}")
 
 
 class BenchChoice(Record):
-    """Where tools are measured: a virtual bench on a world file, or the real one (with `--real`)."""
+    """Where tools are measured: a gantry (virtual on a world file, or real with `--real`), or a bench elsewhere."""
 
-    world: str = Field(description="path of the world file, relative to the config")
+    kind: Literal["gantry", "folder"] = Field(
+        default="gantry", description="folder: each batch is written as files, and measured by a bench of one's own"
+    )
+    world: str | None = Field(default=None, description="path of the world file, relative to the config")
     real: str | None = Field(default=None, description="path of the bench file with ports and addresses")
+    name: str = Field(
+        default="foreign",
+        pattern=r"^[a-z0-9][a-z0-9-]{0,40}$",
+        description="lower-case letters, digits, hyphens; what `grasps.bench` says of a bench of one's own",
+    )
+    max_force_n: float = Field(
+        default=200.0, gt=0, le=10_000, description="a told force above it is refused; the paper's cell ends at 196"
+    )
+
+    @property
+    def is_folder(self) -> bool:
+        """Whether the bench is somebody else's, who is given files and gives files back."""
+        return self.kind == "folder"
+
+    @model_validator(mode="after")
+    def _check_kind(self) -> "BenchChoice":
+        if not self.is_folder and self.world is None:
+            raise ValueError('world is missing; name a world file, or set kind = "folder" for a bench of your own')
+        if self.is_folder and self.world is not None:
+            raise ValueError('a bench of kind "folder" has no world; remove world')
+        if self.is_folder and self.real is not None:
+            raise ValueError('a bench of kind "folder" has no bench file; remove real')
+        if {"gantry", "virtual", "real"} & {self.name}:
+            raise ValueError(f"the name {self.name} is taken by the benches of this program; give another")
+        return self
 
 
 class CampaignConfig(Record):
@@ -41,6 +69,9 @@ class CampaignConfig(Record):
     seed: int = Field(default=0, ge=0)
     material: str | None = Field(
         default=None, description="path of the file of the material lot, relative to the config"
+    )
+    designs: str | None = Field(
+        default=None, description="path of a CSV file of designs of one's own, relative to the config"
     )
     schedule: Schedule = Schedule()
     objects: ObjectPlan = ObjectPlan()
@@ -63,12 +94,28 @@ class CampaignConfig(Record):
             )
         return self
 
+    @model_validator(mode="after")
+    def _check_folder_bench(self) -> "CampaignConfig":
+        if self.bench.is_folder and (self.diagnostics.reference_every or self.diagnostics.protocol_slot is not None):
+            raise ValueError(
+                'a bench of kind "folder" makes grasps alone; remove diagnostics.reference_every and '
+                "diagnostics.protocol_slot (schedule.reference_tools measures tools again)"
+            )
+        return self
+
+    @property
+    def max_grasp_attempts(self) -> int:
+        """Failures after which a grasp is given up; one that a person tells of a bench of their own is final."""
+        return 1 if self.bench.is_folder else self.execution.max_grasp_attempts
+
     @property
     def science(self) -> dict[str, Any]:
         """The part that decides results, as JSON data."""
-        # A config without a lot, a search for gaps, nights or a model of one's own keeps the hash that it had before
-        # configs could have them.
+        # What a config does not use of later sections and keys leaves it the hash that it had before there were any.
         unused: dict[str, Any] = {"execution": True} | ({"material": True} if not self.material else {})
+        unused |= {"designs": True} if self.designs is None else {}
+        unused |= {"bench": {"kind", "name", "max_force_n"} if not self.bench.is_folder else {"max_force_n"}}
+        unused |= {"schedule": {"reference_tools"}} if not self.schedule.reference_tools else {}
         unused |= {"gap": True} if self.gap == GapSettings() else {}
         unused |= {"night": True} if self.night == NightSettings() else {}
         own = {"surrogate", "constraint", "best_predicted"}
@@ -96,9 +143,10 @@ def load_config(path: Path) -> CampaignConfig:
     data = read_toml(path, "campaign config")
     config = load_record(CampaignConfig, data, str(path))
     _check_science(config, str(path))
-    world = relative_to(path, config.bench.world)
-    if not world.is_file():
-        raise ConfigError(f"{path}: world file `{world}` does not exist; set bench.world to an existing file.")
+    if config.bench.world is not None:
+        world = relative_to(path, config.bench.world)
+        if not world.is_file():
+            raise ConfigError(f"{path}: world file `{world}` does not exist; set bench.world to an existing file.")
     if config.material is not None:
         read_lot(relative_to(path, config.material))
     return config
@@ -119,6 +167,19 @@ def read_lot(path: Path) -> MaterialLot:
     if not lot.measured:
         raise ConfigError(f"{path}: nothing is measured; add a table such as [young_modulus].")
     return lot
+
+
+def world_path(config_path: Path, config: CampaignConfig) -> Path:
+    """The world file of a config.
+
+    Raises:
+        ConfigError: its bench is one's own, which has none.
+    """
+    if config.bench.world is None:
+        raise ConfigError(
+            f'{config_path}: bench.kind is "folder", so there is no virtual bench to use; name a world in bench.world.'
+        )
+    return relative_to(config_path, config.bench.world)
 
 
 def relative_to(config_path: Path, name: str) -> Path:

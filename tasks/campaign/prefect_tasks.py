@@ -35,12 +35,7 @@ def unmapped(value: T) -> T:
 @task(task_run_name="{label} propose", cache_policy=NO_CACHE)
 def propose_batch(label: str, campaign: Campaign, stage: int) -> None:
     """Choose the tools of a stage and write their trays: at random at first, then with the surrogate."""
-    batches = campaign.config.schedule.batches_of(stage)
-    if stage == 0:
-        proposing.propose_initial(campaign)
-    else:
-        proposing.propose_guided(campaign, batches[0])
-    for batch in batches:
+    for batch in proposing.propose_stage(campaign, stage):
         printing.ensure_tray(campaign.lake, campaign.campaign_id, batch)
 
 

@@ -2,10 +2,11 @@
 
 import random
 from collections.abc import Iterable
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
+from hardware.cell.layout import N_SLOTS
 from models.design.printability import PrintingRules
 from models.records import (
     REMOVED_TIER,
@@ -198,6 +199,23 @@ class Schedule(Record):
     guided_batches: int = Field(default=8, ge=0, le=1000)
     initial_simulations: int = Field(default=50, ge=0, le=100_000)
     simulations_per_batch: int = Field(default=100, ge=0, le=100_000)
+    reference_tools: Annotated[int, Field(ge=0, le=9)] | tuple[str, ...] = Field(
+        default=0, description="measured tools that each later batch measures again: how many of the best, or which"
+    )
+
+    @model_validator(mode="after")
+    def _check_references(self) -> "Schedule":
+        if self.n_references + self.tools_per_batch > N_SLOTS:
+            raise ValueError(
+                f"the rack has {N_SLOTS} slots, {self.tools_per_batch} tools of a batch and {self.n_references} "
+                "reference tools need more; lower tools_per_batch or reference_tools"
+            )
+        return self
+
+    @property
+    def n_references(self) -> int:
+        """Measured tools that hang beside those of a later batch."""
+        return self.reference_tools if isinstance(self.reference_tools, int) else len(self.reference_tools)
 
     @property
     def n_initial_batches(self) -> int:

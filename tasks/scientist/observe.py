@@ -99,7 +99,7 @@ def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> li
     if not state.is_confirmed(batch):
         return []
     plan = campaign.config.objects.cells(0)
-    limit = campaign.config.execution.max_grasp_attempts
+    limit = campaign.config.max_grasp_attempts
     return [
         tool
         for tool in state.tools_of(batch)

@@ -27,6 +27,8 @@ app = App(
 )
 for _name, _target, _help in (
     ("campaign", "flows.cli.campaign:app", "Start, continue, watch and stop campaigns."),
+    ("ask", "flows.cli.told:ask", "Tools to print and grasps to make next, for a bench of your own."),
+    ("tell", "flows.cli.told:tell", "What a bench of your own has measured."),
     ("print", "flows.cli.printing:app", "Print sheets, and the word of the person who printed."),
     ("simulate", "flows.cli.simulate:simulate", "Simulate one grasp: peak, contact force, work, trace, picture."),
     ("gantry", "flows.cli.gantry:app", "Move the bench by hand: home, park, tare, grasp, faults."),

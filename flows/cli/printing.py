@@ -140,7 +140,8 @@ def mounted(
     from flows.cli.campaign import open_lake, resolve_campaign
     from models.errors import UsageError
     from models.validation import load_record
-    from tasks.bench.mount import Mounting, confirm_mounting, plan_rack
+    from tasks.bench.mount import plan_rack
+    from tasks.bench.mounting import Mounting, confirm_mounting
     from tasks.gap.findings import find_newest_run
 
     found = open_lake(lake)

@@ -6,6 +6,7 @@ Nothing is written unless all of it can be. What is told twice with the same num
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from lake.tables.campaign import GraspRow, TraceRow
 from lake.tables.requests import setup_columns
 from models.errors import UsageError
 from models.ids import canonical_json
-from models.records import GraspRequest, Trace
+from models.records import GraspRequest, Trace, find_setup_id
 from models.traces import initial_force_n, peak_force_n, work_j
 from tasks.bench.asked import read_open_requests
 from tasks.bench.measure import find_first_order
@@ -48,6 +49,7 @@ class ToldGrasp:
     trace: Trace | None = None
     reason: str = ""
     started_at: datetime | None = None
+    setup_id: str | None = None  # of how it was made, where it says so
 
     @property
     def key(self) -> Key:
@@ -100,7 +102,7 @@ def take_told(
     before = {(row.tool_id, row.object_id, row.repeat): row for row in _known_rows(campaign, told)}
     asked = _find_asked(campaign, state)
     faults = [fault for one in told if (fault := _find_fault(campaign, state, tools, asked, one))]
-    faults += _find_doubles(told)
+    faults += _find_doubles(told) + _find_disorder(asked, told)
     faults += [] if may_replace else [fault for one in told if (fault := _find_change(one, before.get(one.key)))]
     if faults:
         raise UsageError(_say(faults))
@@ -161,8 +163,11 @@ def _find_fault(
             f"{one.place}: object {one.object_id}, repeat {one.repeat} of tool {one.tool_id} was not asked for; objects "
             f"are {', '.join(map(str, config.object_ids))}, repeats 0 to {config.repeats - 1}"
         )
+    request = asked[one.key]
+    if one.setup_id not in (None, find_setup_id(request.setup, request.placement)):
+        return f"{one.place}: it was made with another setup or placement than its row of grasps.csv asked for"
     if one.trace is not None:
-        return _find_trace_fault(campaign, asked[one.key], one, one.trace)
+        return _find_trace_fault(campaign, request, one, one.trace)
     if one.peak_force_n is None:
         return None if one.reason else f"{one.place}: it has neither a force nor a reason why there is none"
     if one.reason:
@@ -216,6 +221,23 @@ def _find_doubles(told: Sequence[ToldGrasp]) -> list[str]:
             name = f"tool {one.tool_id}, object {one.object_id}, repeat {one.repeat}"
             faults.append(f"{one.place}: {name} is told twice, first in {other.place}; leave one of the two out")
     return faults
+
+
+def _find_disorder(asked: Mapping[Key, GraspRequest], told: Sequence[ToldGrasp]) -> list[str]:
+    """Grasps of a search follow each other as they were asked for: the effects of wear and time cancel only then."""
+    place = {request.request_id: number for number, request in enumerate(asked.values()) if request.request_id}
+    timed = [
+        (one.started_at, place[asked[one.key].request_id], one)
+        for one in told
+        if one.started_at is not None and one.key in asked and asked[one.key].request_id
+    ]
+    timed.sort(key=lambda entry: entry[0])
+    return [
+        f"{after[2].place}: it was made after {before[2].place}, the plan asks for it before; make the grasps in the "
+        "order of the plan, or correct their times"
+        for before, after in pairwise(timed)
+        if before[1] > after[1]
+    ]
 
 
 def _is_known(one: ToldGrasp, row: GraspRow | None) -> bool:

@@ -84,9 +84,10 @@ def register(campaign: Campaign, config_toml: str) -> None:
                 "undo the change or give the new config another name."
             )
     row = CampaignRow(campaign_id=name, name=name, config_toml=config_toml)
-    adopted = _proposals_of_imported(campaign) if is_adopted else []
-    # The campaign comes last: a crash before it leaves one that is still imported, and is adopted again.
-    campaign.lake.append([*object_rows(), *adopted, row], campaign.provenance(campaign.config.seed))
+    provenance = campaign.provenance(campaign.config.seed)
+    if is_adopted:  # before the campaign: a crash between them leaves one that is still imported, and adopted again
+        campaign.lake.append(_proposals_of_imported(campaign), provenance)
+    campaign.lake.append([row, *object_rows()], provenance)
 
 
 def _proposals_of_imported(campaign: Campaign) -> list[Row]:

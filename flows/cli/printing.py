@@ -71,6 +71,10 @@ def confirm(
         list[str] | None,
         Parameter(negative="", help="SLOT=RACK_SLOT of a tool that hangs in another slot; may be given several times."),
     ] = None,
+    gone: Annotated[
+        list[str] | None,
+        Parameter(negative="", help="A reference tool that is no longer there, e.g. B01T3; may be given several times."),
+    ] = None,
     json: AsJson = False,
 ) -> None:
     """Say that a batch is printed and mounted; the campaign goes on."""
@@ -79,6 +83,7 @@ def confirm(
     from lake.store import Lake
     from models.validation import load_record
     from tasks.bench.print import PrintConfirmation, confirm_print
+    from tasks.bench.reference_tools import note_gone
 
     found = Lake.open(lake)
     campaign_id, number = parse_batch(found, batch)
@@ -94,6 +99,8 @@ def confirm(
         },
         "print confirmation",
     )
+    if gone:
+        note_gone(found, campaign_id, number, gone, operator)
     done = confirm_print(found, campaign_id, number, word)
     close_forms(found, make_print_form(found, campaign_id, number), f"said by {operator} on the command line")
     name = f"{campaign_id}/B{number:02d}"

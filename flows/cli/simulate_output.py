@@ -1,10 +1,13 @@
 """What `fast simulate --out` writes: numbers, trace, pictures and a Rerun recording of one grasp."""
 
+import csv
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy as np
 
     from models.errors import UsageError
@@ -49,6 +52,22 @@ def write_outputs(
         raise unwritable("--out", out, error) from error
     write_simulation(files[-1], obj.object_id, result, recording, title, placement)
     return files
+
+
+def write_table(path: Path, rows: "Sequence[dict[str, Any]]") -> Path:
+    """Write rows as CSV; returns the path.
+
+    Raises:
+        UsageError: the file cannot be written.
+    """
+    try:
+        with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+    except OSError as error:
+        raise unwritable("--out", path, error) from error
+    return path
 
 
 def make_folder(out: Path) -> None:

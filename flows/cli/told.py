@@ -38,7 +38,7 @@ def ask(
         return
     rows = [
         {"tool": tool_id, "grasps": sum(grasp.tool_id == tool_id for grasp in asked.grasps), **design.model_dump()}
-        for tool_id, design in asked.designs.items()
+        for tool_id, design in sorted(asked.designs.items())
     ]
     lines = [f"batch {asked.batch_id}: {len(rows)} tools, {len(asked.grasps)} grasps", "", table_text(rows, width=110)]
     if asked.folder is not None:

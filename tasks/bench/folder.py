@@ -4,9 +4,8 @@ from pathlib import Path
 
 from lake.store import Lake
 from models.records import GraspRequest
-from tasks.bench.asked import read_open_requests
 from tasks.bench.plan import order_cells
-from tasks.bench.reference_tools import reference_search
+from tasks.bench.reference_tools import list_owed
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.state import CampaignState
 
@@ -22,7 +21,7 @@ def plan_batch(campaign: Campaign, state: CampaignState, batch: int) -> tuple[Gr
     Tools count that are printed or may still be; rejected ones do not.
     """
     limit, setup = campaign.config.max_grasp_attempts, campaign.config.grasp
-    requests = [r for r, _ in read_open_requests(campaign.lake, search_id=reference_search(campaign, batch))]
+    requests = list_owed(campaign, batch)
     for tool in state.tools_of(batch):
         if tool.batch in state.imported or state.confirmed.get(tool.tool_id) == "rejected":
             continue

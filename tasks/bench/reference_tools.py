@@ -8,19 +8,20 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hardware.cell.layout import N_SLOTS
-from models.errors import ConfigError
+from lake.store import Lake
+from models.errors import ConfigError, UsageError
 from models.records import GraspRequest
 from tasks.bench.asked import read_open_requests, read_requests, write_requests
-from tasks.bench.mounting import read_mounting
+from tasks.bench.mounting import Mounting, confirm_mounting, read_mounting
 from tasks.bench.plan import ToolWork, plan_asked
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.state import CampaignState, ProposedTool
 from tasks.scientist.observe import means_of_tools
 
 
-def reference_search(campaign: Campaign, batch: int) -> str:
+def reference_search(campaign_id: str, batch: int) -> str:
     """What the requests of a batch's reference tools go by in the lake."""
-    return f"{campaign.campaign_id}/B{batch:02d} reference"
+    return f"{campaign_id}/B{batch:02d} reference"
 
 
 def ask_references(campaign: Campaign, state: CampaignState, batch: int) -> None:
@@ -29,7 +30,7 @@ def ask_references(campaign: Campaign, state: CampaignState, batch: int) -> None
     Raises:
         ConfigError: a tool that the config names was not measured before the batch.
     """
-    search = reference_search(campaign, batch)
+    search = reference_search(campaign.campaign_id, batch)
     tools = _choose(campaign, state, batch)
     if not tools or read_requests(campaign.lake, search):
         return
@@ -46,18 +47,41 @@ def add_references(
     campaign: Campaign, state: CampaignState, batch: int, mounted: Sequence[ProposedTool]
 ) -> list[ProposedTool]:
     """The reference tools of a batch that still owe grasps and are not gone, in the free slots from the last one down."""
-    known, search = {tool.tool_id: tool for tool in state.tools}, reference_search(campaign, batch)
-    owed = dict.fromkeys(request.tool_id for request, _ in read_open_requests(campaign.lake, search_id=search))
+    known = {tool.tool_id: tool for tool in state.tools}
     taken = {tool.rack_slot for tool in mounted}
     free = iter([slot for slot in reversed(range(N_SLOTS)) if slot not in taken])
-    slots = {tool_id: next(free) for tool_id in owed}
-    word = read_mounting(campaign.lake, search)
-    return [replace(known[i], hangs_in=slots[i]) for i in owed if word is None or i not in word.gone]
+    owed = dict.fromkeys(request.tool_id for request in list_owed(campaign, batch))
+    return [replace(known[tool_id], hangs_in=next(free)) for tool_id in owed]
 
 
 def plan_reference(campaign: Campaign, batch: int, tool: ProposedTool) -> ToolWork:
     """The grasps that a reference tool still owes in a batch."""
-    return plan_asked(campaign.lake, tool, reference_search(campaign, batch))
+    return plan_asked(campaign.lake, tool, reference_search(campaign.campaign_id, batch))
+
+
+def note_gone(lake: Lake, campaign_id: str, batch: int, tools: Sequence[str], operator: str) -> None:
+    """Keep a person's word that reference tools of a batch are no longer there; nobody waits for their grasps then.
+
+    Raises:
+        UsageError: a tool is not one of them, or the word was given before.
+    """
+    search = reference_search(campaign_id, batch)
+    asked = {request.tool_id for request in read_requests(lake, search)}
+    gone = tuple(name if "/" in name else f"{campaign_id}/{name}" for name in tools)
+    if unknown := [name for name in gone if name not in asked]:
+        raise UsageError(
+            f"--gone {unknown[0]} is no reference tool of batch {batch} ({', '.join(sorted(asked)) or 'it has none'}); "
+            "nothing was changed: correct it."
+        )
+    confirm_mounting(lake, campaign_id, Mounting(search_id=search, slots={}, gone=gone, operator=operator))
+
+
+def list_owed(campaign: Campaign, batch: int) -> list[GraspRequest]:
+    """Grasps that the reference tools of a batch still owe, but for those that are gone."""
+    search = reference_search(campaign.campaign_id, batch)
+    word = read_mounting(campaign.lake, search)
+    gone = word.gone if word is not None else ()
+    return [r for r, _ in read_open_requests(campaign.lake, search_id=search) if r.tool_id not in gone]
 
 
 def _choose(campaign: Campaign, state: CampaignState, batch: int) -> list[ProposedTool]:

@@ -26,6 +26,7 @@ app = App(
     suppress_keyboard_interrupt=False,
 )
 for _name, _target, _help in (
+    ("init", "flows.cli.init:init", "Make a project folder: configs, worlds, material data, first commands."),
     ("campaign", "flows.cli.campaign:app", "Start, continue, watch and stop campaigns."),
     ("print", "flows.cli.printing:app", "Print sheets, and the word of the person who printed."),
     ("simulate", "flows.cli.simulate:simulate", "Simulate one grasp: peak, contact force, work, trace, picture."),

@@ -17,7 +17,9 @@ def test_every_campaign_of_a_new_project_loads(tmp_path):
     assert "fast campaign run campaigns/quick.toml" in (folder / "README.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("make", [lambda path: path.write_text("mine"), lambda path: (path / "mine").mkdir(parents=True)])
+@pytest.mark.parametrize(
+    "make", [lambda path: path.write_text("mine"), lambda path: (path / "mine").mkdir(parents=True)]
+)
 def test_a_place_that_holds_something_is_left_alone(tmp_path, capsys, make):
     make(tmp_path / "taken")
     before = sorted(tmp_path.rglob("*"))

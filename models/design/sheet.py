@@ -6,7 +6,7 @@ from html import escape
 import numpy as np
 
 from models.design.finger import FingerBodies, finger_bodies
-from models.design.profile import BASE_HEIGHT_MM, planar_profile
+from models.design.profile import BASE_HEIGHT_MM
 from models.design.tray import BED_MM, FINGERS_PER_TOOL, PlacedFinger, PrintItem, tray_layout
 from models.records import Design
 
@@ -86,7 +86,7 @@ def batch_sheet_html(
 
 def profile_path(design: Design) -> str:
     """SVG path of the finger's profile, base included, z upwards, in mm."""
-    profile = planar_profile(design)
+    profile = design.draw_section()
     rings = [np.array(ring.coords) for ring in (profile.exterior, *profile.interiors)]
     return "".join(_ring(ring, design.height_mm) for ring in rings)
 

@@ -163,7 +163,7 @@ def _flatten(data: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
 
 def _check_science(config: CampaignConfig, source: str) -> None:
     """Refuse unknown effects, functions that are not there, and a tier or rules that only stored configs may name."""
-    from models.scientist.bridge.load import load_own
+    from models.own_code import load_own
     from models.simulation.effects.catalogue import build_effects
 
     try:

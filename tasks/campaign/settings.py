@@ -17,7 +17,7 @@ from models.records import (
     Theta,
     Tier,
 )
-from models.scientist.bridge.load import OWN, is_own
+from models.own_code import OWN, is_own
 from tasks.simulation.engine import check_engine
 
 N_OBJECTS = 36

@@ -11,7 +11,7 @@ from models.design.space import random_designs, to_unit
 from models.errors import UsageError
 from models.ids import content_id
 from models.records import Design
-from models.scientist.bridge.load import is_own, load_constraint
+from models.own_code import is_own, load_constraint
 from models.scientist.bridge.own_model import OwnSurrogate, make_own_surrogate
 from models.scientist.propose import RANDOM, Constraint, propose
 from models.scientist.propose import Proposal as ProposedDesign

@@ -12,7 +12,7 @@ from torch import Tensor
 from models.errors import UsageError
 from models.scientist.acquisition.candidates import Spacing
 from models.scientist.bridge.entropy import MaxValueEntropy
-from models.scientist.bridge.load import call_own, is_own
+from models.own_code import call_own, is_own
 from models.scientist.bridge.model import SurrogateModel
 from models.scientist.bridge.own_model import OwnSurrogate, own_draws
 from models.scientist.surrogate.observations import REAL

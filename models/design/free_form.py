@@ -92,7 +92,9 @@ class FreeForm(Design):
         padded = np.pad(self._evaluate_density(), 1, constant_values=1.0)
         drawn = [Polygon(self._place(contour)) for contour in find_contours(padded, 0.5) if len(contour) > 3]
         # Contours around material inside a void bound an island, which nothing holds: it goes.
-        void: BaseGeometry = shapely.union_all([Polygon(part.exterior) for p in drawn for part in _polygons(p.buffer(0))])
+        void: BaseGeometry = shapely.union_all(
+            [Polygon(part.exterior) for p in drawn for part in _polygons(p.buffer(0))]
+        )
         radius = LENGTH_SCALE_MM / 2
         void = void.buffer(-radius).buffer(2 * radius).buffer(-radius)
         return [_simplify(part) for part in _polygons(void) if part.area >= MIN_VOID_MM2]

@@ -6,7 +6,7 @@ of the paper: fin rays over their whole ranges.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
@@ -97,7 +97,7 @@ class DesignSpace:
         return snapped
 
     def draw_level(self, column: int, n: int, rng: np.random.Generator) -> np.ndarray:
-        """n random levels of a stepped parameter, in the unit cube."""
+        """N random levels of a stepped parameter, in the unit cube."""
         levels = self.n_levels[column]
         return rng.integers(0, levels, n) / max(levels - 1, 1)
 
@@ -221,8 +221,26 @@ def _range(family: type[Design], name: str, asked: tuple[float, float] | None) -
     return low, high, 0
 
 
+def space_of(designs: Sequence[Design]) -> DesignSpace:
+    """The whole space of the family that all these designs are of; without designs that of fin rays.
+
+    Raises:
+        UsageError: they are of several families.
+    """
+    families = {type(design) for design in designs} or {FinRay}
+    if len(families) > 1:
+        names = ", ".join(sorted(family.family for family in families))
+        raise UsageError(f"these designs are of several families ({names}); choose a campaign of one family.")
+    return _whole_space(families.pop())
+
+
+@cache
+def _whole_space(family: type[Design]) -> DesignSpace:
+    return DesignSpace.of(family)
+
+
 # The space of the paper.
-FIN_RAYS = DesignSpace.of(FinRay)
+FIN_RAYS = space_of([])
 PARAMETERS = FIN_RAYS.names
 LOWER, UPPER = FIN_RAYS.lower, FIN_RAYS.upper
 RIB_COUNT_COLUMN = PARAMETERS.index("rib_count")

@@ -10,11 +10,11 @@ from models.blas import one_blas_thread
 from models.design.printability import PrintingRules, printable
 from models.design.space import FIN_RAYS, DesignSpace
 from models.errors import UsageError
+from models.own_code import is_own
 from models.records import Design
 from models.scientist.acquisition.candidates import CandidateSettings, Spacing, candidate_points
 from models.scientist.acquisition.improvement import select_by_improvement
 from models.scientist.acquisition.mes import select_by_mes
-from models.own_code import is_own
 from models.scientist.bridge.own_model import OwnSurrogate
 from models.scientist.surrogate.observations import REAL, SIM
 from models.scientist.surrogate.posterior import Surrogate

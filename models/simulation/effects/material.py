@@ -202,7 +202,9 @@ class PrintAnisotropy(Effect):
         """Factor (n) on the modulus of elements with their middle at `points` (n, 2) of the section, mm."""
         if self.rib_excess == 0.0:
             return 1.0
-        return np.where(is_in_rib(points, take_fin_ray(design, "the effect `print_anisotropy`")), 1.0 + self.rib_excess, 1.0)
+        return np.where(
+            is_in_rib(points, take_fin_ray(design, "the effect `print_anisotropy`")), 1.0 + self.rib_excess, 1.0
+        )
 
 
 PRINT_ANISOTROPY = EffectSpec(

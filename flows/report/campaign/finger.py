@@ -26,8 +26,8 @@ AT_END = 0.01  # of the range, from its end: what counts as at the bound
 NEARLY, N_APART = 0.05, 1  # of the range; how many parameters of nearly the same finger may differ by more
 N_NEXT_BEST = 4
 _PAPERS_BEST = (
-    "Blue dot: this design; ring: the paper's best tool (Table 1, B07T8, 29.68 N on the authors' bench, whose stroke and "
-    "objects are not all published, so forces compare only within this campaign)."
+    "Blue dot: this design; ring: the paper's best tool (Table 1, B07T8, 29.68 N on the authors' bench, whose stroke "
+    "and objects are not all published, so forces compare only within this campaign)."
 )
 _NO_PUBLISHED = "Blue dot: this design. The paper has no finger of this family."
 SYMBOLS = {
@@ -67,7 +67,7 @@ def write_best(content: Content, folder: Folder) -> Markup:
 
 def _tell_parameters(space: DesignSpace, design: Design, label: str) -> Markup:
     """Table of the parameters, each with its place in the allowed range; of fin rays beside the paper's best."""
-    rows = []
+    rows: list[tuple[Markup | str, ...]] = []
     published = BEST_PUBLISHED.model_dump() if space.family is FinRay else {}
     places = zip(space.names, *space.to_unit([design]), space.lower, space.upper, space.n_levels, strict=True)
     for name, at, low, high, n_levels in places:

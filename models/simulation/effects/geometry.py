@@ -95,6 +95,7 @@ RIB_IMPERFECTION = EffectSpec(
     formula="middle line of a rib: bow_mm sin(pi s), s from wall to wall, its sign drawn per rib",
     source="imperfect column: Timoshenko & Gere 1961, chapter 1",
     cost="F",
+    needs_fin_ray=True,
     parameters=(amplitude("bow_mm", 0.0, 0.5, (0.1, 0.1)),),
     confusable_with=("force_limited_closing", "base_compliance", "hyperelastic_stiffening"),
 )

@@ -216,6 +216,7 @@ PRINT_ANISOTROPY = EffectSpec(
     formula="E of ribs = (1 + rib_excess) E of walls and tip",
     source="anisotropy of printed parts: Ahn et al. 2002",
     cost="F",
+    needs_fin_ray=True,
     parameters=(amplitude("rib_excess", -0.4, 0.4, (0.1, 0.15)),),
     confusable_with=("wall_thickness_offset", "batch_ageing"),
 )

@@ -88,7 +88,7 @@ def test_what_the_class_forbids_is_one_sentence(tmp_path: Path) -> None:
     for wrong, words in (
         ("ranges = {wall_mm = [1.0, 3.0]}", "wall_mm"),
         ("ranges = {rib_count = [1, 3]}", "rib_count"),
-        ("limits = [{of = {wall_mm = 1.0}, at_most = 1.5}]", "no"),
+        ("limits = [{of = {wall_mm = 1.0}, at_most = 1.5}]", "keep the limits of the design space"),
     ):
         with pytest.raises(ConfigError, match=words) as refused:
             load_config(write_campaign(tmp_path, f'[design]\nfamily = "{NAME}"\n{wrong}\n'))

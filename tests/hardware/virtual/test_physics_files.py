@@ -11,9 +11,9 @@ from hardware.virtual.world.file import Scatter, World, WorldMesh
 from hardware.virtual.world.physics import PhysicsCache, PhysicsRequest, build_request
 from hardware.virtual.world.physics_cache import PhysicsFiles
 from models.errors import SimulationFailed
-from models.records import Design, EffectValue, GraspSetup, GraspSimulation, Theta, Trace
+from models.records import Design, EffectValue, FinRay, GraspSetup, GraspSimulation, Theta, Trace
 
-DESIGN = Design(
+DESIGN = FinRay(
     length_mm=30, width_mm=30, height_mm=110, tip_length_mm=25, front_thickness_mm=2.5, back_thickness_mm=2.5,
     rib_thickness_mm=2.5, rib_count=5, rib_angle_deg=0,
 )  # fmt: skip

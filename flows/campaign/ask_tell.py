@@ -19,7 +19,7 @@ from lake.store import Lake
 from lake.tables.campaign import BatchRow, CampaignRow
 from models.errors import ConfigError, UsageError
 from models.records import Design, GraspRequest
-from tasks.bench.folder import bench_folder, plan_batch
+from tasks.bench.folder import plan_batch
 from tasks.bench.machine_csv import read_format, read_pull
 from tasks.bench.reference_tools import ask_references
 from tasks.bench.told import Taken, take_told
@@ -30,8 +30,8 @@ from tasks.campaign.requests import STARTED, append_event, lease_name
 from tasks.campaign.setup import enter
 from tasks.campaign.simulator_versions import at_stage
 from tasks.scientist.propose import propose_stage
-from tasks.simulation.engine import Engine, open_engine
 from tasks.simulation.attempt import hang_limit_s
+from tasks.simulation.engine import Engine, open_engine
 from tasks.simulation.simulate import simulate_design
 
 

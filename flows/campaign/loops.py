@@ -169,7 +169,10 @@ class SimulatingRun(Protocol):
     """What the simulations of a stage need of the process that makes them."""
 
     campaign: Campaign
-    on_simulated: Callable[[str, int], None]
+
+    @property
+    def on_simulated(self) -> Callable[[str, int], object]:
+        """What hears how many objects of a design failed, by the design's label."""
 
     def submit_simulation(self, label: str, design: Design) -> Any:
         """Have a design simulated on the objects that it misses; the future of how many failed."""

@@ -139,7 +139,7 @@ def open_campaign_bench(
 ) -> Iterator[Bench]:
     """The campaign's bench with these tools in its rack, connected and homed."""
     if setup is None:
-        raise ConfigError(f"campaign {campaign.campaign_id} has no gantry: its bench.kind is \"folder\".")
+        raise ConfigError(f'campaign {campaign.campaign_id} has no gantry: its bench.kind is "folder".')
     mounted = {tool.rack_slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
     logs = bench_log_folder(campaign.lake)
     if isinstance(setup, World):

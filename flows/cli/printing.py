@@ -73,7 +73,7 @@ def confirm(
     ] = None,
     gone: Annotated[
         list[str] | None,
-        Parameter(negative="", help="A reference tool that is no longer there, e.g. B01T3; may be given several times."),
+        Parameter(negative="", help="A reference tool that is gone, e.g. B01T3; may be given several times."),
     ] = None,
     json: AsJson = False,
 ) -> None:

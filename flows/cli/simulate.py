@@ -83,6 +83,9 @@ def simulate(
         Path | None,
         Parameter(help="CSV file of designs, in place of --design: each on --object, or on all objects; one table."),
     ] = None,
+    family: Annotated[str, Parameter(help="Family of --designs: fin-ray, graded-fin-ray, free-form, module:Class.")] = (
+        "fin-ray"
+    ),
     workers: Annotated[int, Parameter(help="Processes that simulate --designs.")] = 2,
     lake: LakePath = DEFAULT_LAKE,
     json: AsJson = False,
@@ -93,7 +96,7 @@ def simulate(
     if designs is not None:
         others = {"branches": branches or None, "export-calculix": export_calculix}
         refuse_beside("designs", {"design": asked.design, "simulation": asked.simulation, **others})
-        simulate_file(designs, asked, workers, out, lake, json)
+        simulate_file(designs, family, asked, workers, out, lake, json)
         return
     from models.objects.catalogue import get_object
     from models.records import Placement
@@ -124,12 +127,13 @@ def simulate(
 
 
 def simulate_file(
-    designs: Path, asked: Asked, workers: int, out: Path | None, lake: Path, as_json: bool
+    designs: Path, family: str, asked: Asked, workers: int, out: Path | None, lake: Path, as_json: bool
 ) -> None:
     """Simulate a file of designs and show them as a table, the best first; with `out` also as CSV files."""
     from flows.cli.live import open_reporter
     from flows.cli.simulate_output import write_table
     from flows.simulation.many_designs import simulate_designs
+    from models.design.families import find_family
     from models.errors import UsageError
     from models.objects.catalogue import get_object, name_object
     from tasks.campaign.own_designs import read_designs
@@ -137,7 +141,7 @@ def simulate_file(
 
     if not 1 <= workers <= 256:
         raise UsageError(f"--workers is {workers}, it must be from 1 to 256; change it.")
-    found = read_designs(designs)
+    found = read_designs(designs, family=find_family(family))
     object_ids = list(range(N_OBJECTS)) if asked.object is None else [get_object(asked.object).object_id]
     version, setup, placement = apply_settings(asked.set or [], _base_version(lake, asked.version, asked.tier))
     if out is not None:

@@ -5,7 +5,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell as say_progress
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
+from flows.cli.common import tell as say_progress
 
 Config = Annotated[Path, Parameter(help='TOML file of a campaign with bench.kind = "folder".')]
 
@@ -25,8 +26,8 @@ def ask(
     batch until it is told.
     """
     from flows.campaign.ask_tell import ask as ask_next
-    from tasks.campaign.config import load_config
     from lake.store import Lake
+    from tasks.campaign.config import load_config
     from tasks.campaign.state import rank_tools
 
     asked = ask_next(config, lake, out, say_progress)
@@ -63,7 +64,7 @@ def tell(
     lake: LakePath = DEFAULT_LAKE,
     json: AsJson = False,
 ) -> None:
-    """Tell what was measured: all of it is written or, with what is wrong named, nothing. A campaign that waits goes on.
+    """Tell what was measured: all is written or, with what is wrong named, nothing. A campaign that waits goes on.
 
     Tools of which a grasp is told count as printed; say otherwise with `fast print confirm` before.
     """
@@ -71,8 +72,6 @@ def tell(
 
     from flows.campaign.ask_tell import tell as tell_all
 
-    taken = tell_all(
-        config, lake, results, format_path=format, operator=operator, is_dry=dry_run, may_replace=replace
-    )
+    taken = tell_all(config, lake, results, format_path=format, operator=operator, is_dry=dry_run, may_replace=replace)
     words = f"nothing was written (--dry-run); it would be: {taken.sentence}" if dry_run else taken.sentence
     show(asdict(taken) | {"is_dry": dry_run}, f"{words}.", json)

@@ -106,8 +106,8 @@ def make_sheet(plan: BenchPlan, address: str, directory: Path, config: str = "")
     if config:
         told = escape(f"fast tell {config} {directory / RESULTS} --lake {address}")
         parts.append(
-            f"<p>Or write only the peaks into {RESULTS}, or why a grasp could not be made, and run <code>{told}</code>. "
-            "Rows with neither stay open.</p>"
+            f"<p>Or write only the peaks into {RESULTS}, or why a grasp could not be made, and run "
+            f"<code>{told}</code>. Rows with neither stay open.</p>"
         )
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Grasps to make</title>'

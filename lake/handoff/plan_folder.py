@@ -80,7 +80,8 @@ def _find_proposed(lake: Lake, tool_ids: Sequence[str]) -> dict[str, ToolRow]:
             confirmed_by="auto",
         )
         for row in lake.records(ProposalRow, campaign_id=campaigns, fidelity="real")
-        if row.batch is not None and row.slot is not None
+        if row.batch is not None
+        and row.slot is not None
         and (tool_id := ToolRow.make_id(row.campaign_id, row.batch, row.slot)) in tool_ids
     }
 

@@ -76,7 +76,7 @@ def read_format(path: Path) -> MachineFormat:
     for name, units in (("time", _TIME), ("lift", _LENGTH), ("force", _FORCE)):
         column = getattr(found, name)
         if column is not None and column.unit not in units:
-            raise ConfigError(f"{path}: {name}.unit is `{column.unit}`, it must be one of {', '.join(units)}; change it.")
+            raise ConfigError(f"{path}: {name}.unit is `{column.unit}`; change it to one of {', '.join(units)}.")
     if found.separator == found.decimal:
         raise ConfigError(f"{path}: separator and decimal are both `{found.decimal}`; change one.")
     if (found.time is None) == (found.lift_speed_mm_per_s is None):

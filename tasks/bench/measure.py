@@ -54,7 +54,7 @@ def measure_batch(
     should_stop: Callable[[], bool],
     on_grasp: Callable[[ProposedTool, MeasuredGrasp], None],
 ) -> None:
-    """Have tools of a batch measured one after the other, its reference tools first; only one process may hold the bench of a lake.
+    """Have tools of a batch measured one after the other, its reference tools first; one process holds the bench.
 
     `open_bench` is given all tools that stand on the rack. A person's stop or abort ends it with the bench in its safe
     state. The gantry is checked for lost steps at the end, also of a batch that is paused, and every

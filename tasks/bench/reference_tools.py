@@ -46,7 +46,7 @@ def ask_references(campaign: Campaign, state: CampaignState, batch: int) -> None
 def add_references(
     campaign: Campaign, state: CampaignState, batch: int, mounted: Sequence[ProposedTool]
 ) -> list[ProposedTool]:
-    """The reference tools of a batch that still owe grasps and are not gone, in the free slots from the last one down."""
+    """Reference tools of a batch that still owe grasps and are not gone, in the free slots from the last one down."""
     known = {tool.tool_id: tool for tool in state.tools}
     taken = {tool.rack_slot for tool in mounted}
     free = iter([slot for slot in reversed(range(N_SLOTS)) if slot not in taken])

@@ -160,8 +160,8 @@ def _find_fault(
     if one.key not in asked:
         config = campaign.config.objects
         return (
-            f"{one.place}: object {one.object_id}, repeat {one.repeat} of tool {one.tool_id} was not asked for; objects "
-            f"are {', '.join(map(str, config.object_ids))}, repeats 0 to {config.repeats - 1}"
+            f"{one.place}: object {one.object_id}, repeat {one.repeat} of tool {one.tool_id} was not asked for; "
+            f"objects are {', '.join(map(str, config.object_ids))}, repeats 0 to {config.repeats - 1}"
         )
     request = asked[one.key]
     if one.setup_id not in (None, find_setup_id(request.setup, request.placement)):
@@ -204,8 +204,8 @@ def _find_trace_fault(campaign: Campaign, request: GraspRequest, one: ToldGrasp,
     speed, wanted = float(np.ptp(lift_mm[lifted])) / max(took_s, 1e-9), request.setup.lift_speed_mm_per_s
     if not wanted / _SPEED_FACTOR <= speed <= wanted * _SPEED_FACTOR:
         return (
-            f"{one.place}: the lift has {speed:.3g} mm/s, {wanted:g} mm/s were asked for; look at the units of time and "
-            "lift, or set grasp.lift_speed_mm_per_s"
+            f"{one.place}: the lift has {speed:.3g} mm/s, {wanted:g} mm/s were asked for; look at the units of time "
+            "and lift, or set grasp.lift_speed_mm_per_s"
         )
     return _find_force_fault(campaign, one, peak_force_n(trace)) or _find_force_fault(
         campaign, one, float(np.abs(trace.force_n).max())
@@ -324,7 +324,5 @@ def _grasp_row(
 
 def count_told_peaks(lake: Lake, campaign_id: str | None = None) -> int:
     """Measured grasps that were told as peaks, without a trace."""
-    sql = (
-        "SELECT count(*) FROM grasps WHERE status = 'ok' AND work_j IS NULL AND ($id IS NULL OR campaign_id = $id)"
-    )
+    sql = "SELECT count(*) FROM grasps WHERE status = 'ok' AND work_j IS NULL AND ($id IS NULL OR campaign_id = $id)"
     return int(lake.query(sql, {"id": campaign_id}).column(0)[0].as_py())

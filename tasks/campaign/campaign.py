@@ -102,7 +102,8 @@ def read_own_designs(config_path: Path, config: CampaignConfig) -> Mapping[int, 
     """
     if config.designs is None:
         return {}
-    designs = read_designs(relative_to(config_path, config.designs), config.scientist.printing)
+    path = relative_to(config_path, config.designs)
+    designs = read_designs(path, config.scientist.printing, config.design.space.family)
     return place_designs(designs, config.schedule)
 
 

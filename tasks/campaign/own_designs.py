@@ -1,16 +1,14 @@
 """Designs of one's own: a CSV file beside the config, whose fingers are printed and measured like proposed ones."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-from pydantic import ValidationError
+from typing import Any
 
 from models.design.printability import PrintingRules, broken_rules
-from models.design.space import PARAMETERS
 from models.errors import ConfigError, UsageError
-from models.records import Design
+from models.records import Design, FinRay
 from models.validation import load_record
 from tasks.campaign.csv_file import CsvRow, read_rows
 from tasks.campaign.settings import Schedule
@@ -30,30 +28,27 @@ class OwnDesign:
     batch: int | None = None
 
 
-def read_designs(path: Path, rules: PrintingRules | None = None) -> list[OwnDesign]:
-    """Designs of a CSV file with the nine parameters, and optionally `name` and `batch`.
+def read_designs(path: Path, rules: PrintingRules | None = None, family: type[Design] = FinRay) -> list[OwnDesign]:
+    """Designs of a CSV file with the parameters of their family, and optionally `name` and `batch`.
 
     rules: of printing, that each must keep; None checks none.
 
     Raises:
         UsageError: the file cannot be read, a value is out of its range, or a finger cannot be printed.
     """
-    rows = read_rows(path, PARAMETERS, (NAME, BATCH))
+    rows = read_rows(path, tuple(family.model_fields), (NAME, BATCH))
     if not rows:
         raise UsageError(f"{path} has no designs; write one in each row below the header.")
-    return [_read(row, number, rules) for number, row in enumerate(rows, start=1)]
+    return [_read(row, number, rules, family) for number, row in enumerate(rows, start=1)]
 
 
-def _read(row: CsvRow, number: int, rules: PrintingRules | None) -> OwnDesign:
-    values = {name: row.integer(name) if name == "rib_count" else row.number(name) for name in PARAMETERS}
+def _read(row: CsvRow, number: int, rules: PrintingRules | None, family: type[Design]) -> OwnDesign:
+    readers: dict[Any, Callable[[str], Any]] = {int: row.integer, float: row.number}
+    values = {name: readers.get(field.annotation, row.get)(name) for name, field in family.model_fields.items()}
     try:
-        design = Design.model_validate(values)
-    except ValidationError:
-        try:
-            load_record(Design, values, row.place)
-        except ConfigError as error:
-            raise UsageError(f"{error} Nothing was written.") from error
-        raise
+        design = load_record(family, values, row.place)
+    except ConfigError as error:
+        raise UsageError(f"{error} Nothing was written.") from error
     broken = broken_rules(design, rules) if rules is not None else []
     if broken:
         raise UsageError(

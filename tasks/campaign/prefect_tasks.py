@@ -139,9 +139,7 @@ def mount_tools(
     """Wait until a person has mounted the tools of which a search asks a grasp."""
     slots = mounting.plan_rack(campaign.lake, campaign.state(), search_id)
     if auto:
-        word = Mounting(
-            search_id=search_id, slots=slots, operator="nobody (--auto-print)", confirmed_by="auto"
-        )
+        word = Mounting(search_id=search_id, slots=slots, operator="nobody (--auto-print)", confirmed_by="auto")
         confirm_mounting(campaign.lake, campaign.campaign_id, word)
         return
     prompts.ask(search_id, slots)

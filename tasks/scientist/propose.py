@@ -146,27 +146,33 @@ def propose_tools(
     scientist = campaign.config.scientist
     own = [one.design for one in campaign.own_designs.get(batch, ())]
     # Tools of one's own hang in the batch whatever is chosen, so the others are chosen given them.
-    pending = np.vstack([pending_points(campaign, state), np.column_stack([to_unit(own), np.ones(len(own))])])
+    pending = np.vstack(
+        [pending_points(campaign, state), np.column_stack([campaign.space.to_unit(own), np.ones(len(own))])]
+    )
     n_tools = campaign.config.schedule.tools_of(batch) - len(own)
     model: Surrogate | OwnSurrogate = surrogate
     if is_own(scientist.surrogate):
         model = make_own_surrogate(scientist.surrogate, data, seed)
-    proposals = [] if n_tools == 0 else propose(
-        model,
-        1,
-        n_tools,
-        pending,
-        np.random.default_rng(seed),
-        min_distance=scientist.min_distance,
-        acquisition=scientist.acquisition,
-        taken=campaign.space.to_unit([*(t.design for t in state.tools), *own]),
-        rejected=campaign.space.to_unit(
-            [t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]
-        ),
-        printing=scientist.printing_rules,
-        constraint=constraint_of(campaign),
-        n_best=min(scientist.best_predicted, n_tools),
-        space=campaign.space,
+    proposals = (
+        []
+        if n_tools == 0
+        else propose(
+            model,
+            1,
+            n_tools,
+            pending,
+            np.random.default_rng(seed),
+            min_distance=scientist.min_distance,
+            acquisition=scientist.acquisition,
+            taken=campaign.space.to_unit([*(t.design for t in state.tools), *own]),
+            rejected=campaign.space.to_unit(
+                [t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]
+            ),
+            printing=scientist.printing_rules,
+            constraint=constraint_of(campaign),
+            n_best=min(scientist.best_predicted, n_tools),
+            space=campaign.space,
+        )
     )
     fit_id = tools_fit_id(campaign, batch, data)
     append_tools(campaign, batch, proposals, Choice(scientist.acquisition, seed, data, len(pending), (fit_id,)))

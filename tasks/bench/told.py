@@ -30,6 +30,7 @@ TOLD = "told"  # kind of events
 _SHOWN = 10  # faults of one answer that are named
 _LEAST_SAMPLES = 10
 _SPEED_FACTOR = 4.0  # between lift speed as asked and as told: catches ms and minutes for s, m and inches for mm
+_LIFT_BACK_MM = 1.0  # more is no noise of an encoder
 _REMEDY = "nothing was written"
 Key = tuple[str, int, int]  # tool id, object id, repeat
 
@@ -198,6 +199,13 @@ def _find_trace_fault(campaign: Campaign, request: GraspRequest, one: ToldGrasp,
         return (
             f"{one.place}: lift goes from {lift_mm.min():g} to {lift_mm.max():g} mm, it must begin at 0 and rise; look "
             "at sign and zero"
+        )
+    back_mm = np.maximum.accumulate(lift_mm) - lift_mm
+    up_to_top = back_mm[: int(lift_mm.argmax()) + 1]
+    if up_to_top.max() > _LIFT_BACK_MM:
+        return (
+            f"{one.place}: the lift goes back by {up_to_top.max():.1f} mm at sample {int(up_to_top.argmax()) + 1}; "
+            "give the lift alone, without the way there and back"
         )
     lifted = np.flatnonzero(lift_mm > 0.05 * lift_mm.max())
     took_s = float(time_s[lifted[-1]] - time_s[lifted[0]])

@@ -240,7 +240,8 @@ CREATE VIEW tool_quality AS
     )
     SELECT
         q.*, b.kind AS batch_kind, d.length_mm, d.width_mm, d.height_mm, d.tip_length_mm, d.front_thickness_mm,
-        d.back_thickness_mm, d.rib_thickness_mm, d.rib_count, d.rib_angle_deg
+        d.back_thickness_mm, d.rib_thickness_mm, d.rib_count, d.rib_angle_deg, coalesce(d.family, 'fin-ray') AS family,
+        d.parameters_json
     FROM quality AS q
     LEFT JOIN designs AS d USING (design_id)
     LEFT JOIN batches AS b USING (campaign_id, batch);

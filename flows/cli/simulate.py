@@ -140,9 +140,10 @@ def read_design(path: Path | None) -> "Design":
     Raises:
         ConfigError: missing file, no JSON, or a value out of its range.
     """
+    from models.design.families import read_design as read_family_design
     from models.design.space import BEST_PUBLISHED, numbered_design
     from models.errors import ConfigError
-    from models.records import Design
+    from models.records import FinRay
     from models.validation import load_record, parse_json
 
     if path is None or path == BEST:
@@ -155,7 +156,13 @@ def read_design(path: Path | None) -> "Design":
         raise ConfigError(f"design file `{path}` cannot be read: {error.strerror}; give an existing file.") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"design file `{path}` is not JSON: {error}; correct it.") from error
-    return load_record(Design, parse_json(text, f"design file `{path}`"), str(path))
+    values = parse_json(text, f"design file `{path}`")
+    if not isinstance(values, dict):
+        return load_record(FinRay, values, str(path))
+    family = values.pop("family", None)
+    if not isinstance(family, str | None):
+        raise ConfigError(f"{path}: `family` is {family!r}, it must be the name of a design family; change it.")
+    return read_family_design(family, values, str(path))
 
 
 def read_simulation(lake: Path, simulation_id: str) -> "tuple[Design, int, SimulatorVersion, GraspSetup]":

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lake.handoff.export_folder import write_csv, write_files
-from lake.handoff.files import DESIGN_COLUMNS, FILE_NAMES, GRASP_COLUMNS, HOW_COLUMNS
+from lake.handoff.export_folder import list_design_columns, write_csv, write_files
+from lake.handoff.files import FILE_NAMES, GRASP_COLUMNS, HOW_COLUMNS
 from lake.store import Lake
 from lake.tables.campaign import DesignRow, GraspRow, ToolRow
 from models.errors import UsageError
@@ -29,7 +29,7 @@ def write_plan(lake: Lake, requests: Sequence[GraspRequest], sheet_html: str, di
     write_files(
         directory,
         [
-            ("designs.csv", lambda path: write_csv(path, DESIGN_COLUMNS, designs)),
+            ("designs.csv", lambda path: write_csv(path, list_design_columns(designs), designs)),
             ("grasps.csv", lambda path: write_csv(path, (*GRASP_COLUMNS, *HOW_COLUMNS), rows)),
             (SHEET, lambda path: _write_text(path, sheet_html)),
         ],

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from lake.provenance import Provenance, current_provenance
 from lake.store import Lake
 from lake.tables.campaign import CampaignRow
+from models.design.space import DesignSpace
 from models.ids import seed_from
 from models.records import SimulatorVersion
 from tasks.campaign.config import CampaignConfig
@@ -62,6 +64,11 @@ class Campaign:
     def object_ids(self) -> tuple[int, ...]:
         """Objects that every tool and every simulated design meets."""
         return self.config.objects.object_ids
+
+    @cached_property
+    def space(self) -> DesignSpace:
+        """The designs that the campaign may make."""
+        return self.config.design.space
 
     @property
     def output(self) -> Path:

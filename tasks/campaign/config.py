@@ -14,6 +14,7 @@ from models.records import GraspSetup, Record, check_tier
 from models.validation import load_record, parse_toml
 from tasks.campaign.settings import (
     REMOVED_RULES,
+    DesignSettings,
     Execution,
     GapSettings,
     NightSettings,
@@ -24,6 +25,7 @@ from tasks.campaign.settings import (
 )
 
 LOT_SUFFIX = ".toml"
+_N_TRIED = 4  # designs drawn of a space that is not the paper's, to see whether they can be made
 _LOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,60}")
 
 
@@ -42,6 +44,7 @@ class CampaignConfig(Record):
     material: str | None = Field(
         default=None, description="path of the file of the material lot, relative to the config"
     )
+    design: DesignSettings = DesignSettings()
     schedule: Schedule = Schedule()
     objects: ObjectPlan = ObjectPlan()
     grasp: GraspSetup = GraspSetup()
@@ -69,6 +72,7 @@ class CampaignConfig(Record):
         # A config without a lot, a search for gaps, nights or a model of one's own keeps the hash that it had before
         # configs could have them.
         unused: dict[str, Any] = {"execution": True} | ({"material": True} if not self.material else {})
+        unused |= {"design": True} if self.design == DesignSettings() else {}
         unused |= {"gap": True} if self.gap == GapSettings() else {}
         unused |= {"night": True} if self.night == NightSettings() else {}
         own = {"surrogate", "constraint", "best_predicted"}
@@ -163,10 +167,11 @@ def _flatten(data: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
 
 def _check_science(config: CampaignConfig, source: str) -> None:
     """Refuse unknown effects, functions that are not there, and a tier or rules that only stored configs may name."""
-    from models.scientist.bridge.load import load_own
+    from models.own_code import load_own
     from models.simulation.effects.catalogue import build_effects
 
     try:
+        _check_design(config)
         build_effects(config.simulator.effects)
         check_tier(config.simulator.tier)
         for rule in (config.scientist.acquisition, config.scientist.simulation_acquisition):
@@ -177,3 +182,20 @@ def _check_science(config: CampaignConfig, source: str) -> None:
     except UsageError as error:
         sentence = str(error)
         raise ConfigError(f"{source}: {sentence[:1].lower()}{sentence[1:]}") from error
+
+
+def _check_design(config: CampaignConfig) -> None:
+    """Draw a few random designs: they are what the family of a user's own is tried on.
+
+    Raises:
+        UsageError: the design space has no such parameter or no room.
+        ConfigError: a section cannot be printed and mounted.
+    """
+    import numpy as np
+
+    from models.design.families import check_section
+
+    if config.design == DesignSettings():
+        return
+    for design in config.design.space.random_designs(_N_TRIED, np.random.default_rng(config.seed)):
+        check_section(design)

@@ -6,7 +6,10 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator
 
+from models.design.families import find_family
 from models.design.printability import PrintingRules
+from models.design.space import FIN_RAYS, DesignSpace, LinearLimit
+from models.own_code import OWN, is_own
 from models.records import (
     REMOVED_TIER,
     TIERS,
@@ -17,7 +20,6 @@ from models.records import (
     Theta,
     Tier,
 )
-from models.scientist.bridge.load import OWN, is_own
 from tasks.simulation.engine import check_engine
 
 N_OBJECTS = 36
@@ -128,6 +130,27 @@ class SimulatorSettings(Record):
     def version(self) -> SimulatorVersion:
         """The simulator version that these settings describe."""
         return SimulatorVersion(theta=self.theta, mesh=self.mesh, effects=self.effects, tier=self.tier)
+
+
+class DesignSettings(Record):
+    """Which fingers may be made: a family, its ranges where they are narrower, and limits on sums of parameters."""
+
+    family: str = Field(default="fin-ray", description="`fin-ray`, `graded-fin-ray`, `free-form` or `module:Class`")
+    ranges: dict[str, tuple[float, float]] = Field(
+        default_factory=dict, description="lowest and highest value of a parameter, within the family's range"
+    )
+    limits: tuple[LinearLimit, ...] = Field(default=(), description="on weighted sums of parameters")
+
+    @property
+    def space(self) -> DesignSpace:
+        """The designs that may be made.
+
+        Raises:
+            UsageError: the family, a parameter or a range does not exist.
+        """
+        if self == DesignSettings():
+            return FIN_RAYS
+        return DesignSpace.of(find_family(self.family), self.ranges, self.limits)
 
 
 class ScientistSettings(Record):

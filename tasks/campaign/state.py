@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from lake.store import Lake
-from lake.tables.campaign import DesignRow, ToolRow
-from models.design.space import LOWER, PARAMETERS, UPPER, to_unit
+from lake.tables.campaign import DesignRow, ToolRow, design_of_columns
+from models.design.space import PARAMETERS, DesignSpace
 from models.ids import tool_label
 from models.records import BENCH_FAULT, Design
 
@@ -37,13 +37,13 @@ class ProposedTool:
         """Slot of the rack from which the gantry takes it."""
         return self.slot if self.hangs_in is None else self.hangs_in
 
-    @property
-    def mounted_point(self) -> np.ndarray:
-        """The finger as printed, 9 unit-cube coordinates; a thickness out of range leaves the cube."""
-        point = to_unit([self.design])[0]
+    def mounted_point(self, space: DesignSpace) -> np.ndarray:
+        """The finger as printed, d unit-cube coordinates; a thickness out of range leaves the cube."""
+        point = space.to_unit([self.design])[0]
         for name, value_mm in self.measured_mm.items():
-            column = PARAMETERS.index(name)
-            point[column] = (value_mm - LOWER[column]) / (UPPER[column] - LOWER[column])
+            if name in space.names:
+                column = space.names.index(name)
+                point[column] = (value_mm - space.lower[column]) / (space.upper[column] - space.lower[column])
         return point
 
     @property
@@ -121,8 +121,9 @@ class CampaignState:
         return self.simulated.get(design_id, set()) | self.simulated_before.get(design_id, set())
 
 
+_DESIGN = ("design_id", *PARAMETERS, "family", "parameters_json")
 _PROPOSALS = f"""
-    SELECT proposal_id, batch, slot, "index", fidelity, acquisition, {", ".join(f"d.{name}" for name in PARAMETERS)}
+    SELECT proposal_id, batch, slot, "index", fidelity, acquisition, {", ".join(f"d.{name}" for name in _DESIGN)}
     FROM proposals AS p JOIN designs AS d USING (design_id)
     WHERE p.campaign_id = $campaign ORDER BY p.sequence, p.created_at, proposal_id
 """
@@ -183,7 +184,7 @@ def _read_plans(lake: Lake, campaign_id: str) -> dict[str, Any]:
     for proposal_id, batch, slot, index, fidelity, acquisition, *values in tuples(
         lake, _PROPOSALS, campaign=campaign_id
     ):
-        design = Design.model_validate(dict(zip(PARAMETERS, values, strict=True)))
+        design = design_of_columns(dict(zip(_DESIGN, values, strict=True)))
         if fidelity == "sim":
             found = night if acquisition == NIGHT else simulations
             found.append(ProposedSimulation(proposal_id, batch, index, design))

@@ -7,11 +7,10 @@ import numpy as np
 
 from lake.tables.campaign import BatchRow, DesignRow, ProposalRow
 from models.design.printability import broken_rules
-from models.design.space import random_designs, to_unit
 from models.errors import UsageError
 from models.ids import content_id
+from models.own_code import is_own, load_constraint
 from models.records import Design
-from models.scientist.bridge.load import is_own, load_constraint
 from models.scientist.bridge.own_model import OwnSurrogate, make_own_surrogate
 from models.scientist.propose import RANDOM, Constraint, propose
 from models.scientist.propose import Proposal as ProposedDesign
@@ -53,7 +52,9 @@ def propose_initial_simulations(campaign: Campaign) -> None:
     schedule = campaign.config.schedule
     seed = campaign.seed("initial simulations")
     last = schedule.batches_of(0)[-1]
-    for index, design in enumerate(random_designs(schedule.initial_simulations, np.random.default_rng(seed))):
+    for index, design in enumerate(
+        campaign.space.random_designs(schedule.initial_simulations, np.random.default_rng(seed))
+    ):
         append_simulation(campaign, last, index, ProposedDesign(design=design, value=0.0), Choice(RANDOM, seed))
 
 
@@ -76,10 +77,10 @@ def _random_tools(campaign: Campaign, n: int, rng: np.random.Generator) -> list[
     """
     rules, constraint = campaign.config.scientist.printing_rules, constraint_of(campaign)
     if rules is None and constraint is None:
-        return random_designs(n, rng)
+        return campaign.space.random_designs(n, rng)
     designs: list[Design] = []
     for _ in range(_MAX_DRAWS):
-        drawn = [d for d in random_designs(n, rng) if rules is None or not broken_rules(d, rules)]
+        drawn = [d for d in campaign.space.random_designs(n, rng) if rules is None or not broken_rules(d, rules)]
         designs += [d for d in drawn if constraint is None or constraint(d)]
         if len(designs) >= n:
             return designs[:n]
@@ -127,11 +128,14 @@ def propose_tools(
         np.random.default_rng(seed),
         min_distance=scientist.min_distance,
         acquisition=scientist.acquisition,
-        taken=to_unit([t.design for t in state.tools]),
-        rejected=to_unit([t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]),
+        taken=campaign.space.to_unit([t.design for t in state.tools]),
+        rejected=campaign.space.to_unit(
+            [t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]
+        ),
         printing=scientist.printing_rules,
         constraint=constraint_of(campaign),
         n_best=scientist.best_predicted,
+        space=campaign.space,
     )
     fit_id = tools_fit_id(campaign, batch, data)
     append_tools(campaign, batch, proposals, Choice(scientist.acquisition, seed, data, len(pending), (fit_id,)))
@@ -152,9 +156,10 @@ def propose_simulation(
         np.random.default_rng(seed),
         min_distance=0.0,
         acquisition=scientist.simulation_acquisition,
-        taken=to_unit(simulated_designs(campaign, state)),
+        taken=campaign.space.to_unit(simulated_designs(campaign, state)),
         printing=scientist.printing_rules,
         constraint=constraint_of(campaign),
+        space=campaign.space,
     )[0]
     choice = Choice(scientist.simulation_acquisition, seed, surrogate.data, len(pending), (fit_id,))
     append_simulation(campaign, batch, index, proposal, choice)
@@ -167,7 +172,7 @@ def constraint_of(campaign: Campaign) -> Constraint | None:
 
 
 def pending_points(campaign: Campaign, state: CampaignState) -> np.ndarray:
-    """Designs of which an outcome is still to come as points (x, s), m x 10: s is 1 for tools, 0 for simulations.
+    """Designs of which an outcome is still to come as points (x, s), m x (d + 1): s is 1 for tools, 0 for simulations.
 
     Tools of a batch that is not closed are not learned from yet, measured or not. A design that the simulator could do
     on no object counts too: its outcome stays unknown, and its surroundings promise no more than a pending one's.
@@ -180,7 +185,7 @@ def pending_points(campaign: Campaign, state: CampaignState) -> np.ndarray:
         for design in simulated_designs(campaign, state)
         if not (objects <= state.ever_simulated(design.design_id) and design.design_id in state.fruitful)
     ]
-    points = np.vstack([to_unit(tools), to_unit(simulations)])
+    points = np.vstack([campaign.space.to_unit(tools), campaign.space.to_unit(simulations)])
     fidelity = np.concatenate([np.ones(len(tools)), np.zeros(len(simulations))])
     return np.column_stack([points, fidelity])
 

@@ -1,7 +1,7 @@
 """Frozen records that travel between the layers. Units are in the names (mm, N, MPa, s)."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -39,7 +39,12 @@ class Design(Record):
     @property
     def design_id(self) -> str:
         """Id derived from family and parameters, `D` and 12 hex digits."""
-        return content_id("D", {"family": self.family, **self.model_dump()})
+        return content_id("D", self.content)
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """Family and parameters as JSON data; of the paper's fin ray the parameters alone."""
+        return {"family": self.family, **self.model_dump()}
 
     @property
     def tip_height_mm(self) -> float:
@@ -86,9 +91,9 @@ class FinRay(Design):
     rib_angle_deg: float = Field(ge=-40, le=40, description="from the horizontal")
 
     @property
-    def design_id(self) -> str:
-        """Id derived from the nine numbers (and from the family, where it has more), `D` and 12 hex digits."""
-        return content_id("D", self.model_dump()) if type(self) is FinRay else super().design_id
+    def content(self) -> dict[str, Any]:
+        """See `Design`."""
+        return self.model_dump() if type(self) is FinRay else super().content
 
     @property
     def tip_height_mm(self) -> float:

@@ -42,7 +42,7 @@ def write_outputs(
     title = f"{design.design_id} on object {obj.object_id}, {obj.name}{describe_placement(placement)}"
     files = [out / name for name in ("result.json", "trace.csv", "trace.png", "grasp.png", "grasp.rrd")]
     try:
-        files[0].write_text(json.dumps({**data, "design": design.model_dump()}, indent=2) + "\n")
+        files[0].write_text(json.dumps({**data, "design": design.content}, indent=2) + "\n")
         files[1].write_text(_csv(result.trace))
         if found is not None and found.cause:
             files.insert(2, out / "trace_branch_1.csv")

@@ -10,6 +10,7 @@ from hardware.virtual.world import physics_cache as physics_files
 from hardware.virtual.world.file import Scatter, World, WorldMesh
 from hardware.virtual.world.physics import PhysicsCache, PhysicsRequest, build_request
 from hardware.virtual.world.physics_cache import PhysicsFiles
+from models.design.graded import GradedFinRay
 from models.errors import SimulationFailed
 from models.records import Design, EffectValue, FinRay, GraspSetup, GraspSimulation, Theta, Trace
 
@@ -67,6 +68,7 @@ def test_a_restarted_bench_finds_what_was_solved(tmp_path, solver):
         asked(World(scatter=Scatter(placement_sd_mm=0.2))),
         asked(World(scatter=Scatter(tool_modulus_sd=0.1))),
         asked(design=DESIGN.model_copy(update={"rib_count": 6})),
+        asked(design=GradedFinRay(**DESIGN.model_dump())),
         asked(object_id=5),
         asked(closed_gap_mm=15.0),
         asked(tip_below_mm=6.0),

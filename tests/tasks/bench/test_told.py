@@ -120,10 +120,13 @@ WRONG = {
         {"peak_force_n": None, "trace": Trace(time_s=np.arange(3.0), lift_mm=np.arange(3.0), force_n=np.ones(3))},
         "3 samples, it must have at least 10",
     ),
-    "no lift": ({"peak_force_n": None, "trace": trace(lift_mm=np.linspace(0, -40, 200))}, "it must begin at 0 and rise"),
+    "no lift": ({"peak_force_n": None, "trace": trace(lift_mm=np.linspace(0, -40, 200))}, "must begin at 0 and rise"),
     "falls": ({"peak_force_n": None, "trace": trace(lift_mm=falling())}, "the lift goes back by 9.8 mm"),
     "infinite": ({"peak_force_n": None, "trace": trace(force_n=np.full(200, np.inf))}, "not finite numbers"),
-    "time back": ({"peak_force_n": None, "trace": trace(time_s=np.linspace(8.0, 0.0, 200))}, "time goes back at sample 2"),
+    "time back": (
+        {"peak_force_n": None, "trace": trace(time_s=np.linspace(8.0, 0.0, 200))},
+        "time goes back at sample",
+    ),
 }
 
 

@@ -68,7 +68,8 @@ def test_own_designs_hang_beside_proposed_ones_and_the_best_tool_comes_back(tmp_
     campaign = begin(tmp_path)
     propose_initial(campaign)
     first = {row["slot"]: row for row in campaign.lake.rows(ProposalRow, batch=1)}
-    assert [(first[slot]["name"], first[slot]["acquisition"]) for slot in (0, 1)] == [("published", "own"), ("free", "own")]
+    own = [(first[slot]["name"], first[slot]["acquisition"]) for slot in (0, 1)]
+    assert own == [("published", "own"), ("free", "own")]
     assert first[2]["acquisition"] != "own"
     assert {tool.slot: tool.design.rib_count for tool in campaign.state().tools}[0] == 7
     tell_all(campaign, 1)

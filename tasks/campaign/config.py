@@ -11,6 +11,7 @@ from models.errors import ConfigError, UsageError
 from models.ids import canonical_json, content_id
 from models.material import TABLE_3, MaterialLot
 from models.records import GraspSetup, Record, check_tier
+from models.scientist.surrogate.observations import MIN_OBSERVATIONS
 from models.validation import load_record, parse_toml
 from tasks.campaign.settings import (
     REMOVED_RULES,
@@ -94,6 +95,17 @@ class CampaignConfig(Record):
             raise ValueError(
                 f"the reference tool's slot {reference.slot} is one of the {n_tools} that a batch uses; set "
                 "diagnostics.reference_tool.slot above them or schedule.tools_per_batch lower"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_first_data(self) -> "CampaignConfig":
+        simulated = self.schedule.initial_simulations + self.simulator.simulate_tools * self.schedule.initial_tools
+        n = self.schedule.initial_tools + simulated
+        if self.schedule.guided_batches and n < MIN_OBSERVATIONS:
+            raise ValueError(
+                f"schedule.initial_tools and initial_simulations give the surrogate {n} observations before the first "
+                f"guided batch, it needs {MIN_OBSERVATIONS}; raise one of them"
             )
         return self
 

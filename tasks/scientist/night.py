@@ -8,8 +8,8 @@ from lake.tables.campaign import DesignRow, ProposalRow
 from models.ids import content_id
 from models.records import Design
 from models.scientist.propose import keep_allowed
-from models.scientist.surrogate.fit import MIN_OBSERVATIONS, fit_surrogate
-from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from models.scientist.surrogate.fit import fit_surrogate
+from models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL, SIM, ObservationSet
 from models.scientist.surrogate.posterior import Surrogate
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.state import NIGHT

@@ -7,6 +7,7 @@ import numpy as np
 from models.errors import UsageError
 
 SIM, REAL = 0, 1
+MIN_OBSERVATIONS = 3  # that a surrogate is fitted to
 LOG_UNIT_N = 1.0  # forces well above it count by their ratios, those below by their differences
 
 

@@ -139,7 +139,8 @@ CREATE VIEW asked_grasps AS
     SELECT
         r.search_id, r.place, r.request_id, r.campaign_id, r.tool_id, r.object_id, r.repeat, r.setup_id, r.purpose,
         CASE WHEN count(g.grasp_id) FILTER (g.status = 'ok') > 0 THEN 'made'
-            WHEN count(g.grasp_id) FILTER (coalesce(g.details_json ->> '$.end', '') <> 'bench_fault') > 1 THEN 'given up'
+            WHEN count(g.grasp_id) FILTER (coalesce(g.details_json ->> '$.end', '') <> 'bench_fault')
+                + count(g.details_json ->> '$.told_by') > 1 THEN 'given up'  -- what a person tells is final
             ELSE 'open' END AS state,
         max(g.grasp_id) FILTER (g.status = 'ok') AS grasp_id,
         count(g.grasp_id) AS n_attempts
@@ -240,7 +241,8 @@ CREATE VIEW tool_quality AS
     )
     SELECT
         q.*, b.kind AS batch_kind, d.length_mm, d.width_mm, d.height_mm, d.tip_length_mm, d.front_thickness_mm,
-        d.back_thickness_mm, d.rib_thickness_mm, d.rib_count, d.rib_angle_deg
+        d.back_thickness_mm, d.rib_thickness_mm, d.rib_count, d.rib_angle_deg, coalesce(d.family, 'fin-ray') AS family,
+        d.parameters_json
     FROM quality AS q
     LEFT JOIN designs AS d USING (design_id)
     LEFT JOIN batches AS b USING (campaign_id, batch);

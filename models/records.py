@@ -1,7 +1,7 @@
 """Frozen records that travel between the layers. Units are in the names (mm, N, MPa, s)."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -9,6 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from models.errors import UsageError
 from models.ids import content_id
 from models.validation import closest
+
+if TYPE_CHECKING:
+    from shapely.geometry import Polygon
 
 BENCH_FAULT = "bench_fault"  # how a measured grasp ended that the bench could not go on with; says nothing of the tool
 
@@ -20,7 +23,62 @@ class Record(BaseModel):
 
 
 class Design(Record):
+    """A finger of some family: its parameters, and the section that they draw.
+
+    A family is a subclass (`docs/how-to/add-a-family.md`). A parameter is a number with limits `ge` and `le`
+    (continuous as a float, in steps of one as an int) or a `Literal` of choices. Three parameters every family has:
+    the mounting base, the rig and the tray of a print need them.
+    """
+
+    family: ClassVar[str] = ""
+
+    length_mm: float
+    width_mm: float
+    height_mm: float
+
+    @property
+    def design_id(self) -> str:
+        """Id derived from family and parameters, `D` and 12 hex digits."""
+        return content_id("D", self.content)
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """Family and parameters as JSON data; of the paper's fin ray the parameters alone."""
+        return {"family": self.family, **self.model_dump()}
+
+    @property
+    def tip_height_mm(self) -> float:
+        """How much of the finger counts as its tip, from the apex down; its twist is watched."""
+        return 0.2 * self.height_mm
+
+    def draw_section(self, fillet_mm: float = 0.5, arc_segments: int = 4) -> "Polygon":
+        """The compliant body in the (x, z) plane, mm, with its voids as holes; extruded over the width.
+
+        x = 0 is the front wall, which touches the object; the other points lie at x > 0. z runs from the top of the
+        rigid base (`models.design.profile.BASE_HEIGHT_MM`) to the apex (`height_mm`). Inner corners may carry fillets
+        of radius `fillet_mm`, drawn with `arc_segments` per quarter circle.
+        """
+        raise NotImplementedError(f"the family {type(self).__name__} has no `draw_section`")
+
+    def list_voids(self) -> "list[Polygon]":
+        """The voids above the base as drawn with sharp corners, mm: what a printer fills with support."""
+        from shapely.geometry import Polygon
+
+        return [Polygon(ring) for ring in self.draw_section(0.0).interiors]
+
+    def measure_section_mm2(self) -> float:
+        """Area of the section as drawn with sharp corners."""
+        return float(self.draw_section(0.0).area)
+
+    def scale_modulus(self, points: np.ndarray) -> np.ndarray | float:
+        """Factor (n) on Young's modulus at points (n, 2) of the section, x and z in mm: a second material."""
+        return 1.0
+
+
+class FinRay(Design):
     """A fin-ray finger in nine parameters, with the ranges of the paper (Problem definition)."""
+
+    family: ClassVar[str] = "fin-ray"
 
     length_mm: float = Field(ge=19, le=35, description="depth at the base, closing direction x")
     width_mm: float = Field(ge=28, le=35, description="along y")
@@ -33,9 +91,32 @@ class Design(Record):
     rib_angle_deg: float = Field(ge=-40, le=40, description="from the horizontal")
 
     @property
-    def design_id(self) -> str:
-        """Id derived from the nine numbers, `D` and 12 hex digits."""
-        return content_id("D", self.model_dump())
+    def content(self) -> dict[str, Any]:
+        """See `Design`."""
+        return self.model_dump() if type(self) is FinRay else super().content
+
+    @property
+    def tip_height_mm(self) -> float:
+        """Length of the solid tip."""
+        return self.tip_length_mm
+
+    def draw_section(self, fillet_mm: float = 0.5, arc_segments: int = 4) -> "Polygon":
+        """See `Design` and `models.design.profile.planar_profile`."""
+        from models.design.profile import planar_profile
+
+        return planar_profile(self, fillet_mm, arc_segments)
+
+    def list_voids(self) -> "list[Polygon]":
+        """The voids between the ribs, however small."""
+        from models.design.profile import cavities
+
+        return cavities(self)
+
+    def measure_section_mm2(self) -> float:
+        """Area between outline and voids, however small these are."""
+        from models.design.profile import outline_area_mm2
+
+        return outline_area_mm2(self) - sum(float(void.area) for void in self.list_voids())
 
 
 class Theta(Record):

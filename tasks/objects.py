@@ -109,7 +109,7 @@ def _read_mesh(path: Path) -> trimesh.Trimesh:
         if kind == "3mf" and scene.units is not None:  # the other formats have no unit
             scene = scene.convert_units("mm")
         mesh = scene.to_mesh()
-    except Exception as error:  # noqa: BLE001 - the readers of trimesh raise whatever a broken file makes them
+    except Exception as error:
         raise ConfigError(f"mesh `{path}` cannot be read as {kind.upper()} ({error}); export it again.") from error
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     return mesh

@@ -156,16 +156,9 @@ def _next_event(run: CampaignRun, on_wait: Callable[[], None]) -> PrefectFuture[
 
 def _ensure_proposed(campaign: Campaign, stage: int) -> None:
     """Have the tools of a stage proposed, unless the lake has them already."""
-    schedule, state = campaign.config.schedule, campaign.state()
-    wanted = {(b, slot) for b in schedule.batches_of(stage) for slot in range(schedule.tools_of(b))}
-    if wanted <= {(t.batch, t.slot) for t in state.tools}:
-        return
-    if stage > 0 and not any(state.measured.get(t.tool_id) for t in state.tools):
-        raise FastError(
-            f"campaign {campaign.campaign_id}: none of the {len(state.tools)} tools so far gave a grasp, so there is "
-            "nothing to learn from; look at `fast campaign status` and print the tools again under a new campaign name."
-        )
-    steps.propose_batch(f"B{schedule.batches_of(stage)[-1]:02d}", unmapped(campaign), stage)
+    batches, state = campaign.config.schedule.batches_of(stage), campaign.state()
+    if not all(state.tools_of(batch) for batch in batches):
+        steps.propose_batch(f"B{batches[-1]:02d}", unmapped(campaign), stage)
 
 
 def _close_stage(campaign: Campaign, stage: int) -> None:

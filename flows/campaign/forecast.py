@@ -57,7 +57,7 @@ def _stage(campaign: Campaign, state: CampaignState) -> int:
 
 
 def _bench_left_s(campaign: Campaign, state: CampaignState, stage: int, s_per_grasp: float | None) -> float | None:
-    plan, limit = campaign.config.objects.cells(0), campaign.config.execution.max_grasp_attempts
+    plan, limit = campaign.config.objects.cells(0), campaign.config.max_grasp_attempts
     batches = campaign.config.schedule.batches_of(stage)
     tools = [tool for batch in batches for tool in unfinished_tools(campaign, state, batch)]
     n_left = sum(len(state.missing_grasps(tool, plan, limit)) for tool in tools)

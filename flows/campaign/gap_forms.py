@@ -18,7 +18,8 @@ from models.errors import FastError, UsageError
 from models.gap.ask.answers import Reading
 from models.gap.ask.person import find_measurement
 from models.validation import load_record
-from tasks.bench.mount import Mounting, confirm_mounting, plan_rack, read_mounting
+from tasks.bench.mount import plan_rack
+from tasks.bench.mounting import Mounting, confirm_mounting, read_mounting
 from tasks.gap.readings import is_answered, write_reading
 
 _Operator = Annotated[str, Field(min_length=1)]

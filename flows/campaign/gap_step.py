@@ -15,13 +15,15 @@ from prefect.futures import PrefectFuture
 from flows.campaign.forms import open_form
 from flows.campaign.loops import CampaignRun
 from flows.campaign.operator_prompts import make_reading_form
+from flows.campaign.told_step import await_asked
 from flows.gap.answering import describe_command
 from flows.gap.scheduled import search_and_tell
 from flows.gap.search import GapOrder, GapOutcome
 from lake.leases import is_held
 from models.gap.findings import NextExperiment, PersonQuestion
 from tasks.bench.asked import read_open_requests
-from tasks.bench.mount import list_asked_tools, read_mounting
+from tasks.bench.mount import list_asked_tools
+from tasks.bench.mounting import read_mounting
 from tasks.calibration.mean_data import TooLittleDataError
 from tasks.campaign import prefect_tasks as steps
 from tasks.campaign.prefect_tasks import unmapped
@@ -90,6 +92,10 @@ def _carry_out(run: CampaignRun, search_id: str, asked: NextExperiment, wait: Wa
         _ask_person(run, search_id, asked, asked.person)
         return
     if not read_open_requests(lake, search_id=search_id):
+        return
+    if run.campaign.config.bench.is_folder:
+        waits = unmapped(run.campaign), search_id, unmapped(run.should_stop), unmapped(run.told_prompts)
+        _run(run, wait, await_asked.submit(label, *waits))
         return
     if read_mounting(lake, search_id) is None:
         words = (search_id, run.auto_print, unmapped(run.should_stop), unmapped(run.mount_prompts))

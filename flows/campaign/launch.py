@@ -14,8 +14,8 @@ from hardware.virtual.world.file import World
 from lake.leases import exclusive
 from lake.store import Lake
 from models.errors import ConfigError
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import CampaignConfig, load_config, relative_to
+from tasks.campaign.campaign import Campaign, read_own_designs
+from tasks.campaign.config import CampaignConfig, load_config, relative_to, world_path
 from tasks.campaign.requests import STARTED, append_event, lease_name, require_acknowledgement
 from tasks.campaign.setup import enter, read_bench, read_world
 
@@ -45,8 +45,14 @@ def run_campaign(
     """
     require(CAMPAIGN)
     config = load_config(config_path)
-    bench = _real_bench(config, config_path, confirm_real) if confirm_real else _virtual_bench(config, config_path)
-    campaign = Campaign(Lake.open(lake, create=True), config)
+    own_designs = read_own_designs(config_path, config)
+    bench: World | BenchSettings | None = None
+    if confirm_real is not None:
+        bench = _real_bench(config, config_path, confirm_real)
+    elif not config.bench.is_folder:
+        bench = read_world(world_path(config_path, config))
+    found = Lake.open(lake, create=True)
+    campaign = Campaign(found, config, config_path=config_path, own_designs=own_designs)
     name = campaign.campaign_id
     with ExitStack() as stack:
         stack.callback(campaign.lake.close)
@@ -67,11 +73,9 @@ def run_campaign(
         return run_in_process(campaign, bench, auto_print=auto_print, reporter=reporter)
 
 
-def _virtual_bench(config: CampaignConfig, config_path: Path) -> World:
-    return read_world(relative_to(config_path, config.bench.world))
-
-
 def _real_bench(config: CampaignConfig, config_path: Path, confirm: ConfirmReal) -> BenchSettings:
+    if config.bench.is_folder:
+        raise ConfigError(f'{config_path}: bench.kind is "folder", so there is nothing to drive; leave out --real.')
     if config.bench.real is None:
         raise ConfigError(f"{config_path}: --real needs `bench.real`, the file with ports and addresses; add it.")
     path = relative_to(config_path, config.bench.real)

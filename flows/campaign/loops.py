@@ -5,9 +5,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from queue import Queue
+from typing import Any, Protocol
 
 from prefect.futures import PrefectFuture
 
+from flows.campaign.batch_folder import is_told
+from flows.campaign.told_step import ToldPrompts, await_batch
 from flows.progress import ProgressReporter
 from hardware.bench import Bench
 from hardware.cell.cell import MeasuredGrasp
@@ -39,6 +42,7 @@ class CampaignRun:
     on_simulated: Callable[[str, int], None]
     prompts: OperatorPrompts
     mount_prompts: MountPrompts
+    told_prompts: ToldPrompts
     reporter: ProgressReporter
     events: "Queue[PrefectFuture]" = field(default_factory=Queue)
     stopping: threading.Event = field(default_factory=threading.Event)
@@ -75,6 +79,13 @@ class CampaignRun:
         """True once someone asked to pause or stop, or something failed: finish what runs, start nothing."""
         return self.stopping.is_set()
 
+    def submit_simulation(self, label: str, design: Design) -> PrefectFuture:
+        """Have a design simulated on the objects that it misses."""
+        stop = unmapped(self.should_stop)
+        return self.watch(
+            steps.simulate_design.submit(label, unmapped(self.campaign), unmapped(design), unmapped(self.pool), stop)
+        )
+
     def watch(self, future: PrefectFuture) -> PrefectFuture:
         """Have the future put itself on the queue of events when it is finished."""
         future.add_done_callback(self.events.put)
@@ -92,7 +103,10 @@ class BenchLoop:
     def advance(self, state: CampaignState) -> bool:
         """Start the next thing if idle; True while something is running."""
         if self._running is None and not self._run.should_stop():
-            self._running = self._start_measuring(state) or self._start_printing(state)
+            if self._run.campaign.config.bench.is_folder:
+                self._running = self._start_waiting(state)
+            else:
+                self._running = self._start_measuring(state) or self._start_printing(state)
         return self._running is not None
 
     def finish(self, future: PrefectFuture) -> bool:
@@ -102,6 +116,21 @@ class BenchLoop:
         self._running = None
         future.result()
         return True
+
+    def _start_waiting(self, state: CampaignState) -> PrefectFuture | None:
+        """On a bench of one's own: until somebody has told every grasp of the batch."""
+        run = self._run
+        for batch in self._batches:
+            if not is_told(run.campaign, state, batch):
+                future = await_batch.submit(
+                    f"B{batch:02d}",
+                    unmapped(run.campaign),
+                    batch,
+                    unmapped(run.should_stop),
+                    unmapped(run.told_prompts),
+                )
+                return run.watch(future)
+        return None
 
     def _start_measuring(self, state: CampaignState) -> PrefectFuture | None:
         run = self._run
@@ -136,6 +165,22 @@ class BenchLoop:
         return None
 
 
+class SimulatingRun(Protocol):
+    """What the simulations of a stage need of the process that makes them."""
+
+    campaign: Campaign
+
+    @property
+    def on_simulated(self) -> Callable[[str, int], object]:
+        """What hears how many objects of a design failed, by the design's label."""
+
+    def submit_simulation(self, label: str, design: Design) -> Any:
+        """Have a design simulated on the objects that it misses; the future of how many failed."""
+
+    def should_stop(self) -> bool:
+        """True once nothing more is to be started."""
+
+
 @dataclass(frozen=True)
 class SimulationJob:
     """A design to simulate, and what it is called in front of people."""
@@ -150,13 +195,13 @@ class SimulationLoop:
     Designs of the stage's own tools come after the proposals that are there already and before new ones.
     """
 
-    def __init__(self, run: CampaignRun, stage: int) -> None:
+    def __init__(self, run: SimulatingRun, stage: int) -> None:
         schedule = run.campaign.config.schedule
         self._run = run
         self._batches = schedule.batches_of(stage)
         self._batch = self._batches[-1]
         self._budget = schedule.simulations_of(stage)
-        self._running: dict[PrefectFuture, SimulationJob] = {}
+        self._running: dict[Any, SimulationJob] = {}
 
     def advance(self, state: CampaignState) -> bool:
         """Fill idle workers; True while simulations are running."""
@@ -172,7 +217,7 @@ class SimulationLoop:
             self._submit(job)
         return bool(self._running)
 
-    def finish(self, future: PrefectFuture) -> bool:
+    def finish(self, future: Any) -> bool:
         """Take back a finished future if it is this loop's."""
         job = self._running.pop(future, None)
         if job is None:
@@ -187,15 +232,7 @@ class SimulationLoop:
         return self._run.campaign.config.execution.simulation_workers
 
     def _submit(self, job: SimulationJob) -> None:
-        run = self._run
-        future = steps.simulate_design.submit(
-            job.label,
-            unmapped(run.campaign),
-            unmapped(job.design),
-            unmapped(run.pool),
-            unmapped(run.should_stop),
-        )
-        self._running[run.watch(future)] = job
+        self._running[self._run.submit_simulation(job.label, job.design)] = job
 
     def _find_unfinished(self, state: CampaignState) -> SimulationJob | None:
         """A design that misses objects (after a restart, or not started) and that no worker has."""

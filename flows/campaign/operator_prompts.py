@@ -9,10 +9,11 @@ from typing import Any
 from flows.campaign.forms import Form, close_forms, open_form
 from flows.campaign.notify import Notifier
 from flows.progress import ProgressReporter, describe_duration
+from lake.handoff.plan_folder import RESULTS
 from lake.store import Lake
 from lake.tables.campaign import BatchRow
 from models.gap.findings import PersonQuestion
-from tasks.bench.mount import read_mounting
+from tasks.bench.mounting import read_mounting
 from tasks.bench.print import open_slots
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.requests import append_event
@@ -134,6 +135,42 @@ class MountPrompts(Prompts):
             form=make_mount_form(self._campaign.lake, name, search_id),
             event="mount_waiting",
         )
+
+
+class FolderPrompts(Prompts):
+    """Asks for the grasps of a bench of one's own until they are told."""
+
+    def ask(self, name: str, folder: Path, batch: int | None) -> None:
+        """Grasps have to be made now; `folder` says which. batch: None where a search asks for them."""
+        self.ask_for(self._step(name, folder, batch))
+
+    def remind(self, name: str, folder: Path, batch: int | None) -> None:
+        """Nobody has told them all yet."""
+        self.remind_of(self._step(name, folder, batch))
+
+    def close(self, name: str, folder: Path, batch: int | None) -> None:
+        """They are told."""
+        self.end(self._step(name, folder, batch))
+
+    def _step(self, name: str, folder: Path, batch: int | None) -> HumanStep:
+        lake, config = self._campaign.lake, self._campaign.config_path or "CONFIG"
+        what = "make the grasps" if batch is None else "print its tools (folder print) and make the grasps"
+        return HumanStep(
+            name=name,
+            what=f"{name}: {what} of {folder / RESULTS}, write the peaks into it",
+            command=f"fast tell {config} {folder / RESULTS} --lake {lake.address}",
+            form=make_told_form(self._campaign, name),
+            event="told_waiting",
+        )
+
+
+def make_told_form(campaign: Campaign, name: str) -> Form:
+    """The form into which results of a bench of one's own are pasted."""
+
+    def find_open() -> dict[str, Any] | None:
+        return {"campaign": campaign.campaign_id, "what": name}
+
+    return Form("told/told", f"{name}: measured?", f"told {name}", find_open)
 
 
 def make_print_form(lake: Lake, campaign_id: str, batch: int) -> Form:

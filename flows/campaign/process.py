@@ -17,18 +17,18 @@ from prefect.logging.handlers import APILogWorker
 from flows.campaign.flow import run_flow
 from flows.campaign.loops import CampaignRun
 from flows.campaign.notify import notifier
-from flows.campaign.operator_prompts import MountPrompts, PrintPrompts
+from flows.campaign.operator_prompts import FolderPrompts, MountPrompts, PrintPrompts
 from flows.campaign.progress import CampaignProgress
 from flows.progress import Bar, ProgressReporter, format_report
-from hardware.cell.layout import BenchLayout
 from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_bench
 from hardware.cell.cell import MeasuredGrasp
+from hardware.cell.layout import BenchLayout
 from hardware.safety.safe_state import Verb
 from hardware.tools.mounted import MountedTool
 from hardware.virtual.world.file import World
 from hardware.virtual.world.physics import Physics, PhysicsCache, PhysicsRequest, simulate_request, solve_elsewhere
 from hardware.virtual.world.physics_cache import PhysicsFiles
-from models.errors import FastError
+from models.errors import ConfigError, FastError
 from models.objects.catalogue import get_object, name_object
 from models.records import GraspSimulation
 from models.traces import peak_force_n
@@ -59,9 +59,12 @@ class CampaignOutcome:
 
 
 def run_in_process(
-    campaign: Campaign, setup: World | BenchSettings, *, auto_print: bool, reporter: ProgressReporter
+    campaign: Campaign, setup: World | BenchSettings | None, *, auto_print: bool, reporter: ProgressReporter
 ) -> CampaignOutcome:
-    """Run the campaign's flow until its schedule is complete or someone asks to stop."""
+    """Run the campaign's flow until its schedule is complete or someone asks to stop.
+
+    setup: of the gantry; None where a bench of one's own measures.
+    """
     config = campaign.config
     simulations = _open_simulations(config)
     physics = WorkerPool(config.execution.physics_workers)
@@ -78,6 +81,7 @@ def run_in_process(
         on_simulated=functools.partial(_tell_simulated, progress),
         prompts=PrintPrompts(campaign, reporter, told),
         mount_prompts=MountPrompts(campaign, reporter, told),
+        told_prompts=FolderPrompts(campaign, reporter, told),
         reporter=reporter,
     )
     if auto_print:
@@ -132,9 +136,11 @@ def with_run_page(reporter: ProgressReporter) -> ProgressReporter:
 
 @contextmanager
 def open_campaign_bench(
-    campaign: Campaign, setup: World | BenchSettings, physics: PhysicsCache, tools: Sequence[ProposedTool]
+    campaign: Campaign, setup: World | BenchSettings | None, physics: PhysicsCache, tools: Sequence[ProposedTool]
 ) -> Iterator[Bench]:
     """The campaign's bench with these tools in its rack, connected and homed."""
+    if setup is None:
+        raise ConfigError(f'campaign {campaign.campaign_id} has no gantry: its bench.kind is "folder".')
     mounted = {tool.rack_slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
     logs = bench_log_folder(campaign.lake)
     objects = campaign.config.objects

@@ -37,7 +37,7 @@ def count_work(campaign: Campaign, state: CampaignState) -> Workload:
     schedule, per_tool = config.schedule, config.objects.n_grasps
     rejected = sum(status == "rejected" for status in state.confirmed.values())
     n_tools = schedule.initial_tools + schedule.guided_batches * schedule.tools_per_batch - rejected
-    given_up = sum(n >= config.execution.max_grasp_attempts for n in state.failures.values())
+    given_up = sum(n >= config.max_grasp_attempts for n in state.failures.values())
     n_designs = sum(schedule.simulations_of(stage) for stage in range(schedule.n_stages))
     designs = {s.design.design_id for s in state.simulations}
     if config.simulator.simulate_tools:

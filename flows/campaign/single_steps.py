@@ -10,7 +10,7 @@ from lake.store import Lake
 from models.errors import FastError
 from tasks.campaign import prefect_tasks as steps
 from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import load_config, relative_to
+from tasks.campaign.config import load_config, world_path
 from tasks.campaign.prefect_tasks import unmapped
 from tasks.campaign.requests import lease_name, require_acknowledgement
 from tasks.campaign.setup import enter, read_world
@@ -32,7 +32,7 @@ def measure_one_batch(config_path: Path, lake: str, batch: int) -> str:
         tools = unfinished_tools(campaign, state, batch)
         if not tools:
             return f"nothing is missing of {name}"
-        world = read_world(relative_to(config_path, campaign.config.bench.world))
+        world = read_world(world_path(config_path, campaign.config))
         physics = WorkerPool(campaign.config.execution.physics_workers)
         try:
             steps.measure_batch(

@@ -97,12 +97,12 @@ def _compare_campaigns(
     from flows.scientist.campaign_runs import PlannedCampaign, run_campaigns
     from flows.scientist.campaign_table import COLUMNS, campaign_rows, campaigns_figure, paired_campaign_rows
     from flows.scientist.strategies import REFERENCE, STRATEGIES
-    from tasks.campaign.config import load_config, relative_to
+    from tasks.campaign.config import load_config, world_path
     from tasks.campaign.setup import read_world
 
     names = _names(strategies, list(STRATEGIES))
     loaded = load_config(config)
-    world = read_world(relative_to(config, loaded.bench.world))
+    world = read_world(world_path(config, loaded))
     plan = [
         PlannedCampaign(STRATEGIES[name], loaded.seed + seed, loaded, world, lakes)
         for seed in range(seeds)

@@ -10,6 +10,7 @@ from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_te
 
 if TYPE_CHECKING:
     from lake.store import Lake
+    from tasks.bench.told import Taken
 
 _LIMIT_TEXT, _LIMIT_JSON = 5, 10_000
 
@@ -28,6 +29,8 @@ def import_(
     json: AsJson = False,
 ) -> None:
     """Import designs, grasps and traces in the hand-off format; all of it or, with every fault named, nothing."""
+    from dataclasses import asdict
+
     from lake.handoff.files import read_handoff
     from lake.handoff.import_folder import import_handoff
     from lake.handoff.readers import handoff_folder, load_reader
@@ -39,8 +42,32 @@ def import_(
         if not Lake.exists(lake):
             read_handoff(folder, set())  # a folder that cannot be imported makes no lake
         found = Lake.open(lake, create=True)
+        if (taken := _take_answers(found, folder, campaign, source)) is not None:
+            show(asdict(taken), f"{taken.sentence}.", json)
+            return
         counts = import_handoff(found, folder, current_provenance(), campaign_id=campaign, source=source)
     show(counts._asdict(), _counts_text("imported", counts._asdict()), json)
+
+
+def _take_answers(lake: "Lake", folder: Path, campaign_id: str | None, source: str) -> "Taken | None":
+    """What became of grasps that a campaign on a bench of its own asked for; None where none did.
+
+    Raises:
+        UsageError: they are not what was asked for; nothing was written.
+    """
+    from flows.campaign.ask_tell import find_told_campaign
+    from lake.handoff.files import read_handoff
+    from lake.tables.campaign import CampaignRow, DesignRow
+    from tasks.bench.told import take_told
+    from tasks.bench.told_files import read_folder
+
+    if not lake.ids(CampaignRow):
+        return None
+    handoff = read_handoff(folder, lake.ids(DesignRow))
+    campaign = find_told_campaign(lake, [grasp.tool_id for grasp in handoff.grasps if grasp.fidelity == "real"])
+    if campaign is None or campaign_id not in (None, campaign.campaign_id):
+        return None
+    return take_told(campaign, read_folder(campaign, folder), f"import of {source}")
 
 
 @app.command

@@ -26,7 +26,10 @@ app = App(
     suppress_keyboard_interrupt=False,
 )
 for _name, _target, _help in (
+    ("init", "flows.cli.init:init", "Make a project folder: configs, worlds, material data, first commands."),
     ("campaign", "flows.cli.campaign:app", "Start, continue, watch and stop campaigns."),
+    ("ask", "flows.cli.told:ask", "Tools to print and grasps to make next, for a bench of your own."),
+    ("tell", "flows.cli.told:tell", "What a bench of your own has measured."),
     ("print", "flows.cli.printing:app", "Print sheets, and the word of the person who printed."),
     ("simulate", "flows.cli.simulate:simulate", "Simulate one grasp: peak, contact force, work, trace, picture."),
     ("objects", "flows.cli.objects:app", "List, check, draw and print test objects, and add own ones."),

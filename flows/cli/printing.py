@@ -71,6 +71,10 @@ def confirm(
         list[str] | None,
         Parameter(negative="", help="SLOT=RACK_SLOT of a tool that hangs in another slot; may be given several times."),
     ] = None,
+    gone: Annotated[
+        list[str] | None,
+        Parameter(negative="", help="A reference tool that is gone, e.g. B01T3; may be given several times."),
+    ] = None,
     json: AsJson = False,
 ) -> None:
     """Say that a batch is printed and mounted; the campaign goes on."""
@@ -79,6 +83,7 @@ def confirm(
     from lake.store import Lake
     from models.validation import load_record
     from tasks.bench.print import PrintConfirmation, confirm_print
+    from tasks.bench.reference_tools import note_gone
 
     found = Lake.open(lake)
     campaign_id, number = parse_batch(found, batch)
@@ -94,6 +99,8 @@ def confirm(
         },
         "print confirmation",
     )
+    if gone:
+        note_gone(found, campaign_id, number, gone, operator)
     done = confirm_print(found, campaign_id, number, word)
     close_forms(found, make_print_form(found, campaign_id, number), f"said by {operator} on the command line")
     name = f"{campaign_id}/B{number:02d}"
@@ -140,7 +147,8 @@ def mounted(
     from flows.cli.campaign import open_lake, resolve_campaign
     from models.errors import UsageError
     from models.validation import load_record
-    from tasks.bench.mount import Mounting, confirm_mounting, plan_rack
+    from tasks.bench.mount import plan_rack
+    from tasks.bench.mounting import Mounting, confirm_mounting
     from tasks.gap.findings import find_newest_run
 
     found = open_lake(lake)

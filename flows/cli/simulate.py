@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, say, show
+from flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, say, show, table_text
 from flows.cli.simulate_output import make_folder, write_outputs
 
 if TYPE_CHECKING:
@@ -81,11 +81,25 @@ def simulate(
     export_calculix: Annotated[
         Path | None, Parameter(help="Folder for an input deck of CalculiX of the closing, and our own numbers.")
     ] = None,
+    designs: Annotated[
+        Path | None,
+        Parameter(help="CSV file of designs, in place of --design: each on --object, or on all objects; one table."),
+    ] = None,
+    family: Annotated[str, Parameter(help="Family of --designs: fin-ray, graded-fin-ray, free-form, module:Class.")] = (
+        "fin-ray"
+    ),
+    workers: Annotated[int, Parameter(help="Processes that simulate --designs.")] = 2,
     lake: LakePath = DEFAULT_LAKE,
     json: AsJson = False,
 ) -> None:
     """Simulate one grasp: closing, lift and pull-off. Without --out or --export-calculix, nothing is written."""
     from models.errors import UsageError
+
+    if designs is not None:
+        others = {"branches": branches or None, "export-calculix": export_calculix}
+        refuse_beside("designs", {"design": asked.design, "simulation": asked.simulation, **others})
+        simulate_file(designs, family, asked, workers, out, lake, json)
+        return
     from models.records import Placement
     from models.simulation.branches import find_branches
     from models.simulation.grasp import simulate_grasp
@@ -110,6 +124,41 @@ def simulate(
         files += write_calculix(export_calculix, design, met, simulator, setup, placement)
     if files and not json:
         say("wrote " + ", ".join(map(str, files)))
+
+
+def simulate_file(
+    designs: Path, family: str, asked: Asked, workers: int, out: Path | None, lake: Path, as_json: bool
+) -> None:
+    """Simulate a file of designs and show them as a table, the best first; with `out` also as CSV files."""
+    from flows.cli.live import open_reporter
+    from flows.cli.simulate_output import write_table
+    from flows.simulation.many_designs import simulate_designs
+    from models.design.families import find_family
+    from models.errors import UsageError
+    from models.objects.catalogue import get_object, name_object
+    from tasks.campaign.own_designs import read_designs
+    from tasks.campaign.settings import N_OBJECTS
+
+    if not 1 <= workers <= 256:
+        raise UsageError(f"--workers is {workers}, it must be from 1 to 256; change it.")
+    found = read_designs(designs, family=find_family(family))
+    object_ids = list(range(N_OBJECTS)) if asked.object is None else [get_object(asked.object).object_id]
+    version, setup, placement = apply_settings(asked.set or [], _base_version(lake, asked.version, asked.tier))
+    if out is not None:
+        make_folder(out)
+    with open_reporter() as reporter:
+        done = simulate_designs(found, object_ids, version, setup, placement, workers, reporter)
+    rows = [one.row for one in done]
+    grasps = [
+        {"name": one.own.name, "object_id": object_id, "object": name_object(object_id), "peak_force_n": force_n}
+        for one in done
+        for object_id, force_n in zip(one.object_ids, one.forces_n, strict=True)
+    ]
+    show({"version_id": version.version_id, "designs": rows, "grasps": grasps}, table_text(rows), as_json)
+    if out is not None:
+        files = [write_table(out / "designs.csv", rows), write_table(out / "grasps.csv", grasps)]
+        if not as_json:
+            say("wrote " + ", ".join(map(str, files)))
 
 
 def _numbers_of(result: "GraspSimulation") -> dict[str, Any]:
@@ -140,9 +189,10 @@ def read_design(path: Path | None) -> "Design":
     Raises:
         ConfigError: missing file, no JSON, or a value out of its range.
     """
+    from models.design.families import read_design as read_family_design
     from models.design.space import BEST_PUBLISHED, numbered_design
     from models.errors import ConfigError
-    from models.records import Design
+    from models.records import FinRay
     from models.validation import load_record, parse_json
 
     if path is None or path == BEST:
@@ -155,7 +205,13 @@ def read_design(path: Path | None) -> "Design":
         raise ConfigError(f"design file `{path}` cannot be read: {error.strerror}; give an existing file.") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"design file `{path}` is not JSON: {error}; correct it.") from error
-    return load_record(Design, parse_json(text, f"design file `{path}`"), str(path))
+    values = parse_json(text, f"design file `{path}`")
+    if not isinstance(values, dict):
+        return load_record(FinRay, values, str(path))
+    family = values.pop("family", None)
+    if not isinstance(family, str | None):
+        raise ConfigError(f"{path}: `family` is {family!r}, it must be the name of a design family; change it.")
+    return read_family_design(family, values, str(path))
 
 
 def read_simulation(lake: Path, simulation_id: str) -> "tuple[Design, RigidObject, SimulatorVersion, GraspSetup]":

@@ -1,10 +1,13 @@
 """What `fast simulate --out` writes: numbers, trace, pictures and a Rerun recording of one grasp."""
 
+import csv
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy as np
 
     from models.errors import UsageError
@@ -39,7 +42,7 @@ def write_outputs(
     title = f"{design.design_id} on object {obj.object_id}, {obj.name}{describe_placement(placement)}"
     files = [out / name for name in ("result.json", "trace.csv", "trace.png", "grasp.png", "grasp.rrd")]
     try:
-        files[0].write_text(json.dumps({**data, "design": design.model_dump()}, indent=2) + "\n")
+        files[0].write_text(json.dumps({**data, "design": design.content}, indent=2) + "\n")
         files[1].write_text(_csv(result.trace))
         if found is not None and found.cause:
             files.insert(2, out / "trace_branch_1.csv")
@@ -49,6 +52,22 @@ def write_outputs(
         raise unwritable("--out", out, error) from error
     write_simulation(files[-1], obj.object_id, result, recording, title, placement)
     return files
+
+
+def write_table(path: Path, rows: "Sequence[dict[str, Any]]") -> Path:
+    """Write rows as CSV; returns the path.
+
+    Raises:
+        UsageError: the file cannot be written.
+    """
+    try:
+        with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+    except OSError as error:
+        raise unwritable("--out", path, error) from error
+    return path
 
 
 def make_folder(out: Path) -> None:

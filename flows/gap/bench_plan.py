@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hardware.cell.cycle_time import plan_time
 from hardware.tools.mounted import MountedTool
-from lake.handoff.plan_folder import SHEET, find_tools, write_plan
+from lake.handoff.plan_folder import RESULTS, SHEET, find_tools, write_plan
 from lake.store import Lake
 from models.objects.catalogue import get_object
 from models.records import GraspRequest, GraspSetup, Placement
@@ -30,7 +30,7 @@ th { font-weight: 600; background: #f2f2f2 } tr { break-inside: avoid } .changed
 
 @dataclass(frozen=True)
 class BenchPlan:
-    """Grasps in the order in which they are to be made, and how long a bench with a gantry takes for them."""
+    """Grasps in the order in which they are to be made, and how long a bench with a gantry takes for them (0: none)."""
 
     requests: tuple[GraspRequest, ...]
     minutes: float
@@ -39,10 +39,8 @@ class BenchPlan:
     def sentence(self) -> str:
         """How much there is to do."""
         tools = len({request.tool_id for request in self.requests})
-        return (
-            f"{len(self.requests)} grasps are asked for, of {tools} tool{'s' if tools > 1 else ''}; about "
-            f"{self.minutes:.0f} min with the gantry"
-        )
+        words = f"{len(self.requests)} grasps are asked for, of {tools} tool{'s' if tools > 1 else ''}"
+        return f"{words}; about {self.minutes:.0f} min with the gantry" if self.minutes else words
 
 
 def plan_next(lake: Lake, search_id: str | None = None) -> BenchPlan:
@@ -69,17 +67,23 @@ def explain_silence(lake: Lake, search_id: str | None = None) -> str:
     return "No grasp is asked for; `fast gap` asks where it cannot tell what is missing."
 
 
-def write_bench_plan(lake: Lake, plan: BenchPlan, directory: Path) -> Path:
+def write_bench_plan(
+    lake: Lake, plan: BenchPlan, directory: Path, config: str = "", *, shown_at: Path | None = None
+) -> Path:
     """Write the plan and its sheet; returns the sheet.
+
+    config: file of a campaign on a bench of one's own, of which peaks alone may be told, of tools still to be printed.
+    shown_at: where the sheet says that the folder is, if it is moved there.
 
     Raises:
         UsageError: the folder holds such files already, or a tool is no longer there.
     """
-    write_plan(lake, plan.requests, make_sheet(plan, lake.address, directory), directory)
+    sheet = make_sheet(plan, lake.address, shown_at or directory, config)
+    write_plan(lake, plan.requests, sheet, directory, is_told=bool(config))
     return directory / SHEET
 
 
-def make_sheet(plan: BenchPlan, address: str, directory: Path) -> str:
+def make_sheet(plan: BenchPlan, address: str, directory: Path, config: str = "") -> str:
     """The sheet as one HTML page: a row for each grasp, with what differs from the row before in bold."""
     parts = [
         f"<h1>Grasps to make</h1><p>{escape(plan.sentence)}. Make them in this order: the effects of wear and time "
@@ -99,6 +103,12 @@ def make_sheet(plan: BenchPlan, address: str, directory: Path) -> str:
         f"force_n), and run <code>fast lake import {escape(str(directory))} --lake {escape(address)}</code>. A grasp "
         "that could not be made: delete its row.</p>"
     )
+    if config:
+        told = escape(f"fast tell {config} {directory / RESULTS} --lake {address}")
+        parts.append(
+            f"<p>Or write only the peaks into {RESULTS}, or why a grasp could not be made, and run "
+            f"<code>{told}</code>. Rows with neither stay open.</p>"
+        )
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Grasps to make</title>'
         f"<style>{_STYLE}</style></head><body>{''.join(parts)}</body></html>\n"

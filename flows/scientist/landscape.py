@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from flows.scientist.landscape_bank import BELIEVED, TRUE, LandscapeBank, Truth
-from models.design.space import PARAMETERS, random_unit
-from models.scientist.acquisition.candidates import mutate, with_all_rib_counts
+from models.design.space import FIN_RAYS, PARAMETERS, random_unit
+from models.scientist.acquisition.candidates import mutate
 from models.scientist.surrogate.fit import fit_surrogate
 from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from models.scientist.surrogate.posterior import Surrogate
@@ -106,7 +106,7 @@ def _largest(force: Force, starts: np.ndarray, rng: np.random.Generator) -> floa
     best = starts[np.argsort(-force(starts))[:12]]
     for scale in np.repeat(_SEARCH_SCALES, 8):
         children = mutate(np.repeat(best, 40, axis=0), np.full(40 * len(best), scale), rng).reshape(len(best), 40, -1)
-        ribs = with_all_rib_counts(best).reshape(len(best), -1, N_DIMS)
+        ribs = FIN_RAYS.with_all_levels(best)
         litter = np.concatenate([best[:, None], children, ribs], axis=1)
         forces = force(litter.reshape(-1, N_DIMS)).reshape(len(best), -1)
         best = litter[np.arange(len(best)), forces.argmax(axis=1)]

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from models.design.space import from_unit, to_unit
 from models.errors import UsageError
 from models.ids import content_id
-from models.records import Design, EffectValue, Record, Theta
+from models.records import EffectValue, FinRay, Record, Theta
 
 BELIEVED, TRUE, THETA, EFFECT = "believed", "true", "theta", "theta and effect"
 
@@ -33,8 +33,8 @@ class DesignSet(Record):
     @property
     def x(self) -> np.ndarray:
         """Designs in the unit cube, n x 9."""
-        names = tuple(Design.model_fields)
-        return to_unit([Design.model_validate(dict(zip(names, row, strict=True))) for row in self.designs])
+        names = tuple(FinRay.model_fields)
+        return to_unit([FinRay.model_validate(dict(zip(names, row, strict=True))) for row in self.designs])
 
     @property
     def y(self) -> np.ndarray:

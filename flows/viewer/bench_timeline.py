@@ -20,7 +20,8 @@ from flows.viewer.scene import draw_object, flatten_mesh, rgb
 from flows.viewer.stream import read_design
 from hardware.cell.layout import BenchLayout
 from lake.store import Lake
-from models.design.space import PARAMETERS
+from lake.tables.campaign import design_of_columns
+from models.design.space import FIN_RAYS, DesignSpace
 from models.errors import UsageError
 from models.ids import tool_label
 from models.records import GraspSetup
@@ -46,7 +47,8 @@ WHERE p.campaign_id = {campaign} ORDER BY p.sequence, p.created_at, p.proposal_i
 class BenchTimeline:
     """Sends what a lake has of a campaign to a recording; asked again, only what is new.
 
-    `objects` are those that its tools shall meet, on their places of `layout`; `full_n` is the force of the lightest colour and of the curves' top.
+    `objects` are those that its tools shall meet, on their places of `layout`; `full_n` is the force of the lightest
+    colour and of the curves' top. `space`: of the designs.
     """
 
     def __init__(
@@ -57,7 +59,9 @@ class BenchTimeline:
         layout: BenchLayout,
         objects: Sequence[int],
         full_n: float,
+        space: DesignSpace = FIN_RAYS,
     ) -> None:
+        self._space = space
         self._stream, self._lake, self._campaign = stream, lake, literal(campaign_id)
         self._layout, self._objects, self._full_n = layout, objects, full_n
         self._curves = Curves(stream, objects, full_n)
@@ -105,7 +109,7 @@ class BenchTimeline:
         self._stream.log("force/load_cell", rr.SeriesLines(names="load cell", colors=rgb(BEST)), static=True)
         steps = rr.SeriesLines(names="best so far", colors=rgb(INK), interpolation_mode="StepAfter")
         self._stream.log("quality/best", steps, static=True)
-        for name in PARAMETERS:
+        for name in self._space.names:
             for fidelity, colour, size in (("simulated", MUTED, 2.5), ("printed", BEST, 5.0)):
                 look = rr.SeriesPoints(names=fidelity, colors=rgb(colour), markers="circle", marker_sizes=size)
                 self._stream.log(f"proposals/{name}/{fidelity}", look, static=True)
@@ -200,9 +204,12 @@ class BenchTimeline:
             if not chosen:
                 continue
             moments = [rr.TimeColumn("bench", duration=self._moments(chosen))]
-            for parameter in PARAMETERS:
-                values = [float(row[parameter]) for row in chosen]
-                self._stream.send_columns(f"proposals/{parameter}/{name}", moments, rr.Scalars.columns(scalars=values))
+            space = self._space
+            values = space.lower + space.to_unit([design_of_columns(row) for row in chosen]) * (
+                space.upper - space.lower
+            )
+            for parameter, column in zip(space.names, values.T, strict=True):
+                self._stream.send_columns(f"proposals/{parameter}/{name}", moments, rr.Scalars.columns(scalars=column))
 
     def _moments(self, rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
         """Times on `bench` of the moments at which rows were written."""

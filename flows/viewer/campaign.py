@@ -3,7 +3,7 @@
 import logging
 import time
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Literal
@@ -22,7 +22,6 @@ from hardware.cell.layout import N_OBJECTS, BenchLayout
 from lake.store import Lake
 from lake.tables.imported import is_imported
 from models.objects.catalogue import FIRST_OWN_ID
-from models.design.space import PARAMETERS
 from models.units import spell_name
 from models.validation import load_record
 from tasks.campaign.settings import ObjectPlan
@@ -87,8 +86,8 @@ def send_campaign(recording: rr.RecordingStream, content: Content) -> BenchTimel
     document = rr.TextDocument(describe(content), media_type="text/markdown")
     recording.log("about", document, static=True)
     campaign_id = content.campaign.campaign_id
-    layout, objects = find_objects(content)
-    timeline = BenchTimeline(recording, content.lake, campaign_id, layout, objects, choose_full_force_n(content))
+    (layout, objects), full_n = find_objects(content), choose_full_force_n(content)
+    timeline = BenchTimeline(recording, content.lake, campaign_id, layout, objects, full_n, content.space)
     timeline.update()
     return timeline
 
@@ -134,7 +133,7 @@ def lay_out_campaign(content: Content, is_live: bool = False) -> rrb.Blueprint:
     )
     notes = rrb.Tabs(log, rrb.TextDocumentView(origin="about", name="About"), active_tab=0)
     left = rrb.Vertical(scene, notes, row_shares=[3, 1])
-    right = rrb.Tabs(_results_tab(), _proposals_tab(), active_tab=0)
+    right = rrb.Tabs(_results_tab(), _proposals_tab(content.space.names), active_tab=0)
     playing: Literal["following", "playing"] = "following" if is_live else "playing"
     return lay_out(
         rrb.Horizontal(left, right, column_shares=[3, 2]),
@@ -174,7 +173,7 @@ def _whole_time() -> rrb.TimeAxis:
     return rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))
 
 
-def _proposals_tab() -> rrb.Grid:
+def _proposals_tab(names: Sequence[str]) -> rrb.Grid:
     views = [
         rrb.TimeSeriesView(
             origin=f"proposals/{name}",
@@ -182,7 +181,7 @@ def _proposals_tab() -> rrb.Grid:
             plot_legend=rrb.PlotLegend("LeftTop", visible=place == 0),
             axis_x=_whole_time(),
         )
-        for place, name in enumerate(PARAMETERS)
+        for place, name in enumerate(names)
     ]
     return rrb.Grid(*views, grid_columns=3, name="Proposals")
 

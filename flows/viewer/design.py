@@ -13,7 +13,6 @@ from flows.viewer.stream import fit_eye, lay_out, open_recording, read_design
 from lake.store import Lake
 from lake.tables.campaign import DesignRow, ToolRow
 from models.design.finger import FingerBodies, finger_bodies
-from models.design.space import PARAMETERS
 from models.design.tray import BED_MM, PrintItem, lying, tray_layout
 from models.ids import tool_label
 from models.records import Design, GraspSetup, MeshSettings
@@ -114,7 +113,10 @@ def _send_tray(stream: rr.RecordingStream, items: list[PrintItem], design: Desig
 
 
 def _about(design: Design, tray: str, mesh: SolidMesh) -> str:
-    rows = "\n".join(f"| {spell_name(name, with_unit=True)} | {getattr(design, name):.4g} |" for name in PARAMETERS)
+    rows = "\n".join(
+        f"| {spell_name(name, with_unit=True)} | {_format(getattr(design, name))} |"
+        for name in type(design).model_fields
+    )
     return (
         f"# {design.design_id}\n\n| parameter | value |\n|---|---|\n{rows}\n\n{mesh.n_elements} solid elements of the "
         f"production tier, clamped at the orange dots. Tray: {tray}; fingers of this design are dark blue."
@@ -143,3 +145,7 @@ def _blueprint(design: Design, tray: str, mesh: SolidMesh) -> rrb.Blueprint:
         rrb.Horizontal(rrb.Grid(*shown, grid_columns=2), about, column_shares=[4, 1]),
         rrb.TimePanel(state="hidden"),
     )
+
+
+def _format(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.4g}"

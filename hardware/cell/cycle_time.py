@@ -20,7 +20,7 @@ from hardware.cell.cell import (
     closing_s,
     least_lift_mm,
 )
-from hardware.cell.diagnostics import NO_OBJECT, DiagnosticRun, Item
+from hardware.cell.diagnostics import DiagnosticRun, Item
 from hardware.cell.layout import BenchLayout
 from hardware.grbl.profile import GrblProfile, limit_along, move_duration_s
 from hardware.tools import changer as tool_changer

@@ -20,7 +20,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from models.records import Design, GraspRequest, GraspSetup, Record
+from models.records import FinRay, GraspRequest, GraspSetup, Record
 
 DiagnosticKind = Literal["dwell", "lift_speed", "supply_pressure", "closed_empty", "dead_weight", "reference"]
 Cell = tuple[int, int]  # (object id, repeat)
@@ -85,7 +85,7 @@ class ReferenceTool(Record):
     """Fingers that stay in one slot of the rack from batch to batch and make the reference grasps."""
 
     slot: int = Field(ge=0, le=9, description="slot of the rack where it hangs; no tool of a batch may hang there")
-    design: Design
+    design: FinRay
 
 
 class DiagnosticPlan(Record):

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 
-from models.records import Design
+from models.records import Design, FinRay
 
 ADAPTOR_MASS_KG = 0.260  # head-side plate, jaws and quick-change pin of every tool, without fingers
 _PRINT_DENSITY_KG_PER_MM3 = 1.17e-6  # rubber-like photopolymers and their mixtures: 1.12 to 1.20 g/cm3
@@ -29,6 +29,9 @@ def estimate_tool_mass_kg(design: Design) -> float:
 
     Each finger is a front wall, a back wall, the ribs at mid length, a triangular tip and a rigid base.
     """
+    if not isinstance(design, FinRay):
+        finger_mm3 = (design.measure_section_mm2() + design.length_mm * _RIGID_BASE_HEIGHT_MM) * design.width_mm
+        return ADAPTOR_MASS_KG + 2 * finger_mm3 * _PRINT_DENSITY_KG_PER_MM3
     cavity_mm = design.height_mm - design.tip_length_mm
     walls_mm2 = (design.front_thickness_mm + design.back_thickness_mm) * cavity_mm
     mean_depth_mm = 0.6 * design.length_mm

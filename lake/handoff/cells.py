@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 
 from annotated_types import Ge, Gt, Le, Lt
 
-from models.records import Design, GraspSetup, Placement, Record, Theta
+from models.records import FinRay, GraspSetup, Placement, Record, Theta
 from models.units import unit_of
 
 _LARGEST_INTEGER = 2**53  # what spreadsheets and JSON keep exactly
@@ -16,7 +16,7 @@ _Holds = Callable[[float, float], bool]
 
 def design_number(name: str) -> Callable[[str], float]:
     """Reader of a design parameter, within its range (a whole number for the rib count)."""
-    limit = limits(Design, name)
+    limit = limits(FinRay, name)
 
     def read(text: str) -> float:
         value = number_or_nan(text)

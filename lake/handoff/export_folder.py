@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 
 from lake.handoff.files import (
     DESIGN_COLUMNS,
+    FAMILY_COLUMNS,
     FILE_NAMES,
     GRASP_COLUMNS,
     HOW_COLUMNS,
@@ -57,7 +58,7 @@ def export_handoff(
     n_samples = [0]
     blocks = _counted(_sample_blocks(lake, real, sim), n_samples)
     files: list[tuple[str, Callable[[Path], None]]] = [
-        ("designs.csv", lambda path: write_csv(path, DESIGN_COLUMNS, designs)),
+        ("designs.csv", lambda path: write_csv(path, list_design_columns(designs), designs)),
         ("grasps.csv", lambda path: write_csv(path, (*GRASP_COLUMNS, *_list_told(real + sim)), real + sim)),
         (f"traces.{traces}", lambda path: write_traces(path, blocks)),
     ]
@@ -65,6 +66,11 @@ def export_handoff(
         files.append(("simulations.csv", lambda path: write_csv(path, SIMULATION_COLUMNS, sim)))
     write_files(directory, files)
     return HandoffCounts(len(designs), len(real), len(sim), n_samples[0])
+
+
+def list_design_columns(rows: Sequence[dict[str, Any]]) -> tuple[str, ...]:
+    """Columns of designs.csv; the family only where one is no fin ray."""
+    return (*DESIGN_COLUMNS, *FAMILY_COLUMNS) if any(row["family"] for row in rows) else DESIGN_COLUMNS
 
 
 def _list_told(rows: Sequence[dict[str, Any]]) -> list[str]:

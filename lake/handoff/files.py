@@ -5,6 +5,7 @@
 """
 
 import csv
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -28,12 +29,15 @@ from lake.handoff.cells import (
     time,
 )
 from lake.tables.requests import PLACEMENT
+from models.design.families import read_design
 from models.design.space import PARAMETERS
-from models.errors import UsageError
-from models.records import Design, GraspSetup, Theta, Trace
+from models.errors import FastError, UsageError
+from models.records import Design, FinRay, GraspSetup, Theta, Trace
 from models.units import unit_of
 
 DESIGN_COLUMNS = ("design_id", *PARAMETERS)
+# Of fingers that are no fin rays: the family, and its parameters as a JSON object; the nine columns may then be empty.
+FAMILY_COLUMNS = ("family", "parameters_json")
 GRASP_COLUMNS = ("grasp_id", "design_id", "object_id", "repeat", "fidelity", "tool_id", "started_at", "order")
 # How a grasp was made, and what asked for it; what is left out means the usual setup, and that nobody asked.
 SETTING_COLUMNS = (*GraspSetup.model_fields, *PLACEMENT)
@@ -160,10 +164,14 @@ def read_handoff(directory: Path, known_designs: set[str]) -> Handoff:
 
 
 def _read_designs(reader: _Reader) -> dict[str, Design | None]:
-    table = _read_csv(reader, "designs.csv", DESIGN_COLUMNS)
+    table = _read_csv(reader, "designs.csv", (*DESIGN_COLUMNS, *FAMILY_COLUMNS), optional=FAMILY_COLUMNS)
     designs: dict[str, Design | None] = {}
     for place in range(len(table.rows)):
         design_id = _new_id(reader, table, "design_id", place, designs)
+        if "family" in table.columns and table.columns["family"][place]:
+            if design_id:
+                designs[design_id] = _design_of_family(reader, table, place)
+            continue
         values = {name: reader.cell(table, name, place, design_number(name)) for name in PARAMETERS}
         given = {name: value for name, value in values.items() if value is not None}
         design = _design(reader, table, place, given) if len(given) == len(PARAMETERS) else None
@@ -172,13 +180,29 @@ def _read_designs(reader: _Reader) -> dict[str, Design | None]:
     return designs
 
 
+def _design_of_family(reader: _Reader, table: _Table, place: int) -> Design | None:
+    """A design whose row names its family."""
+    cells = {name: table.columns.get(name, [""] * len(table.rows))[place] for name in FAMILY_COLUMNS}
+    try:
+        values = json.loads(cells["parameters_json"])
+        if not isinstance(values, dict):
+            raise ValueError("not an object")
+        return read_design(cells["family"], values)
+    except FastError as error:
+        reader.fault(table.name, table.rows[place], "family", cells["family"], str(error))
+    except (ValueError, RecursionError):
+        limit = "must be a JSON object with the parameters of the family."
+        reader.fault(table.name, table.rows[place], "parameters_json", cells["parameters_json"][:80], limit)
+    return None
+
+
 def _design(reader: _Reader, table: _Table, place: int, values: dict[str, float]) -> Design | None:
     try:
-        return Design.model_validate(values)
+        return FinRay.model_validate(values)
     except ValidationError as error:
         for wrong in error.errors():
             name = str(wrong["loc"][0])
-            reader.fault(table.name, table.rows[place], name, table.columns[name][place], limits(Design, name))
+            reader.fault(table.name, table.rows[place], name, table.columns[name][place], limits(FinRay, name))
         return None
 
 

@@ -4,9 +4,10 @@ The first column of a table is its id. Units are in the names (mm, N, MPa, s, J)
 the Parquet schemas, `lake.store` adds the columns of `lake.provenance` to every row.
 """
 
+import json
 from collections.abc import Mapping
 from datetime import datetime
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -18,7 +19,7 @@ from lake.tables.row import Channel, Row, Status
 from models.design.space import PARAMETERS
 from models.ids import canonical_json, content_id
 from models.objects.catalogue import RigidObject
-from models.records import Design, Placement, SimulatorVersion, Trace
+from models.records import Design, FinRay, Placement, SimulatorVersion, Trace
 
 
 class CampaignRow(Row):
@@ -31,29 +32,57 @@ class CampaignRow(Row):
 
 
 class DesignRow(Row):
-    """The nine parameters of a finger; ranges are those of `models.records.Design`."""
+    """The parameters of a finger; ranges are those of its family (`models.records.FinRay` for a fin ray).
+
+    Every family has the three outer sizes. The other columns of the nine are those of fin rays, and of other families
+    that have a parameter of the same name.
+    """
 
     table: ClassVar[str] = "designs"
     design_id: str
     length_mm: float
     width_mm: float
     height_mm: float
-    tip_length_mm: float
-    front_thickness_mm: float
-    back_thickness_mm: float
-    rib_thickness_mm: float
-    rib_count: int
-    rib_angle_deg: float
+    tip_length_mm: float | None = None
+    front_thickness_mm: float | None = None
+    back_thickness_mm: float | None = None
+    rib_thickness_mm: float | None = None
+    rib_count: int | None = None
+    rib_angle_deg: float | None = None
+    family: str | None = Field(default=None, description="design family; none: fin ray")
+    parameters_json: str | None = Field(default=None, description="all parameters, of families but the fin ray")
 
     @classmethod
     def of(cls, design: Design, design_id: str | None = None) -> Self:
         """Row of a design; `design_id` only where another lab named it."""
-        return cls(design_id=design_id or design.design_id, **design.model_dump())
+        values = design.model_dump()
+        columns = {name: value for name, value in values.items() if name in PARAMETERS}
+        if type(design) is not FinRay:
+            columns |= {"family": design.family, "parameters_json": canonical_json(values)}
+        return cls(design_id=design_id or design.design_id, **columns)
 
     @property
     def design(self) -> Design:
-        """The design of this row, checked against the ranges."""
-        return Design.model_validate(self.model_dump(include=set(PARAMETERS)))
+        """The design of this row, checked against the ranges.
+
+        Raises:
+            UsageError: its family is unknown here.
+        """
+        return design_of_columns(self.model_dump())
+
+
+def design_of_columns(columns: Mapping[str, Any]) -> Design:
+    """A design from the columns of `designs`.
+
+    Raises:
+        UsageError: its family is unknown here.
+    """
+    family = columns.get("family")
+    if family is None:
+        return FinRay.model_validate({name: columns[name] for name in PARAMETERS})
+    from models.design.families import read_design
+
+    return read_design(family, json.loads(columns["parameters_json"]), f"design {columns['design_id']}")
 
 
 class ObjectRow(Row):
@@ -139,6 +168,7 @@ class ProposalRow(Row):
     n_real: int
     n_sim: int
     n_pending: int
+    name: str | None = Field(default=None, description="of a design of one's own, as its file says")
 
 
 class ToolRow(Row):
@@ -313,7 +343,7 @@ class GraspRow(Row):
     tare_force_n: float | None = None
     setup_id: str
     setup_json: str
-    bench: Literal["virtual", "real"]
+    bench: str = Field(description="virtual, real (this program's gantry), or the name of a foreign bench")
     world_hash: str | None = None
     details_json: str = "{}"
     offset_x_mm: float | None = Field(

@@ -10,7 +10,7 @@ from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from models.design.glyphs import text_outline
-from models.design.profile import BASE_HEIGHT_MM, planar_profile
+from models.design.profile import BASE_HEIGHT_MM
 from models.records import Design
 
 MARK_DEPTH_MM = 0.6
@@ -39,7 +39,7 @@ class FingerBodies:
 
 def finger_bodies(design: Design, mark: str | None = None, fillet_mm: float = 0.5) -> FingerBodies:
     """Watertight bodies of a finger; `mark` (e.g. `B07T8`) is engraved into the underside of the base."""
-    compliant = _extrude(planar_profile(design, fillet_mm), design.width_mm)
+    compliant = _extrude(design.draw_section(fillet_mm), design.width_mm)
     rigid = trimesh.creation.box(bounds=_base_bounds(design))
     if mark:
         rigid = trimesh.boolean.difference([rigid, _engraving(design, mark)], engine="manifold")

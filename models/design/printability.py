@@ -1,16 +1,10 @@
 """What a printer and the person who cleans its prints ask of a finger, as rules that a design keeps or breaks."""
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
 import numpy as np
 from pydantic import Field
 
-from models.design.space import from_unit
+from models.design.space import FIN_RAYS, DesignSpace
 from models.records import Design, Record
-
-if TYPE_CHECKING:
-    import shapely
 
 
 class PrintingRules(Record):
@@ -38,32 +32,27 @@ def broken_rules(design: Design, rules: PrintingRules) -> list[str]:
     # The rules are part of every campaign's config, which is often read without a design.
     import shapely
 
-    from models.design.profile import cavities
-
     broken = []
-    voids = cavities(design)
+    voids = design.list_voids()
     is_tight = shapely.is_empty(shapely.buffer(voids, -rules.min_cavity_mm / 2, join_style="mitre"))
     if is_tight.any():
         count = int(is_tight.sum())
         broken.append(f"{count} of {len(voids)} cavities narrower than {rules.min_cavity_mm:g} mm")
     if rules.max_mass_g is not None:
-        mass_g = _mass_g(design, voids)
+        mass_g = _mass_g(design)
         if mass_g > rules.max_mass_g:
             broken.append(f"mass {mass_g:.1f} g, limit {rules.max_mass_g:g} g")
     return broken
 
 
-def printable(points: np.ndarray, rules: PrintingRules) -> np.ndarray:
-    """Mask of the unit-cube points (n x 9) whose designs break no rule; a millisecond each."""
-    return np.array([not broken_rules(design, rules) for design in from_unit(points)], dtype=bool)
+def printable(points: np.ndarray, rules: PrintingRules, space: DesignSpace = FIN_RAYS) -> np.ndarray:
+    """Mask of the unit-cube points (n x d) whose designs break no rule; a millisecond each."""
+    return np.array([not broken_rules(design, rules) for design in space.from_unit(points)], dtype=bool)
 
 
-def _mass_g(design: Design, voids: "Sequence[shapely.Polygon]") -> float:
-    import shapely
-
+def _mass_g(design: Design) -> float:
     from models.design.finger import DENSITY_G_PER_MM3  # trimesh takes half a second to import
-    from models.design.profile import BASE_HEIGHT_MM, outline_area_mm2
+    from models.design.profile import BASE_HEIGHT_MM
 
-    area_mm2 = outline_area_mm2(design) - float(np.sum(shapely.area(voids)))
     base_mm3 = design.length_mm * design.width_mm * BASE_HEIGHT_MM
-    return DENSITY_G_PER_MM3 * (area_mm2 * design.width_mm + base_mm3)
+    return DENSITY_G_PER_MM3 * (design.measure_section_mm2() * design.width_mm + base_mm3)

@@ -8,7 +8,8 @@ from shapely import affinity
 from shapely.geometry import LineString, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from models.records import Design
+from models.errors import UsageError
+from models.records import Design, FinRay
 
 BASE_HEIGHT_MM = 3.0  # rigid mounting base, printed in another material below the compliant body
 APEX_EXTRA_MM = 1.0  # the apex is this much longer in x than the front wall is thick
@@ -18,7 +19,18 @@ MIN_EDGE_MM = 0.08  # half the shortest edge of a usual fillet; shorter ones wou
 ARC_SEGMENTS = 4  # per quarter circle of a fillet
 
 
-def planar_profile(design: Design, fillet_mm: float = 0.5, arc_segments: int = ARC_SEGMENTS) -> Polygon:
+def take_fin_ray(design: Design, what: str) -> FinRay:
+    """The design, which must be a fin ray for `what`.
+
+    Raises:
+        UsageError: it is of another family.
+    """
+    if not isinstance(design, FinRay):
+        raise UsageError(f"{what} is for fin rays; a finger of the family `{design.family}` has no such part.")
+    return design
+
+
+def planar_profile(design: FinRay, fillet_mm: float = 0.5, arc_segments: int = ARC_SEGMENTS) -> Polygon:
     """The compliant body of a finger in the (x, z) plane, mm, with its voids as holes.
 
     The lowest void is open towards the base.
@@ -35,18 +47,18 @@ def planar_profile(design: Design, fillet_mm: float = 0.5, arc_segments: int = A
     return shapely.geometry.polygon.orient(Polygon(_above_base(body), body.interiors))
 
 
-def cavities(design: Design) -> list[Polygon]:
+def cavities(design: FinRay) -> list[Polygon]:
     """The voids between the ribs above the base as drawn, mm: sharp, and however small."""
     above = box(0.0, BASE_HEIGHT_MM, design.length_mm, design.height_mm)
     return [part for void in _voids(design) for part in _polygons(void.intersection(above))]
 
 
-def outline_area_mm2(design: Design) -> float:
+def outline_area_mm2(design: FinRay) -> float:
     """Area of the compliant body in the (x, z) plane with its voids."""
     return float(_outline(design).area)
 
 
-def _voids(design: Design) -> list[Polygon]:
+def _voids(design: FinRay) -> list[Polygon]:
     return _polygons(_cavity(design).difference(shapely.union_all(_ribs(design))))
 
 
@@ -57,13 +69,13 @@ def _above_base(body: Polygon) -> np.ndarray:
     return points[(height < math.ulp(BASE_HEIGHT_MM)) | (height >= MIN_EDGE_MM)]
 
 
-def _outline(design: Design) -> BaseGeometry:
+def _outline(design: FinRay) -> BaseGeometry:
     top, apex_x = design.height_mm, design.front_thickness_mm + APEX_EXTRA_MM
     whole = Polygon([(0.0, 0.0), (design.length_mm, 0.0), (apex_x, top), (0.0, top)])
     return whole.intersection(box(0.0, BASE_HEIGHT_MM, design.length_mm, top))
 
 
-def _back_line(design: Design) -> tuple[np.ndarray, np.ndarray]:
+def _back_line(design: FinRay) -> tuple[np.ndarray, np.ndarray]:
     """Two points of the inner side of the slanted back wall."""
     foot = np.array([design.length_mm, 0.0])
     apex = np.array([design.front_thickness_mm + APEX_EXTRA_MM, design.height_mm])
@@ -73,7 +85,7 @@ def _back_line(design: Design) -> tuple[np.ndarray, np.ndarray]:
     return foot + offset, apex + offset
 
 
-def _cavity(design: Design) -> BaseGeometry:
+def _cavity(design: FinRay) -> BaseGeometry:
     """The space between the walls below the solid tip; it goes on below the base, which has no fillets."""
     foot, apex = _back_line(design)
     top = design.height_mm - design.tip_length_mm
@@ -84,26 +96,32 @@ def _cavity(design: Design) -> BaseGeometry:
     return inner.intersection(window)
 
 
-def cavity_share(points: np.ndarray, design: Design) -> np.ndarray:
+def cavity_share(points: np.ndarray, design: FinRay) -> np.ndarray:
     """How far points (n, 2) in mm are across the cavity: 0 from the front wall on, 1 from the back wall on."""
     back_x = _back_x(design, points[:, 1])
     return np.clip((points[:, 0] - design.front_thickness_mm) / (back_x - design.front_thickness_mm), 0.0, 1.0)
 
 
-def rib_centres(design: Design) -> np.ndarray:
+def is_in_rib(points: np.ndarray, design: FinRay) -> np.ndarray:
+    """Mask (n) of points (n, 2) in mm between the walls, below the tip: material there belongs to a rib."""
+    share = cavity_share(points, design)
+    return np.asarray((share > 0.0) & (share < 1.0) & (points[:, 1] < design.height_mm - design.tip_length_mm))
+
+
+def rib_centres(design: FinRay) -> np.ndarray:
     """Points (n, 2) in mm half way between the walls, about which the ribs are turned."""
     bottom, top = BASE_HEIGHT_MM, design.height_mm - design.tip_length_mm
     z = bottom + (top - bottom) * np.arange(1, design.rib_count + 1) / (design.rib_count + 1)
     return np.column_stack([(design.front_thickness_mm + _back_x(design, z)) / 2, z])
 
 
-def _back_x(design: Design, z: np.ndarray) -> np.ndarray:
+def _back_x(design: FinRay, z: np.ndarray) -> np.ndarray:
     """The inner side of the back wall at heights z (n)."""
     foot, apex = _back_line(design)
     return np.asarray(foot[0] + (apex[0] - foot[0]) * (z - foot[1]) / (apex[1] - foot[1]))
 
 
-def _ribs(design: Design) -> list[BaseGeometry]:
+def _ribs(design: FinRay) -> list[BaseGeometry]:
     reach = 4 * design.length_mm  # longer than any cavity is wide at any angle
     ribs = []
     for x, z in rib_centres(design).tolist():

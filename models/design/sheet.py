@@ -6,9 +6,10 @@ from html import escape
 import numpy as np
 
 from models.design.finger import FingerBodies, finger_bodies
-from models.design.profile import BASE_HEIGHT_MM, planar_profile
+from models.design.profile import BASE_HEIGHT_MM
 from models.design.tray import BED_MM, FINGERS_PER_TOOL, PlacedFinger, PrintItem, tray_layout
 from models.records import Design
+from models.units import spell_name
 
 _STYLE = """
 @page { size: A4; margin: 12mm }
@@ -86,7 +87,7 @@ def batch_sheet_html(
 
 def profile_path(design: Design) -> str:
     """SVG path of the finger's profile, base included, z upwards, in mm."""
-    profile = planar_profile(design)
+    profile = design.draw_section()
     rings = [np.array(ring.coords) for ring in (profile.exterior, *profile.interiors)]
     return "".join(_ring(ring, design.height_mm) for ring in rings)
 
@@ -108,7 +109,8 @@ def _silhouette(design: Design) -> str:
 def _card(item: PrintItem, bodies: FingerBodies) -> str:
     values = item.design.model_dump()
     slot, kind = escape(item.label.rpartition("T")[2]), f"{FINGERS_PER_TOOL} fingers of {bodies.mass_g:.0f} g"
-    rows = "".join(f"<dt>{_LABELS[name]}</dt><dd>{_value(name, values[name])}</dd>" for name in _LABELS)
+    labels = {name: _LABELS.get(name, spell_name(name)) for name in values}
+    rows = "".join(f"<dt>{escape(labels[name])}</dt><dd>{_value(name, values[name])}</dd>" for name in values)
     blanks = "".join(f'<span>{name} <span class="blank"></span></span>' for name in ("front", "back", "rib", "Shore A"))
     return (
         f'<div class="tool">{_silhouette(item.design)}<div class="text"><h3>{escape(item.label)}</h3>'
@@ -119,10 +121,14 @@ def _card(item: PrintItem, bodies: FingerBodies) -> str:
     )
 
 
-def _value(name: str, value: float) -> str:
-    if name == "rib_count":
+def _value(name: str, value: float | str) -> str:
+    if isinstance(value, str):
+        return escape(value)
+    if isinstance(value, int):
         return str(value)
-    return f"{value:.1f}&deg;" if name.endswith("_deg") else f"{value:.2f} mm"
+    return (
+        f"{value:.1f}&deg;" if name.endswith("_deg") else f"{value:.2f} mm" if name.endswith("_mm") else f"{value:.2f}"
+    )
 
 
 def _plan(layout: Sequence[PlacedFinger], bed_mm: tuple[float, float]) -> str:

@@ -1,26 +1,255 @@
-"""The nine-dimensional design space: bounds, unit cube, random designs, the best published design."""
+"""Design spaces: the parameters of a family with their ranges, as points of a unit cube.
 
-from collections.abc import Sequence
+A campaign may narrow the ranges of its family and add linear limits. The module's functions without a space are those
+of the paper: fin rays over their whole ranges.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
+from pydantic import Field
 
-from models.records import Design
+from models.errors import UsageError
+from models.records import Design, FinRay, Record
+from models.units import unit_of
+from models.validation import closest
 
-PARAMETERS = tuple(Design.model_fields)
-RIB_COUNT_COLUMN = PARAMETERS.index("rib_count")
-N_RIB_LEVELS = 10
 SEQUENCE_SEED = 2026
+_MAX_DRAWS = 200  # times the points that are asked for: limits that leave less room are a slip of the pen
+_DECIMALS = 5  # of a continuous parameter: 0.01 um
+_ROUNDING = 1e-4  # by which rounded parameters may leave a limit
 
 
-def _limit(name: str, kind: str) -> float:
-    return float(next(getattr(m, kind) for m in Design.model_fields[name].metadata if hasattr(m, kind)))
+class LinearLimit(Record):
+    """A limit on a weighted sum of parameters, such as both walls together at most 5.2 mm."""
+
+    of: dict[str, float] = Field(min_length=1, description="parameter and its weight in the sum")
+    at_most: float | None = None
+    at_least: float | None = None
 
 
-LOWER = np.array([_limit(name, "ge") for name in PARAMETERS])
-UPPER = np.array([_limit(name, "le") for name in PARAMETERS])
+@dataclass(frozen=True, eq=False)
+class DesignSpace:
+    """The designs of a family that may be made. `lower`, `upper` (d): ranges; whole numbers and places of choices too.
+
+    `n_levels` (d): how many values a parameter has, 0 for a continuous one.
+    """
+
+    family: type[Design]
+    lower: np.ndarray
+    upper: np.ndarray
+    n_levels: tuple[int, ...]
+    limits: tuple[LinearLimit, ...] = ()
+
+    @classmethod
+    def of(
+        cls, family: type[Design], ranges: Mapping[str, tuple[float, float]] = {}, limits: Sequence[LinearLimit] = ()
+    ) -> "DesignSpace":
+        """The space of a family, narrowed to `ranges` and by `limits`.
+
+        Raises:
+            UsageError: a parameter is unknown, or a range leaves that of the family or is empty.
+        """
+        names = list(family.model_fields)
+        for name in [*ranges, *(name for limit in limits for name in limit.of)]:
+            if name not in names:
+                raise UsageError(f"the family `{family.family}` has no parameter `{name}`; {closest(name, names)}")
+            if name in ranges and _choices(family, name):
+                raise UsageError(f"`{name}` is a choice and has no range; take it out of the ranges.")
+        low, high, levels = zip(*(_range(family, name, ranges.get(name)) for name in names), strict=True)
+        return cls(family, np.array(low), np.array(high), tuple(levels), tuple(limits))
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the d parameters, in order."""
+        return tuple(self.family.model_fields)
+
+    @property
+    def n_dims(self) -> int:
+        """Number of parameters d."""
+        return len(self.n_levels)
+
+    @cached_property
+    def stepped(self) -> tuple[int, ...]:
+        """Columns of the parameters with levels: whole numbers and choices."""
+        return tuple(column for column, n in enumerate(self.n_levels) if n)
+
+    def to_unit(self, designs: Sequence[Design]) -> np.ndarray:
+        """Designs as points of the unit cube, n x d; k levels are equally spaced from 0 to 1."""
+        values = np.array([self._values(design) for design in designs], dtype=float).reshape(-1, self.n_dims)
+        return (values - self.lower) / self._span
+
+    def from_unit(self, points: np.ndarray) -> list[Design]:
+        """Inverse of `to_unit` for an n x d array; levels are rounded to the nearest, the rest to 0.01 um."""
+        values = self.lower + np.asarray(points, dtype=float) * (self.upper - self.lower)
+        values = np.clip(np.round(values, _DECIMALS), self.lower, self.upper)
+        return [self._design(row) for row in values.reshape(-1, self.n_dims)]
+
+    def snap(self, points: np.ndarray) -> np.ndarray:
+        """Unit-cube points with stepped parameters moved to their nearest level, n x d."""
+        snapped = np.array(points, dtype=float)
+        for column in self.stepped:
+            steps = max(self.n_levels[column] - 1, 1)
+            snapped[..., column] = np.round(snapped[..., column] * steps) / steps
+        return snapped
+
+    def draw_level(self, column: int, n: int, rng: np.random.Generator) -> np.ndarray:
+        """N random levels of a stepped parameter, in the unit cube."""
+        levels = self.n_levels[column]
+        return rng.integers(0, levels, n) / max(levels - 1, 1)
+
+    def random_unit(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        """Uniform points of the space in the unit cube, n x d; every level is equally likely.
+
+        Raises:
+            UsageError: the limits leave (nearly) no room.
+        """
+        points = self._draw(n, rng)
+        if not self.limits:
+            return points
+        kept = points[self.keeps_limits(points)]
+        for _ in range(_MAX_DRAWS):
+            if len(kept) >= n:
+                return kept[:n]
+            points = self._draw(n, rng)
+            kept = np.concatenate([kept, points[self.keeps_limits(points)]])
+        raise UsageError(
+            f"only {len(kept)} of {(_MAX_DRAWS + 1) * n} random designs keep the limits of the design space, {n} are "
+            "needed; relax design.limits."
+        )
+
+    def random_designs(self, n: int, rng: np.random.Generator) -> list[Design]:
+        """Uniform random designs, the paper's initial batch."""
+        return self.from_unit(self.random_unit(n, rng))
+
+    def with_all_levels(self, points: np.ndarray) -> np.ndarray:
+        """Each of n points with each level of each stepped parameter in turn, n x k x d; k is 0 without such."""
+        variants = []
+        for column in self.stepped:
+            levels = self.n_levels[column]
+            repeated = np.repeat(points[:, None, :], levels, axis=1)
+            repeated[:, :, column] = np.arange(levels) / max(levels - 1, 1)
+            variants.append(repeated)
+        return np.concatenate([np.zeros((len(points), 0, self.n_dims)), *variants], axis=1)
+
+    def keeps_limits(self, points: np.ndarray) -> np.ndarray:
+        """Mask (n) of unit-cube points (n, d) that keep the linear limits."""
+        values = self.lower + np.asarray(points, dtype=float) * (self.upper - self.lower)
+        kept = np.ones(len(values), dtype=bool)
+        for limit in self.limits:
+            weights = np.array([limit.of.get(name, 0.0) for name in self.names])
+            total = values @ weights
+            if limit.at_most is not None:
+                kept &= total <= limit.at_most + _ROUNDING
+            if limit.at_least is not None:
+                kept &= total >= limit.at_least - _ROUNDING
+        return kept
+
+    @cached_property
+    def _choices(self) -> list[tuple[Any, ...]]:
+        return [_choices(self.family, name) for name in self.names]
+
+    @cached_property
+    def _span(self) -> np.ndarray:
+        return np.where(self.upper > self.lower, self.upper - self.lower, 1.0)
+
+    def _draw(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        points = rng.random((n, self.n_dims))
+        for column in self.stepped:
+            points[:, column] = self.draw_level(column, n, rng)
+        return points
+
+    def _values(self, design: Design) -> list[float]:
+        """The design's parameters as numbers: a choice as its place.
+
+        Raises:
+            UsageError: it is of another family.
+        """
+        if type(design) is not self.family:
+            raise UsageError(
+                f"design {design.design_id} is of the family `{design.family}`, these are of `{self.family.family}`."
+            )
+        values: list[float] = []
+        for name, choices in zip(self.names, self._choices, strict=True):
+            value = getattr(design, name)
+            values.append(float(choices.index(value) if choices else value))
+        return values
+
+    def _design(self, row: np.ndarray) -> Design:
+        values: dict[str, Any] = dict(zip(self.names, row.tolist(), strict=True))
+        for column in self.stepped:
+            place, choices = round(row[column]), self._choices[column]
+            values[self.names[column]] = choices[place] if choices else place
+        return self.family(**values)
+
+
+def _choices(family: type[Design], name: str) -> tuple[Any, ...]:
+    """The values of a parameter that is a choice; none for a number."""
+    annotation = family.model_fields[name].annotation
+    return get_args(annotation) if get_origin(annotation) is Literal else ()
+
+
+def _range(family: type[Design], name: str, asked: tuple[float, float] | None) -> tuple[float, float, int]:
+    """Lower and upper end of a parameter, and its number of levels (0: continuous).
+
+    Raises:
+        UsageError: the family gives it no range, or the one that is asked for is no part of it.
+    """
+    if choices := _choices(family, name):
+        return 0.0, float(len(choices) - 1), len(choices)
+    field = family.model_fields[name]
+    ends = [next((float(getattr(m, kind)) for m in field.metadata if hasattr(m, kind)), None) for kind in ("ge", "le")]
+    low, high = ends
+    if low is None or high is None:
+        raise UsageError(f"parameter `{name}` of the family `{family.family}` has no `ge` and `le`; give it both.")
+    if asked is not None:
+        unit = f" {unit_of(name)}" if unit_of(name) else ""
+        if not low <= asked[0] <= asked[1] <= high:
+            raise UsageError(
+                f"the range of `{name}` is {asked[0]:g} to {asked[1]:g}{unit}; it must ascend within {low:g} to "
+                f"{high:g}{unit}, the range of the family `{family.family}`."
+            )
+        low, high = map(float, asked)
+    if field.annotation is int:
+        low, high = float(np.ceil(low)), float(np.floor(high))
+        if low > high:
+            raise UsageError(f"the range of `{name}` has no whole number; widen it.")
+        return low, high, int(high - low) + 1
+    return low, high, 0
+
+
+def space_of(designs: Sequence[Design]) -> DesignSpace:
+    """The whole space of the family that all these designs are of; without designs that of fin rays.
+
+    Raises:
+        UsageError: they are of several families.
+    """
+    families = {type(design) for design in designs} or {FinRay}
+    if len(families) > 1:
+        names = ", ".join(sorted(family.family for family in families))
+        raise UsageError(f"these designs are of several families ({names}); choose a campaign of one family.")
+    return _whole_space(families.pop())
+
+
+@cache
+def _whole_space(family: type[Design]) -> DesignSpace:
+    return DesignSpace.of(family)
+
+
+# The space of the paper.
+FIN_RAYS = space_of([])
+PARAMETERS = FIN_RAYS.names
+LOWER, UPPER = FIN_RAYS.lower, FIN_RAYS.upper
+RIB_COUNT_COLUMN = PARAMETERS.index("rib_count")
+N_RIB_LEVELS = FIN_RAYS.n_levels[RIB_COUNT_COLUMN]
+to_unit, from_unit, snap = FIN_RAYS.to_unit, FIN_RAYS.from_unit, FIN_RAYS.snap
+random_unit, random_designs = FIN_RAYS.random_unit, FIN_RAYS.random_designs
 
 # Table 1 of the paper: B07T8, 29.68 N mean pull-off force.
-BEST_PUBLISHED = Design(
+BEST_PUBLISHED = FinRay(
     length_mm=30.83,
     width_mm=33.01,
     height_mm=96.96,
@@ -33,45 +262,6 @@ BEST_PUBLISHED = Design(
 )
 
 
-def to_unit(designs: Sequence[Design]) -> np.ndarray:
-    """Designs as points of the unit cube, n x 9; rib count N maps to (N - 1) / 9."""
-    values = np.array([[getattr(d, name) for name in PARAMETERS] for d in designs], dtype=float)
-    return (values.reshape(-1, len(PARAMETERS)) - LOWER) / (UPPER - LOWER)
-
-
-def from_unit(points: np.ndarray) -> list[Design]:
-    """Inverse of `to_unit` for an n x 9 array; the rib count is rounded to its level, the rest to 0.01 um."""
-    values = LOWER + np.asarray(points, dtype=float) * (UPPER - LOWER)
-    values = np.clip(np.round(values, 5), LOWER, UPPER)
-    return [_design(row) for row in values]
-
-
-def snap(points: np.ndarray) -> np.ndarray:
-    """Unit-cube points with the rib count moved to its nearest level, n x 9."""
-    snapped = np.array(points, dtype=float)
-    steps = N_RIB_LEVELS - 1
-    snapped[..., RIB_COUNT_COLUMN] = np.round(snapped[..., RIB_COUNT_COLUMN] * steps) / steps
-    return snapped
-
-
-def random_unit(n: int, rng: np.random.Generator) -> np.ndarray:
-    """Uniform points of the design space in the unit cube, n x 9; every rib count is equally likely."""
-    points = rng.random((n, len(PARAMETERS)))
-    points[:, RIB_COUNT_COLUMN] = rng.integers(0, N_RIB_LEVELS, n) / (N_RIB_LEVELS - 1)
-    return points
-
-
-def random_designs(n: int, rng: np.random.Generator) -> list[Design]:
-    """Uniform random designs, the paper's initial batch."""
-    return from_unit(random_unit(n, rng))
-
-
 def numbered_design(number: int) -> Design:
     """Design `number` (from 0) of one fixed sequence of random designs, for benchmarks and their repetition."""
     return random_designs(1, np.random.default_rng([SEQUENCE_SEED, number]))[0]
-
-
-def _design(row: np.ndarray) -> Design:
-    values = dict(zip(PARAMETERS, row.tolist(), strict=True))
-    values["rib_count"] = int(round(values["rib_count"]))
-    return Design(**values)

@@ -8,13 +8,13 @@ import numpy as np
 
 from models.blas import one_blas_thread
 from models.design.printability import PrintingRules, printable
-from models.design.space import PARAMETERS, from_unit, random_unit
+from models.design.space import FIN_RAYS, DesignSpace
 from models.errors import UsageError
+from models.own_code import is_own
 from models.records import Design
 from models.scientist.acquisition.candidates import CandidateSettings, Spacing, candidate_points
 from models.scientist.acquisition.improvement import select_by_improvement
 from models.scientist.acquisition.mes import select_by_mes
-from models.scientist.bridge.load import is_own
 from models.scientist.bridge.own_model import OwnSurrogate
 from models.scientist.surrogate.observations import REAL, SIM
 from models.scientist.surrogate.posterior import Surrogate
@@ -28,9 +28,8 @@ Selection = Callable[
 # models of a user's own go through BoTorch (`models.scientist.bridge`).
 ACQUISITIONS: dict[str, Selection] = {"mes": select_by_mes, "ei": select_by_improvement}
 RANDOM = "random"
-NO_PENDING = np.zeros((0, len(PARAMETERS) + 1))
+NO_PENDING = np.zeros((0, FIN_RAYS.n_dims + 1))
 Constraint = Callable[[Design], bool]  # whether a design may be made
-NO_POINTS = np.zeros((0, len(PARAMETERS)))
 # One proposal at a time deserves fewer candidates than a batch that is printed.
 BATCH_CANDIDATES = CandidateSettings()
 SINGLE_CANDIDATES = CandidateSettings(n_random=250, n_local=350)
@@ -54,18 +53,19 @@ def propose(
     *,
     min_distance: float = 0.05,
     acquisition: str = "mes",
-    taken: np.ndarray = NO_POINTS,
-    rejected: np.ndarray = NO_POINTS,
+    taken: np.ndarray | None = None,
+    rejected: np.ndarray | None = None,
     printing: PrintingRules | None = None,
     constraint: Constraint | None = None,
     n_best: int = 0,
+    space: DesignSpace = FIN_RAYS,
 ) -> list[Proposal]:
-    """The next n designs for one fidelity (0 sim, 1 real), best first.
+    """The next n designs of `space` (d parameters) for one fidelity (0 sim, 1 real), best first.
 
-    pending: m x 10, unit-cube points under way and their fidelity in the last column; their outcomes are
+    pending: m x (d + 1), unit-cube points under way and their fidelity in the last column; their outcomes are
     conditioned on. The proposals keep `min_distance` (Euclidean, unit cube) from each other, from pending
-    points of the same fidelity and from `rejected` ones (k x 9), and never repeat data of the same fidelity or what was
-    proposed before (`taken`, k x 9), whatever became of it. What is known at one fidelity may be proposed at the other.
+    points of the same fidelity and from `rejected` ones (k x d), and never repeat data of the same fidelity or what was
+    proposed before (`taken`, k x d), whatever became of it. What is known at one fidelity may be proposed at the other.
     Candidates that break a rule of `printing` or that `constraint` refuses are left out before anything is chosen, so
     that the optimum looked for is that of what can be printed. `acquisition` is a name of `ACQUISITIONS`, `random`, or
     `module:function` of one's own. The first `n_best` are those with the largest predicted force instead; the others
@@ -81,29 +81,31 @@ def propose(
         >>> len({proposal.design.design_id for proposal in proposals})
         3
     """
-    _check(surrogate, fidelity, n, pending, acquisition)
-    known = np.concatenate([_known(surrogate, fidelity), taken])
-    neighbours = np.concatenate([pending[pending[:, -1] == fidelity, :-1], rejected])
+    _check(surrogate, fidelity, n, pending, acquisition, space)
+    nothing = np.zeros((0, space.n_dims))
+    known = np.concatenate([_known(surrogate, fidelity, nothing), nothing if taken is None else taken])
+    neighbours = np.concatenate([pending[pending[:, -1] == fidelity, :-1], nothing if rejected is None else rejected])
     spacing = Spacing(known, neighbours, min_distance)
+    allowed = partial(keep_allowed, rules=printing, constraint=constraint, space=space)
     if surrogate is None or acquisition == RANDOM:
-        return _propose_random(n, spacing, rng, printing, constraint)
+        return _propose_random(n, spacing, rng, allowed, space)
     select = _selection(acquisition, surrogate)
     with one_blas_thread():
         # From fresh candidates until n are found; what is already chosen counts as pending.
         settings = SINGLE_CANDIDATES if n == 1 else BATCH_CANDIDATES
-        best = _best_predicted(surrogate, min(n_best, n), spacing, rng, printing, constraint)
-        proposals = [Proposal(design, 0.0) for design in from_unit(best)]
+        best = _best_predicted(surrogate, min(n_best, n), spacing, rng, allowed, space)
+        proposals = [Proposal(design, 0.0) for design in space.from_unit(best)]
         if len(proposals) == n:
             return proposals
         pending = np.concatenate([pending, np.column_stack([best, np.full(len(best), fidelity)])])
         for _ in range(_MAX_ROUNDS):
-            points = keep_allowed(candidate_points(surrogate, rng, settings), printing, constraint)
+            points = allowed(candidate_points(surrogate, rng, settings, space))
             if not len(points):
                 continue
             n_left = n - len(proposals)
             chosen = select(surrogate, points, fidelity, n_left, pending, spacing, rng)
             rows = [row for row, _ in chosen]
-            designs = from_unit(points[rows])
+            designs = space.from_unit(points[rows])
             proposals += [Proposal(design, value) for design, (_, value) in zip(designs, chosen, strict=True)]
             if len(proposals) == n:
                 return proposals
@@ -117,30 +119,30 @@ def _best_predicted(
     n: int,
     spacing: Spacing,
     rng: np.random.Generator,
-    printing: PrintingRules | None,
-    constraint: Constraint | None,
+    allowed: Callable[[np.ndarray], np.ndarray],
+    space: DesignSpace,
 ) -> np.ndarray:
-    """Up to n candidates with the largest predicted real force that keep the spacing, best first, m x 9."""
+    """Up to n candidates with the largest predicted real force that keep the spacing, best first, m x d."""
     if not n:
-        return NO_POINTS
-    points = keep_allowed(candidate_points(surrogate, rng, BATCH_CANDIDATES), printing, constraint)
+        return np.zeros((0, space.n_dims))
+    points = allowed(candidate_points(surrogate, rng, BATCH_CANDIDATES, space))
     chosen: list[np.ndarray] = []
     for point in points[np.argsort(-surrogate.mean(points, REAL), kind="stable")]:
         if len(chosen) < n and spacing.allowed(point[None, :])[0]:
             chosen.append(point)
             spacing.add(point)
-    return np.array(chosen).reshape(-1, len(PARAMETERS))
+    return np.array(chosen).reshape(-1, space.n_dims)
 
 
 def _propose_random(
     n: int,
     spacing: Spacing,
     rng: np.random.Generator,
-    printing: PrintingRules | None,
-    constraint: Constraint | None,
+    allowed: Callable[[np.ndarray], np.ndarray],
+    space: DesignSpace,
 ) -> list[Proposal]:
     chosen: list[np.ndarray] = []
-    for point in keep_allowed(random_unit(max(200, 20 * n), rng), printing, constraint):
+    for point in allowed(space.random_unit(max(200, 20 * n), rng)):
         if len(chosen) == n:
             break
         if spacing.allowed(point[None, :])[0]:
@@ -148,7 +150,7 @@ def _propose_random(
             spacing.add(point)
     if len(chosen) < n:
         raise _no_room(n, len(chosen))
-    return [Proposal(design, 0.0) for design in from_unit(np.array(chosen).reshape(-1, len(PARAMETERS)))]
+    return [Proposal(design, 0.0) for design in space.from_unit(np.array(chosen).reshape(-1, space.n_dims))]
 
 
 def _selection(acquisition: str, surrogate: Surrogate | OwnSurrogate) -> Callable[..., list[tuple[int, float]]]:
@@ -161,22 +163,32 @@ def _selection(acquisition: str, surrogate: Surrogate | OwnSurrogate) -> Callabl
     return partial(select_by_rule, acquisition)
 
 
-def keep_allowed(points: np.ndarray, rules: PrintingRules | None, constraint: Constraint | None) -> np.ndarray:
-    """Those of the points (m x 9) whose designs keep the rules of printing and the constraint."""
-    kept = points if rules is None else points[printable(points, rules)]
+def keep_allowed(
+    points: np.ndarray,
+    rules: PrintingRules | None,
+    constraint: Constraint | None,
+    space: DesignSpace = FIN_RAYS,
+) -> np.ndarray:
+    """Those of the points (m x d) whose designs keep the rules of printing and the constraint."""
+    kept = points if rules is None else points[printable(points, rules, space)]
     if constraint is None:
         return kept
-    return kept[np.array([constraint(design) for design in from_unit(kept)], dtype=bool)]
+    return kept[np.array([constraint(design) for design in space.from_unit(kept)], dtype=bool)]
 
 
-def _known(surrogate: Surrogate | OwnSurrogate | None, fidelity: int) -> np.ndarray:
+def _known(surrogate: Surrogate | OwnSurrogate | None, fidelity: int, nothing: np.ndarray) -> np.ndarray:
     if surrogate is None:
-        return NO_POINTS
+        return nothing
     return surrogate.data.x[surrogate.data.s == fidelity]
 
 
 def _check(
-    surrogate: Surrogate | OwnSurrogate | None, fidelity: int, n: int, pending: np.ndarray, acquisition: str
+    surrogate: Surrogate | OwnSurrogate | None,
+    fidelity: int,
+    n: int,
+    pending: np.ndarray,
+    acquisition: str,
+    space: DesignSpace,
 ) -> None:
     names = [*ACQUISITIONS, RANDOM]
     if acquisition not in names and not is_own(acquisition):
@@ -187,9 +199,9 @@ def _check(
         raise UsageError(f"Fidelity is {fidelity}, it must be 0 (sim) or 1 (real).")
     if n < 1:
         raise UsageError(f"{n} designs asked for; ask for at least 1.")
-    if pending.ndim != 2 or pending.shape[1] != len(PARAMETERS) + 1:
+    if pending.ndim != 2 or pending.shape[1] != space.n_dims + 1:
         raise UsageError(
-            f"Pending points have shape {pending.shape}; give m x {len(PARAMETERS) + 1}: the unit-cube point, then s."
+            f"Pending points have shape {pending.shape}; give m x {space.n_dims + 1}: the unit-cube point, then s."
         )
 
 

@@ -228,7 +228,7 @@ def simulate_finger(
     if recorder is not None:
         scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
         camera = Camera(recorder, side, finger.body.mesh, finger.nodes, finger.surface, obstacle, scale)
-    gauge = TwistGauge(problem.mesh, finger.nodes, problem.design.tip_length_mm)
+    gauge = TwistGauge(problem.mesh, finger.nodes, problem.design.tip_height_mm)
     seen = _Observed(gauge, camera)
     _close_and_lift(finger, stepper, problem, seen)
     share = 2.0 if problem.mesh.is_half else 1.0

@@ -79,11 +79,12 @@ class FingerProblem:
         return Material(REFERENCE_MODULUS_MPA, self.theta.poisson_ratio, self.numerics.material_law, stiffening)
 
     def factors(self) -> list[np.ndarray] | None:
-        """Factors (m) of the effects on the modulus of every element, per kind; None if all are 1."""
+        """Factors (m) of design and effects on the modulus of every element, per kind; None if all are 1."""
         nodes = self.mesh.nodes[:, IN_SECTION]
         factors = []
         for elements in self.mesh.connectivities:
             middles, factor = nodes[elements].mean(axis=1), np.ones(len(elements))
+            factor *= self.design.scale_modulus(middles)
             for effect in self.effects:
                 factor *= effect.stiffness_factor(middles, self.design)
             factors.append(factor)
@@ -98,6 +99,6 @@ class FingerProblem:
             material=self.material,
             law=self.law,
             spacing=self.numerics.spacing,
-            factors=self.factors() if self.effects else None,
+            factors=self.factors(),
             roll_deg=self.roll_deg,
         )

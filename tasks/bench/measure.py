@@ -20,6 +20,7 @@ from models.records import Placement
 from models.traces import initial_force_n, peak_force_n, work_j
 from tasks.bench.plan import ToolWork, plan_tool, seed_of_order
 from tasks.bench.reference_grasps import ReferenceGrasps
+from tasks.bench.reference_tools import add_references, ask_references, plan_reference
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.requests import append_event, note_verbs, require_room
 from tasks.campaign.state import ProposedTool, tuples
@@ -53,7 +54,7 @@ def measure_batch(
     should_stop: Callable[[], bool],
     on_grasp: Callable[[ProposedTool, MeasuredGrasp], None],
 ) -> None:
-    """Have tools of one batch measured one after the other; only one process may hold the bench of a lake.
+    """Have tools of a batch measured one after the other, its reference tools first; one process holds the bench.
 
     `open_bench` is given all tools that stand on the rack. A person's stop or abort ends it with the bench in its safe
     state. The gantry is checked for lost steps at the end, also of a batch that is paused, and every
@@ -70,6 +71,9 @@ def measure_batch(
     mounted = [tool for tool in state.tools_of(batch) if state.confirmed.get(tool.tool_id) == "printed"]
     references = ReferenceGrasps(campaign, batch)
     mounted = references.add_to(mounted)
+    ask_references(campaign, state, batch)
+    again = add_references(campaign, state, batch, mounted)
+    mounted = [*mounted, *again]
 
     def work_on(bench: Bench, work: ToolWork) -> None:
         def count(grasp: MeasuredGrasp) -> None:
@@ -83,6 +87,10 @@ def measure_batch(
     with owned as gantry, verbs, open_bench(mounted) as bench:
         bench.gantry.require_leave = gantry.require
         every = campaign.config.execution.position_check_tools
+        for tool in again:
+            if should_stop():
+                break
+            work_on(bench, plan_reference(campaign, batch, tool))
         for number, tool in enumerate(tools):
             if should_stop():
                 break
@@ -116,7 +124,7 @@ def measure_tool(
     """
     if not work.items:
         return
-    orders, n_made = count(_first_order(campaign)), work.n_made
+    orders, n_made = count(find_first_order(campaign)), work.n_made
 
     def record(grasp: MeasuredGrasp) -> None:
         nonlocal n_made
@@ -163,7 +171,7 @@ def _append_run(
     )
 
 
-def _first_order(campaign: Campaign) -> int:
+def find_first_order(campaign: Campaign) -> int:
     """Place of the next grasp in its campaign: after the last, also of those that were replaced since."""
     sql = 'SELECT coalesce(max("order") + 1, 0) AS next FROM raw_grasps WHERE campaign_id = ?'
     ((order,),) = tuples(campaign.lake, sql, campaign.campaign_id)

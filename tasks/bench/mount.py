@@ -4,30 +4,23 @@ Nothing is printed. What a person says is an event of the lake; a tool that is g
 and nobody waits for them.
 """
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Literal, Protocol
-
-from pydantic import Field
+from typing import Protocol
 
 from hardware.bench import Bench
 from hardware.cell.cell import MeasuredGrasp
 from hardware.cell.layout import N_SLOTS
 from lake.leases import exclusive
 from lake.store import Lake
-from lake.tables.campaign import EventRow
 from models.errors import UsageError
-from models.ids import canonical_json, content_id
-from models.records import Record
 from tasks.bench.asked import read_open_requests
 from tasks.bench.measure import MeasureTool, OpenBench, check_position
+from tasks.bench.mounting import read_mounting
 from tasks.bench.plan import ToolWork, plan_asked
-from tasks.campaign.campaign import Campaign, stored_provenance
+from tasks.campaign.campaign import Campaign
 from tasks.campaign.requests import note_verbs
 from tasks.campaign.state import CampaignState, ProposedTool
-
-MOUNTED = "tools_mounted"  # kind of the events
 
 OnGrasp = Callable[[ProposedTool, MeasuredGrasp], None]
 
@@ -43,16 +36,6 @@ class MountPrompts(Protocol):
 
     def close(self, search_id: str) -> None:
         """They are mounted."""
-
-
-class Mounting(Record):
-    """A person's word on kept tools: slot of the rack of each that hangs there, and those that are gone."""
-
-    search_id: str
-    slots: dict[str, int]
-    gone: tuple[str, ...] = ()
-    operator: str = Field(min_length=1)
-    confirmed_by: Literal["person", "auto"] = "person"
 
 
 def plan_rack(lake: Lake, state: CampaignState, search_id: str) -> dict[str, int]:
@@ -74,34 +57,6 @@ def plan_rack(lake: Lake, state: CampaignState, search_id: str) -> dict[str, int
         free = [slot for slot in (known[tool_id].rack_slot, *range(N_SLOTS)) if slot not in taken]
         slots[tool_id] = free[0]
     return slots
-
-
-def confirm_mounting(lake: Lake, campaign_id: str, mounting: Mounting) -> None:
-    """Keep a person's word on the tools of a search.
-
-    Raises:
-        UsageError: a slot is not there or has two tools, or the tools were mounted before.
-    """
-    if read_mounting(lake, mounting.search_id) is not None:
-        raise UsageError(f"the tools of search {mounting.search_id} are mounted already; nothing was changed.")
-    for slot in mounting.slots.values():
-        if not 0 <= slot < N_SLOTS or list(mounting.slots.values()).count(slot) > 1:
-            raise UsageError(f"rack slot {slot} is not there or has two tools; the rack has 0 to {N_SLOTS - 1}.")
-    gone = f"; gone: {', '.join(mounting.gone)}" if mounting.gone else ""
-    row = EventRow(
-        event_id=content_id("E", [MOUNTED, mounting.search_id]),
-        campaign_id=campaign_id,
-        kind=MOUNTED,
-        message=f"{mounting.operator} mounted {len(mounting.slots)} kept tools for search {mounting.search_id}{gone}",
-        payload_json=canonical_json(mounting.model_dump(mode="json")),
-    )
-    lake.append([row], stored_provenance(lake, campaign_id))
-
-
-def read_mounting(lake: Lake, search_id: str) -> Mounting | None:
-    """What a person said of the tools of a search; None before."""
-    found = lake.records(EventRow, event_id=content_id("E", [MOUNTED, search_id]))
-    return Mounting.model_validate(json.loads(found[-1].payload_json)) if found else None
 
 
 def list_asked_tools(campaign: Campaign, state: CampaignState, search_id: str) -> list[ProposedTool]:

@@ -33,7 +33,7 @@ class ToolWork:
 
 def plan_tool(campaign: Campaign, state: CampaignState, tool: ProposedTool) -> ToolWork:
     """What a tool owes after what the lake has of it."""
-    plan, limit = campaign.config.diagnostics, campaign.config.execution.max_grasp_attempts
+    plan, limit = campaign.config.diagnostics, campaign.config.max_grasp_attempts
     missing = state.missing_grasps(tool, order_cells(campaign, tool), limit)
     n_made = campaign.config.objects.n_grasps - len(missing)
     items = order_items(plan, missing, n_made, find_missing_runs(campaign, state, tool))
@@ -83,7 +83,7 @@ def find_missing_runs(campaign: Campaign, state: CampaignState, tool: ProposedTo
     if not runs or not state.is_to_be_had(tool):
         return []
     good, failed = _read_runs(campaign.lake, tool)
-    limit = campaign.config.execution.max_grasp_attempts
+    limit = campaign.config.max_grasp_attempts
     return [run for run in runs if not good[_key(run)] and failed[_key(run)] < limit]
 
 

@@ -1,7 +1,7 @@
 """The human step: write what is printed, and record what a person says became of it."""
 
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -17,7 +17,7 @@ from models.records import Record
 from tasks.campaign.campaign import stored_provenance
 from tasks.campaign.material import name_campaign_lot
 from tasks.campaign.requests import append_event
-from tasks.campaign.state import load_designs
+from tasks.campaign.state import ProposedTool, load_designs
 
 SHEET = "sheet.html"
 
@@ -142,6 +142,16 @@ def confirm_print(lake: Lake, campaign_id: str, batch: int, confirmation: PrintC
     named = "again-" + "-".join(map(str, again))
     sheet = write_tray(lake, campaign_id, batch, print_folder(lake, campaign_id, batch) / named, again)
     return Printed(n_mounted, len(tools) - n_mounted, again, sheet)
+
+
+def confirm_told(lake: Lake, campaign_id: str, tools: Sequence[ProposedTool], operator: str) -> None:
+    """Count tools as printed because their grasps were told, where nobody has said what became of them."""
+    if not tools:
+        return
+    lot = _campaign_lot(lake, campaign_id)
+    word = PrintConfirmation(operator=operator)
+    rows = [_tool_row(campaign_id, t.batch, t.slot, t.design.design_id, lot, word) for t in tools]
+    lake.append(rows, stored_provenance(lake, campaign_id))
 
 
 def open_slots(lake: Lake, campaign_id: str, batch: int) -> list[int]:

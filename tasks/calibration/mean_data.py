@@ -13,7 +13,7 @@ from lake.tables.campaign import CalibrationRow, CampaignRow, SimulatorVersionRo
 from lake.tables.imported import is_imported
 from models.calibration.means.hypercube import HypercubePlan, draw_hypercube
 from models.calibration.means.problem import MIN_DESIGNS, MIN_SIMULATIONS, CalibrationProblem
-from models.design.space import to_unit
+from models.design.space import FIN_RAYS, to_unit
 from models.errors import UsageError
 from models.ids import canonical_json
 from models.records import Design, GraspSetup, SimulatorVersion
@@ -308,7 +308,7 @@ def _printed_points(lake: Lake, tool_ids: Sequence[str], designs: Sequence[Desig
         said = printed.get(tool_id, {})
         thicknesses = {name: said.get(f"measured_{name}") for name in THICKNESSES}
         measured_mm = {name: value for name, value in thicknesses.items() if value is not None}
-        points.append(ProposedTool(tool_id, 0, 0, design, measured_mm=measured_mm).mounted_point)
+        points.append(ProposedTool(tool_id, 0, 0, design, measured_mm=measured_mm).mounted_point(FIN_RAYS))
     return np.array(points)
 
 

@@ -1,15 +1,18 @@
 """One campaign: its config on its lake. What every task is given, and all it may know."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 from lake.provenance import Provenance, current_provenance
 from lake.store import Lake
 from lake.tables.campaign import CampaignRow
+from models.design.space import DesignSpace
 from models.ids import seed_from
 from models.records import SimulatorVersion
-from tasks.campaign.config import CampaignConfig
+from tasks.campaign.config import CampaignConfig, relative_to
+from tasks.campaign.own_designs import OwnDesign, place_designs, read_designs
 from tasks.campaign.state import CampaignState, derive_state
 
 
@@ -17,12 +20,15 @@ from tasks.campaign.state import CampaignState, derive_state
 class Campaign:
     """A config and the lake in which the campaign lives; its id is the config's name.
 
-    `versions`: simulator versions of its stages so far, oldest first; none is the config's.
+    `versions`: simulator versions of its stages so far, oldest first; none is the config's. `config_path`: its file,
+    None where the config comes from the lake. `own_designs`: those of the config's file of designs, by batch.
     """
 
     lake: Lake
     config: CampaignConfig
     versions: tuple[SimulatorVersion, ...] = ()
+    config_path: Path | None = None
+    own_designs: Mapping[int, tuple[OwnDesign, ...]] = field(default_factory=dict)
 
     @property
     def campaign_id(self) -> str:
@@ -63,6 +69,11 @@ class Campaign:
         """Objects that every tool and every simulated design meets."""
         return self.config.objects.object_ids
 
+    @cached_property
+    def space(self) -> DesignSpace:
+        """The designs that the campaign may make."""
+        return self.config.design.space
+
     @property
     def output(self) -> Path:
         """Folder for what people read: print trays, report, recordings."""
@@ -81,6 +92,19 @@ class Campaign:
     def provenance(self, seed: int = 0, parents: Sequence[str] = ()) -> Provenance:
         """Provenance of rows written for this campaign."""
         return current_provenance(self.config.config_hash, seed, parents)
+
+
+def read_own_designs(config_path: Path, config: CampaignConfig) -> Mapping[int, tuple[OwnDesign, ...]]:
+    """Designs of the file that a config names, by batch; none where it names none.
+
+    Raises:
+        UsageError: the file cannot be used, or a design can neither be printed nor placed.
+    """
+    if config.designs is None:
+        return {}
+    path = relative_to(config_path, config.designs)
+    designs = read_designs(path, config.scientist.printing, config.design.space.family)
+    return place_designs(designs, config.schedule)
 
 
 def stored_provenance(lake: Lake, campaign_id: str, parents: Sequence[str] = ()) -> Provenance:

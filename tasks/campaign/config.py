@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -11,9 +11,11 @@ from models.errors import ConfigError, UsageError
 from models.ids import canonical_json, content_id
 from models.material import TABLE_3, MaterialLot
 from models.records import GraspSetup, Record, check_tier
+from models.scientist.surrogate.observations import MIN_OBSERVATIONS
 from models.validation import load_record, parse_toml
 from tasks.campaign.settings import (
     REMOVED_RULES,
+    DesignSettings,
     Execution,
     GapSettings,
     NightSettings,
@@ -24,14 +26,43 @@ from tasks.campaign.settings import (
 )
 
 LOT_SUFFIX = ".toml"
+_N_TRIED = 4  # designs drawn of a space that is not the paper's, to see whether they can be made
 _LOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,60}")
 
 
 class BenchChoice(Record):
-    """Where tools are measured: a virtual bench on a world file, or the real one (with `--real`)."""
+    """Where tools are measured: a gantry (virtual on a world file, or real with `--real`), or a bench elsewhere."""
 
-    world: str = Field(description="path of the world file, relative to the config")
+    kind: Literal["gantry", "folder"] = Field(
+        default="gantry", description="folder: each batch is written as files, and measured by a bench of one's own"
+    )
+    world: str | None = Field(default=None, description="path of the world file, relative to the config")
     real: str | None = Field(default=None, description="path of the bench file with ports and addresses")
+    name: str = Field(
+        default="foreign",
+        pattern=r"^[a-z0-9][a-z0-9-]{0,40}$",
+        description="lower-case letters, digits, hyphens; what `grasps.bench` says of a bench of one's own",
+    )
+    max_force_n: float = Field(
+        default=200.0, gt=0, le=10_000, description="a told force above it is refused; the paper's cell ends at 196"
+    )
+
+    @property
+    def is_folder(self) -> bool:
+        """Whether the bench is somebody else's, who is given files and gives files back."""
+        return self.kind == "folder"
+
+    @model_validator(mode="after")
+    def _check_kind(self) -> "BenchChoice":
+        if not self.is_folder and self.world is None:
+            raise ValueError('world is missing; name a world file, or set kind = "folder" for a bench of your own')
+        if self.is_folder and self.world is not None:
+            raise ValueError('a bench of kind "folder" has no world; remove world')
+        if self.is_folder and self.real is not None:
+            raise ValueError('a bench of kind "folder" has no bench file; remove real')
+        if {"gantry", "virtual", "real"} & {self.name}:
+            raise ValueError(f"the name {self.name} is taken by the benches of this program; give another")
+        return self
 
 
 class CampaignConfig(Record):
@@ -42,6 +73,10 @@ class CampaignConfig(Record):
     material: str | None = Field(
         default=None, description="path of the file of the material lot, relative to the config"
     )
+    designs: str | None = Field(
+        default=None, description="path of a CSV file of designs of one's own, relative to the config"
+    )
+    design: DesignSettings = DesignSettings()
     schedule: Schedule = Schedule()
     objects: ObjectPlan = ObjectPlan()
     grasp: GraspSetup = GraspSetup()
@@ -63,12 +98,40 @@ class CampaignConfig(Record):
             )
         return self
 
+    @model_validator(mode="after")
+    def _check_first_data(self) -> "CampaignConfig":
+        simulated = self.schedule.initial_simulations + self.simulator.simulate_tools * self.schedule.initial_tools
+        n = self.schedule.initial_tools + simulated
+        if self.schedule.guided_batches and n < MIN_OBSERVATIONS:
+            raise ValueError(
+                f"schedule.initial_tools and initial_simulations give the surrogate {n} observations before the first "
+                f"guided batch, it needs {MIN_OBSERVATIONS}; raise one of them"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_folder_bench(self) -> "CampaignConfig":
+        if self.bench.is_folder and (self.diagnostics.reference_every or self.diagnostics.protocol_slot is not None):
+            raise ValueError(
+                'a bench of kind "folder" makes grasps alone; remove diagnostics.reference_every and '
+                "diagnostics.protocol_slot (schedule.reference_tools measures tools again)"
+            )
+        return self
+
+    @property
+    def max_grasp_attempts(self) -> int:
+        """Failures after which a grasp is given up; one that a person tells of a bench of their own is final."""
+        return 1 if self.bench.is_folder else self.execution.max_grasp_attempts
+
     @property
     def science(self) -> dict[str, Any]:
         """The part that decides results, as JSON data."""
-        # A config without a lot, a search for gaps, nights or a model of one's own keeps the hash that it had before
-        # configs could have them.
+        # What a config does not use of later sections and keys leaves it the hash that it had before there were any.
         unused: dict[str, Any] = {"execution": True} | ({"material": True} if not self.material else {})
+        unused |= {"designs": True} if self.designs is None else {}
+        unused |= {"bench": {"kind", "name", "max_force_n"} if not self.bench.is_folder else {"max_force_n"}}
+        unused |= {"schedule": {"reference_tools"}} if not self.schedule.reference_tools else {}
+        unused |= {"design": True} if self.design == DesignSettings() else {}
         unused |= {"gap": True} if self.gap == GapSettings() else {}
         unused |= {"night": True} if self.night == NightSettings() else {}
         own = {"surrogate", "constraint", "best_predicted"}
@@ -100,9 +163,10 @@ def load_config(path: Path) -> CampaignConfig:
     data = read_toml(path, "campaign config")
     config = with_own_objects(load_record(CampaignConfig, data, str(path)), path)
     _check_science(config, str(path))
-    world = relative_to(path, config.bench.world)
-    if not world.is_file():
-        raise ConfigError(f"{path}: world file `{world}` does not exist; set bench.world to an existing file.")
+    if config.bench.world is not None:
+        world = relative_to(path, config.bench.world)
+        if not world.is_file():
+            raise ConfigError(f"{path}: world file `{world}` does not exist; set bench.world to an existing file.")
     if config.material is not None:
         read_lot(relative_to(path, config.material))
     return config
@@ -147,6 +211,19 @@ def read_lot(path: Path) -> MaterialLot:
     return lot
 
 
+def world_path(config_path: Path, config: CampaignConfig) -> Path:
+    """The world file of a config.
+
+    Raises:
+        ConfigError: its bench is one's own, which has none.
+    """
+    if config.bench.world is None:
+        raise ConfigError(
+            f'{config_path}: bench.kind is "folder", so there is no virtual bench to use; name a world in bench.world.'
+        )
+    return relative_to(config_path, config.bench.world)
+
+
 def relative_to(config_path: Path, name: str) -> Path:
     """A file named in a config, relative to the config's own folder."""
     return (config_path.parent / name).resolve()
@@ -189,10 +266,11 @@ def _flatten(data: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
 
 def _check_science(config: CampaignConfig, source: str) -> None:
     """Refuse unknown effects, functions that are not there, and a tier or rules that only stored configs may name."""
-    from models.scientist.bridge.load import load_own
+    from models.own_code import load_own
     from models.simulation.effects.catalogue import build_effects
 
     try:
+        _check_design(config)
         build_effects(config.simulator.effects)
         check_tier(config.simulator.tier)
         for rule in (config.scientist.acquisition, config.scientist.simulation_acquisition):
@@ -203,3 +281,20 @@ def _check_science(config: CampaignConfig, source: str) -> None:
     except UsageError as error:
         sentence = str(error)
         raise ConfigError(f"{source}: {sentence[:1].lower()}{sentence[1:]}") from error
+
+
+def _check_design(config: CampaignConfig) -> None:
+    """Draw a few random designs: they are what the family of a user's own is tried on.
+
+    Raises:
+        UsageError: the design space has no such parameter or no room.
+        ConfigError: a section cannot be printed and mounted.
+    """
+    import numpy as np
+
+    from models.design.families import check_section
+
+    if config.design == DesignSettings():
+        return
+    for design in config.design.space.random_designs(_N_TRIED, np.random.default_rng(config.seed)):
+        check_section(design)

@@ -16,7 +16,9 @@ from tasks.bench import measure as measuring
 from tasks.bench import mount as mounting
 from tasks.bench import print as printing
 from tasks.bench.measure import OpenBench
+from tasks.bench.mounting import Mounting, confirm_mounting, read_mounting
 from tasks.bench.plan import ToolWork
+from tasks.bench.reference_tools import ask_references
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.run_names import PlaceInName
 from tasks.campaign.state import ProposedTool
@@ -35,12 +37,7 @@ def unmapped(value: T) -> T:
 @task(task_run_name="{label} propose", cache_policy=NO_CACHE)
 def propose_batch(label: str, campaign: Campaign, stage: int) -> None:
     """Choose the tools of a stage and write their trays: at random at first, then with the surrogate."""
-    batches = campaign.config.schedule.batches_of(stage)
-    if stage == 0:
-        proposing.propose_initial(campaign)
-    else:
-        proposing.propose_guided(campaign, batches[0])
-    for batch in batches:
+    for batch in proposing.propose_stage(campaign, stage):
         printing.ensure_tray(campaign.lake, campaign.campaign_id, batch)
 
 
@@ -62,6 +59,7 @@ def print_batch(
     prompts: printing.OperatorPrompts,
 ) -> None:
     """Write tray and sheet, then wait until a person has confirmed the batch."""
+    ask_references(campaign, campaign.state(), batch)
     sheet = printing.ensure_tray(campaign.lake, campaign.campaign_id, batch)
     if auto_print:
         word = printing.PrintConfirmation(operator="nobody (--auto-print)", confirmed_by="auto")
@@ -72,7 +70,7 @@ def print_batch(
     def is_open() -> bool:
         return bool(printing.open_slots(campaign.lake, campaign.campaign_id, batch))
 
-    if _is_answered(campaign, is_open, should_stop, lambda: prompts.remind(batch, sheet)):
+    if is_answered(campaign, is_open, should_stop, lambda: prompts.remind(batch, sheet)):
         prompts.close(batch)
 
 
@@ -141,17 +139,15 @@ def mount_tools(
     """Wait until a person has mounted the tools of which a search asks a grasp."""
     slots = mounting.plan_rack(campaign.lake, campaign.state(), search_id)
     if auto:
-        word = mounting.Mounting(
-            search_id=search_id, slots=slots, operator="nobody (--auto-print)", confirmed_by="auto"
-        )
-        mounting.confirm_mounting(campaign.lake, campaign.campaign_id, word)
+        word = Mounting(search_id=search_id, slots=slots, operator="nobody (--auto-print)", confirmed_by="auto")
+        confirm_mounting(campaign.lake, campaign.campaign_id, word)
         return
     prompts.ask(search_id, slots)
 
     def is_open() -> bool:
-        return mounting.read_mounting(campaign.lake, search_id) is None
+        return read_mounting(campaign.lake, search_id) is None
 
-    if _is_answered(campaign, is_open, should_stop, lambda: prompts.remind(search_id, slots)):
+    if is_answered(campaign, is_open, should_stop, lambda: prompts.remind(search_id, slots)):
         prompts.close(search_id)
 
 
@@ -176,7 +172,7 @@ def measure_asked(
     mounting.measure_asked(campaign, tools, search_id, open_bench, measure, should_stop=should_stop, on_grasp=on_grasp)
 
 
-def _is_answered(
+def is_answered(
     campaign: Campaign, is_open: Callable[[], bool], should_stop: Callable[[], bool], remind: Callable[[], None]
 ) -> bool:
     """Wait for a person's answer; False if the campaign is to stop before it comes."""

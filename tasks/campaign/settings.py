@@ -2,12 +2,15 @@
 
 import random
 from collections.abc import Iterable
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from hardware.cell.layout import N_OBJECTS, BenchLayout
+from hardware.cell.layout import N_OBJECTS, N_SLOTS, BenchLayout
+from models.design.families import find_family
 from models.design.printability import PrintingRules
+from models.design.space import FIN_RAYS, DesignSpace, LinearLimit
+from models.own_code import OWN, is_own
 from models.records import (
     REMOVED_TIER,
     TIERS,
@@ -18,9 +21,7 @@ from models.records import (
     Theta,
     Tier,
 )
-from models.scientist.bridge.load import OWN, is_own
 from tasks.simulation.engine import check_engine
-
 
 
 class ObjectPlan(Record):
@@ -174,6 +175,27 @@ class SimulatorSettings(Record):
         return SimulatorVersion(theta=self.theta, mesh=self.mesh, effects=self.effects, tier=self.tier)
 
 
+class DesignSettings(Record):
+    """Which fingers may be made: a family, its ranges where they are narrower, and limits on sums of parameters."""
+
+    family: str = Field(default="fin-ray", description="`fin-ray`, `graded-fin-ray`, `free-form` or `module:Class`")
+    ranges: dict[str, tuple[float, float]] = Field(
+        default_factory=dict, description="lowest and highest value of a parameter, within the family's range"
+    )
+    limits: tuple[LinearLimit, ...] = Field(default=(), description="on weighted sums of parameters")
+
+    @property
+    def space(self) -> DesignSpace:
+        """The designs that may be made.
+
+        Raises:
+            UsageError: the family, a parameter or a range does not exist.
+        """
+        if self == DesignSettings():
+            return FIN_RAYS
+        return DesignSpace.of(find_family(self.family), self.ranges, self.limits)
+
+
 class ScientistSettings(Record):
     """How designs are proposed."""
 
@@ -242,6 +264,23 @@ class Schedule(Record):
     guided_batches: int = Field(default=8, ge=0, le=1000)
     initial_simulations: int = Field(default=50, ge=0, le=100_000)
     simulations_per_batch: int = Field(default=100, ge=0, le=100_000)
+    reference_tools: Annotated[int, Field(ge=0, le=9)] | tuple[str, ...] = Field(
+        default=0, description="measured tools that each later batch measures again: how many of the best, or which"
+    )
+
+    @model_validator(mode="after")
+    def _check_references(self) -> "Schedule":
+        if self.n_references + self.tools_per_batch > N_SLOTS:
+            raise ValueError(
+                f"the rack has {N_SLOTS} slots, {self.tools_per_batch} tools of a batch and {self.n_references} "
+                "reference tools need more; lower tools_per_batch or reference_tools"
+            )
+        return self
+
+    @property
+    def n_references(self) -> int:
+        """Measured tools that hang beside those of a later batch."""
+        return self.reference_tools if isinstance(self.reference_tools, int) else len(self.reference_tools)
 
     @property
     def n_initial_batches(self) -> int:

@@ -2,19 +2,23 @@
 
 import json
 import tomllib
+from collections import defaultdict
 from pathlib import Path
 
 from hardware.bench import BenchSettings
 from hardware.virtual.world.file import World, load_world
-from lake.tables.campaign import CampaignRow
+from lake.tables.campaign import CampaignRow, ProposalRow, ToolRow
 from lake.tables.catalogue_rows import object_rows
-from lake.tables.imported import is_imported
+from lake.tables.imported import IMPORTED, is_imported
+from lake.tables.row import Row
 from models.errors import ConfigError
+from models.ids import content_id
 from models.objects.catalogue import get_object
 from models.validation import load_record
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import CampaignConfig, differences, read_toml, relative_to
 from tasks.campaign.material import store_lot
+from tasks.campaign.own_designs import OWN
 
 GROWABLE = "schedule.guided_batches"  # a campaign may be made longer while it runs
 
@@ -48,8 +52,10 @@ def enter(campaign: Campaign, config_path: Path) -> None:
     """Write campaign, objects and material lot of a config file to the lake; what is there is not written again.
 
     Raises:
-        ConfigError: the lake has a campaign of this name with another config, or the lot's file cannot be used.
+        ConfigError: the lake has a campaign of this name with another config, the lot's file cannot be used, or the
+            file of designs changed what is proposed already.
     """
+    _check_own_designs(campaign)
     register(campaign, config_path.read_text(encoding="utf-8"))
     if campaign.config.material is not None:
         store_lot(campaign.lake, relative_to(config_path, campaign.config.material))
@@ -63,11 +69,13 @@ def register(campaign: Campaign, config_toml: str) -> None:
     """
     name = campaign.campaign_id
     known = campaign.lake.rows(CampaignRow, campaign_id=name)
-    if known and is_imported(known[-1]["config_toml"]):
+    is_adopted = bool(known) and is_imported(known[-1]["config_toml"])
+    if is_adopted and not campaign.config.bench.is_folder:
         raise ConfigError(
-            f"campaign `{name}` of this lake was imported and cannot be run; give the config another name."
+            f"campaign `{name}` of this lake was imported, and its bench is elsewhere; give the config another name, "
+            'or continue it with bench.kind = "folder" (docs/how-to/bring-your-own-bench.md).'
         )
-    if known:
+    if known and not is_adopted:
         before = load_record(CampaignConfig, tomllib.loads(known[-1]["config_toml"]), f"stored config of {name}")
         changes = differences(before.science, campaign.config.science)
         if not changes:
@@ -80,7 +88,10 @@ def register(campaign: Campaign, config_toml: str) -> None:
     objects = campaign.config.objects
     own = [get_object(object_id) for object_id in objects.own_ids]
     row = CampaignRow(campaign_id=name, name=name, config_toml=_with_file_ids(config_toml, objects.file_ids))
-    campaign.lake.append([row, *object_rows(own)], campaign.provenance(campaign.config.seed))
+    provenance = campaign.provenance(campaign.config.seed)
+    if is_adopted:  # before the campaign: a crash between them leaves one that is still imported, and adopted again
+        campaign.lake.append(_proposals_of_imported(campaign), provenance)
+    campaign.lake.append([row, *object_rows(own)], provenance)
 
 
 def _with_file_ids(config_toml: str, file_ids: dict[str, int]) -> str:
@@ -98,3 +109,39 @@ def _with_file_ids(config_toml: str, file_ids: dict[str, int]) -> str:
     except tomllib.TOMLDecodeError as error:
         raise ConfigError("the config's `objects` must be a table of its own, [objects]; write it so.") from error
     return text
+
+
+def _proposals_of_imported(campaign: Campaign) -> list[Row]:
+    """Imported tools as tools of the campaign: its first batches, which are measured and stay with their lab."""
+    tools = sorted(campaign.lake.records(ToolRow, campaign_id=campaign.campaign_id), key=lambda t: (t.batch, t.slot))
+    return [
+        ProposalRow(
+            proposal_id=content_id("P", [campaign.campaign_id, tool.batch, tool.slot, tool.slot]),
+            campaign_id=campaign.campaign_id,
+            batch=tool.batch,
+            slot=tool.slot,
+            index=tool.slot,
+            fidelity="real",
+            design_id=tool.design_id,
+            acquisition=IMPORTED,
+            n_real=0,
+            n_sim=0,
+            n_pending=0,
+        )
+        for tool in tools
+    ]
+
+
+def _check_own_designs(campaign: Campaign) -> None:
+    """Raises ConfigError where the file of designs has other ones for a batch than those that were proposed."""
+    rows = campaign.lake.rows(ProposalRow, campaign_id=campaign.campaign_id, fidelity="real")
+    found: dict[int, list[tuple[int, str]]] = defaultdict(list)
+    for row in rows:
+        found[row["batch"]] += [(row["slot"], row["design_id"])] if row["acquisition"] == OWN else []
+    for batch, slots in found.items():
+        now = [own.design.design_id for own in campaign.own_designs.get(batch, ())]
+        if [design_id for _, design_id in sorted(slots)] != now:
+            raise ConfigError(
+                f"`{campaign.config.designs}` has {len(now)} designs for batch {batch}, which is proposed already with "
+                f"{len(slots)} designs of one's own; leave its rows as they were, and give new designs a later batch."
+            )

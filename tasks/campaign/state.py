@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from lake.store import Lake
-from lake.tables.campaign import DesignRow, ToolRow
-from models.design.space import LOWER, PARAMETERS, UPPER, to_unit
+from lake.tables.campaign import DesignRow, ToolRow, design_of_columns
+from models.design.space import PARAMETERS, DesignSpace
 from models.ids import tool_label
 from models.records import BENCH_FAULT, Design
 
@@ -37,13 +37,13 @@ class ProposedTool:
         """Slot of the rack from which the gantry takes it."""
         return self.slot if self.hangs_in is None else self.hangs_in
 
-    @property
-    def mounted_point(self) -> np.ndarray:
-        """The finger as printed, 9 unit-cube coordinates; a thickness out of range leaves the cube."""
-        point = to_unit([self.design])[0]
+    def mounted_point(self, space: DesignSpace) -> np.ndarray:
+        """The finger as printed, d unit-cube coordinates; a thickness out of range leaves the cube."""
+        point = space.to_unit([self.design])[0]
         for name, value_mm in self.measured_mm.items():
-            column = PARAMETERS.index(name)
-            point[column] = (value_mm - LOWER[column]) / (UPPER[column] - LOWER[column])
+            if name in space.names:
+                column = space.names.index(name)
+                point[column] = (value_mm - space.lower[column]) / (space.upper[column] - space.lower[column])
         return point
 
     @property
@@ -73,6 +73,7 @@ class CampaignState:
     measured: dict[str, set[Cell]] = field(default_factory=dict)  # tool_id -> good grasps whose trace is there
     failures: dict[tuple[str, Cell], int] = field(default_factory=dict)  # (tool_id, cell) -> failures of its own
     next_attempts: dict[tuple[str, Cell], int] = field(default_factory=dict)  # (tool_id, cell) -> number, if not 0
+    imported: frozenset[int] = frozenset()  # batches that another lab made, whose tools are not here
     batch_on_rack: int = 0  # of a real bench: the one it measured last, 0 before its first grasp and on a virtual one
     simulated: dict[str, set[int]] = field(default_factory=dict)  # design_id -> objects with a result or a failure
     simulated_before: dict[str, set[int]] = field(default_factory=dict)  # the same, by an older simulator version
@@ -96,8 +97,9 @@ class CampaignState:
         return self.next_attempts.get((tool_id, cell), 0)
 
     def is_to_be_had(self, tool: ProposedTool) -> bool:
-        """Whether a tool was printed, and no later batch has taken its slot on a real rack."""
-        return tool.batch >= self.batch_on_rack and self.confirmed.get(tool.tool_id) == "printed"
+        """Whether a tool was printed here, and no later batch has taken its slot on a real rack."""
+        is_here = tool.batch not in self.imported and tool.batch >= self.batch_on_rack
+        return is_here and self.confirmed.get(tool.tool_id) == "printed"
 
     def missing_grasps(self, tool: ProposedTool, plan: Iterable[Cell], max_attempts: int) -> list[Cell]:
         """Grasps still to be made, in the order of the plan: not measured, or measured and the trace is lost.
@@ -106,8 +108,10 @@ class CampaignState:
         not held against it. None for a rejected tool, and for one of a batch that a real bench's rack held before: in
         its slot stands another tool now.
         """
-        if not self.is_to_be_had(tool):
-            return []
+        return self.owed_grasps(tool, plan, max_attempts) if self.is_to_be_had(tool) else []
+
+    def owed_grasps(self, tool: ProposedTool, plan: Iterable[Cell], max_attempts: int) -> list[Cell]:
+        """The same, whether or not the tool is printed yet."""
         done = self.measured.get(tool.tool_id, set())
         return [c for c in plan if c not in done and self.failures.get((tool.tool_id, c), 0) < max_attempts]
 
@@ -121,17 +125,19 @@ class CampaignState:
         return self.simulated.get(design_id, set()) | self.simulated_before.get(design_id, set())
 
 
+_DESIGN = ("design_id", *PARAMETERS, "family", "parameters_json")
 _PROPOSALS = f"""
-    SELECT proposal_id, batch, slot, "index", fidelity, acquisition, {", ".join(f"d.{name}" for name in PARAMETERS)}
+    SELECT proposal_id, batch, slot, "index", fidelity, acquisition, {", ".join(f"d.{name}" for name in _DESIGN)}
     FROM proposals AS p JOIN designs AS d USING (design_id)
     WHERE p.campaign_id = $campaign ORDER BY p.sequence, p.created_at, proposal_id
 """
 _TOOLS = f"""
-    SELECT tool_id, status, rack_slot, {", ".join(f"measured_{name}" for name in THICKNESSES)}
+    SELECT batch, slot, tool_id, status, rack_slot, {", ".join(f"measured_{name}" for name in THICKNESSES)}
     FROM tools WHERE campaign_id = $campaign
 """
+# A peak that a foreign bench told without samples has no work either; it never had a trace to lose.
 _GRASPS = """
-    (SELECT *, grasp_id IN (SELECT grasp_id FROM raw_traces) AS has_trace
+    (SELECT *, work_j IS NULL OR grasp_id IN (SELECT grasp_id FROM raw_traces) AS has_trace
     FROM grasps WHERE campaign_id = $campaign AND request_id IS NULL)
 """
 _MEASURED = f"""
@@ -145,6 +151,7 @@ _FAILURES = f"""
         coalesce(max(attempt) FILTER (status = 'ok'), max(attempt) + 1)
     FROM {_GRASPS} WHERE status <> 'ok' OR NOT has_trace GROUP BY ALL
 """
+_IMPORTED = "SELECT batch FROM batches WHERE campaign_id = $campaign AND kind = 'imported'"
 _BATCH_ON_RACK = "SELECT coalesce(max(batch), 0) FROM grasps WHERE campaign_id = $campaign AND bench = 'real'"
 _SIMULATIONS = """
     SELECT design_id, list_contains($present, version_id) AS is_present, list(object_id), bool_or(status = 'ok')
@@ -176,24 +183,27 @@ def derive_state(
 
 def _read_plans(lake: Lake, campaign_id: str) -> dict[str, Any]:
     """What the scientist proposed, and what became of the printed tools."""
-    printed = {tool_id: said for tool_id, *said in tuples(lake, _TOOLS, campaign=campaign_id)}
+    printed = {(batch, slot): said for batch, slot, *said in tuples(lake, _TOOLS, campaign=campaign_id)}
     tools: list[ProposedTool] = []
     simulations: list[ProposedSimulation] = []
     night: list[ProposedSimulation] = []
     for proposal_id, batch, slot, index, fidelity, acquisition, *values in tuples(
         lake, _PROPOSALS, campaign=campaign_id
     ):
-        design = Design.model_validate(dict(zip(PARAMETERS, values, strict=True)))
+        design = design_of_columns(dict(zip(_DESIGN, values, strict=True)))
         if fidelity == "sim":
             found = night if acquisition == NIGHT else simulations
             found.append(ProposedSimulation(proposal_id, batch, index, design))
             continue
-        tool_id = ToolRow.make_id(campaign_id, batch, slot)
-        _, rack_slot, *thicknesses = printed.get(tool_id, (None, None))
+        # A tool that another lab made keeps the id that it has there.
+        nothing = (ToolRow.make_id(campaign_id, batch, slot), None, None)
+        tool_id, _, rack_slot, *thicknesses = printed.get((batch, slot), nothing)
         measured_mm = {n: mm for n, mm in zip(THICKNESSES, thicknesses, strict=False) if mm is not None}
         tools.append(ProposedTool(tool_id, batch, slot, design, rack_slot, measured_mm))
-    confirmed = {tool_id: said[0] for tool_id, said in printed.items()}
+    confirmed = {tool_id: status for tool_id, status, *_ in printed.values()}
+    imported = frozenset(batch for (batch,) in tuples(lake, _IMPORTED, campaign=campaign_id))
     return {
+        "imported": imported,
         "tools": tuple(tools),
         "simulations": tuple(simulations),
         "night": tuple(night),

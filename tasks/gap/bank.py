@@ -48,6 +48,7 @@ def plan_bank(base: SimulatorVersion, cells: Cells, bank_plan: BankPlan = WIDE) 
 
     Version by version over all designs, the centre first: a bank that is not complete lacks effects, not designs.
     """
+    bank_plan = bank_plan.leave_out_effects(cells.designs)
     versions = list_versions(base, bank_plan)
     centre = versions[len(bank_plan.grid.points)]
     order = tuple({version.version_id: version for version in (centre, *versions)}.values())
@@ -74,6 +75,7 @@ def read_bank(
     Raises:
         UsageError: no simulation at the centre of theta is there.
     """
+    bank_plan = bank_plan.leave_out_effects(cells.designs)
     grid, versions = np.array(bank_plan.grid.points), list_versions(base, bank_plan)
     n_grid, steps_n = len(grid), read_simulated_steps(lake, versions, cells)
     at_centre, after = steps_n[:, :, n_grid], n_grid + 1

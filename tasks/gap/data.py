@@ -315,9 +315,10 @@ def _read_printed(lake: Lake, designs: Mapping[str, Design]) -> tuple[tuple[Desi
     for tool_id, design in designs.items():
         row = said.get(tool_id)
         thicknesses = {name: getattr(row, f"measured_{name}", None) for name in THICKNESSES}
-        measured_mm = {name: value for name, value in thicknesses.items() if value is not None}
+        values = design.model_dump()
+        values |= {name: value for name, value in thicknesses.items() if value is not None and name in values}
         try:
-            printed.append(Design.model_validate(design.model_dump() | measured_mm))
+            printed.append(type(design).model_validate(values))
         except ValidationError:
             printed.append(design)
             sentences.append(

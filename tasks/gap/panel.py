@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lake.tables.campaign import GraspRow
-from models.design.space import to_unit
+from models.design.space import space_of
 from models.errors import UsageError
 from models.objects.catalogue import get_object
 from models.records import Design
@@ -48,7 +48,7 @@ def select_panel(rows: Sequence[GraspRow], designs: Mapping[str, Design], size: 
 def spread_designs(designs: Sequence[Design]) -> list[Design]:
     """Each design once, the one next to the middle first, then always the one farthest from all before it."""
     unique = list({design.design_id: design for design in sorted(designs, key=lambda d: d.design_id)}.values())
-    unit = to_unit(unique)
+    unit = space_of(unique).to_unit(unique)
     first = int(np.argmin(np.linalg.norm(unit - unit.mean(axis=0), axis=1)))
     order, distance = [first], np.linalg.norm(unit - unit[first], axis=1)
     while len(order) < len(unique):

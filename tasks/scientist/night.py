@@ -5,12 +5,11 @@ from itertools import zip_longest
 import numpy as np
 
 from lake.tables.campaign import DesignRow, ProposalRow
-from models.design.space import PARAMETERS, from_unit, random_unit, snap, to_unit
 from models.ids import content_id
 from models.records import Design
 from models.scientist.propose import keep_allowed
-from models.scientist.surrogate.fit import MIN_OBSERVATIONS, fit_surrogate
-from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from models.scientist.surrogate.fit import fit_surrogate
+from models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL, SIM, ObservationSet
 from models.scientist.surrogate.posterior import Surrogate
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.state import NIGHT
@@ -40,7 +39,7 @@ def choose_designs(campaign: Campaign, stage: int, n: int) -> list[Design]:
     ranking. Then in turn: the best of the designs simulated before, a new design around the best, a new one anywhere.
     The surrogate so far says what is best. Deterministic given the lake.
     """
-    state = campaign.state()
+    state, space = campaign.state(), campaign.space
     designs = proposed_designs(state)
     design_of = {tool.tool_id: tool.design.design_id for tool in state.tools}
     tools = list(dict.fromkeys(design_of[tool_id] for tool_id in _best_first(means_of_tools(campaign, state))))[:n]
@@ -53,10 +52,10 @@ def choose_designs(campaign: Campaign, stage: int, n: int) -> list[Design]:
     if len(data) >= MIN_OBSERVATIONS and n_new:
         thinned = in_units_of(campaign, _thin_out(data, rng))
         surrogate = fit_surrogate(thinned, None, seed=campaign.seed("night fit", stage))
-        known = _rank(surrogate, known)
-    near = np.zeros((0, len(PARAMETERS))) if surrogate is None else _draw_near(campaign, surrogate, n_new, rng)
-    anywhere = _keep_printable(campaign, random_unit(_DRAWS * n_new, rng))[:n_new]
-    turns = zip_longest(known, from_unit(near), from_unit(anywhere))
+        known = _rank(campaign, surrogate, known)
+    near = np.zeros((0, space.n_dims)) if surrogate is None else _draw_near(campaign, surrogate, n_new, rng)
+    anywhere = _keep_printable(campaign, space.random_unit(_DRAWS * n_new, rng))[:n_new]
+    turns = zip_longest(known, space.from_unit(near), space.from_unit(anywhere))
     rest = {design.design_id: design for turn in turns for design in turn if design is not None}
     chosen = [designs[i] for i in tools] + [design for i, design in rest.items() if i not in tools][:n_new]
     _append_new(campaign, stage, [design for design in chosen if design.design_id not in designs], data)
@@ -78,27 +77,28 @@ def _thin_out(data: ObservationSet, rng: np.random.Generator) -> ObservationSet:
     return data.take(rows)
 
 
-def _rank(surrogate: Surrogate, designs: list[Design]) -> list[Design]:
+def _rank(campaign: Campaign, surrogate: Surrogate, designs: list[Design]) -> list[Design]:
     """Designs by the force that a bench is expected to measure, best first."""
     if not designs:
         return []
-    mean_n = surrogate.mean(to_unit(designs), REAL)
+    mean_n = surrogate.mean(campaign.space.to_unit(designs), REAL)
     return [designs[row] for row in np.argsort(-mean_n, kind="stable")]
 
 
 def _draw_near(campaign: Campaign, surrogate: Surrogate, n: int, rng: np.random.Generator) -> np.ndarray:
-    """New points around the best known designs, n x 9, by mean and one standard deviation, the largest first."""
+    """New points around the best known designs, n x d, by mean and one standard deviation, the largest first."""
     known = surrogate.data.x
     centres = np.clip(known[np.argsort(-surrogate.mean(known, REAL), kind="stable")[:_N_CENTRES]], 0.0, 1.0)
     points = centres[rng.integers(len(centres), size=_DRAWS * n)]
-    points = snap(np.clip(points + _STEP * rng.standard_normal(points.shape), 0.0, 1.0))
-    points = _keep_printable(campaign, points)
+    space = campaign.space
+    points = space.snap(np.clip(points + _STEP * rng.standard_normal(points.shape), 0.0, 1.0))
+    points = _keep_printable(campaign, points[space.keeps_limits(points)])
     mean_n, sd_n = surrogate.predict(points, REAL)
     return points[np.argsort(-(mean_n + sd_n), kind="stable")[:n]]
 
 
 def _keep_printable(campaign: Campaign, points: np.ndarray) -> np.ndarray:
-    return keep_allowed(points, campaign.config.scientist.printing_rules, constraint_of(campaign))
+    return keep_allowed(points, campaign.config.scientist.printing_rules, constraint_of(campaign), campaign.space)
 
 
 def _append_new(campaign: Campaign, stage: int, designs: list[Design], data: ObservationSet) -> None:

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.design.space import PARAMETERS, to_unit
 from models.records import Design, SimulatorVersion
 from models.scientist.surrogate.imputation import mean_over_objects
 from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
@@ -50,15 +49,15 @@ def observe(campaign: Campaign, state: CampaignState, batches: Iterable[int]) ->
     Simulations of an older simulator version are scaled, mapped or left out, never taken as they are.
     """
     tools, designs = _measured_tools(state, batches), proposed_designs(state)
-    point_of = {t.tool_id: t.mounted_point for t in tools} | dict(
-        zip(designs, to_unit(list(designs.values())), strict=True)
+    point_of = {t.tool_id: t.mounted_point(campaign.space) for t in tools} | dict(
+        zip(designs, campaign.space.to_unit(list(designs.values())), strict=True)
     )
     measured = _means([t.tool_id for t in tools], _tool_forces(campaign, tools))
     simulated = _simulated_means(campaign, state, designs)
     older = [part.means for part in _older(campaign, designs, simulated)]
     parts = [(REAL, measured), *((SIM, means) for means in (simulated, *older))]
     return ObservationSet(
-        x=np.array([point_of[i] for _, means in parts for i in means.ids]).reshape(-1, len(PARAMETERS)),
+        x=np.array([point_of[i] for _, means in parts for i in means.ids]).reshape(-1, campaign.space.n_dims),
         s=np.concatenate([np.full(len(means.ids), fidelity) for fidelity, means in parts]),
         y=np.concatenate([means.y for _, means in parts]),
         noise_variance=np.concatenate([means.variance for _, means in parts]),
@@ -99,7 +98,7 @@ def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> li
     if not state.is_confirmed(batch):
         return []
     plan = campaign.config.objects.cells(0)
-    limit = campaign.config.execution.max_grasp_attempts
+    limit = campaign.config.max_grasp_attempts
     return [
         tool
         for tool in state.tools_of(batch)

@@ -2,22 +2,23 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
 from lake.tables.campaign import BatchRow, DesignRow, ProposalRow
 from models.design.printability import broken_rules
-from models.design.space import random_designs, to_unit
-from models.errors import UsageError
+from models.errors import FastError, UsageError
 from models.ids import content_id
+from models.own_code import is_own, load_constraint
 from models.records import Design
-from models.scientist.bridge.load import is_own, load_constraint
 from models.scientist.bridge.own_model import OwnSurrogate, make_own_surrogate
 from models.scientist.propose import RANDOM, Constraint, propose
 from models.scientist.propose import Proposal as ProposedDesign
 from models.scientist.surrogate.observations import ObservationSet
 from models.scientist.surrogate.posterior import Surrogate
 from tasks.campaign.campaign import Campaign
+from tasks.campaign.own_designs import OWN
 from tasks.campaign.simulator_versions import note_older_simulations
 from tasks.campaign.state import CampaignState
 from tasks.scientist.fit import fit, surrogate_for_simulation, tools_fit_id
@@ -42,6 +43,30 @@ class Choice:
 _MAX_DRAWS = 100  # times the initial tools: what so few designs can be printed of is a slip of the pen
 
 
+def propose_stage(campaign: Campaign, stage: int) -> list[int]:
+    """Choose the tools of a stage, unless that was done: at random at first, then with the surrogate.
+
+    Returns the batches that were proposed now.
+
+    Raises:
+        FastError: nothing was measured that a later stage could be chosen with.
+    """
+    batches, state = campaign.config.schedule.batches_of(stage), campaign.state()
+    missing = [batch for batch in batches if not state.tools_of(batch)]
+    if not missing:
+        return []
+    if stage == 0:
+        propose_initial(campaign)
+    elif any(state.measured.get(t.tool_id) for t in state.tools):
+        propose_guided(campaign, batches[0])
+    else:
+        raise FastError(
+            f"campaign {campaign.campaign_id}: none of the {len(state.tools)} tools so far gave a grasp, so there is "
+            "nothing to learn from; look at `fast campaign status` and print the tools again under a new campaign name."
+        )
+    return missing
+
+
 def propose_initial(campaign: Campaign) -> None:
     """Random designs for the initial simulations and the initial trays (the paper: 50 and 30)."""
     propose_initial_simulations(campaign)
@@ -53,19 +78,23 @@ def propose_initial_simulations(campaign: Campaign) -> None:
     schedule = campaign.config.schedule
     seed = campaign.seed("initial simulations")
     last = schedule.batches_of(0)[-1]
-    for index, design in enumerate(random_designs(schedule.initial_simulations, np.random.default_rng(seed))):
+    for index, design in enumerate(
+        campaign.space.random_designs(schedule.initial_simulations, np.random.default_rng(seed))
+    ):
         append_simulation(campaign, last, index, ProposedDesign(design=design, value=0.0), Choice(RANDOM, seed))
 
 
 def propose_initial_tools(campaign: Campaign) -> None:
-    """Random designs to print."""
+    """Designs of one's own and random ones to print, for the initial batches that have none yet."""
     schedule = campaign.config.schedule
     seed = campaign.seed("initial tools")
-    designs = _random_tools(campaign, schedule.initial_tools, np.random.default_rng(seed))
-    for batch in schedule.batches_of(0):
-        start = (batch - 1) * schedule.tools_per_batch
-        chosen = designs[start : start + schedule.tools_of(batch)]
-        append_tools(campaign, batch, [ProposedDesign(design=d, value=0.0) for d in chosen], Choice(RANDOM, seed))
+    n_random = {b: schedule.tools_of(b) - len(campaign.own_designs.get(b, ())) for b in schedule.batches_of(0)}
+    designs = iter(_random_tools(campaign, sum(n_random.values()), np.random.default_rng(seed)))
+    state = campaign.state()
+    for batch, n in n_random.items():
+        chosen = [ProposedDesign(design=design, value=0.0) for design in islice(designs, n)]
+        if not state.tools_of(batch):
+            append_tools(campaign, batch, chosen, Choice(RANDOM, seed))
 
 
 def _random_tools(campaign: Campaign, n: int, rng: np.random.Generator) -> list[Design]:
@@ -75,11 +104,11 @@ def _random_tools(campaign: Campaign, n: int, rng: np.random.Generator) -> list[
         UsageError: hardly any design keeps the rules.
     """
     rules, constraint = campaign.config.scientist.printing_rules, constraint_of(campaign)
-    if rules is None and constraint is None:
-        return random_designs(n, rng)
+    if n == 0 or (rules is None and constraint is None):
+        return campaign.space.random_designs(n, rng)
     designs: list[Design] = []
     for _ in range(_MAX_DRAWS):
-        drawn = [d for d in random_designs(n, rng) if rules is None or not broken_rules(d, rules)]
+        drawn = [d for d in campaign.space.random_designs(n, rng) if rules is None or not broken_rules(d, rules)]
         designs += [d for d in drawn if constraint is None or constraint(d)]
         if len(designs) >= n:
             return designs[:n]
@@ -115,23 +144,35 @@ def propose_tools(
     """The next batch for the gantry, chosen jointly, given the simulations that are still running."""
     seed = campaign.seed("tools", batch)
     scientist = campaign.config.scientist
-    pending = pending_points(campaign, state)
+    own = [one.design for one in campaign.own_designs.get(batch, ())]
+    # Tools of one's own hang in the batch whatever is chosen, so the others are chosen given them.
+    pending = np.vstack(
+        [pending_points(campaign, state), np.column_stack([campaign.space.to_unit(own), np.ones(len(own))])]
+    )
+    n_tools = campaign.config.schedule.tools_of(batch) - len(own)
     model: Surrogate | OwnSurrogate = surrogate
     if is_own(scientist.surrogate):
         model = make_own_surrogate(scientist.surrogate, data, seed)
-    proposals = propose(
-        model,
-        1,
-        campaign.config.schedule.tools_of(batch),
-        pending,
-        np.random.default_rng(seed),
-        min_distance=scientist.min_distance,
-        acquisition=scientist.acquisition,
-        taken=to_unit([t.design for t in state.tools]),
-        rejected=to_unit([t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]),
-        printing=scientist.printing_rules,
-        constraint=constraint_of(campaign),
-        n_best=scientist.best_predicted,
+    proposals = (
+        []
+        if n_tools == 0
+        else propose(
+            model,
+            1,
+            n_tools,
+            pending,
+            np.random.default_rng(seed),
+            min_distance=scientist.min_distance,
+            acquisition=scientist.acquisition,
+            taken=campaign.space.to_unit([*(t.design for t in state.tools), *own]),
+            rejected=campaign.space.to_unit(
+                [t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]
+            ),
+            printing=scientist.printing_rules,
+            constraint=constraint_of(campaign),
+            n_best=min(scientist.best_predicted, n_tools),
+            space=campaign.space,
+        )
     )
     fit_id = tools_fit_id(campaign, batch, data)
     append_tools(campaign, batch, proposals, Choice(scientist.acquisition, seed, data, len(pending), (fit_id,)))
@@ -152,9 +193,10 @@ def propose_simulation(
         np.random.default_rng(seed),
         min_distance=0.0,
         acquisition=scientist.simulation_acquisition,
-        taken=to_unit(simulated_designs(campaign, state)),
+        taken=campaign.space.to_unit(simulated_designs(campaign, state)),
         printing=scientist.printing_rules,
         constraint=constraint_of(campaign),
+        space=campaign.space,
     )[0]
     choice = Choice(scientist.simulation_acquisition, seed, surrogate.data, len(pending), (fit_id,))
     append_simulation(campaign, batch, index, proposal, choice)
@@ -167,7 +209,7 @@ def constraint_of(campaign: Campaign) -> Constraint | None:
 
 
 def pending_points(campaign: Campaign, state: CampaignState) -> np.ndarray:
-    """Designs of which an outcome is still to come as points (x, s), m x 10: s is 1 for tools, 0 for simulations.
+    """Designs of which an outcome is still to come as points (x, s), m x (d + 1): s is 1 for tools, 0 for simulations.
 
     Tools of a batch that is not closed are not learned from yet, measured or not. A design that the simulator could do
     on no object counts too: its outcome stays unknown, and its surroundings promise no more than a pending one's.
@@ -180,7 +222,7 @@ def pending_points(campaign: Campaign, state: CampaignState) -> np.ndarray:
         for design in simulated_designs(campaign, state)
         if not (objects <= state.ever_simulated(design.design_id) and design.design_id in state.fruitful)
     ]
-    points = np.vstack([to_unit(tools), to_unit(simulations)])
+    points = np.vstack([campaign.space.to_unit(tools), campaign.space.to_unit(simulations)])
     fidelity = np.concatenate([np.ones(len(tools)), np.zeros(len(simulations))])
     return np.column_stack([points, fidelity])
 
@@ -194,16 +236,22 @@ def simulated_designs(campaign: Campaign, state: CampaignState) -> list[Design]:
 
 
 def append_tools(campaign: Campaign, batch: int, proposals: Sequence[ProposedDesign], choice: Choice) -> None:
-    """Write the proposals of a batch; they come last, since a batch that has them is not proposed again."""
+    """Write the tools of a batch, designs of one's own first; a batch that has them is not proposed again."""
     provenance = campaign.provenance(choice.seed, choice.parents)
-    _append_designs(campaign, [p.design for p in proposals], choice.seed)
-    rows = [_proposal_row(campaign, batch, slot, slot, p, choice) for slot, p in enumerate(proposals)]
+    own = campaign.own_designs.get(batch, ())
+    _append_designs(campaign, [*(one.design for one in own), *(p.design for p in proposals)], choice.seed)
+    given = Choice(OWN, choice.seed)
+    rows = [
+        _proposal_row(campaign, batch, slot, slot, ProposedDesign(design=one.design, value=0.0), given, one.name)
+        for slot, one in enumerate(own)
+    ]
+    rows += [_proposal_row(campaign, batch, slot, slot, p, choice) for slot, p in enumerate(proposals, start=len(own))]
     batch_row = BatchRow(
         batch_id=BatchRow.make_id(campaign.campaign_id, batch),
         campaign_id=campaign.campaign_id,
         batch=batch,
         kind="random" if choice.data is None else "guided",
-        n_tools=len(proposals),
+        n_tools=len(rows),
     )
     campaign.lake.append([batch_row, *rows], provenance)
 
@@ -227,6 +275,7 @@ def _proposal_row(
     index: int,
     proposal: ProposedDesign,
     choice: Choice,
+    name: str | None = None,
 ) -> ProposalRow:
     data = choice.data
     return ProposalRow(
@@ -242,4 +291,5 @@ def _proposal_row(
         n_real=0 if data is None else data.n_real,
         n_sim=0 if data is None else data.n_sim,
         n_pending=choice.n_pending,
+        name=name,
     )

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.design.space import to_unit
 from models.scientist.propose import Proposal, propose
 from models.scientist.surrogate.observations import REAL
 from models.scientist.surrogate.posterior import Surrogate
@@ -42,9 +41,10 @@ def propose_improvement(campaign: Campaign, batch: int, index: int, state: Campa
         np.random.default_rng(seed),
         min_distance=0.0,
         acquisition=IMPROVEMENT,
-        taken=to_unit(simulated_designs(campaign, state)),
+        taken=campaign.space.to_unit(simulated_designs(campaign, state)),
         printing=campaign.config.scientist.printing_rules,
         constraint=constraint_of(campaign),
+        space=campaign.space,
     )[0]
     append_simulation(campaign, batch, index, proposal, Choice(IMPROVEMENT, seed, data, len(pending), (fit_id,)))
 

@@ -169,7 +169,7 @@ def cached_mesh(lake_root: Path, design: Design, version: SimulatorVersion, *, f
     content = {
         "format": MESH_CACHE_FORMAT,
         "fem_version": version.fem_version,
-        "design": design.model_dump(),
+        "design": design.content,
         "mesh": version.mesh.model_dump(),
         "effects": [e.model_dump() for e in version.effects],
         "full_width": full_width,

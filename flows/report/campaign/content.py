@@ -1,5 +1,6 @@
 """Everything the report needs, fetched once: query results and what follows from them."""
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,11 +16,13 @@ from flows.report.campaign.facts import (
 )
 from flows.report.campaign.queries import Result, fetch
 from lake.store import Lake
-from lake.tables.campaign import CampaignRow
-from models.design.space import PARAMETERS
+from lake.tables.campaign import CampaignRow, design_of_columns
+from lake.tables.imported import is_imported
+from models.design.space import DesignSpace, space_of
 from models.errors import UsageError
 from models.records import Design
-from models.validation import closest
+from models.validation import closest, load_record
+from tasks.campaign.settings import DesignSettings
 
 NOT_MEASURED = (
     "No tool of this campaign has been measured on any object yet; this part fills itself with the first batch."
@@ -97,4 +100,12 @@ class Content:
     def design_of(self, tool: Tool) -> Design:
         """Design of a mounted tool."""
         row = next(row for row in self.designs.rows if row["design_id"] == tool.design_id)
-        return Design(**{name: row[name] for name in PARAMETERS})
+        return design_of_columns(row)
+
+    @cached_property
+    def space(self) -> DesignSpace:
+        """The designs that the campaign may make; of an imported one all of its family."""
+        if is_imported(self.campaign.config_toml):
+            return space_of([self.design_of(tool) for tool in self.tools])
+        given = tomllib.loads(self.campaign.config_toml).get("design", {})
+        return load_record(DesignSettings, given, "stored config").space

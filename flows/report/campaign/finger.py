@@ -15,9 +15,9 @@ from flows.report.html import Markup, columns, number, paragraph, picture, secti
 from flows.report.mesh_picture import Body, render
 from flows.report.style import BEST, COMPLIANT, INK, MUTED, RIGID, new_axes
 from models.design.finger import finger_bodies
-from models.design.profile import APEX_EXTRA_MM, BASE_HEIGHT_MM, planar_profile
-from models.design.space import BEST_PUBLISHED, LOWER, PARAMETERS, UPPER, to_unit
-from models.records import Design
+from models.design.profile import APEX_EXTRA_MM, BASE_HEIGHT_MM
+from models.design.space import BEST_PUBLISHED, DesignSpace
+from models.records import Design, FinRay
 from models.units import spell_name
 
 PICTURE_PX = 1100
@@ -25,6 +25,11 @@ PROFILE_SIZE_IN = (2.9, 5.0)
 AT_END = 0.01  # of the range, from its end: what counts as at the bound
 NEARLY, N_APART = 0.05, 1  # of the range; how many parameters of nearly the same finger may differ by more
 N_NEXT_BEST = 4
+_PAPERS_BEST = (
+    "Blue dot: this design; ring: the paper's best tool (Table 1, B07T8, 29.68 N on the authors' bench, whose stroke "
+    "and objects are not all published, so forces compare only within this campaign)."
+)
+_NO_PUBLISHED = "Blue dot: this design. The paper has no finger of this family."
 SYMBOLS = {
     "length_mm": "L",
     "width_mm": "W",
@@ -49,23 +54,36 @@ def write_best(content: Content, folder: Folder) -> Markup:
                    "As printed: compliant body (blue) on its rigid base (grey), front wall on the left.")  # fmt: skip
     profile = folder.figure("profile", draw_profile(design), f"Profile of finger {best.label} with dimensions",
                             f"Profile in mm; extruded to W {design.width_mm:.1f} mm.")  # fmt: skip
-    rows = []
-    for name, low, high in zip(PARAMETERS, LOWER, UPPER, strict=True):
-        mine, published = design.model_dump()[name], BEST_PUBLISHED.model_dump()[name]
-        digits = 0 if name == "rib_count" else 2
-        words = Markup(f"{text(spell_name(name, with_unit=True))} <i>{SYMBOLS[name]}</i>")
-        rows.append((words, number(mine, digits), number(published, digits), _range_mark(mine, published, low, high)))
-    parameters = table(("parameter", best.label, "paper", "allowed range"), rows, numeric=(1, 2))
-    note = paragraph(
-        "Blue dot: this design; ring: the paper's best tool (Table 1, B07T8, 29.68 N on the authors' bench, whose "
-        "stroke and objects are not all published, so forces compare only within this campaign).", "note",
-    )  # fmt: skip
-    told = [describe_bounds(design), describe_twins(design, _next_best(content, best))]
+    space = content.space
+    parameters = _tell_parameters(space, design, best.label)
+    note = paragraph(_PAPERS_BEST if space.family is FinRay else _NO_PUBLISHED, "note")
+    told = [describe_bounds(space, design), describe_twins(space, design, _next_best(content, best))]
     right = f'<div class="params">{parameters}</div>{"".join(paragraph(words) for words in told if words)}{note}'
     return section(
         "best", f"The best finger, {best.label}", columns(seen, profile, right, css="finger"),
         folder.sources(content.designs),
     )  # fmt: skip
+
+
+def _tell_parameters(space: DesignSpace, design: Design, label: str) -> Markup:
+    """Table of the parameters, each with its place in the allowed range; of fin rays beside the paper's best."""
+    rows: list[tuple[Markup | str, ...]] = []
+    published = BEST_PUBLISHED.model_dump() if space.family is FinRay else {}
+    places = zip(space.names, *space.to_unit([design]), space.lower, space.upper, space.n_levels, strict=True)
+    for name, at, low, high, n_levels in places:
+        value = getattr(design, name)
+        digits = 0 if n_levels else 2
+        symbol = Markup(f" <i>{SYMBOLS[name]}</i>") if name in SYMBOLS else Markup("")
+        words = Markup(f"{text(spell_name(name, with_unit=True))}{symbol}")
+        mine = text(value) if isinstance(value, str) else number(value, digits)
+        if not published:
+            rows.append((words, mine, _range_mark((at,), low, high)))
+            continue
+        theirs = (published[name] - low) / (high - low) if high > low else 0.0
+        rows.append((words, mine, number(published[name], digits), _range_mark((theirs, at), low, high)))
+    if published:
+        return table(("parameter", label, "paper", "allowed range"), rows, numeric=(1, 2))
+    return table(("parameter", label, "allowed range"), rows, numeric=(1,))
 
 
 def _next_best(content: Content, best: Tool) -> list[tuple[str, Design]]:
@@ -75,43 +93,44 @@ def _next_best(content: Content, best: Tool) -> list[tuple[str, Design]]:
     return [(tool.label, content.design_of(tool)) for tool in ranked[:N_NEXT_BEST]]
 
 
-def describe_bounds(design: Design) -> str:
+def describe_bounds(space: DesignSpace, design: Design) -> str:
     """In words: parameters that stand at an end of what is allowed; empty where none does."""
-    (place,) = to_unit([design])
+    (place,) = space.to_unit([design])
     ends = [
         f"{spell_name(name)} at the {'lower' if at < 0.5 else 'upper'} one"
-        for name, at in zip(PARAMETERS, place, strict=True)
+        for name, at in zip(space.names, place, strict=True)
         if min(at, 1.0 - at) <= AT_END
     ]
     if not ends:
         return ""
     stand = "parameter stands" if len(ends) == 1 else "parameters stand"
     return (
-        f"{len(ends)} of {len(PARAMETERS)} {stand} at an end of the allowed range: {', '.join(ends)}. Fingers beyond "
+        f"{len(ends)} of {space.n_dims} {stand} at an end of the allowed range: {', '.join(ends)}. Fingers beyond "
         "it, if they can be printed, may hold better."
     )
 
 
-def describe_twins(design: Design, others: Sequence[tuple[str, Design]]) -> str:
+def describe_twins(space: DesignSpace, design: Design, others: Sequence[tuple[str, Design]]) -> str:
     """In words: which of the next best tools are nearly this finger, and what still differs; empty where none is."""
     twins, differ = [], set()
     for label, other in others:
-        apart = np.abs(to_unit([other])[0] - to_unit([design])[0])
-        far = [name for name, gap in zip(PARAMETERS, apart, strict=True) if gap > NEARLY]
+        apart = np.abs(space.to_unit([other])[0] - space.to_unit([design])[0])
+        far = [name for name, gap in zip(space.names, apart, strict=True) if gap > NEARLY]
         if len(far) <= N_APART:
             twins.append(label)
             differ.update(far)
     if not twins:
         return ""
-    names = [f"the {spell_name(name)}" for name in PARAMETERS if name in differ]
+    names = [f"the {spell_name(name)}" for name in space.names if name in differ]
     but = f" but for {' and '.join(names)}" if names else ""
     told, are = (twins[0], "is") if len(twins) == 1 else (f"{', '.join(twins[:-1])} and {twins[-1]}", "are")
     return f"{told} {are} nearly the same finger{but}: the best tools are fewer different answers than they seem."
 
 
-def _range_mark(mine: float, published: float, low: float, high: float) -> Markup:
-    places = [100 * (value - low) / (high - low) for value in (published, mine)]
-    dots = f'<i class="paper" style="left:{places[0]:.1f}%"></i><i style="left:{places[1]:.1f}%"></i>'
+def _range_mark(places: Sequence[float], low: float, high: float) -> Markup:
+    """A line from the lower to the upper end with a dot at the last of the places (0 to 1), a ring at one before."""
+    classes = ['class="paper" '] * (len(places) - 1) + [""]
+    dots = "".join(f'<i {kind}style="left:{100 * at:.1f}%"></i>' for kind, at in zip(classes, places, strict=True))
     return Markup(f'{low:g} <span class="range">{dots}</span> {high:g}')
 
 
@@ -130,10 +149,13 @@ def draw_profile(design: Design) -> Figure:
     """Planar profile in mm, front wall on the left, with the dimensions that make the design."""
     figure, axes = new_axes(*PROFILE_SIZE_IN, grid="")
     base = box(0, 0, design.length_mm, BASE_HEIGHT_MM)
-    for polygon, colour in ((base, RIGID), (planar_profile(design), COMPLIANT)):
+    for polygon, colour in ((base, RIGID), (design.draw_section(), COMPLIANT)):
         plot_polygon(polygon, axes, add_points=False, facecolor=colour, edgecolor=INK, linewidth=0.8)
-    _overall_dimensions(axes, design)
-    _wall_labels(axes, design)
+    _dimension(axes, (-7, 0), (-7, design.height_mm), f"H {design.height_mm:.1f}", rotation=90)
+    _dimension(axes, (0, -5), (design.length_mm, -5), f"L {design.length_mm:.1f}", below=True)
+    if isinstance(design, FinRay):
+        _tip_dimension(axes, design)
+        _wall_labels(axes, design)
     axes.set_xlim(-17, design.length_mm + 26)
     axes.set_ylim(-12, design.height_mm + 3)
     axes.set_aspect("equal")
@@ -141,10 +163,8 @@ def draw_profile(design: Design) -> Figure:
     return figure
 
 
-def _overall_dimensions(axes: Axes, design: Design) -> None:
-    height, length = design.height_mm, design.length_mm
-    _dimension(axes, (-7, 0), (-7, height), f"H {height:.1f}", rotation=90)
-    _dimension(axes, (0, -5), (length, -5), f"L {length:.1f}", below=True)
+def _tip_dimension(axes: Axes, design: FinRay) -> None:
+    height = design.height_mm
     right = design.front_thickness_mm + 9
     _dimension(axes, (right, height - design.tip_length_mm), (right, height), f"L$_{{tip}}$ {design.tip_length_mm:.1f}")
     for z in (height - design.tip_length_mm, height):
@@ -168,7 +188,7 @@ def _dimension(
     axes.text(x + shift[0], z + shift[1], text, rotation=rotation, ha=alignment[0], va=alignment[1], fontsize=10)
 
 
-def _wall_labels(axes: Axes, design: Design) -> None:
+def _wall_labels(axes: Axes, design: FinRay) -> None:
     """Leaders to the back wall, the front wall and the middle rib, with thickness (mm), number and angle."""
     cavity_mm = design.height_mm - design.tip_length_mm - BASE_HEIGHT_MM
     rib = (design.rib_count + 1) // 2
@@ -183,7 +203,7 @@ def _wall_labels(axes: Axes, design: Design) -> None:
             f"T$_r$ {design.rib_thickness_mm:.2f}\nN {design.rib_count}\nα {design.rib_angle_deg:.1f}°")  # fmt: skip
 
 
-def _back_x(design: Design, z_mm: float) -> float:
+def _back_x(design: FinRay, z_mm: float) -> float:
     """Outer surface of the back wall at height z, in mm."""
     apex_x = design.front_thickness_mm + APEX_EXTRA_MM
     return design.length_mm + (apex_x - design.length_mm) * z_mm / design.height_mm

@@ -50,7 +50,7 @@ ORDER BY t.batch, t.slot"""
 
 DESIGNS = """
 SELECT DISTINCT d.design_id, length_mm, width_mm, height_mm, tip_length_mm, front_thickness_mm,
-       back_thickness_mm, rib_thickness_mm, rib_count, rib_angle_deg
+       back_thickness_mm, rib_thickness_mm, rib_count, rib_angle_deg, family, parameters_json
 FROM designs d JOIN tools t USING (design_id)
 WHERE t.campaign_id = {campaign}
 ORDER BY d.design_id"""

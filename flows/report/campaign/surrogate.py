@@ -1,6 +1,6 @@
 """The section on the surrogate: its health as it chose each batch, and which parameters it finds to matter."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -10,7 +10,6 @@ from flows.report.campaign.content import Content
 from flows.report.folder import Folder
 from flows.report.html import Column, Markup, columns, paragraph, record_table, section
 from flows.report.style import BEST, SIMULATED, WIDTH_IN, new_axes
-from models.design.space import PARAMETERS
 from models.scientist.surrogate.health import SurrogateHealth
 from models.units import spell_name
 
@@ -34,7 +33,7 @@ def write_surrogate(content: Content, folder: Folder) -> Markup:
     if not fits.rows:
         return section("surrogate", "The surrogate", paragraph("The surrogate has not been fitted yet."))
     last = fits.rows[-1]
-    figure = folder.figure("relevance", draw_relevance(last), "Relevance of each design parameter")
+    figure = folder.figure("relevance", draw_relevance(last, content.space.names), "Relevance of each design parameter")
     return section(
         "surrogate",
         "The surrogate",
@@ -73,16 +72,16 @@ def write_surrogate(content: Content, folder: Folder) -> Markup:
     )
 
 
-def draw_relevance(fit: Mapping[str, Any]) -> Figure:
+def draw_relevance(fit: Mapping[str, Any], names: Sequence[str]) -> Figure:
     """Inverse lengthscale of each design parameter, for simulator and discrepancy; long bars bend the outcome most."""
     figure, axes = new_axes(WIDTH_IN, 3.4, grid="x")
     for offset, column, colour, label in (
         (-0.19, "lengthscales_h", SIMULATED, "simulation, which measurements share"),
         (0.19, "lengthscales_e", BEST, "discrepancy, which only measurements show"),
     ):
-        places = [place + offset for place in range(len(PARAMETERS))]
+        places = [place + offset for place in range(len(names))]
         axes.barh(places, [1.0 / length for length in fit[column]], height=0.36, color=colour, label=label)
-    axes.set_yticks(range(len(PARAMETERS)), [spell_name(name) for name in PARAMETERS])
+    axes.set_yticks(range(len(names)), [spell_name(name) for name in names])
     axes.invert_yaxis()
     axes.set_xlabel("1 / length scale, per range of the parameter")
     figure.legend(loc="outside upper left")

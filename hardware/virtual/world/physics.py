@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from pydantic import SerializeAsAny
 
 from hardware.virtual.world.file import World
 from hardware.virtual.world.hidden import TIMED, build_hidden
@@ -48,7 +49,7 @@ class PhysicsRequest(Record):
     """One grasp for the solver: picklable, and the same for every repeat of a tool on an object."""
 
     tool_id: str
-    design: Design
+    design: SerializeAsAny[Design]  # with the parameters of its family, which the base class does not know
     object_id: int
     setup: GraspSetup
     placement: Placement

@@ -79,7 +79,7 @@ class PhysicsFiles:
 def _content(request: PhysicsRequest) -> dict[str, Any]:
     """All that decides the result: the tool's name does not, and its own seed only where there are hidden effects."""
     asked = request.model_dump(mode="json", exclude={"tool_id"} if request.hidden else {"tool_id", "tool_seed"})
-    return {"physics": physics_id(), "request": asked}
+    return {"physics": physics_id(), "family": request.design.family, "request": asked}
 
 
 def _numbers(result: GraspSimulation) -> dict[str, Any]:

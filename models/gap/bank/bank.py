@@ -7,14 +7,15 @@ since a stalling jaw or a touching finger has none.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from models.calibration.traces.response_surface import LEAST_AMPLITUDE
 from models.calibration.traces.theta_grid import GRID_MODULUS_MPA, ThetaGrid
 from models.gap.grasps import Grasps, Target
-from models.records import EffectValue, GraspSetup, MeshSettings, SimulatorVersion, Theta
+from models.records import Design, EffectValue, FinRay, GraspSetup, MeshSettings, SimulatorVersion, Theta
+from models.simulation.effects.catalogue import CATALOGUE
 
 CENTRE = Theta(young_modulus_mpa=GRID_MODULUS_MPA, friction=0.6, poisson_ratio=0.42)
 
@@ -99,6 +100,13 @@ class BankPlan:
             is_cross=True,
         )
         return BankPlan(centre, grid, tuple(name for name in SIMULATED if name in effects), is_local=True)
+
+    def leave_out_effects(self, designs: Sequence[Design]) -> "BankPlan":
+        """This plan without the effects that need fin rays, where not all designs are."""
+        if all(isinstance(design, FinRay) for design in designs):
+            return self
+        effects = tuple(name for name in self.effects if not CATALOGUE[name].needs_fin_ray)
+        return replace(self, effects=effects)
 
     @property
     def grid_thetas(self) -> tuple[Theta, ...]:

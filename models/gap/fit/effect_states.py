@@ -91,7 +91,8 @@ def _read_context(name: str, unit: float = 1.0) -> Reading:
 def _read_design(name: str) -> Reading:
     def read(fit: Fit) -> np.ndarray:
         grasps = fit.features.surrogate.grasps
-        values = np.array([float(getattr(design, name)) for design in grasps.designs])[grasps.tool]
+        # Families without the parameter have no such state: all tools stand at 0.
+        values = np.array([float(getattr(design, name, 0.0)) for design in grasps.designs])[grasps.tool]
         return np.repeat(values[:, None], len(FEATURES), axis=1)
 
     return read

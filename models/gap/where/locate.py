@@ -11,7 +11,7 @@ import numpy as np
 from models.gap.findings import WhereFinding
 from models.gap.where.permutation_tests import BY_OBJECT, EVERYWHERE, ORDER, REPEAT, Hypothesis, TestTree, run_tests
 from models.gap.where.residuals import AT, PHASES, WORDS, Residuals
-from models.gap.where.strata import FAMILY, OBJECT_FEATURES, TOOL_FEATURES
+from models.gap.where.strata import FAMILY, OBJECT_FEATURES
 from models.gap.where.theta_trends import ThetaTrend, fit_theta_trends
 from models.gap.where.tree import Leaf, grow_honest_tree
 from models.gap.where.variance_components import PhaseComponents, estimate_variance_components, jackknife
@@ -32,7 +32,6 @@ _FACTOR_WORDS = {
     "object width": "the width of the object",
     "object height": "the height of the object",
 }
-_FACTORS = frozenset({*TOOL_FEATURES, *OBJECT_FEATURES[:2], FAMILY})
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +98,9 @@ def find_where(residuals: Residuals, tests: TestTree, seed: int = 0) -> tuple[Wh
 
 def _of_phase(residuals: Residuals, phase: str, rejected: tuple[Hypothesis, ...], seed: int) -> list[WhereFinding]:
     by_factor = {h.factor: h for h in rejected}
-    leaves = grow_honest_tree(residuals, phase, _FACTORS & set(by_factor), seed)
+    leaves = grow_honest_tree(
+        residuals, phase, {*residuals.tool_features, *OBJECT_FEATURES[:2], FAMILY} & set(by_factor), seed
+    )
     found: list[WhereFinding | None] = []
     if len(leaves) > 1 or EVERYWHERE in by_factor:
         found += [_of_leaf(residuals, phase, leaf, by_factor) for leaf in leaves]

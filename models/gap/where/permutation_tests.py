@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from models.gap.where.residuals import PHASES, Residuals
-from models.gap.where.strata import FAMILY, OBJECT_FEATURES, TOOL_FEATURES
+from models.gap.where.strata import FAMILY, OBJECT_FEATURES
 from models.gap.where.variance_components import LEAST_OWN
 
 N_DRAWS = 1999
@@ -128,7 +128,9 @@ def _statistics(residuals: Residuals, u: np.ndarray, draws: _Draws) -> dict[str,
     found = {EVERYWHERE: np.abs(draws.signs @ by_tool), BY_OBJECT: np.linalg.norm(draws.signs @ signed_cells, axis=1)}
     table = residuals.tool_table[tools]
     found |= {
-        n: _correlation(by_tool, x, draws.tools) for n, x in zip(TOOL_FEATURES, table.T, strict=True) if x.std() > 0
+        name: _correlation(by_tool, x, draws.tools)
+        for name, x in zip(residuals.tool_features, table.T, strict=True)
+        if x.std() > 0
     }
     table = residuals.object_table[objects]
     found |= {n: _correlation(by_obj, x, draws.objects)

@@ -11,7 +11,7 @@ import numpy as np
 
 from models.errors import UsageError
 from models.gap.bank.surrogate import Surrogate
-from models.gap.where.strata import make_object_table, make_tool_table, number_families
+from models.gap.where.strata import list_tool_features, make_object_table, make_tool_table, number_families
 from models.records import Design
 from models.traces.step_features import DIP_MM, NEAR_PEAK, STEP_MM
 
@@ -103,9 +103,14 @@ class Residuals:
         )
 
     @cached_property
+    def tool_features(self) -> tuple[str, ...]:
+        """Names of the design parameters that all tools have."""
+        return list_tool_features(self.designs)
+
+    @cached_property
     def tool_table(self) -> np.ndarray:
-        """Design parameters of the tools, t x 9."""
-        return make_tool_table(self.designs)
+        """Design parameters of the tools, t x as many as `tool_features`."""
+        return make_tool_table(self.designs, self.tool_features)
 
     @cached_property
     def object_table(self) -> np.ndarray:

@@ -9,13 +9,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from models.design.space import PARAMETERS
 from models.objects.catalogue import get_object
 from models.objects.distance import distance
 from models.records import Design
+from models.units import spell_name, unit_of
 
 N_HEIGHTS = 12
-TOOL_FEATURES = PARAMETERS
 FAMILY = "object shape"
 FAMILIES = ("straight sides", "a bulge", "a waist", "a narrow top", "a wide top")
 OBJECT_FEATURES = ("object width", "object height", *FAMILIES)
@@ -95,9 +94,15 @@ def object_shape(object_id: int) -> ObjectShape:
     return ObjectShape(object_id, obj.name, obj.object_class, obj.height_mm, furthest)
 
 
-def make_tool_table(designs: Sequence[Design]) -> np.ndarray:
-    """Design parameters of the tools, t x 9."""
-    return np.array([[getattr(d, name) for name in PARAMETERS] for d in designs], dtype=float)
+def list_tool_features(designs: Sequence[Design]) -> tuple[str, ...]:
+    """Names of the parameters that all designs have and that are numbers: the nine of fin rays."""
+    shared = [name for name in type(designs[0]).model_fields if all(name in type(d).model_fields for d in designs)]
+    return tuple(name for name in shared if not isinstance(getattr(designs[0], name), str))
+
+
+def make_tool_table(designs: Sequence[Design], features: Sequence[str]) -> np.ndarray:
+    """Design parameters of the tools, t x features."""
+    return np.array([[getattr(d, name) for name in features] for d in designs], dtype=float)
 
 
 def make_object_table(objects: Sequence[int]) -> np.ndarray:
@@ -120,6 +125,11 @@ def describe_condition(feature: str, limit: float, is_above: bool) -> tuple[str,
         return "", _TOOLS[feature][side].format(limit)
     if feature in _OBJECTS:
         return _OBJECTS[feature][side].format(limit), ""
+    if feature not in FAMILIES:
+        return (
+            "",
+            f"{spell_name(feature)} {'over' if is_above else 'under'} {limit:.3g} {unit_of(feature) or ''}".rstrip(),
+        )
     return (f"objects with {feature}" if is_above else f"objects without {feature}"), ""
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.gap.where.residuals import Residuals
-from models.gap.where.strata import TOOL_FEATURES
 from models.gap.where.variance_components import jackknife
 
 LEVEL = 0.99  # of trends that are called clues: about a dozen are looked at
@@ -56,9 +55,10 @@ def fit_theta_trends(residuals: Residuals, friction_slope_n: np.ndarray | None =
     trends.
     """
     regression = _Regression.of(residuals, friction_slope_n)
-    walls = residuals.tool_table[:, [TOOL_FEATURES.index(f"{w}_thickness_mm") for w in ("front", "back", "rib")]]
+    walls = [place for place, name in enumerate(residuals.tool_features) if name.endswith("_thickness_mm")]
+    walls_mm = residuals.tool_table[:, walls].mean(axis=1) if walls else np.zeros(len(residuals.tools))
     covariates = {
-        "walls": walls.mean(axis=1)[residuals.tool],
+        "walls": walls_mm[residuals.tool],
         "repeat": residuals.repeat.astype(float),
         "order": residuals.order,
         "force": np.log(residuals.amplitude_n),

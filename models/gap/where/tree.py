@@ -6,34 +6,30 @@ tree is grown in each; a question is kept if at least `STABLE` of the halves ask
 on the designs that did not choose its limits (Athey and Imbens 2016), and averaged over the halves.
 """
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from models.gap.where.residuals import PHASES, Residuals
-from models.gap.where.strata import (
-    FAMILIES,
-    FAMILY,
-    OBJECT_FEATURES,
-    TOOL_FEATURES,
-    describe_condition,
-    describe_stratum,
-)
+from models.gap.where.strata import FAMILIES, FAMILY, OBJECT_FEATURES, describe_condition, describe_stratum
 
 DEPTH = 3
 MIN_DESIGNS, MIN_OBJECTS = 3, 4
 N_HALVES = 50
 STABLE = 0.7
 LEAST_GAIN = 0.05  # of the squares of a node: less is not worth a question
-FEATURES = (*TOOL_FEATURES, *OBJECT_FEATURES)
 
 
 @dataclass(frozen=True)
 class Split:
-    """One answer to one question: `feature` above `limit` or not, and in how many of the halves it was asked."""
+    """One answer to one question: `feature` above `limit` or not, and in how many of the halves it was asked.
+
+    column: of the feature in the table of features.
+    """
 
     feature: str
+    column: int
     limit: float
     is_above: bool
     stability: float
@@ -76,15 +72,16 @@ class _Question:
 def grow_honest_tree(residuals: Residuals, phase: str, factors: Collection[str], seed: int = 0) -> tuple[Leaf, ...]:
     """Leaves of the tree of a phase; one leaf without splits where no question is stable.
 
-    factors: names of `TOOL_FEATURES`, of the first two of `OBJECT_FEATURES`, and `FAMILY`, that may be asked about.
+    factors: names of tool features, of the first two of `OBJECT_FEATURES`, and `FAMILY`, that may be asked about.
     """
-    columns = tuple(i for i, name in enumerate(FEATURES) if name in factors or (name in FAMILIES and FAMILY in factors))
+    features = (*residuals.tool_features, *OBJECT_FEATURES)
+    columns = tuple(i for i, name in enumerate(features) if name in factors or (name in FAMILIES and FAMILY in factors))
     place = PHASES.index(phase)
     cells = _cells(residuals, place)
     rng = np.random.default_rng(seed)
     halves = _halves(np.flatnonzero(cells.tool.any(axis=0)), rng)
     x = np.hstack([residuals.tool_table[residuals.tool], residuals.object_table[residuals.obj]])
-    return tuple(_grow(cells, x, (), columns, halves))
+    return tuple(_grow(cells, x, (), {column: features[column] for column in columns}, halves))
 
 
 def _cells(residuals: Residuals, place: int) -> _Cells:
@@ -110,16 +107,16 @@ def _halves(tools: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:
 
 
 def _grow(
-    cells: _Cells, x: np.ndarray, splits: tuple[Split, ...], columns: tuple[int, ...], halves: Sequence[np.ndarray]
+    cells: _Cells, x: np.ndarray, splits: tuple[Split, ...], columns: Mapping[int, str], halves: Sequence[np.ndarray]
 ) -> list[Leaf]:
     here = cells.select(_follows(cells.x, splits))
-    question = _stable_question(here, columns, halves, DEPTH - len(splits))
+    question = _stable_question(here, tuple(columns), halves, DEPTH - len(splits))
     if question is None:
         return [Leaf(splits, _follows(x, splits), _honest(cells, splits, halves))]
     feature, limit, stability = question
     found = []
     for is_above in (True, False):
-        split = Split(FEATURES[feature], limit, is_above, stability)
+        split = Split(columns[feature], feature, limit, is_above, stability)
         found += _grow(cells, x, (*splits, split), columns, halves)
     return found
 
@@ -199,9 +196,9 @@ def _honest(cells: _Cells, splits: tuple[Split, ...], halves: Sequence[np.ndarra
         own: list[Split] = []
         for split in splits:
             node = grown.select(_follows(grown.x, tuple(own)))
-            question = _best_question(node, 1, (FEATURES.index(split.feature),))
+            question = _best_question(node, 1, (split.column,))
             limit = question.limit if question is not None else split.limit
-            own.append(Split(split.feature, limit, split.is_above, split.stability))
+            own.append(replace(split, limit=limit))
         rest = cells.tool[:, half].sum(axis=1) == 0
         chosen = rest & _follows(cells.x, tuple(own))
         if chosen.any():
@@ -217,7 +214,7 @@ def _follows(x: np.ndarray, splits: tuple[Split, ...]) -> np.ndarray:
     """Rows of a table of features that give the answers of the splits."""
     chosen = np.ones(len(x), dtype=bool)
     for split in splits:
-        chosen &= (x[:, FEATURES.index(split.feature)] > split.limit) == split.is_above
+        chosen &= (x[:, split.column] > split.limit) == split.is_above
     return chosen
 
 

@@ -10,9 +10,9 @@ from botorch.models.model import Model
 from torch import Tensor
 
 from models.errors import UsageError
+from models.own_code import call_own, is_own
 from models.scientist.acquisition.candidates import Spacing
 from models.scientist.bridge.entropy import MaxValueEntropy
-from models.scientist.bridge.load import call_own, is_own
 from models.scientist.bridge.model import SurrogateModel
 from models.scientist.bridge.own_model import OwnSurrogate, own_draws
 from models.scientist.surrogate.observations import REAL

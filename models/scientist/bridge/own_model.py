@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from models.errors import UsageError
-from models.scientist.bridge.load import call_own
+from models.own_code import call_own
 from models.scientist.surrogate.observations import ObservationSet
 
 if TYPE_CHECKING:

@@ -8,11 +8,10 @@ from scipy.optimize import minimize
 from models.blas import one_blas_thread
 from models.errors import FastError, UsageError
 from models.scientist.surrogate.likelihood import log_posterior
-from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL, SIM, ObservationSet
 from models.scientist.surrogate.parameters import Standardisation, SurrogateParameters, Vector, bounds, prior_mode
 from models.scientist.surrogate.posterior import Surrogate
 
-MIN_OBSERVATIONS = 3
 SUBSET_SIZE = 250  # cold starts search on this many observations, then polish on all
 SEARCH_ITERATIONS = 60
 POLISH_ITERATIONS = 15

@@ -4,8 +4,8 @@ import numpy as np
 from scipy.stats import binom
 
 from models.records import Record
-from models.scientist.surrogate.fit import MIN_OBSERVATIONS, fit_surrogate
-from models.scientist.surrogate.observations import REAL, SIM
+from models.scientist.surrogate.fit import fit_surrogate
+from models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL, SIM
 from models.scientist.surrogate.posterior import LeaveOneOut, Surrogate
 
 Z_90 = 1.6448536269514722  # half width of the central 90 % of a standard normal

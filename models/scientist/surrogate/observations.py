@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.design.space import PARAMETERS
 from models.errors import UsageError
 
 SIM, REAL = 0, 1
+MIN_OBSERVATIONS = 3  # that a surrogate is fitted to
 LOG_UNIT_N = 1.0  # forces well above it count by their ratios, those below by their differences
 
 
@@ -15,7 +15,7 @@ LOG_UNIT_N = 1.0  # forces well above it count by their ratios, those below by t
 class ObservationSet:
     """n observed designs.
 
-    x: n x 9, unit cube. s: n, fidelity (0 sim, 1 real). y: n, mean force over the objects, N.
+    x: n x d, unit cube of the design space. s: n, fidelity (0 sim, 1 real). y: n, mean force over the objects, N.
     noise_variance: n, known extra variance of `y` (missing objects), N^2. is_log: `y` is ln(1 + force / 1 N) instead,
     and `noise_variance` that of it; see `in_logs`.
     """
@@ -33,10 +33,10 @@ class ObservationSet:
             UsageError: shapes differ, a value is not finite, a fidelity is neither 0 nor 1, a variance is negative.
         """
         n = len(self.y)
-        if self.x.shape != (n, len(PARAMETERS)) or self.s.shape != (n,) or self.noise_variance.shape != (n,):
+        if self.x.ndim != 2 or len(self.x) != n or self.s.shape != (n,) or self.noise_variance.shape != (n,):
             raise UsageError(
                 f"observations have shapes x {self.x.shape}, s {self.s.shape}, y {self.y.shape}, noise_variance "
-                f"{self.noise_variance.shape}; give n x {len(PARAMETERS)}, n, n and n."
+                f"{self.noise_variance.shape}; give n x d, n, n and n."
             )
         for name, values in (("x", self.x), ("y", self.y), ("noise_variance", self.noise_variance)):
             if not np.isfinite(values).all():

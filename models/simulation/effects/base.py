@@ -118,7 +118,7 @@ class EffectSpec(Record):
     `kind` takes the parameters by name. `code` is its short name, the layer's letter and a number; `formula` its law
     in one line, in the parameters' names, and `source` where the law is from. `cost` says what simulations it needs.
     `confusable_with` names effects with a similar trace signature; `alias_of` a quantity that it cannot be told from in
-    pull-off data at all.
+    pull-off data at all. One that `needs_fin_ray` acts on ribs, which other families of fingers do not have.
     """
 
     effect: str
@@ -133,6 +133,7 @@ class EffectSpec(Record):
     parameters: tuple[ParameterSpec, ...]
     confusable_with: tuple[str, ...] = ()
     alias_of: Literal["young_modulus_mpa", "friction", "tool_modulus"] | None = None
+    needs_fin_ray: bool = False
 
     @property
     def neutral(self) -> EffectValue:

@@ -7,7 +7,7 @@ import shapely
 from shapely import affinity
 from shapely.geometry import Polygon, box
 
-from models.design.profile import BASE_HEIGHT_MM, cavity_share, rib_centres
+from models.design.profile import BASE_HEIGHT_MM, cavity_share, rib_centres, take_fin_ray
 from models.records import Design
 from models.simulation.effects.base import Effect, EffectSpec, amplitude
 
@@ -70,18 +70,19 @@ class RibImperfection(Effect):
         """Points (n, 2) of the section where they are really printed, mm."""
         if self.bow_mm == 0.0:
             return points
-        angle = np.radians(design.rib_angle_deg)
+        fin_ray = take_fin_ray(design, "the effect `rib_imperfection`")
+        angle = np.radians(fin_ray.rib_angle_deg)
         across = np.array([-np.sin(angle), np.cos(angle)])
-        centres = rib_centres(design)
+        centres = rib_centres(fin_ray)
         signs = np.random.default_rng(int(design.design_id[1:], 16)).choice([-1.0, 1.0], len(centres))
         beside_mm = np.abs((points[:, None] - centres) @ across)
         nearest = np.argmin(beside_mm, axis=1)
-        outside_mm = beside_mm.min(axis=1) - 0.5 * design.rib_thickness_mm
-        top_mm = design.height_mm - design.tip_length_mm
+        outside_mm = beside_mm.min(axis=1) - 0.5 * fin_ray.rib_thickness_mm
+        top_mm = design.height_mm - fin_ray.tip_length_mm
         height_mm = points[:, 1]
         inside_mm = np.minimum(height_mm - BASE_HEIGHT_MM, top_mm - height_mm)
         fade = np.clip(1.0 - outside_mm / _FADE_MM, 0.0, 1.0) * np.clip(inside_mm / _FADE_MM, 0.0, 1.0)
-        bow_mm = self.bow_mm * signs[nearest] * fade * np.sin(np.pi * cavity_share(points, design))
+        bow_mm = self.bow_mm * signs[nearest] * fade * np.sin(np.pi * cavity_share(points, fin_ray))
         return np.asarray(points + bow_mm[:, None] * across)
 
 
@@ -94,6 +95,7 @@ RIB_IMPERFECTION = EffectSpec(
     formula="middle line of a rib: bow_mm sin(pi s), s from wall to wall, its sign drawn per rib",
     source="imperfect column: Timoshenko & Gere 1961, chapter 1",
     cost="F",
+    needs_fin_ray=True,
     parameters=(amplitude("bow_mm", 0.0, 0.5, (0.1, 0.1)),),
     confusable_with=("force_limited_closing", "base_compliance", "hyperelastic_stiffening"),
 )

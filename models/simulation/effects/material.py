@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.design.profile import cavity_share
+from models.design.profile import is_in_rib, take_fin_ray
 from models.records import Design, GraspContext, GraspSetup, Theta, Trace
 from models.simulation.effects.base import Effect, EffectSpec, amplitude, shape, with_modulus
 
@@ -202,9 +202,9 @@ class PrintAnisotropy(Effect):
         """Factor (n) on the modulus of elements with their middle at `points` (n, 2) of the section, mm."""
         if self.rib_excess == 0.0:
             return 1.0
-        share = cavity_share(points, design)
-        is_rib = (share > 0.0) & (share < 1.0) & (points[:, 1] < design.height_mm - design.tip_length_mm)
-        return np.where(is_rib, 1.0 + self.rib_excess, 1.0)
+        return np.where(
+            is_in_rib(points, take_fin_ray(design, "the effect `print_anisotropy`")), 1.0 + self.rib_excess, 1.0
+        )
 
 
 PRINT_ANISOTROPY = EffectSpec(
@@ -216,6 +216,7 @@ PRINT_ANISOTROPY = EffectSpec(
     formula="E of ribs = (1 + rib_excess) E of walls and tip",
     source="anisotropy of printed parts: Ahn et al. 2002",
     cost="F",
+    needs_fin_ray=True,
     parameters=(amplitude("rib_excess", -0.4, 0.4, (0.1, 0.15)),),
     confusable_with=("wall_thickness_offset", "batch_ageing"),
 )

@@ -6,7 +6,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from models.design.profile import planar_profile
 from models.records import Design, GraspContext, GraspSetup, Trace
 from models.simulation.effects.base import Effect, EffectSpec, amplitude
 from models.units import force_n_from_kg
@@ -206,7 +205,7 @@ class ToolWeight(Effect):
 @lru_cache(maxsize=64)
 def fingers_weight_n(design: Design) -> float:
     """Weight of the compliant bodies of both fingers, N."""
-    volume_mm3 = planar_profile(design).area * design.width_mm
+    volume_mm3 = design.draw_section().area * design.width_mm
     return N_FINGERS * force_n_from_kg(DENSITY_KG_PER_MM3 * volume_mm3)
 
 

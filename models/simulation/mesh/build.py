@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 from shapely.geometry import Polygon
 
-from models.design.profile import planar_profile
 from models.records import Design, MeshSettings
 from models.simulation.effects.base import Effect
 from models.simulation.mesh.extrude import extrude
@@ -62,7 +61,7 @@ def printed_profile(design: Design, settings: MeshSettings, effects: Sequence[Ef
 
     A coarse mesh shows a fillet as one chamfer, a refined one as an arc of as many sides.
     """
-    profile = planar_profile(design, settings.fillet_mm, arc_segments=2**settings.refine)
+    profile = design.draw_section(settings.fillet_mm, arc_segments=2**settings.refine)
     for effect in effects:
         profile = effect.modify_profile(profile, design)
     return profile

@@ -19,7 +19,8 @@ from lake.store import Lake
 from lake.tables.campaign import EventRow
 from models.errors import ConfigError, UsageError
 from models.gap.ask.answers import Reading
-from tasks.bench.mount import MOUNTED, Mounting, confirm_mounting, plan_rack, read_mounting
+from tasks.bench.mount import plan_rack
+from tasks.bench.mounting import MOUNTED, Mounting, confirm_mounting, read_mounting
 from tasks.bench.print import PrintConfirmation, confirm_print
 from tasks.campaign.campaign import Campaign
 from tasks.campaign.config import load_config

@@ -13,7 +13,7 @@ from lake.tables.campaign import EventRow
 from models.gap.ask.answers import Reading
 from models.records import GraspRequest
 from tasks.bench.asked import write_requests
-from tasks.bench.mount import MOUNTED, Mounting, read_mounting
+from tasks.bench.mounting import MOUNTED, Mounting, read_mounting
 from tasks.bench.print import PrintConfirmation, confirm_print
 from tasks.gap.readings import KIND, read_readings
 from tests.flows.campaign.made_up_search import FAST, ask_person, search_made_up

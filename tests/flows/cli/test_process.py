@@ -17,12 +17,12 @@ FAST = ["-m", "flows.cli.main"]
 HEAVY = ("torch", "prefect", "pymc", "botorch", "matplotlib", "duckdb", "pyarrow", "rerun", "numpy", "pydantic")
 MODELLING = ("torch", "prefect", "pymc", "botorch", "matplotlib", "scipy", "numba", "rerun")
 COMMANDS = [
-    "bench list", "bench run", "calibrate", "campaign abort", "campaign list", "campaign pause", "campaign run",
+    "ask", "bench list", "bench run", "calibrate", "campaign abort", "campaign list", "campaign pause", "campaign run",
     "campaign status", "campaign stop", "compare", "doctor", "features", "gap", "gap answer", "gap next",
-    "gantry diagnose", "gantry faults",
-    "gantry grasp", "gantry home", "gantry log", "gantry park", "gantry plan", "gantry replay", "gantry tare",
-    "gantry tool", "lake check", "lake compact", "lake export", "lake import", "lake lineage", "lake stats",
-    "print confirm", "print mounted", "print sheet", "report", "serve", "simulate", "sql", "view", "virtual start",
+    "gantry diagnose", "gantry faults", "gantry grasp", "gantry home", "gantry log", "gantry park", "gantry plan",
+    "gantry replay", "gantry tare", "gantry tool", "init", "lake check", "lake compact", "lake export", "lake import",
+    "lake lineage", "lake stats", "print confirm", "print mounted", "print sheet", "report", "serve", "simulate",
+    "sql", "tell", "view", "virtual start",
 ]  # fmt: skip
 
 

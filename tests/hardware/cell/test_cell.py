@@ -9,10 +9,10 @@ from hardware.clock import VirtualClock
 from hardware.virtual.world.file import Scatter, Sensor, World
 from hardware.virtual.world.physics import PhysicsCache, build_request
 from models.errors import DeviceError, InterlockError, LakeError, SimulationFailed, UsageError
-from models.records import Design, GraspSetup, GraspSimulation, Trace
+from models.records import FinRay, GraspSetup, GraspSimulation, Trace
 from models.traces import peak_force_n
 
-DESIGN = Design(
+DESIGN = FinRay(
     length_mm=30, width_mm=30, height_mm=110, tip_length_mm=25, front_thickness_mm=2.5, back_thickness_mm=2.5,
     rib_thickness_mm=2.5, rib_count=5, rib_angle_deg=0,
 )  # fmt: skip

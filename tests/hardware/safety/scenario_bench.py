@@ -5,9 +5,9 @@ import numpy as np
 from hardware.bench import open_virtual_bench
 from hardware.tools.mounted import MountedTool
 from hardware.virtual.world.file import Sensor, World
-from models.records import Design, GraspSetup, GraspSimulation, Trace
+from models.records import FinRay, GraspSetup, GraspSimulation, Trace
 
-DESIGN = Design(
+DESIGN = FinRay(
     length_mm=30, width_mm=30, height_mm=110, tip_length_mm=25, front_thickness_mm=2.5, back_thickness_mm=2.5,
     rib_thickness_mm=2.5, rib_count=5, rib_angle_deg=0,
 )  # fmt: skip

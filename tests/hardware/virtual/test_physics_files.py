@@ -10,10 +10,11 @@ from hardware.virtual.world import physics_cache as physics_files
 from hardware.virtual.world.file import Scatter, World, WorldMesh
 from hardware.virtual.world.physics import PhysicsCache, PhysicsRequest, build_request
 from hardware.virtual.world.physics_cache import PhysicsFiles
+from models.design.graded import GradedFinRay
 from models.errors import SimulationFailed
-from models.records import Design, EffectValue, GraspSetup, GraspSimulation, Theta, Trace
+from models.records import Design, EffectValue, FinRay, GraspSetup, GraspSimulation, Theta, Trace
 
-DESIGN = Design(
+DESIGN = FinRay(
     length_mm=30, width_mm=30, height_mm=110, tip_length_mm=25, front_thickness_mm=2.5, back_thickness_mm=2.5,
     rib_thickness_mm=2.5, rib_count=5, rib_angle_deg=0,
 )  # fmt: skip
@@ -67,6 +68,7 @@ def test_a_restarted_bench_finds_what_was_solved(tmp_path, solver):
         asked(World(scatter=Scatter(placement_sd_mm=0.2))),
         asked(World(scatter=Scatter(tool_modulus_sd=0.1))),
         asked(design=DESIGN.model_copy(update={"rib_count": 6})),
+        asked(design=GradedFinRay(**DESIGN.model_dump())),
         asked(object_id=5),
         asked(closed_gap_mm=15.0),
         asked(tip_below_mm=6.0),

@@ -17,10 +17,10 @@ from hardware.virtual.world.state import HEAD_MASS_KG, WorldState
 from hardware.wire.modbus import rtu_link, tcp_link
 from hardware.wire.serial import LinkLostError
 from models.errors import DeviceError, InterlockError, UsageError
-from models.records import Design
+from models.records import FinRay
 from models.units import force_n_from_kg
 
-DESIGN = Design(
+DESIGN = FinRay(
     length_mm=30, width_mm=30, height_mm=110, tip_length_mm=25, front_thickness_mm=2.5, back_thickness_mm=2.5,
     rib_thickness_mm=2.5, rib_count=5, rib_angle_deg=0,
 )  # fmt: skip

@@ -16,9 +16,9 @@ from hardware.virtual.world.physics import (
 )
 from models.design.space import BEST_PUBLISHED
 from models.errors import SimulationFailed
-from models.records import Design, EffectValue, GraspSetup, GraspSimulation, Placement, Trace
+from models.records import EffectValue, FinRay, GraspSetup, GraspSimulation, Placement, Trace
 
-DESIGN = Design(
+DESIGN = FinRay(
     length_mm=30, width_mm=30, height_mm=110, tip_length_mm=25, front_thickness_mm=2.5, back_thickness_mm=2.5,
     rib_thickness_mm=2.5, rib_count=5, rib_angle_deg=0,
 )  # fmt: skip

@@ -8,7 +8,7 @@ from hardware.virtual.world.file import World, load_world
 from hardware.virtual.world.hidden import HIDDEN_LAWS, build_hidden
 from models.errors import ConfigError
 from models.objects.catalogue import OBJECTS
-from models.records import Design, EffectValue, Trace
+from models.records import EffectValue, FinRay, Trace
 
 EXAMPLE = """
 seed = 7
@@ -31,7 +31,7 @@ effect = "static_kinetic_friction"
 kinetic_ratio = 0.7
 slip_scale_mm = 1.0
 """
-DESIGN = Design(
+DESIGN = FinRay(
     length_mm=30, width_mm=30, height_mm=110, tip_length_mm=25, front_thickness_mm=2.5, back_thickness_mm=2.5,
     rib_thickness_mm=2.5, rib_count=5, rib_angle_deg=0,
 )  # fmt: skip

@@ -89,7 +89,7 @@ def test_samples_are_written_before_the_scalars_that_announce_them():
 
 def test_design_row_has_the_nine_parameters_and_gives_the_design_back():
     row = DesignRow.of(BEST_PUBLISHED)
-    assert tuple(DesignRow.model_fields) == ("design_id", *PARAMETERS)
+    assert tuple(DesignRow.model_fields) == ("design_id", *PARAMETERS, "family", "parameters_json")
     assert row.design == BEST_PUBLISHED
     assert row.design_id == BEST_PUBLISHED.design_id
 

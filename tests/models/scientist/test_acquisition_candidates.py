@@ -2,14 +2,13 @@
 
 import numpy as np
 
-from models.design.space import RIB_COUNT_COLUMN, random_unit, snap
+from models.design.space import FIN_RAYS, RIB_COUNT_COLUMN, random_unit, snap
 from models.scientist.acquisition.candidates import (
     CandidateSettings,
     Spacing,
     candidate_points,
     climb_mean,
     mutate,
-    with_all_rib_counts,
 )
 from models.scientist.surrogate.fit import ObservationSet, fit_surrogate
 from models.scientist.surrogate.posterior import Surrogate
@@ -53,7 +52,7 @@ def test_mutations_stay_near_and_on_levels():
 
 def test_all_rib_counts_keep_the_other_parameters():
     points = random_unit(2, np.random.default_rng(6))
-    spread = with_all_rib_counts(points)
+    spread = FIN_RAYS.with_all_levels(points).reshape(-1, 9)
     assert sorted(np.round(spread[10:, RIB_COUNT_COLUMN] * 9)) == list(range(10))
     assert (np.delete(spread[:10] - points[0], RIB_COUNT_COLUMN, axis=1) == 0).all()
 

@@ -12,9 +12,9 @@ from botorch.sampling import SobolQMCNormalSampler
 
 from models.design.space import random_unit
 from models.errors import UsageError
+from models.own_code import load_constraint
 from models.scientist.acquisition.mes import information_gain
 from models.scientist.bridge.entropy import MaxValueEntropy
-from models.scientist.bridge.load import load_constraint
 from models.scientist.bridge.model import SurrogateModel
 from models.scientist.bridge.own_model import make_own_surrogate
 from models.scientist.propose import NO_PENDING, propose

@@ -89,7 +89,7 @@ def test_what_was_proposed_before_never_comes_again_and_rejects_keep_their_surro
     near[0] += 0.04 if near[0] < 0.5 else -0.04
     candidates = np.array([before, near, free])
     monkeypatch.setattr("models.scientist.propose.candidate_points", lambda *_: candidates)
-    monkeypatch.setattr("models.scientist.propose.random_unit", lambda *_: candidates)
+    monkeypatch.setattr("models.design.space.DesignSpace.random_unit", lambda *_: candidates)
     proposals = [
         propose(surrogate, 1, 1, NO_PENDING, np.random.default_rng(0), acquisition=acquisition, **kept_off)[0]
         for kept_off in ({"taken": before[None], "rejected": reject[None]}, {"taken": candidates[1:]})

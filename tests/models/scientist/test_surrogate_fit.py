@@ -193,8 +193,8 @@ def test_observations_are_checked_on_entry():
         dataclasses.replace(data, s=np.array([1, 2, 1]))
     with pytest.raises(UsageError, match="variance is -1 N"):
         dataclasses.replace(data, noise_variance=np.array([0.0, -1.0, 0.0]))
-    with pytest.raises(UsageError, match=r"x \(3, 8\)"):
-        dataclasses.replace(data, x=data.x[:, :8])
+    with pytest.raises(UsageError, match=r"x \(2, 9\)"):
+        dataclasses.replace(data, x=data.x[:2])
 
 
 def test_conditioning_survives_a_repeated_noise_free_design():

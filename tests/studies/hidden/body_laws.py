@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from models.design.profile import BASE_HEIGHT_MM, cavity_share, rib_centres
+from models.design.profile import BASE_HEIGHT_MM, cavity_share, rib_centres, take_fin_ray
 from models.records import Design, GraspSetup
 from models.simulation.effects.base import Effect
 
@@ -42,6 +42,7 @@ class LayeredModulus(Effect):
 
     def stiffness_factor(self, points: np.ndarray, design: Design) -> np.ndarray:
         """Factor (n) on the modulus of elements at `points` (n, 2) of the section, mm."""
+        design = take_fin_ray(design, "the hidden law of ribs")
         share = cavity_share(points, design)
         inside = np.clip(np.minimum(share, 1.0 - share) / self.fade, 0.0, 1.0)
         is_below_tip = points[:, 1] < design.height_mm - design.tip_length_mm
@@ -65,6 +66,7 @@ class WavyRibs(Effect):
         """Points (n, 2) of the section as printed, mm."""
         if self.bow_mm == 0.0:
             return points
+        design = take_fin_ray(design, "the hidden law of wavy ribs")
         angle = np.radians(design.rib_angle_deg)
         across = np.array([-np.sin(angle), np.cos(angle)])
         centres = rib_centres(design)

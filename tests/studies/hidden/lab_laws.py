@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from hardware.virtual.world.hidden import SpanError, mean_force_n, over_tilting_post
-from models.design.profile import planar_profile
 from models.records import Design, GraspContext, GraspSetup, Trace
 from tests.studies.hidden.body_laws import tool_draws
 
@@ -156,7 +155,7 @@ class HangingTool(LabLaw):
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
         """The force with the weight."""
-        volume_mm3 = 2.0 * planar_profile(moment.design).area * moment.design.width_mm
+        volume_mm3 = 2.0 * moment.design.draw_section().area * moment.design.width_mm
         weight_n = GRAVITY * (DENSITY_KG_PER_MM3 * volume_mm3 + self.hose_kg)
         return _with_force(trace, trace.force_n + self.amplitude * weight_n)
 

@@ -23,7 +23,7 @@ from hardware.virtual.world.file import Scatter, World, load_world
 from hardware.virtual.world.physics import build_request, simulate_watched
 from models.design.space import PARAMETERS, from_unit, snap, to_unit
 from models.objects.catalogue import OBJECTS
-from models.records import Design, EffectValue, GraspSetup
+from models.records import Design, EffectValue, FinRay, GraspSetup
 from models.simulation.effects.catalogue import build_effects
 from models.simulation.output.recording import Snapshot
 from tasks.campaign.config import load_config
@@ -37,7 +37,7 @@ WEAKER = 0.5  # of the jaws' force, in the second bench
 # Of a smooth elastic contact: Hertz; of rubber: Schallamach 1952. The reference is near the pressure of flat contacts.
 PRESSED = EffectValue(effect="pressure_dependent_friction", parameters={"exponent": 0.33, "reference_mpa": 0.2})
 # The best of 41 designs in the lab world without scatter (docs/benchmarks/lab-world.json).
-BEST_IN_LAB = Design(
+BEST_IN_LAB = FinRay(
     length_mm=35.0,
     width_mm=35.0,
     height_mm=90.0,

@@ -1,7 +1,7 @@
 import pytest
 
 from lake.tables.campaign import ToolRow
-from models.design.space import PARAMETERS, to_unit
+from models.design.space import FIN_RAYS, PARAMETERS, to_unit
 from models.errors import UsageError
 from tasks.bench.print import (
     MeasuredTool,
@@ -87,11 +87,11 @@ def test_a_tool_counts_as_the_finger_that_was_printed(proposed):
     confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="ada", measured={0: thin}))
     measured, as_asked = proposed.state().tools_of(1)
     front, back, rib = (PARAMETERS.index(f"{name}_thickness_mm") for name in ("front", "back", "rib"))
-    asked = to_unit([measured.design])[0]
-    assert measured.mounted_point[front] == pytest.approx(-0.1)  # a tenth of the range below it
-    assert measured.mounted_point[rib] == pytest.approx(0.5)
-    assert measured.mounted_point[back] == asked[back]
-    assert (as_asked.mounted_point == to_unit([as_asked.design])[0]).all()
+    asked, mounted = to_unit([measured.design])[0], measured.mounted_point(FIN_RAYS)
+    assert mounted[front] == pytest.approx(-0.1)  # a tenth of the range below it
+    assert mounted[rib] == pytest.approx(0.5)
+    assert mounted[back] == asked[back]
+    assert (as_asked.mounted_point(FIN_RAYS) == to_unit([as_asked.design])[0]).all()
 
 
 def test_a_tool_printed_again_keeps_the_batch_waiting(proposed):

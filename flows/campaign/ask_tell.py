@@ -1,0 +1,213 @@
+"""Ask and tell: a campaign on a bench of one's own without a running flow, from the shell and from Python.
+
+`ask` proposes the next batch as the flow would, from the same rows of the lake; `tell` takes what was measured. A
+campaign may change between a flow and asking at any time: all that either knows is in the lake.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from queue import Queue
+from typing import Any
+
+from flows.campaign.batch_folder import is_told, write_batch
+from lake.leases import exclusive, is_held
+from lake.store import Lake
+from lake.tables.campaign import BatchRow, CampaignRow
+from models.errors import ConfigError, UsageError
+from models.records import Design, GraspRequest
+from tasks.bench.folder import plan_batch
+from tasks.bench.machine_csv import read_format, read_pull
+from tasks.bench.reference_tools import ask_references
+from tasks.bench.told import Taken, take_told
+from tasks.bench.told_files import read_rows_of, read_told
+from tasks.campaign.campaign import Campaign, read_own_designs
+from tasks.campaign.config import load_config
+from tasks.campaign.requests import STARTED, append_event, lease_name
+from tasks.campaign.setup import enter
+from tasks.campaign.simulator_versions import at_stage
+from tasks.scientist.propose import propose_stage
+from tasks.simulation.attempt import hang_limit_s
+from tasks.simulation.engine import Engine, open_engine
+from tasks.simulation.simulate import simulate_design
+
+
+@dataclass(frozen=True)
+class AskedBatch:
+    """What a campaign wants next: designs by tool id, the grasps in order, and the folder if one was written."""
+
+    batch_id: str
+    designs: Mapping[str, Design]
+    grasps: tuple[GraspRequest, ...]
+    folder: Path | None = None
+
+
+def ask(
+    config_path: Path | str, lake: Path | str, out: Path | str | None = None, say: Callable[[str], None] = print
+) -> AskedBatch | None:
+    """The batch that is to be measured next: the one that is open, or a new one; None when the schedule is complete.
+
+    Before a guided batch the simulations of the schedule are made, which may take long; `say` hears how far they are.
+    out: a new folder for what printer and bench need; None writes none.
+
+    Raises:
+        UsageError: the config cannot be used, or the folder is there; nothing was written.
+        FastError: another process runs the campaign and has no batch open.
+    """
+    campaign = _open(Path(config_path), lake, create=True)
+    folder = Path(out) if out is not None else None
+    if folder is not None and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UsageError(f"{folder} is there already and not empty; nothing was written: give a new folder.")
+    batch = _find_open(campaign) if is_held(campaign.lake, lease_name(campaign.campaign_id)) else None
+    if batch is None:
+        with _held(campaign, Path(config_path)):
+            batch = _find_open(campaign)
+            batch = _propose_next(campaign, say) if batch is None else batch
+    if batch is None:
+        return None
+    ask_references(campaign, campaign.state(), batch)
+    state = campaign.state()
+    grasps = plan_batch(campaign, state, batch)
+    if folder is not None:
+        write_batch(campaign, batch, folder)
+    wanted = {grasp.tool_id for grasp in grasps}
+    designs = {tool.tool_id: tool.design for tool in state.tools if tool.tool_id in wanted}
+    return AskedBatch(BatchRow.make_id(campaign.campaign_id, batch), designs, grasps, folder)
+
+
+def tell(
+    config_path: Path | str,
+    lake: Path | str,
+    told: Iterable[Path | str] | Iterable[Mapping[str, Any]],
+    *,
+    format_path: Path | str | None = None,
+    operator: str = "unknown",
+    is_dry: bool = False,
+    may_replace: bool = False,
+) -> Taken:
+    """Take measured grasps: tables of peaks, hand-off folders, files of a testing machine, or rows as mappings.
+
+    A mapping has `tool_id`, `object_id`, `repeat`, and `peak_force_n`, `trace` (a `models.records.Trace`) or `reason`.
+    format_path: how a testing machine writes its files. is_dry: only check. may_replace: correct what was told before.
+
+    Raises:
+        UsageError: something cannot be used; nothing was written.
+    """
+    campaign = _open(Path(config_path), lake, create=False)
+    if not campaign.lake.ids(CampaignRow, campaign_id=campaign.campaign_id):
+        raise UsageError(
+            f"campaign `{campaign.campaign_id}` is not in {campaign.lake.address}; `fast ask {config_path}` begins it."
+        )
+    if not is_dry:
+        enter(campaign, Path(config_path))
+    given: list[Any] = list(told)
+    if given and all(isinstance(one, Mapping) for one in given):
+        grasps = read_rows_of(given)
+    elif format_path is not None:
+        machine = read_format(Path(format_path))
+        grasps = [read_pull(Path(path), machine) for path in given]
+    else:
+        grasps = read_told(campaign, [Path(path) for path in given])
+    return take_told(campaign, grasps, operator, is_dry=is_dry, may_replace=may_replace)
+
+
+def find_told_campaign(lake: Lake, tool_ids: Sequence[str]) -> Campaign | None:
+    """The campaign on a bench of its own that these tools are of, if they are of one."""
+    from flows.campaign.status import read_campaign
+    from lake.tables.imported import is_imported
+
+    names = {tool_id.rpartition("/")[0] for tool_id in tool_ids}
+    if len(names) != 1 or "" in names:
+        return None
+    rows = lake.rows(CampaignRow, campaign_id=names.pop())
+    if not rows or is_imported(rows[-1]["config_toml"]):
+        return None
+    campaign = read_campaign(lake, rows[-1]["campaign_id"])
+    return campaign if campaign.config.bench.is_folder else None
+
+
+def _open(config_path: Path, lake: Path | str, *, create: bool) -> Campaign:
+    config = load_config(config_path)
+    if not config.bench.is_folder:
+        raise ConfigError(
+            f'{config_path}: bench.kind is "gantry", which `fast campaign run` measures on; set bench.kind = "folder" '
+            "for a bench of your own."
+        )
+    own_designs = read_own_designs(config_path, config)
+    return Campaign(Lake.open(lake, create=create), config, config_path=config_path, own_designs=own_designs)
+
+
+@contextmanager
+def _held(campaign: Campaign, config_path: Path) -> Iterator[None]:
+    """The campaign in the lake, and nobody else's meanwhile."""
+    name = campaign.campaign_id
+    busy = f"campaign {name} is being run, and asks for nothing now"
+    with exclusive(campaign.lake, lease_name(name), busy) as lease:
+        enter(campaign, config_path)
+        append_event(campaign.lake, name, STARTED, "asked for the next batch", run=lease.token)
+        yield
+
+
+def _find_open(campaign: Campaign) -> int | None:
+    """The first batch that is proposed and not told."""
+    state = campaign.state()
+    batches = sorted({tool.batch for tool in state.tools})
+    return next((batch for batch in batches if not is_told(campaign, state, batch)), None)
+
+
+def _propose_next(campaign: Campaign, say: Callable[[str], None]) -> int | None:
+    """Propose the first stage that has batches without tools; the number of its first new batch."""
+    schedule, state = campaign.config.schedule, campaign.state()
+    for stage in range(schedule.n_stages):
+        if all(state.tools_of(batch) for batch in schedule.batches_of(stage)):
+            continue
+        if stage > 0:
+            _simulate(at_stage(campaign, stage - 1), stage - 1, say)
+        return propose_stage(at_stage(campaign, stage), stage)[0]
+    return None
+
+
+def _simulate(campaign: Campaign, stage: int, say: Callable[[str], None]) -> None:
+    """Make the simulations that the schedule has for a stage, as the flow does while tools are measured."""
+    # Seconds of imports, of Prefect, which a schedule without simulations does without.
+    from flows.campaign.loops import SimulationLoop
+
+    execution = campaign.config.execution
+    limit_s = hang_limit_s(campaign.config.simulator.grasp_deadline_s)
+    engine = open_engine(execution.engine, execution.simulation_workers, limit_s)
+    try:
+        with ThreadPoolExecutor(execution.simulation_workers) as threads:
+            run = _Simulating(campaign, engine, threads, say)
+            loop = SimulationLoop(run, stage)
+            while loop.advance(campaign.state()):
+                loop.finish(run.ended.get())
+    finally:
+        engine.close()
+
+
+@dataclass
+class _Simulating:
+    """What `SimulationLoop` needs of a process that has no flow."""
+
+    campaign: Campaign
+    engine: Engine
+    threads: ThreadPoolExecutor
+    say: Callable[[str], None]
+    ended: "Queue[Future[int]]" = field(default_factory=Queue)
+
+    def on_simulated(self, label: str, n_failed: int) -> None:
+        """Tell how far it is."""
+        self.say(f"{label}{f', {n_failed} failed' if n_failed else ''}")
+
+    def submit_simulation(self, label: str, design: Design) -> "Future[int]":
+        """Have a design simulated on the objects that it misses."""
+        future = self.threads.submit(partial(simulate_design, self.campaign, design, pool=self.engine))
+        future.add_done_callback(self.ended.put)
+        return future
+
+    def should_stop(self) -> bool:
+        """Nobody asks."""
+        return False

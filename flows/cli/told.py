@@ -1,0 +1,77 @@
+"""`fast ask` and `fast tell`: a campaign on a bench of one's own, a batch at a time."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
+from flows.cli.common import tell as say_progress
+
+Config = Annotated[Path, Parameter(help='TOML file of a campaign with bench.kind = "folder".')]
+
+
+def ask(
+    config: Config,
+    *,
+    out: Annotated[
+        Path | None, Parameter(help="New folder for the files of printer and bench; without it only the list is shown.")
+    ] = None,
+    lake: LakePath = DEFAULT_LAKE,
+    json: AsJson = False,
+) -> None:
+    """Say which tools to print and which grasps to make next: the open batch, or a new one; makes the lake if needed.
+
+    Simulations of the schedule that a guided batch waits for are made first. The same command again gives the same
+    batch until it is told.
+    """
+    from flows.campaign.ask_tell import ask as ask_next
+    from lake.store import Lake
+    from tasks.campaign.config import load_config
+    from tasks.campaign.state import rank_tools
+
+    asked = ask_next(config, lake, out, say_progress)
+    if asked is None:
+        best = rank_tools(Lake.open(lake), load_config(config).name)[:1]
+        words = f"; best tool {best[0]['tool_id']}, {best[0]['tool_quality_n']:.2f} N" if best else ""
+        text = f"the schedule is complete{words}. Raise schedule.guided_batches for more."
+        show({"batch": None, "best_tool": best[0] if best else None}, text, json)
+        return
+    rows = [
+        {"tool": tool_id, "grasps": sum(grasp.tool_id == tool_id for grasp in asked.grasps), **design.model_dump()}
+        for tool_id, design in sorted(asked.designs.items())
+    ]
+    lines = [f"batch {asked.batch_id}: {len(rows)} tools, {len(asked.grasps)} grasps", "", table_text(rows, width=110)]
+    if asked.folder is not None:
+        lines += ["", f"wrote {asked.folder}; fill in results.csv, then:"]
+        lines += [f"fast tell {config} {asked.folder / 'results.csv'} --lake {lake}"]
+    grasps = [grasp.model_dump(include={"tool_id", "object_id", "repeat"}) for grasp in asked.grasps]
+    data = {"batch": asked.batch_id, "designs": {k: d.model_dump() for k, d in asked.designs.items()}}
+    show(data | {"grasps": grasps, "folder": asked.folder}, "\n".join(lines), json)
+
+
+def tell(
+    config: Config,
+    results: Annotated[
+        list[Path],
+        Parameter(help="Tables of peaks (results.csv), folders with traces, or with --format files of a machine."),
+    ],
+    *,
+    format: Annotated[Path | None, Parameter(help="TOML file that says how a testing machine writes a pull.")] = None,
+    operator: Annotated[str, Parameter(help="Who measured.")] = "unknown",
+    replace: Annotated[bool, Parameter(negative="", help="Correct what was told before with other numbers.")] = False,
+    dry_run: Annotated[bool, Parameter(negative="", help="Only check, write nothing.")] = False,
+    lake: LakePath = DEFAULT_LAKE,
+    json: AsJson = False,
+) -> None:
+    """Tell what was measured: all is written or, with what is wrong named, nothing. A campaign that waits goes on.
+
+    Tools of which a grasp is told count as printed; say otherwise with `fast print confirm` before.
+    """
+    from dataclasses import asdict
+
+    from flows.campaign.ask_tell import tell as tell_all
+
+    taken = tell_all(config, lake, results, format_path=format, operator=operator, is_dry=dry_run, may_replace=replace)
+    words = f"nothing was written (--dry-run); it would be: {taken.sentence}" if dry_run else taken.sentence
+    show(asdict(taken) | {"is_dry": dry_run}, f"{words}.", json)

@@ -1,0 +1,336 @@
+"""Grasps that a bench of one's own made: told as peaks or traces, checked against what was asked, written to the lake.
+
+Nothing is written unless all of it can be. What is told twice with the same numbers is kept once.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from lake.store import Lake
+from lake.tables.campaign import GraspRow, TraceRow
+from lake.tables.requests import setup_columns
+from models.errors import UsageError
+from models.ids import canonical_json
+from models.records import GraspRequest, Trace, find_setup_id
+from models.traces import initial_force_n, peak_force_n, work_j
+from tasks.bench.asked import read_open_requests
+from tasks.bench.measure import find_first_order
+from tasks.bench.plan import order_cells
+from tasks.bench.print import confirm_told
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.requests import append_event
+from tasks.campaign.state import CampaignState, ProposedTool
+
+TOLD = "told"  # kind of events
+_SHOWN = 10  # faults of one answer that are named
+_LEAST_SAMPLES = 10
+_SPEED_FACTOR = 4.0  # between lift speed as asked and as told: catches ms and minutes for s, m and inches for mm
+_LIFT_BACK_MM = 1.0  # more is no noise of an encoder
+_REMEDY = "nothing was written"
+Key = tuple[str, int, int]  # tool id, object id, repeat
+
+
+@dataclass(frozen=True)
+class ToldGrasp:
+    """A grasp as somebody tells it: with a peak, a trace (then the peak is its), or a reason why it failed.
+
+    place: file and row, for messages.
+    """
+
+    place: str
+    tool_id: str
+    object_id: int
+    repeat: int
+    peak_force_n: float | None = None
+    trace: Trace | None = None
+    reason: str = ""
+    started_at: datetime | None = None
+    setup_id: str | None = None  # of how it was made, where it says so
+
+    @property
+    def key(self) -> Key:
+        """Which grasp it is."""
+        return self.tool_id, self.object_id, self.repeat
+
+    @property
+    def force_n(self) -> float | None:
+        """The peak pull-off force, if it did not fail."""
+        return self.peak_force_n if self.trace is None else peak_force_n(self.trace)
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What came of it: grasps written (of them with a trace, and failed ones), and those the lake had already."""
+
+    n_written: int
+    n_traces: int
+    n_failed: int
+    n_known: int
+
+    @property
+    def sentence(self) -> str:
+        """In words."""
+        words = f"{self.n_written} grasps written"
+        if self.n_written:
+            words += f" ({self.n_traces} with a trace, {self.n_failed} failed)"
+        words += f", {self.n_known} were there already" if self.n_known else ""
+        n_peaks = self.n_written - self.n_traces - self.n_failed
+        if n_peaks:
+            words += f"; {n_peaks} are peaks alone: the scientist and the report use them, calibration on traces and "
+            words += "`fast gap` cannot"
+        return words
+
+
+def take_told(
+    campaign: Campaign, told: Sequence[ToldGrasp], operator: str, *, is_dry: bool = False, may_replace: bool = False
+) -> Taken:
+    """Write what was told; tools of which a grasp is told count as printed, unless somebody has said otherwise.
+
+    is_dry: only check. may_replace: numbers may correct those that were told before.
+
+    Raises:
+        UsageError: a grasp was not asked for, is told twice or with other numbers than before, or is implausible;
+            nothing was written.
+    """
+    state = campaign.state()
+    told = [replace(one, tool_id=_full_id(campaign, one.tool_id)) for one in told]
+    tools = {tool.tool_id: tool for tool in state.tools}
+    before = {(row.tool_id, row.object_id, row.repeat): row for row in _known_rows(campaign, told)}
+    asked = _find_asked(campaign, state)
+    faults = [fault for one in told if (fault := _find_fault(campaign, state, tools, asked, one))]
+    faults += _find_doubles(told) + _find_disorder(asked, told)
+    faults += [] if may_replace else [fault for one in told if (fault := _find_change(one, before.get(one.key)))]
+    if faults:
+        raise UsageError(_say(faults))
+    new = [one for one in told if not _is_known(one, before.get(one.key))]
+    if new and not is_dry:
+        _write(campaign, state, new, before, asked, operator)
+    n_traces = sum(one.trace is not None for one in new)
+    n_failed = sum(one.force_n is None for one in new)
+    return Taken(len(new), n_traces, n_failed, len(told) - len(new))
+
+
+def _full_id(campaign: Campaign, tool_id: str) -> str:
+    """`quick/B01T3` of `B01T3`."""
+    return tool_id if "/" in tool_id else f"{campaign.campaign_id}/{tool_id}"
+
+
+def _find_asked(campaign: Campaign, state: CampaignState) -> Mapping[Key, GraspRequest]:
+    """Every grasp that a batch, or an open question, asks for: made or not."""
+    setup = campaign.config.grasp
+    asked: dict[Key, GraspRequest] = {}
+    for tool in state.tools:
+        if tool.batch in state.imported:
+            continue
+        for object_id, repeat in order_cells(campaign, tool):
+            request = GraspRequest(tool_id=tool.tool_id, object_id=object_id, repeat=repeat, setup=setup)
+            asked[tool.tool_id, object_id, repeat] = request
+    own = {tool.tool_id for tool in state.tools}
+    for request, _ in read_open_requests(campaign.lake):
+        if request.tool_id in own:
+            asked[request.tool_id, request.object_id, request.repeat] = request
+    return asked
+
+
+def _known_rows(campaign: Campaign, told: Sequence[ToldGrasp]) -> list[GraspRow]:
+    """The newest attempt of each grasp that is told and that the lake has."""
+    wanted = {one.key for one in told}
+    rows = campaign.lake.records(GraspRow, tool_id=sorted({one.tool_id for one in told}))
+    return sorted(
+        (row for row in rows if (row.tool_id, row.object_id, row.repeat) in wanted), key=lambda row: row.attempt
+    )
+
+
+def _find_fault(
+    campaign: Campaign,
+    state: CampaignState,
+    tools: Mapping[str, ProposedTool],
+    asked: Mapping[Key, GraspRequest],
+    one: ToldGrasp,
+) -> str | None:
+    """What is wrong with a grasp by itself."""
+    if one.tool_id not in tools:
+        return f"{one.place}: tool {one.tool_id} was not asked for; tools are named like {_example(state)}"
+    if state.confirmed.get(one.tool_id) == "rejected":
+        return f"{one.place}: tool {one.tool_id} was rejected when it was printed, so it cannot have made a grasp"
+    if one.key not in asked:
+        config = campaign.config.objects
+        return (
+            f"{one.place}: object {one.object_id}, repeat {one.repeat} of tool {one.tool_id} was not asked for; "
+            f"objects are {', '.join(map(str, config.object_ids))}, repeats 0 to {config.repeats - 1}"
+        )
+    request = asked[one.key]
+    if one.setup_id not in (None, find_setup_id(request.setup, request.placement)):
+        return f"{one.place}: it was made with another setup or placement than its row of grasps.csv asked for"
+    if one.trace is not None:
+        return _find_trace_fault(campaign, request, one, one.trace)
+    if one.peak_force_n is None:
+        return None if one.reason else f"{one.place}: it has neither a force nor a reason why there is none"
+    if one.reason:
+        return f"{one.place}: it has a force and a reason why there is none; remove one"
+    return _find_force_fault(campaign, one, one.peak_force_n)
+
+
+def _find_force_fault(campaign: Campaign, one: ToldGrasp, force_n: float) -> str | None:
+    limit_n = campaign.config.bench.max_force_n
+    if 0 <= force_n <= limit_n:
+        return None
+    return (
+        f"{one.place}: the peak is {force_n:g} N, it must be from 0 to {limit_n:g} N; look at unit, sign and decimal "
+        "point, or raise bench.max_force_n"
+    )
+
+
+def _find_trace_fault(campaign: Campaign, request: GraspRequest, one: ToldGrasp, trace: Trace) -> str | None:
+    time_s, lift_mm = trace.time_s, trace.lift_mm
+    if len(time_s) < _LEAST_SAMPLES:
+        return f"{one.place}: the trace has {len(time_s)} samples, it must have at least {_LEAST_SAMPLES}"
+    if not all(np.isfinite(channel).all() for channel in (time_s, lift_mm, trace.force_n)):
+        return f"{one.place}: the trace has values that are not finite numbers; correct it"
+    if (np.diff(time_s) < 0).any():
+        row = int(np.flatnonzero(np.diff(time_s) < 0)[0]) + 2
+        return f"{one.place}: time goes back at sample {row} ({time_s[row - 1]:g} s); samples are in order of time"
+    if lift_mm.min() < -1.0 or lift_mm.max() <= 0:
+        return (
+            f"{one.place}: lift goes from {lift_mm.min():g} to {lift_mm.max():g} mm, it must begin at 0 and rise; look "
+            "at sign and zero"
+        )
+    back_mm = np.maximum.accumulate(lift_mm) - lift_mm
+    up_to_top = back_mm[: int(lift_mm.argmax()) + 1]
+    if up_to_top.max() > _LIFT_BACK_MM:
+        return (
+            f"{one.place}: the lift goes back by {up_to_top.max():.1f} mm at sample {int(up_to_top.argmax()) + 1}; "
+            "give the lift alone, without the way there and back"
+        )
+    lifted = np.flatnonzero(lift_mm > 0.05 * lift_mm.max())
+    took_s = float(time_s[lifted[-1]] - time_s[lifted[0]])
+    speed, wanted = float(np.ptp(lift_mm[lifted])) / max(took_s, 1e-9), request.setup.lift_speed_mm_per_s
+    if not wanted / _SPEED_FACTOR <= speed <= wanted * _SPEED_FACTOR:
+        return (
+            f"{one.place}: the lift has {speed:.3g} mm/s, {wanted:g} mm/s were asked for; look at the units of time "
+            "and lift, or set grasp.lift_speed_mm_per_s"
+        )
+    return _find_force_fault(campaign, one, peak_force_n(trace)) or _find_force_fault(
+        campaign, one, float(np.abs(trace.force_n).max())
+    )
+
+
+def _find_doubles(told: Sequence[ToldGrasp]) -> list[str]:
+    first: dict[Key, ToldGrasp] = {}
+    faults = []
+    for one in told:
+        other = first.setdefault(one.key, one)
+        if other is not one:
+            name = f"tool {one.tool_id}, object {one.object_id}, repeat {one.repeat}"
+            faults.append(f"{one.place}: {name} is told twice, first in {other.place}; leave one of the two out")
+    return faults
+
+
+def _find_disorder(asked: Mapping[Key, GraspRequest], told: Sequence[ToldGrasp]) -> list[str]:
+    """Grasps of a search follow each other as they were asked for: the effects of wear and time cancel only then."""
+    place = {request.request_id: number for number, request in enumerate(asked.values()) if request.request_id}
+    timed = [
+        (one.started_at, place[asked[one.key].request_id], one)
+        for one in told
+        if one.started_at is not None and one.key in asked and asked[one.key].request_id
+    ]
+    timed.sort(key=lambda entry: entry[0])
+    return [
+        f"{after[2].place}: it was made after {before[2].place}, the plan asks for it before; make the grasps in the "
+        "order of the plan, or correct their times"
+        for before, after in pairwise(timed)
+        if before[1] > after[1]
+    ]
+
+
+def _is_known(one: ToldGrasp, row: GraspRow | None) -> bool:
+    """Whether the lake has this grasp as it is told; a failure does not stand against a later success."""
+    if row is None or (row.status == "ok") != (one.force_n is not None):
+        return False
+    if row.status != "ok":
+        return True
+    is_traced = row.work_j is not None
+    return is_traced == (one.trace is not None) and abs((row.peak_force_n or 0.0) - (one.force_n or 0.0)) <= 1e-9
+
+
+def _find_change(one: ToldGrasp, row: GraspRow | None) -> str | None:
+    """A grasp that the lake has as a success with other numbers."""
+    if row is None or row.status != "ok" or _is_known(one, row):
+        return None
+    now = f"{one.force_n:g} N" if one.force_n is not None else f"failed ({one.reason})"
+    was = f"{row.peak_force_n:g} N{'' if row.work_j is None else ' with its trace'}"
+    return f"{one.place}: the lake has this grasp with {was}, now it is {now}; add --replace to correct it"
+
+
+def _example(state: CampaignState) -> str:
+    return state.tools[-1].tool_id if state.tools else "NAME/B01T0, and none is proposed yet: `fast ask` first"
+
+
+def _say(faults: Sequence[str]) -> str:
+    if len(faults) == 1:
+        return f"{faults[0]}; {_REMEDY}."
+    shown = "\n".join(f"  {fault}." for fault in faults[:_SHOWN])
+    more = f"\n  and {len(faults) - _SHOWN} more." if len(faults) > _SHOWN else ""
+    return f"{len(faults)} things are wrong, {_REMEDY}:\n{shown}{more}"
+
+
+def _write(
+    campaign: Campaign,
+    state: CampaignState,
+    told: Sequence[ToldGrasp],
+    before: Mapping[Key, GraspRow],
+    asked: Mapping[Key, GraspRequest],
+    operator: str,
+) -> None:
+    """Tools, samples, grasps, in this order: a crash in between leaves nothing that telling again does not mend."""
+    tools = {tool.tool_id: tool for tool in state.tools}
+    unsaid = [tools[i] for i in dict.fromkeys(one.tool_id for one in told) if i not in state.confirmed]
+    confirm_told(campaign.lake, campaign.campaign_id, unsaid, operator)
+    order = find_first_order(campaign)
+    rows: list[Any] = []
+    for place, one in enumerate(told):
+        row = _grasp_row(campaign, tools[one.tool_id], one, before.get(one.key), asked[one.key])
+        row = row.model_copy(update={"order": order + place, "details_json": canonical_json({"told_by": operator})})
+        rows += [TraceRow.of(row.grasp_id, one.trace), row] if one.trace is not None else [row]
+    parents = sorted({tools[one.tool_id].design.design_id for one in told} | {one.tool_id for one in told})
+    campaign.lake.append(rows, campaign.provenance(parents=parents))
+    append_event(campaign.lake, campaign.campaign_id, TOLD, f"{operator} told {len(told)} grasps", n=len(told))
+
+
+def _grasp_row(
+    campaign: Campaign, tool: ProposedTool, one: ToldGrasp, before: GraspRow | None, request: GraspRequest
+) -> GraspRow:
+    """A success replaces the row of an earlier success; after a failure it is a new attempt."""
+    attempt = 0 if before is None else before.attempt + (before.status != "ok")
+    trace, force_n = one.trace, one.force_n
+    return GraspRow(
+        grasp_id=GraspRow.make_id(tool.tool_id, one.object_id, one.repeat, attempt, request.request_id),
+        campaign_id=campaign.campaign_id,
+        tool_id=tool.tool_id,
+        batch=tool.batch,
+        slot=tool.slot,
+        design_id=tool.design.design_id,
+        object_id=one.object_id,
+        repeat=one.repeat,
+        attempt=attempt,
+        status="ok" if force_n is not None else "failed",
+        reason=one.reason,
+        started_at=one.started_at,
+        peak_force_n=force_n,
+        work_j=None if trace is None else work_j(trace),
+        initial_force_n=None if trace is None else initial_force_n(trace),
+        bench=campaign.config.bench.name,
+        request_id=request.request_id or None,
+        **setup_columns(request.setup, request.placement),
+    )
+
+
+def count_told_peaks(lake: Lake, campaign_id: str | None = None) -> int:
+    """Measured grasps that were told as peaks, without a trace."""
+    sql = "SELECT count(*) FROM grasps WHERE status = 'ok' AND work_j IS NULL AND ($id IS NULL OR campaign_id = $id)"
+    return int(lake.query(sql, {"id": campaign_id}).column(0)[0].as_py())

@@ -1,0 +1,106 @@
+"""Files in which grasps are told: a table of peaks, or a hand-off folder with traces."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from lake.handoff.answers import find_settings
+from lake.handoff.cells import time as read_time
+from lake.handoff.files import read_handoff
+from lake.tables.campaign import DesignRow
+from models.errors import UsageError
+from models.records import find_setup_id
+from tasks.bench.told import ToldGrasp
+from tasks.campaign.campaign import Campaign
+from tasks.campaign.csv_file import CsvRow, read_rows
+
+NEEDED = ("tool_id", "object_id", "repeat", "peak_force_n")
+OPTIONAL = ("object", "reason", "started_at")
+
+
+def read_peaks(path: Path) -> list[ToldGrasp]:
+    """Grasps of a table of peaks (`results.csv`); rows with neither peak nor reason are still to be made.
+
+    Raises:
+        UsageError: the file cannot be read, or a cell cannot be used.
+    """
+    told = [_read_row(row) for row in read_rows(path, NEEDED, OPTIONAL) if row["peak_force_n"] or row.get("reason")]
+    if not told:
+        raise UsageError(f"{path} has no peak_force_n and no reason; fill in the rows of the grasps that were made.")
+    return told
+
+
+def _read_row(row: CsvRow) -> ToldGrasp:
+    return ToldGrasp(
+        place=row.place,
+        tool_id=row["tool_id"],
+        object_id=row.integer("object_id"),
+        repeat=row.integer("repeat"),
+        peak_force_n=row.number("peak_force_n") if row["peak_force_n"] else None,
+        reason=row.get("reason", ""),
+        started_at=_read_time(row),
+    )
+
+
+def _read_time(row: CsvRow) -> datetime | None:
+    try:
+        return read_time(row.get("started_at", ""))
+    except ValueError as error:
+        raise row.wrong("started_at", str(error).rstrip(".")) from error
+
+
+def read_rows_of(grasps: Iterable[Mapping[str, Any]]) -> list[ToldGrasp]:
+    """Grasps told from Python: mappings with the columns of a table of peaks, or `trace` in place of the peak.
+
+    Raises:
+        UsageError: a key is missing or unknown, or a value is of the wrong kind.
+    """
+    known = {*NEEDED, *OPTIONAL, "trace"}
+    told = []
+    for number, grasp in enumerate(grasps, start=1):
+        place = f"grasp {number}"
+        if missing := [name for name in NEEDED[:3] if name not in grasp]:
+            raise UsageError(f"{place}: `{missing[0]}` is missing; nothing was written: add it.")
+        if unknown := [name for name in grasp if name not in known]:
+            raise UsageError(f"{place}: unknown key `{unknown[0]}`; the keys are {', '.join(sorted(known))}.")
+        cells = {name: "" if grasp.get(name) is None else str(grasp[name]) for name in (*NEEDED, *OPTIONAL)}
+        one = _read_row(CsvRow(place, ".", cells))
+        told.append(ToldGrasp(**{**vars(one), "trace": grasp.get("trace")}))
+    return told
+
+
+def read_folder(campaign: Campaign, folder: Path) -> list[ToldGrasp]:
+    """Grasps of a hand-off folder: the plan with traces beside it.
+
+    Raises:
+        UsageError: it is no such folder, or something in it is wrong; all faults are named.
+    """
+    handoff = read_handoff(folder, campaign.lake.ids(DesignRow))
+    if simulated := [grasp.grasp_id for grasp in handoff.grasps if grasp.fidelity != "real"]:
+        raise UsageError(f"{folder}: grasp {simulated[0]} is simulated; tell measured grasps alone.")
+    usual = campaign.config.grasp
+    return [
+        ToldGrasp(
+            place=f"{folder} grasp {grasp.grasp_id}",
+            tool_id=grasp.tool_id,
+            object_id=grasp.object_id,
+            repeat=grasp.repeat,
+            trace=grasp.trace,
+            started_at=grasp.started_at,
+            setup_id=find_setup_id(*find_settings(grasp, usual)),
+        )
+        for grasp in handoff.grasps
+    ]
+
+
+def read_told(campaign: Campaign, paths: Sequence[Path]) -> list[ToldGrasp]:
+    """Grasps of tables of peaks and of hand-off folders.
+
+    Raises:
+        UsageError: something in them cannot be used.
+    """
+    told: list[ToldGrasp] = []
+    for path in paths:
+        told += read_folder(campaign, path) if path.is_dir() else read_peaks(path)
+    return told

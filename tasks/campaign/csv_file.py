@@ -1,0 +1,109 @@
+"""A CSV file that a person wrote: rows as text, with one sentence for what a spreadsheet did to it."""
+
+import csv
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from models.errors import UsageError
+from models.validation import closest, is_text
+
+_MOST_ROWS = 100_000
+
+
+class CsvRow(dict[str, str]):
+    """Cells of one row by column, and where it stands, for messages; the header is row 1."""
+
+    def __init__(self, place: str, decimal: str, cells: dict[str, str]) -> None:
+        super().__init__(cells)
+        self.place = place
+        self._decimal = decimal
+
+    def number(self, column: str) -> float:
+        """The finite number of a cell.
+
+        Raises:
+            UsageError: it is none.
+        """
+        text = self.get(column, "")
+        try:
+            value = float(text.replace(self._decimal, ".") if self._decimal != "." else text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise self.wrong(column, "it must be a finite number")
+        return value
+
+    def integer(self, column: str) -> int:
+        """The whole number of a cell; spreadsheets write 3 as 3.0.
+
+        Raises:
+            UsageError: it is none.
+        """
+        value = self.number(column)
+        if not value.is_integer() or abs(value) > 1e9:
+            raise self.wrong(column, "it must be a whole number")
+        return int(value)
+
+    def wrong(self, column: str, limit: str) -> UsageError:
+        """The error for a cell that cannot be used."""
+        return UsageError(
+            f"{self.place}: {column} is `{self.get(column, '')}`, {limit}; nothing was written: correct it."
+        )
+
+
+def read_rows(path: Path, needed: Sequence[str], optional: Sequence[str]) -> list[CsvRow]:
+    """Rows of a CSV file, separated by commas, or by semicolons with commas or points in the numbers.
+
+    Raises:
+        UsageError: the file cannot be read, lacks a column, has another, or a row has more or fewer cells.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read ({error.strerror}); give an existing file.") from error
+    except UnicodeDecodeError as error:
+        raise UsageError(f"{path} is not a text file in UTF-8; save it as CSV in UTF-8.") from error
+    if not is_text(text):
+        raise UsageError(f"{path} is not a text file in UTF-8; save it as CSV in UTF-8.")
+    lines = text.splitlines()
+    separator = ";" if lines and lines[0].count(";") > lines[0].count(",") else ","
+    return list(_rows(path, csv.reader(lines, delimiter=separator, strict=True), separator, needed, optional))
+
+
+def _rows(
+    path: Path, reader: "Iterator[list[str]]", separator: str, needed: Sequence[str], optional: Sequence[str]
+) -> Iterator[CsvRow]:
+    try:
+        header = [cell.strip() for cell in next(reader, [])]
+        _check_header(path, header, needed, optional)
+        for number, cells in enumerate(reader, start=2):
+            if not any(cell.strip() for cell in cells):
+                continue
+            if number > _MOST_ROWS:
+                raise UsageError(f"{path} has more than {_MOST_ROWS} rows; nothing was written: give it in parts.")
+            if len(cells) != len(header):
+                raise UsageError(
+                    f"{path} row {number} has {len(cells)} cells, the header has {len(header)}; nothing was written: "
+                    "write 12.5 with a point where commas separate, or separate by semicolons."
+                )
+            found = {name: cell.strip() for name, cell in zip(header, cells, strict=True)}
+            decimal = "," if separator == ";" else "."
+            yield CsvRow(f"{path} row {number}", decimal, found)
+    except csv.Error as error:
+        raise UsageError(f"{path} is not a readable CSV file ({error}); nothing was written: correct it.") from error
+
+
+def _check_header(path: Path, header: Sequence[str], needed: Sequence[str], optional: Sequence[str]) -> None:
+    known = [*needed, *optional]
+    for name in header:
+        if name not in known:
+            raise UsageError(
+                f"{path}: unknown column `{name[:60]}`; {closest(name, known)} Nothing was written: correct it."
+            )
+        if list(header).count(name) > 1:
+            raise UsageError(f"{path}: the column `{name}` is there twice; nothing was written: remove one.")
+    if missing := [name for name in needed if name not in header]:
+        raise UsageError(
+            f"{path}: the column `{missing[0]}` is missing; nothing was written: the columns are {', '.join(known)}."
+        )

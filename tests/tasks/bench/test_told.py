@@ -1,0 +1,189 @@
+"""Grasps of a bench of one's own: what is taken, what is refused with which words, and what a second telling does."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lake.store import Lake
+from lake.tables.campaign import GraspRow, ToolRow, TraceRow
+from models.errors import UsageError
+from models.records import Trace
+from tasks.bench.folder import plan_batch
+from tasks.bench.told import ToldGrasp, take_told
+from tasks.bench.told_files import read_peaks, read_rows_of
+from tasks.campaign.campaign import Campaign
+from tasks.scientist.propose import propose_initial
+from tests.tasks.campaign.small_campaign import small_campaign
+
+N_ASKED = 8  # two tools, two objects, two repeats
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Campaign:
+    made = small_campaign(tmp_path, bench={"kind": "folder", "name": "pull-tester", "max_force_n": 100.0})
+    propose_initial(made)
+    return made
+
+
+def trace(peak_n: float = 9.0, speed: float = 5.0, **channels: Any) -> Trace:
+    lift_mm = np.linspace(0.0, 40.0, 200)
+    usual = {"time_s": lift_mm / speed, "lift_mm": lift_mm, "force_n": peak_n * np.sin(np.pi * lift_mm / 40.0)}
+    return Trace(**{**usual, **channels})
+
+
+def told(campaign: Campaign, **values: Any) -> list[ToldGrasp]:
+    """Every asked grasp, told with 10 N or what `values` say of the first one."""
+    asked = plan_batch(campaign, campaign.state(), 1)
+    every = [ToldGrasp(f"row {i}", g.tool_id, g.object_id, g.repeat, 10.0 + i) for i, g in enumerate(asked)]
+    return [ToldGrasp(**{**vars(every[0]), **values}), *every[1:]]
+
+
+def test_what_is_told_closes_the_batch(campaign: Campaign) -> None:
+    taken = take_told(campaign, told(campaign), "ada")
+    assert (taken.n_written, taken.n_traces, taken.n_failed, taken.n_known) == (N_ASKED, 0, 0, 0)
+    rows = campaign.lake.records(GraspRow)
+    assert sorted(row.peak_force_n or 0.0 for row in rows) == [10.0 + i for i in range(N_ASKED)]
+    assert {(row.bench, row.status, row.setup_json != "") for row in rows} == {("pull-tester", "ok", True)}
+    assert {row.status for row in campaign.lake.records(ToolRow)} == {"printed"}
+    assert plan_batch(campaign, campaign.state(), 1) == ()
+    assert campaign.state().is_confirmed(1)
+
+
+def test_a_trace_is_kept_with_its_peak(campaign: Campaign) -> None:
+    taken = take_told(campaign, told(campaign, peak_force_n=None, trace=trace()), "ada")
+    assert taken.n_traces == 1
+    (row,) = [r for r in campaign.lake.records(GraspRow) if r.work_j is not None]
+    assert row.peak_force_n == pytest.approx(9.0, rel=0.01)
+    assert row.work_j == pytest.approx(9.0 * 0.04 * 2 / np.pi, rel=0.02)
+    assert campaign.lake.ids(TraceRow) == {row.grasp_id}
+
+
+def test_telling_again_writes_nothing_and_a_part_may_be_told_later(campaign: Campaign) -> None:
+    every = told(campaign)
+    take_told(campaign, every[:3], "ada")
+    assert len(plan_batch(campaign, campaign.state(), 1)) == N_ASKED - 3
+    again = take_told(campaign, every, "ada")
+    assert (again.n_written, again.n_known) == (N_ASKED - 3, 3)
+    assert len(campaign.lake.records(GraspRow)) == N_ASKED
+
+
+def test_other_numbers_need_replace_and_keep_one_row(campaign: Campaign) -> None:
+    take_told(campaign, told(campaign), "ada")
+    changed = told_again(campaign, 33.0)
+    with pytest.raises(UsageError, match="the lake has this grasp with 10 N, now it is 33 N; add --replace"):
+        take_told(campaign, changed, "ada")
+    take_told(campaign, changed, "ada", may_replace=True)
+    assert len(campaign.lake.records(GraspRow)) == N_ASKED
+    assert max(row.peak_force_n or 0.0 for row in campaign.lake.records(GraspRow)) == 33.0
+
+
+def told_again(campaign: Campaign, force_n: float) -> list[ToldGrasp]:
+    first = min(campaign.lake.records(GraspRow), key=lambda row: row.peak_force_n or 0.0)
+    return [ToldGrasp("row 0", first.tool_id, first.object_id, first.repeat, force_n)]
+
+
+def test_a_failure_is_final_until_it_succeeds(campaign: Campaign) -> None:
+    take_told(campaign, told(campaign, peak_force_n=None, reason="object broke"), "ada")
+    assert plan_batch(campaign, campaign.state(), 1) == ()
+    (row,) = campaign.lake.records(GraspRow, status="failed")
+    assert row.reason == "object broke"
+    take_told(campaign, [ToldGrasp("row 0", row.tool_id, row.object_id, row.repeat, 12.0)], "ada")
+    later = campaign.lake.records(GraspRow, tool_id=row.tool_id, object_id=row.object_id, repeat=row.repeat)
+    assert sorted((one.attempt, one.status) for one in later) == [(0, "failed"), (1, "ok")]
+
+
+def test_a_dry_run_writes_nothing(campaign: Campaign) -> None:
+    before = campaign.lake.rows(GraspRow), campaign.lake.rows(ToolRow)
+    assert take_told(campaign, told(campaign), "ada", is_dry=True).n_written == N_ASKED
+    assert (campaign.lake.rows(GraspRow), campaign.lake.rows(ToolRow)) == before
+
+
+def falling() -> np.ndarray:
+    lift_mm = np.linspace(0.0, 40.0, 200)
+    lift_mm[100:] -= 10.0
+    return lift_mm
+
+
+WRONG = {
+    "another tool": ({"tool_id": "small/B07T1"}, "tool small/B07T1 was not asked for; tools are named like small/B01"),
+    "another object": ({"object_id": 9}, "object 9, repeat 0 .* was not asked for; objects are 4, 7, repeats 0 to 1"),
+    "too strong": ({"peak_force_n": 101.0}, "the peak is 101 N, it must be from 0 to 100 N; look at unit"),
+    "pushed": ({"peak_force_n": -3.0}, "the peak is -3 N"),
+    "no number": ({"peak_force_n": float("nan")}, "the peak is nan N"),
+    "nothing": ({"peak_force_n": None}, "neither a force nor a reason"),
+    "both": ({"reason": "slipped"}, "a force and a reason"),
+    "kN": ({"peak_force_n": None, "trace": trace(peak_n=9000.0)}, "the peak is 8999.72 N, it must be from 0 to 100 N"),
+    "ms": ({"peak_force_n": None, "trace": trace(speed=0.005)}, "the lift has 0.005 mm/s, 5 mm/s were asked for"),
+    "few": (
+        {"peak_force_n": None, "trace": Trace(time_s=np.arange(3.0), lift_mm=np.arange(3.0), force_n=np.ones(3))},
+        "3 samples, it must have at least 10",
+    ),
+    "no lift": ({"peak_force_n": None, "trace": trace(lift_mm=np.linspace(0, -40, 200))}, "must begin at 0 and rise"),
+    "falls": ({"peak_force_n": None, "trace": trace(lift_mm=falling())}, "the lift goes back by 9.8 mm"),
+    "infinite": ({"peak_force_n": None, "trace": trace(force_n=np.full(200, np.inf))}, "not finite numbers"),
+    "time back": (
+        {"peak_force_n": None, "trace": trace(time_s=np.linspace(8.0, 0.0, 200))},
+        "time goes back at sample",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_grasp_is_one_sentence_and_nothing_is_written(campaign: Campaign, name: str) -> None:
+    values, words = WRONG[name]
+    with pytest.raises(UsageError, match=words) as refused:
+        take_told(campaign, told(campaign, **values), "ada")
+    assert str(refused.value).startswith("row 0: ")
+    assert str(refused.value).endswith("nothing was written.")
+    assert "\n" not in str(refused.value)
+    assert campaign.lake.rows(GraspRow) == campaign.lake.rows(ToolRow) == []
+
+
+def test_all_faults_are_named_at_once(campaign: Campaign) -> None:
+    every = told(campaign, peak_force_n=500.0)
+    every[1] = every[2]
+    with pytest.raises(UsageError) as refused:
+        take_told(campaign, every, "ada")
+    assert str(refused.value).startswith("2 things are wrong, nothing was written:\n")
+    assert "is told twice, first in row 2; leave one of the two out" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("tool_id,object_id,repeat\nB01T0,4,0\n", "peak_force_n"),
+        ("tool_id,object_id,repeat,peak_force_n\nB01T0,4,0,\n", "no peak_force_n and no reason"),
+        ("tool_id,object_id,repeat,peak_force_n\nB01T0,4,0,ten\n", "peak_force_n is `ten`, it must be a finite number"),
+        ("tool_id,object_id,repeat,peak_force_n\nB01T0,4.5,0,1\n", "object_id is `4.5`, it must be a whole number"),
+        ("tool_id,object_id,repeat,peak_force_n,force\nB01T0,4,0,1,1\n", "force"),
+        ("", "results.csv"),
+    ],
+)
+def test_a_table_that_cannot_be_read_says_where(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "results.csv"
+    path.write_text(text)
+    with pytest.raises(UsageError, match=words):
+        read_peaks(path)
+
+
+def test_a_german_spreadsheet_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "results.csv"
+    path.write_text("\ufefftool_id;object_id;repeat;peak_force_n\r\nB01T0;4;1;12,5\r\n", encoding="utf-8")
+    (one,) = read_peaks(path)
+    assert (one.tool_id, one.object_id, one.repeat, one.peak_force_n) == ("B01T0", 4, 1, 12.5)
+
+
+def test_mappings_are_checked_by_name() -> None:
+    with pytest.raises(UsageError, match="grasp 1: `repeat` is missing"):
+        read_rows_of([{"tool_id": "B01T0", "object_id": 4}])
+    with pytest.raises(UsageError, match="unknown key `force`"):
+        read_rows_of([{"tool_id": "B01T0", "object_id": 4, "repeat": 0, "force": 1.0}])
+
+
+def test_other_campaigns_of_the_lake_are_left_alone(campaign: Campaign) -> None:
+    take_told(campaign, told(campaign), "ada")
+    assert Lake.open(Path(campaign.lake.address)).query("SELECT DISTINCT campaign_id FROM grasps").to_pylist() == [
+        {"campaign_id": "small"}
+    ]

@@ -1,0 +1,147 @@
+"""Designs of one's own: read, placed in batches, printed beside proposed ones, and measured again as references."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lake.store import Lake
+from lake.tables.campaign import ProposalRow
+from models.design.families import find_family
+from models.design.space import BEST_PUBLISHED
+from models.errors import ConfigError, UsageError
+from tasks.bench.folder import plan_batch
+from tasks.bench.reference_tools import ask_references, list_owed, note_gone
+from tasks.bench.told import ToldGrasp, take_told
+from tasks.campaign.campaign import Campaign, read_own_designs
+from tasks.campaign.config import load_config
+from tasks.campaign.own_designs import OwnDesign, place_designs, read_designs
+from tasks.campaign.settings import Schedule
+from tasks.campaign.setup import enter
+from tasks.scientist.propose import propose_guided, propose_initial
+
+HEADER = "name,batch,length_mm,width_mm,height_mm,tip_length_mm,front_thickness_mm,back_thickness_mm,rib_thickness_mm,"
+HEADER += "rib_count,rib_angle_deg\n"
+PUBLISHED = "published,1,32.3,32,99.5,22.3,2.4,2.9,2,7,-10\n"
+LATER = "later,2,27.1,30.2,104.6,23.7,2.2,2.3,2.1,5.0,12.5\n"
+FREE = "free,,30,30,100,25,2.5,2.5,2.5,3,0\n"
+CONFIG = """
+name = "mine"
+seed = 1
+designs = "mine.csv"
+[schedule]
+initial_tools = 3
+tools_per_batch = 3
+guided_batches = 1
+initial_simulations = 0
+simulations_per_batch = 0
+reference_tools = 1
+[objects]
+ids = [2]
+repeats = 1
+[simulator]
+simulate_tools = false
+[bench]
+kind = "folder"
+"""
+
+
+def begin(folder: Path, rows: str = PUBLISHED + LATER + FREE, config: str = CONFIG) -> Campaign:
+    (folder / "mine.csv").write_text(HEADER + rows)
+    path = folder / "mine.toml"
+    path.write_text(config)
+    loaded = load_config(path)
+    own = read_own_designs(path, loaded)
+    campaign = Campaign(Lake.open(folder / "lake", create=True), loaded, config_path=path, own_designs=own)
+    enter(campaign, path)
+    return campaign
+
+
+def tell_all(campaign: Campaign, batch: int) -> None:
+    asked = plan_batch(campaign, campaign.state(), batch)
+    forces = {tool.tool_id: 10.0 + tool.slot for tool in campaign.state().tools}
+    grasps = [ToldGrasp(f"row {i}", g.tool_id, g.object_id, g.repeat, forces[g.tool_id]) for i, g in enumerate(asked)]
+    take_told(campaign, grasps, "ada")
+
+
+def test_own_designs_hang_beside_proposed_ones_and_the_best_tool_comes_back(tmp_path: Path) -> None:
+    campaign = begin(tmp_path)
+    propose_initial(campaign)
+    first = {row["slot"]: row for row in campaign.lake.rows(ProposalRow, batch=1)}
+    own = [(first[slot]["name"], first[slot]["acquisition"]) for slot in (0, 1)]
+    assert own == [("published", "own"), ("free", "own")]
+    assert first[2]["acquisition"] != "own"
+    assert {tool.slot: tool.design.rib_count for tool in campaign.state().tools}[0] == 7
+    tell_all(campaign, 1)
+    propose_guided(campaign, 2)
+    second = {row["slot"]: row for row in campaign.lake.rows(ProposalRow, batch=2)}
+    assert [second[slot]["name"] for slot in (0, 1, 2)] == ["later", None, None]
+    ask_references(campaign, campaign.state(), 2)
+    ask_references(campaign, campaign.state(), 2)  # asking twice asks once
+    (owed,) = list_owed(campaign, 2)
+    assert owed.tool_id == "mine/B01T2"  # the best of batch 1
+    assert plan_batch(campaign, campaign.state(), 2)[0].tool_id == "mine/B01T2"
+    tell_all(campaign, 2)
+    assert list_owed(campaign, 2) == []
+    quality = campaign.lake.query("SELECT tool_id, n_grasps FROM tool_quality ORDER BY tool_id").to_pylist()
+    assert {row["n_grasps"] for row in quality} == {1}  # a reference grasp says nothing of quality
+
+
+def test_a_reference_tool_that_is_gone_owes_nothing(tmp_path: Path) -> None:
+    campaign = begin(tmp_path)
+    propose_initial(campaign)
+    tell_all(campaign, 1)
+    propose_guided(campaign, 2)
+    ask_references(campaign, campaign.state(), 2)
+    with pytest.raises(UsageError, match="--gone mine/B01T0 is no reference tool of batch 2"):
+        note_gone(campaign.lake, "mine", 2, ["B01T0"], "ada")
+    note_gone(campaign.lake, "mine", 2, ["B01T2"], "ada")
+    assert list_owed(campaign, 2) == []
+
+
+def test_rows_of_proposed_batches_may_not_change(tmp_path: Path) -> None:
+    campaign = begin(tmp_path)
+    propose_initial(campaign)
+    with pytest.raises(ConfigError, match="batch 1, which is proposed already"):
+        begin(tmp_path, PUBLISHED.replace("32.3", "32.4") + LATER + FREE)
+    begin(tmp_path, PUBLISHED + LATER + FREE + LATER.replace("later", "more").replace("27.1", "27.2"))
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        (PUBLISHED.replace("32.3", "50"), "mine.csv row 2.*length_mm.* is 50.* at most 35"),
+        (PUBLISHED.replace(",7,", ",7.5,"), "rib_count is `7.5`, it must be a whole number"),
+        (PUBLISHED.replace(",1,32.3", ",0,32.3"), "batch is `0`, it must be at least 1"),
+        (PUBLISHED.replace(",1,32.3", ",9,32.3"), "batch is 9, the schedule ends with batch 2"),
+        (PUBLISHED * 4, "batch 1 has 3 tools, and this design is one too many"),
+        (FREE * 4, "the initial batches have 3 tools"),
+        (PUBLISHED.replace("2.4", ""), "front_thickness_mm is ``, it must be a finite number"),
+        (PUBLISHED.replace("published", "x" * 61), "at most 60 characters"),
+        ("", "has no designs"),
+    ],
+)
+def test_a_wrong_file_is_one_sentence(tmp_path: Path, row: str, words: str) -> None:
+    with pytest.raises(UsageError, match=words) as refused:
+        begin(tmp_path, row)
+    assert "\n" not in str(refused.value)
+
+
+def test_designs_of_another_family(tmp_path: Path) -> None:
+    values: dict[str, Any] = BEST_PUBLISHED.model_dump() | {"rib_modulus_factor": 2.0, "tip_modulus_factor": 0.5}
+    path = tmp_path / "graded.csv"
+    path.write_text(",".join(values) + "\n" + ",".join(map(str, values.values())) + "\n")
+    (own,) = read_designs(path, family=find_family("graded-fin-ray"))
+    assert own.design.model_dump() == values
+    with pytest.raises(UsageError, match="rib_modulus_factor"):
+        read_designs(path)
+
+
+def test_designs_without_a_batch_fill_the_initial_ones() -> None:
+    schedule = Schedule(initial_tools=4, tools_per_batch=2, guided_batches=1)
+    designs = [OwnDesign(f"row {i}", f"own {i}", BEST_PUBLISHED, 1 if i == 2 else None) for i in range(3)]
+    placed = place_designs(designs, schedule)
+    assert {batch: [own.name for own in found] for batch, found in placed.items()} == {
+        1: ["own 2", "own 0"],
+        2: ["own 1"],
+    }

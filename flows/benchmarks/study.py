@@ -36,7 +36,8 @@ class Case:
     @property
     def job(self) -> GraspJob:
         """What a worker is told."""
-        return GraspJob(numbered_design(self.design), get_object(self.object_id), find_tier(self.tier), SETUP, DEADLINE_S)
+        obj = get_object(self.object_id)
+        return GraspJob(numbered_design(self.design), obj, find_tier(self.tier), SETUP, DEADLINE_S)
 
     @property
     def simulation_id(self) -> str:

@@ -182,9 +182,7 @@ def open_bench(
     mounted = rack(None) if tools is None else tools
     if chosen.real is None:
         layout = BenchLayout(own_objects=own_objects)
-        with open_virtual_bench(
-            read_world(chosen.world), mounted, log_folder=log_folder(None), layout=layout
-        ) as bench:
+        with open_virtual_bench(read_world(chosen.world), mounted, log_folder=log_folder(None), layout=layout) as bench:
             yield bench
         return
     settings = read_bench(chosen.real)

@@ -116,11 +116,13 @@ def _remarks(obj: "RigidObject") -> list[str]:
     remarks = []
     if size_x_mm <= setup.closed_gap_mm:
         remarks.append(
-            f"it is {size_x_mm:.1f} mm wide in x, the jaws stop {setup.closed_gap_mm:g} mm apart: only fingers that bend "
-            "inwards touch it; set grasp.closed_gap_mm lower"
+            f"it is {size_x_mm:.1f} mm wide in x, the jaws stop {setup.closed_gap_mm:g} mm apart: only fingers that "
+            "bend inwards touch it; set grasp.closed_gap_mm lower"
         )
     if not obj.mirror_y:
-        remarks.append("it is not its own mirror image in y = 0: a grasp takes several times the time of a symmetric one")
+        remarks.append(
+            "it is not its own mirror image in y = 0: a simulated grasp takes several times as long as a symmetric one"
+        )
     return remarks or ["the fingers reach it"]
 
 

@@ -77,10 +77,12 @@ def _times(objects: "ObjectPlan", setup: Any, n_tools: int, design: list[Path] |
     from hardware.cell.layout import BenchLayout
 
     mounted, layout = list(rack(design).values()), objects.stand_on(BenchLayout())
-    return [
-        plan_time(mounted[slot % len(mounted)], slot, objects.cells(slot), setup, from_slot=max(slot - 1, 0), layout=layout)
-        for slot in range(n_tools)
-    ]
+
+    def plan_slot(slot: int) -> "PlanTime":
+        tool, cells = mounted[slot % len(mounted)], objects.cells(slot)
+        return plan_time(tool, slot, cells, setup, from_slot=max(slot - 1, 0), layout=layout)
+
+    return [plan_slot(slot) for slot in range(n_tools)]
 
 
 def _text(data: dict[str, Any]) -> str:

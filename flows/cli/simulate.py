@@ -135,14 +135,15 @@ def simulate_file(
     from flows.simulation.many_designs import simulate_designs
     from models.design.families import find_family
     from models.errors import UsageError
-    from models.objects.catalogue import get_object, name_object
+    from models.objects.catalogue import name_object
     from tasks.campaign.own_designs import read_designs
     from tasks.campaign.settings import N_OBJECTS
+    from tasks.objects import find_object
 
     if not 1 <= workers <= 256:
         raise UsageError(f"--workers is {workers}, it must be from 1 to 256; change it.")
     found = read_designs(designs, family=find_family(family))
-    object_ids = list(range(N_OBJECTS)) if asked.object is None else [get_object(asked.object).object_id]
+    object_ids = list(range(N_OBJECTS)) if asked.object is None else [find_object(asked.object, lake).object_id]
     version, setup, placement = apply_settings(asked.set or [], _base_version(lake, asked.version, asked.tier))
     if out is not None:
         make_folder(out)
@@ -237,7 +238,8 @@ def read_simulation(lake: Path, simulation_id: str) -> "tuple[Design, RigidObjec
     versions = found.records(SimulatorVersionRow, version_id=row.version_id)
     if not designs or not versions or versions[0].tier == "imported":
         raise UsageError(f"simulation `{simulation_id}` was made elsewhere; only this program's can be repeated.")
-    return designs[0].design, get_object(row.object_id), versions[0].version, GraspSetup.model_validate_json(row.setup_json)
+    setup = GraspSetup.model_validate_json(row.setup_json)
+    return designs[0].design, get_object(row.object_id), versions[0].version, setup
 
 
 def refuse_beside(option: str, others: dict[str, Any]) -> None:

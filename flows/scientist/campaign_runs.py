@@ -238,9 +238,7 @@ class _Runner:
     def _open_bench(self, tools: Sequence[ProposedTool]) -> Iterator[Bench]:
         mounted = {tool.rack_slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
         layout = self._campaign.config.objects.stand_on(BenchLayout())
-        with open_virtual_bench(
-            self._world, mounted, physics=self._physics, wires="memory", layout=layout
-        ) as bench:
+        with open_virtual_bench(self._world, mounted, physics=self._physics, wires="memory", layout=layout) as bench:
             yield bench
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from flows.progress import Bar, ProgressReporter, RateEstimate
-from models.objects.catalogue import name_object
+from models.objects.catalogue import get_object, name_object
 from models.records import GraspSetup, Placement, SimulatorVersion
 from tasks.campaign.own_designs import OwnDesign
 from tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
@@ -87,7 +87,7 @@ def _simulate(
     attempts = []
     with pool.lend() as worker:
         for object_id in object_ids:
-            wanted = job(own.design, object_id)
+            wanted = job(own.design, get_object(object_id))
             attempts.append(answer(worker, wanted, worker.submit(attempt_grasp, wanted)))
             tell(own, object_id, attempts[-1])
     return SimulatedDesign(own, object_ids, tuple(attempts))

@@ -95,8 +95,8 @@ def send_campaign(recording: rr.RecordingStream, content: Content) -> BenchTimel
 def find_objects(content: Content) -> tuple[BenchLayout, list[int]]:
     """The bench of a campaign, and the objects that its tools shall meet.
 
-    Of a campaign that was run elsewhere, the objects that its tools met; where its own ones stood is not known, and they
-    are drawn on free places.
+    Of a campaign that was run elsewhere, the objects that its tools met; where its own ones stood is not known, and
+    they are drawn on free places.
     """
     config_toml = content.campaign.config_toml
     if is_imported(config_toml):

@@ -223,9 +223,7 @@ class GraspCell:
         self._prepare_air(grasp)
         # The panel's register is too small for the number of an own object: its place is shown.
         is_object = grasp.object_id != NO_OBJECT
-        self._pneumatics.label_job(
-            self._layout.place_of(grasp.object_id) if is_object else NO_OBJECT, grasp.repeat
-        )
+        self._pneumatics.label_job(self._layout.place_of(grasp.object_id) if is_object else NO_OBJECT, grasp.repeat)
         self._force.tare()
         grasp.baseline = self._force.baseline(BASELINE_S)
         step_n = self._watch.zero.check(tool.tool_id, grasp.baseline)

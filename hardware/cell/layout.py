@@ -56,8 +56,8 @@ class BenchLayout(Record):
         place = dict(self.own_objects).get(object_id, object_id)
         if not self.has_place(object_id):
             raise UsageError(
-                f"Object {object_id} has no place on the bench; use an id from 0 to {N_OBJECTS - 1}, or say where an own "
-                "object stands."
+                f"Object {object_id} has no place on the bench; use an id from 0 to {N_OBJECTS - 1}, or say where an "
+                "own object stands."
             )
         return place
 

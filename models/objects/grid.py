@@ -1,4 +1,4 @@
-"""A closed triangle mesh as a row of `models.objects.primitives`: its signed distance on a grid, as spline coefficients.
+"""A closed triangle mesh as a row of `models.objects.primitives`: its signed distance on a grid, as a spline.
 
 Distances at the grid points are exact: next to the surface from every triangle near, further away from the triangles
 that the neighbours are nearest to, swept over the grid (Bridson's SDFGen does the same). The sign is that of the
@@ -153,7 +153,7 @@ def _measure_near(triangles: np.ndarray, values: np.ndarray, closest: np.ndarray
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _sweep(triangles: np.ndarray, values: np.ndarray, closest: np.ndarray, dx: int, dy: int, dz: int) -> None:
-    """Ask, from one corner of the grid to the other, whether a neighbour's closest triangle is nearer than one's own."""
+    """Ask, from corner to corner of the grid, whether a neighbour's closest triangle is nearer than one's own."""
     nx, ny, nz = values.shape
     sx, sy, sz = 2 * dx - 1, 2 * dy - 1, 2 * dz - 1
     for a in range(1, nx):

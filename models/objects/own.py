@@ -81,7 +81,7 @@ def object_of_mesh(
     """
     stood = _stand(_checked(mesh, source), scale, turn_deg)
     _check_size(np.ptp(stood.bounds, axis=0), source)  # before a grid is made for it
-    stl, grid, points = bytes(stood.export(file_type="stl")), MeshGrid.of(stood), surface_points(stood)
+    stl, grid, points = trimesh.exchange.stl.export_stl(stood), MeshGrid.of(stood), surface_points(stood)
     packed = base64.b64encode(zlib.compress(stl, 9)).decode()
     shape = _MeshShape(is_round=looks_round(grid, points), stl=packed)
     has_mirrors = [grid.has_on_surface(points * signs) for signs in _MIRRORS]
@@ -204,6 +204,6 @@ def _check_size(size_mm: np.ndarray, source: str) -> None:
             )
         if size < LEAST_SIZE_MM:
             raise ConfigError(
-                f"{source}: the object is {size:.3g} mm {how}, the fingers need {LEAST_SIZE_MM:g} mm at least; scale it "
-                "up (`scale = 1000` for a mesh in metres, 25.4 for one in inches)."
+                f"{source}: the object is {size:.3g} mm {how}, the fingers need {LEAST_SIZE_MM:g} mm at least; scale "
+                "it up (`scale = 1000` for a mesh in metres, 25.4 for one in inches)."
             )

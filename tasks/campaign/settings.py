@@ -29,7 +29,7 @@ class ObjectPlan(Record):
 
     ids: Literal["all"] | tuple[int, ...] = "all"
     files: tuple[str, ...] = Field(default=(), description="own objects: paths, relative to the config")
-    places: tuple[int, ...] = Field(default=(), description="where those of `files` stand; none: the free ones in order")
+    places: tuple[int, ...] = Field(default=(), description="where those of `files` stand; none: free ones in order")
     file_ids: dict[str, int] = Field(default={}, description="numbers of `files`; written by the program, not by you")
     repeats: int = Field(default=3, ge=1, le=20)
     order: Literal["fixed", "random"] = Field(
@@ -73,14 +73,13 @@ class ObjectPlan(Record):
             raise ValueError("`files` names one file twice; leave one of them out")
         n_objects = len(self.files) + len(self.ids)
         if n_objects > N_OBJECTS:
-            raise ValueError(f"`ids` and `files` name {n_objects} objects, the bench has {N_OBJECTS} places; name fewer")
+            raise ValueError(f"{n_objects} objects are named, the bench has {N_OBJECTS} places; name fewer")
         taken = [*self.ids, *self.places]
-        if self.places and (
-            len(self.places) != len(self.files) or len(set(taken)) != len(taken) or not set(taken) <= set(range(N_OBJECTS))
-        ):
+        are_apart = len(set(taken)) == len(taken) and set(taken) <= set(range(N_OBJECTS))
+        if self.places and (len(self.places) != len(self.files) or not are_apart):
             raise ValueError(
-                f"`places` must give each of the {len(self.files)} files a place of its own, 0 to {N_OBJECTS - 1}, that "
-                "no object of `ids` has; change it"
+                f"`places` must give each of the {len(self.files)} files a place of its own, 0 to {N_OBJECTS - 1}, "
+                "that no object of `ids` has; change it"
             )
         return self
 

@@ -9,7 +9,9 @@ from cyclopts import App, Parameter
 from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text
 
 if TYPE_CHECKING:
+    from lake.handoff.import_folder import HandoffCounts
     from lake.store import Lake
+    from models.records import GraspSetup
     from tasks.bench.told import Taken
 
 _LIMIT_TEXT, _LIMIT_JSON = 5, 10_000
@@ -26,30 +28,70 @@ def import_(
     reader: Annotated[
         str | None, Parameter(help="FILE.py:FUNCTION that reads DIRECTORY where it has another format.")
     ] = None,
+    set: Annotated[
+        list[str] | None,
+        Parameter(help="NAME=VALUE of how grasps were made where the files do not say it, e.g. closed_gap_mm=30."),
+    ] = None,
+    dry_run: Annotated[bool, Parameter(negative="", help="Only check and count, write nothing.")] = False,
     json: AsJson = False,
 ) -> None:
     """Import designs, grasps and traces in the hand-off format; all of it or, with every fault named, nothing."""
     from dataclasses import asdict
 
     from lake.handoff.files import read_handoff
-    from lake.handoff.import_folder import import_handoff
+    from lake.handoff.import_folder import check_campaign_id, count_all, import_handoff
     from lake.handoff.readers import handoff_folder, load_reader
     from lake.provenance import current_provenance
     from lake.store import Lake
 
+    setup = _read_setup(set or [])
+    if campaign is not None:
+        check_campaign_id(campaign)
     source = directory.resolve().stem if directory.is_file() else directory.resolve().name
     with handoff_folder(directory, load_reader(reader) if reader else None) as folder:
         if not Lake.exists(lake):
-            read_handoff(folder, set())  # a folder that cannot be imported makes no lake
+            handoff = read_handoff(folder, frozenset())  # a folder that cannot be imported makes no lake
+            if dry_run:
+                show_import(count_all(handoff), is_dry=True, as_json=json)
+                return
         found = Lake.open(lake, create=True)
-        if (taken := _take_answers(found, folder, campaign, source)) is not None:
-            show(asdict(taken), f"{taken.sentence}.", json)
+        if (taken := _take_answers(found, folder, campaign, source, is_dry=dry_run)) is not None:
+            words = f"nothing was written (--dry-run); it would be: {taken.sentence}" if dry_run else taken.sentence
+            show(asdict(taken) | {"is_dry": dry_run}, f"{words}.", json)
             return
-        counts = import_handoff(found, folder, current_provenance(), campaign_id=campaign, source=source)
-    show(counts._asdict(), _counts_text("imported", counts._asdict()), json)
+        counts = import_handoff(
+            found, folder, current_provenance(), campaign_id=campaign, setup=setup, source=source, is_dry=dry_run
+        )
+    show_import(counts, is_dry=dry_run, as_json=json)
 
 
-def _take_answers(lake: "Lake", folder: Path, campaign_id: str | None, source: str) -> "Taken | None":
+def _read_setup(settings: list[str]) -> "GraspSetup":
+    """The default setup with `name=value` settings.
+
+    Raises:
+        ConfigError: a name is unknown, or a value out of its range.
+    """
+    from models.errors import ConfigError
+    from models.records import GraspSetup
+    from models.validation import load_record
+
+    values = dict(setting.partition("=")[::2] for setting in settings)
+    if wrong := [name for name, value in values.items() if not value]:
+        raise ConfigError(f"--set `{wrong[0]}` has no value; write it like --set closed_gap_mm=30.")
+    return load_record(GraspSetup, values, "--set")
+
+
+def show_import(counts: "HandoffCounts", *, is_dry: bool, as_json: bool) -> None:
+    """Say what an import wrote, or with `is_dry` what it would have."""
+    numbers = counts._asdict()
+    n_known = numbers.pop("n_known")
+    words = _counts_text("nothing was written (--dry-run); it would be:" if is_dry else "imported", numbers)
+    if n_known:
+        words += f"; {n_known} grasps were there already"
+    show(counts._asdict() | {"is_dry": is_dry}, words, as_json)
+
+
+def _take_answers(lake: "Lake", folder: Path, campaign_id: str | None, source: str, *, is_dry: bool) -> "Taken | None":
     """What became of grasps that a campaign on a bench of its own asked for; None where none did.
 
     Raises:
@@ -67,7 +109,7 @@ def _take_answers(lake: "Lake", folder: Path, campaign_id: str | None, source: s
     campaign = find_told_campaign(lake, [grasp.tool_id for grasp in handoff.grasps if grasp.fidelity == "real"])
     if campaign is None or campaign_id not in (None, campaign.campaign_id):
         return None
-    return take_told(campaign, read_folder(campaign, folder), f"import of {source}")
+    return take_told(campaign, read_folder(campaign, folder), f"import of {source}", is_dry=is_dry)
 
 
 @app.command
@@ -183,4 +225,4 @@ def _check_campaign(lake: "Lake", campaign: str) -> None:
 
 def _counts_text(verb: str, counts: dict[str, int]) -> str:
     words = {"n_designs": "designs", "n_real": "measured grasps", "n_sim": "simulated grasps", "n_samples": "samples"}
-    return f"{verb} " + ", ".join(f"{n} {words[name]}" for name, n in counts.items())
+    return f"{verb} " + ", ".join(f"{counts[name]} {word}" for name, word in words.items())

@@ -3,13 +3,15 @@
 import math
 import operator
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 from annotated_types import Ge, Gt, Le, Lt
 
 from models.records import FinRay, GraspSetup, Placement, Record, Theta
 from models.units import unit_of
 
+_EARLIEST = datetime(2000, 1, 1, tzinfo=UTC)
+_CLOCKS_APART = timedelta(days=1)  # of two labs, time zones that nobody wrote down included
 _LARGEST_INTEGER = 2**53  # what spreadsheets and JSON keep exactly
 _Holds = Callable[[float, float], bool]
 
@@ -123,9 +125,12 @@ def time(text: str) -> datetime | None:
         return None
     try:
         value = datetime.fromisoformat(text)
-        return value.astimezone(UTC) if value.tzinfo else value.replace(tzinfo=UTC)
+        value = value.astimezone(UTC) if value.tzinfo else value.replace(tzinfo=UTC)
     except (ValueError, OverflowError) as error:  # the latter for the first and last hours of the calendar
         raise ValueError("must be an ISO 8601 time such as 2026-03-01T14:05:00+00:00, or empty.") from error
+    if not _EARLIEST <= value <= datetime.now(UTC) + _CLOCKS_APART:
+        raise ValueError(f"must be from {_EARLIEST.year} to now; correct the date, or leave it empty.")
+    return value
 
 
 def number_or_nan(text: str) -> float:

@@ -16,6 +16,7 @@ from lake.handoff.files import (
     FILE_NAMES,
     GRASP_COLUMNS,
     HOW_COLUMNS,
+    OBJECTS_FILE,
     SIMULATION_COLUMNS,
     THETA_COLUMNS,
     TRACE_COLUMNS,
@@ -23,7 +24,15 @@ from lake.handoff.files import (
 from lake.handoff.import_folder import HandoffCounts
 from lake.storage.files import TEMPORARY_PREFIX, discard, make_folder, publish, writing_failed
 from lake.store import Lake
-from lake.tables.campaign import DesignRow, GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow, TraceRow
+from lake.tables.campaign import (
+    DesignRow,
+    GraspRow,
+    ObjectRow,
+    SimTraceRow,
+    SimulationRow,
+    SimulatorVersionRow,
+    TraceRow,
+)
 from lake.tables.imported import importing_campaign
 from models.errors import LakeError, UsageError
 from models.records import GraspSetup
@@ -62,6 +71,9 @@ def export_handoff(
         ("grasps.csv", lambda path: write_csv(path, (*GRASP_COLUMNS, *_list_told(real + sim)), real + sim)),
         (f"traces.{traces}", lambda path: write_traces(path, blocks)),
     ]
+    own = _find_own_objects(lake, {row["object_id"] for row in real + sim})
+    if own:
+        files.append((OBJECTS_FILE, lambda path: _write_objects(path, own)))
     if sim:
         files.append(("simulations.csv", lambda path: write_csv(path, SIMULATION_COLUMNS, sim)))
     write_files(directory, files)
@@ -71,6 +83,17 @@ def export_handoff(
 def list_design_columns(rows: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     """Columns of designs.csv; the family only where one is no fin ray."""
     return (*DESIGN_COLUMNS, *FAMILY_COLUMNS) if any(row["family"] for row in rows) else DESIGN_COLUMNS
+
+
+def _find_own_objects(lake: Lake, object_ids: set[int]) -> list[ObjectRow]:
+    """Own objects among those of the grasps, in the order of their numbers."""
+    rows = lake.records(ObjectRow, object_id=sorted(object_ids))
+    return sorted((row for row in rows if row.shape is not None), key=lambda row: row.object_id)
+
+
+def _write_objects(path: Path, rows: Sequence[ObjectRow]) -> None:
+    entries = [{"object_id": row.object_id, "name": row.name, "shape": row.shape} for row in rows]
+    path.write_text(json.dumps(entries, indent=1) + "\n", encoding="utf-8")
 
 
 def _list_told(rows: Sequence[dict[str, Any]]) -> list[str]:

@@ -6,7 +6,7 @@
 
 import csv
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -32,6 +32,7 @@ from lake.tables.requests import PLACEMENT
 from models.design.families import read_design
 from models.design.space import PARAMETERS
 from models.errors import FastError, UsageError
+from models.objects.catalogue import OBJECTS, RigidObject, find_object
 from models.records import Design, FinRay, GraspSetup, Theta, Trace
 from models.units import unit_of
 
@@ -46,8 +47,13 @@ CHANNELS = ("time_s", "lift_mm", "force_n")
 TRACE_COLUMNS = ("grasp_id", *CHANNELS)
 THETA_COLUMNS = tuple(Theta.model_fields)
 SIMULATION_COLUMNS = ("grasp_id", *THETA_COLUMNS, "contact_force_n")
-FILE_NAMES = ("designs.csv", "grasps.csv", "simulations.csv", "traces.csv", "traces.parquet")
-N_OBJECTS = 36
+OBJECTS_FILE = "objects.json"  # own objects: a list of object_id, name and shape
+FILE_NAMES = (OBJECTS_FILE, "designs.csv", "grasps.csv", "simulations.csv", "traces.csv", "traces.parquet")
+MOST_FORCE_N = 2000.0  # ten times the paper's load cell
+MOST_LIFT_MM = 1000.0
+LIFT_BACK_MM = 2.0  # more is no noise of an encoder
+SLOWEST_MM_PER_S = 0.05
+_MOST_SHAPES_BYTES = 400_000_000
 _SHOWN_PER_COLUMN = 20  # of one fault in one column; the rest is counted
 
 
@@ -106,6 +112,7 @@ class Handoff:
 
     designs: dict[str, Design]
     grasps: list[HandoffGrasp]
+    objects: list[RigidObject]
 
 
 @dataclass
@@ -138,7 +145,7 @@ class _Reader:
             return None
 
 
-def read_handoff(directory: Path, known_designs: set[str]) -> Handoff:
+def read_handoff(directory: Path, known_designs: Set[str]) -> Handoff:
     """Read a hand-off folder.
 
     `known_designs` are ids that grasps may name without a row in designs.csv.
@@ -150,17 +157,19 @@ def read_handoff(directory: Path, known_designs: set[str]) -> Handoff:
         raise UsageError(f"{directory} is not a folder; give the folder that holds designs.csv and grasps.csv.")
     reader = _Reader(directory)
     designs = _read_designs(reader)
-    grasps = _read_grasps(reader, set(designs) | known_designs)
+    objects = _read_objects(reader)
+    grasps = _read_grasps(reader, set(designs) | known_designs, {obj.object_id for obj in objects})
     traces = _read_traces(reader, set(grasps))
     simulations = _read_simulations(reader, grasps)
     _check_samples(reader, grasps, traces)
+    _find_repeated(reader, grasps)
     if reader.faults:
         raise HandoffError(directory, reader.faults)
     complete = [
         HandoffGrasp(**values, trace=traces[grasp_id][1], simulation=simulations.get(grasp_id))
         for grasp_id, (_, values) in grasps.items()
     ]
-    return Handoff({design_id: design for design_id, design in designs.items() if design}, complete)
+    return Handoff({design_id: design for design_id, design in designs.items() if design}, complete, objects)
 
 
 def _read_designs(reader: _Reader) -> dict[str, Design | None]:
@@ -206,13 +215,60 @@ def _design(reader: _Reader, table: _Table, place: int, values: dict[str, float]
         return None
 
 
-def _read_grasps(reader: _Reader, design_ids: set[str]) -> dict[str, tuple[int, dict[str, Any]]]:
+def _read_objects(reader: _Reader) -> list[RigidObject]:
+    """Own objects of the folder, their numbers worked out again; none where there is no file of them."""
+    path = reader.directory / OBJECTS_FILE
+    if not path.exists():
+        return []
+    try:
+        if path.stat().st_size > _MOST_SHAPES_BYTES:
+            raise ValueError("too large")
+        entries = [
+            (int(one["object_id"]), str(one["name"]), str(one["shape"])) for one in json.loads(path.read_bytes())
+        ]
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        limit = "must be a JSON list of objects, each with object_id, name and shape."
+        reader.fault(OBJECTS_FILE, None, None, None, limit)
+        return []
+    from models.objects.own import object_of_shape  # compiles
+
+    found = []
+    for number, (object_id, name, shape) in enumerate(entries, start=1):
+        try:
+            made = object_of_shape(name, shape, OBJECTS_FILE)
+        except FastError as error:
+            reader.fault(OBJECTS_FILE, None, f"entry {number}", name, str(error))
+            continue
+        if made.object_id != object_id:
+            limit = f"is not the number of this shape, {made.object_id}; export the object again."
+            reader.fault(OBJECTS_FILE, None, "object_id", object_id, limit)
+        found.append(made)
+    return found
+
+
+def _read_object_id(own: set[int]) -> Callable[[str], int]:
+    """Reader of an object's number: one of the 36, of the folder, or one that is known here."""
+    number = integer(0, None)
+
+    def read(text: str) -> int:
+        object_id = int(number(text))
+        if object_id in own or find_object(object_id) is not None:
+            return object_id
+        raise ValueError(
+            f"must be 0 to {len(OBJECTS) - 1}, or an own object of {OBJECTS_FILE} or of this lake; add it with "
+            "`fast objects add`."
+        )
+
+    return read
+
+
+def _read_grasps(reader: _Reader, design_ids: set[str], own_objects: set[int]) -> dict[str, tuple[int, dict[str, Any]]]:
     """Row number and cells of each grasp, by id."""
     table = _read_csv(reader, "grasps.csv", (*GRASP_COLUMNS, *HOW_COLUMNS), optional=HOW_COLUMNS)
     grasps: dict[str, tuple[int, dict[str, Any]]] = {}
     readers: dict[str, Callable[[str], Any]] = {
         "design_id": one_of_designs(design_ids),
-        "object_id": integer(0, N_OBJECTS - 1),
+        "object_id": _read_object_id(own_objects),
         "repeat": integer(0, None),
         "fidelity": fidelity,
         "tool_id": str,
@@ -295,10 +351,52 @@ def _check_samples(
         if grasp_id not in traces:
             reader.fault("grasps.csv", row, "grasp_id", grasp_id, "must have samples in the traces file, it has none.")
             continue
-        lift_mm = traces[grasp_id][1].lift_mm
+        rows, trace = traces[grasp_id]
+        lift_mm = trace.lift_mm
+        if fault := _find_implausible(trace):
+            column, place, limit = fault
+            reader.fault("traces", rows[place], column, getattr(trace, column)[place], f"{limit} (grasp `{grasp_id}`).")
+            continue
         if not (lift_mm > 0).any() and not np.isnan(lift_mm).any():
             limit = f"must rise above 0 mm during the grasp `{grasp_id}`, its largest value is {lift_mm.max()} mm."
             reader.fault("traces", traces[grasp_id][0][0], "lift_mm", lift_mm.max(), limit)
+
+
+def _find_implausible(trace: Trace) -> tuple[str, int, str] | None:
+    """Column, sample and limit of what no pull of a soft gripper gives: another unit, or another column."""
+    if not all(np.isfinite(getattr(trace, name)).all() for name in CHANNELS):
+        return None  # named already
+    for name, most in (("force_n", MOST_FORCE_N), ("lift_mm", MOST_LIFT_MM)):
+        sizes = np.abs(getattr(trace, name))
+        if sizes.max() > most:
+            unit = unit_of(name)
+            return name, int(sizes.argmax()), f"must be at most {most:g} {unit} in size; look at unit and column"
+    top = int(trace.lift_mm.argmax())
+    back_mm = (np.maximum.accumulate(trace.lift_mm) - trace.lift_mm)[: top + 1]
+    if back_mm.max() > LIFT_BACK_MM:
+        fall = f"it falls by {back_mm.max():.3g} mm"
+        limit = f"must not fall by more than {LIFT_BACK_MM:g} mm before the top of the lift, {fall}"
+        return "lift_mm", int(back_mm.argmax()), limit
+    start = int(np.argmax(trace.lift_mm > 0.05 * trace.lift_mm[top]))
+    took_s = float(trace.time_s[top] - trace.time_s[start])
+    if trace.lift_mm[top] - trace.lift_mm[start] < SLOWEST_MM_PER_S * took_s:
+        limit = f"the lift takes {took_s:.4g} s, slower than {SLOWEST_MM_PER_S:g} mm/s; times are in s, not ms"
+        return "time_s", top, limit
+    return None
+
+
+def _find_repeated(reader: _Reader, grasps: dict[str, tuple[int, dict[str, Any]]]) -> None:
+    """Name measured grasps that are there twice: one tool, object and repeat, made the same way."""
+    first: dict[tuple[object, ...], int] = {}
+    for row, values in grasps.values():
+        if values["fidelity"] != "real":
+            continue
+        how = tuple(sorted(values["settings"].items()))
+        key = (*(values[name] for name in ("tool_id", "design_id", "object_id", "repeat", "request_id")), how)
+        other = first.setdefault(key, row)
+        if other != row:
+            limit = f"is there twice for this tool and object, first in row {other}; number the repeats."
+            reader.fault("grasps.csv", row, "repeat", values["repeat"], limit)
 
 
 def _samples_of_csv(reader: _Reader, name: str) -> tuple[list[str], list[np.ndarray], list[int]]:

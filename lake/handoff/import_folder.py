@@ -7,6 +7,8 @@ asked for are answers to it (`lake.handoff.answers`). Export is in `lake.handoff
 another format in `lake.handoff.readers`.
 """
 
+import re
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,12 +17,22 @@ import numpy as np
 
 from lake.handoff.answers import check_answers, find_settings
 from lake.handoff.campaign import Place, bench_rows, campaign_row, source_hash, tool_places
-from lake.handoff.files import CHANNELS, THETA_COLUMNS, Fault, Handoff, HandoffError, HandoffGrasp, read_handoff
+from lake.handoff.files import (
+    CHANNELS,
+    FILE_NAMES,
+    THETA_COLUMNS,
+    Fault,
+    Handoff,
+    HandoffError,
+    HandoffGrasp,
+    read_handoff,
+)
 from lake.provenance import Provenance
 from lake.store import Lake
 from lake.tables.campaign import (
     DesignRow,
     GraspRow,
+    ObjectRow,
     Row,
     SimTraceRow,
     SimulationRow,
@@ -30,9 +42,11 @@ from lake.tables.campaign import (
 from lake.tables.imported import importing_campaign
 from lake.tables.requests import setup_columns
 from models import traces as features
+from models.errors import UsageError
 from models.ids import canonical_json, content_id
 from models.records import GraspSetup, Trace
 
+_CAMPAIGN_ID = re.compile(r"[^\W_][\w .+-]{0,99}")
 _TRACES_AT_ONCE = 512  # traces of the lake held in memory while they are compared
 
 
@@ -43,6 +57,7 @@ class HandoffCounts(NamedTuple):
     n_real: int
     n_sim: int
     n_samples: int
+    n_known: int = 0  # of an import: grasps that the lake had already, not among the others
 
 
 def import_handoff(
@@ -53,14 +68,15 @@ def import_handoff(
     campaign_id: str | None = None,
     setup: GraspSetup | None = None,
     source: str | None = None,
+    is_dry: bool = False,
 ) -> HandoffCounts:
-    """Import a hand-off folder; importing it again changes nothing.
+    """Import a hand-off folder; importing it again changes nothing. Returns what was written.
 
     Measured grasps become `grasps` and `traces` of the campaign `campaign_id` (default
     `import-<source>`), simulated ones `simulations` and `sim_traces`. Grasps that the lake has as part of
     another campaign, or simulated itself, stay as they are. `setup` is how grasps were made where the files do not
     say it, by default the one of the format (open gap 70, closed gap 16, tips 5 mm below the object); `source` names
-    where the data come from, by default the folder.
+    where the data come from, by default the folder. `is_dry`: only check and count.
 
     Raises:
         HandoffError: something is wrong; every fault is named and nothing was written.
@@ -74,13 +90,16 @@ def import_handoff(
     real = [grasp for grasp in handoff.grasps if grasp.fidelity == "real"]
     there = lake.ids(GraspRow, grasp_id=[grasp.grasp_id for grasp in real])
     asking = check_answers(lake, [grasp for grasp in real if grasp.grasp_id not in there], setup or GraspSetup())
-    campaign = asking or campaign_id or f"import-{source}"
+    campaign = asking or campaign_id or "import-" + re.sub(r"[^\w .+-]|\.\.", "-", source)[:90]
+    check_campaign_id(campaign)
     grasps = _new_grasps(lake, directory, handoff, campaign)
     rows: list[Row] = [
         DesignRow.of(design, design_id)
         for design_id, design in handoff.designs.items()
         if design_id not in known_designs
     ]
+    known_objects = lake.ids(ObjectRow)
+    rows += [ObjectRow.of(obj) for obj in handoff.objects if obj.object_id not in known_objects]
     content_hash = source_hash(directory)
     if grasps:
         places = tool_places(lake, campaign, [grasp.tool_id for grasp in grasps if grasp.fidelity == "real"])
@@ -90,9 +109,34 @@ def import_handoff(
                 *bench_rows(lake, campaign, source, grasps, places),
             ]
         rows += _grasp_rows(grasps, campaign, setup or GraspSetup(), places)
-    if rows:
+    _check_room(lake, directory)
+    known = lake.ids(GraspRow) | lake.ids(SimulationRow)
+    new = [grasp for grasp in grasps if grasp.grasp_id not in known]
+    if rows and not is_dry:
         lake.append(_unique(rows), _with_config(provenance, content_hash))
-    return _counts(len(handoff.designs), handoff.grasps)
+    return _counts(len(set(handoff.designs) - known_designs), new, len(handoff.grasps) - len(new))
+
+
+def check_campaign_id(campaign_id: str) -> None:
+    """Raises UsageError for a name that is no name: reports and print files go into a folder called so."""
+    if not _CAMPAIGN_ID.fullmatch(campaign_id) or ".." in campaign_id:
+        raise UsageError(
+            f"`{campaign_id[:120]}` cannot be the name of a campaign; nothing was written: give --campaign a name of "
+            "at most 100 letters, digits, spaces, `.`, `_`, `+` or `-`, a letter or digit first."
+        )
+
+
+def _check_room(lake: Lake, directory: Path) -> None:
+    """Raises UsageError where the files hold more than the lake's disk; of an object store the room is not known."""
+    if lake.root is None:
+        return
+    wanted = sum(path.stat().st_size for name in FILE_NAMES if (path := directory / name).exists())
+    free = shutil.disk_usage(lake.root).free
+    if wanted > free:
+        raise UsageError(
+            f"{directory} holds {wanted / 1e6:.0f} MB, the disk of the lake has {free / 1e6:.0f} MB left; nothing was "
+            "written: free some, or import into a lake elsewhere."
+        )
 
 
 def _with_config(provenance: Provenance, content_hash: str) -> Provenance:
@@ -241,7 +285,12 @@ def _unique(rows: Sequence[Row]) -> list[Row]:
     return list({(row.table, row.__dict__[row.id_column()]): row for row in rows}.values())
 
 
-def _counts(n_designs: int, grasps: Sequence[HandoffGrasp]) -> HandoffCounts:
+def count_all(handoff: Handoff) -> HandoffCounts:
+    """What a folder holds: what a lake without any of it would take."""
+    return _counts(len(handoff.designs), handoff.grasps, 0)
+
+
+def _counts(n_designs: int, grasps: Sequence[HandoffGrasp], n_known: int) -> HandoffCounts:
     n_real = sum(grasp.fidelity == "real" for grasp in grasps)
     n_samples = sum(len(grasp.trace.time_s) for grasp in grasps)
-    return HandoffCounts(n_designs, n_real, len(grasps) - n_real, n_samples)
+    return HandoffCounts(n_designs, n_real, len(grasps) - n_real, n_samples, n_known)

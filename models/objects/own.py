@@ -58,12 +58,7 @@ def object_of_parts(name: str, parts: Sequence[Part], source: str) -> RigidObjec
     Raises:
         ConfigError: the name or the size cannot be used.
     """
-    shape = _PartsShape(parts=tuple(parts))
-    rows = _standing(shape.parts)
-    points = np.asarray(surface_of(rows).vertices)
-    has_mirrors = [bool(np.abs(distance(rows, points * signs)).max() <= SAME_MM) for signs in _MIRRORS]
-    low, high = bounds(rows)
-    return _object(name, shape, canonical_json(shape.model_dump()).encode(), high - low, has_mirrors, source)
+    return _of_parts(name, _PartsShape(parts=tuple(parts)), source)
 
 
 def object_of_mesh(
@@ -81,11 +76,25 @@ def object_of_mesh(
     """
     stood = _stand(_checked(mesh, source), scale, turn_deg)
     _check_size(np.ptp(stood.bounds, axis=0), source)  # before a grid is made for it
-    stl, grid, points = trimesh.exchange.stl.export_stl(stood), MeshGrid.of(stood), surface_points(stood)
-    packed = base64.b64encode(zlib.compress(stl, 9)).decode()
-    shape = _MeshShape(is_round=looks_round(grid, points), stl=packed)
-    has_mirrors = [grid.has_on_surface(points * signs) for signs in _MIRRORS]
-    return _object(name, shape, stl, np.ptp(stood.bounds, axis=0), has_mirrors, source)
+    return _of_standing(name, stood, trimesh.exchange.stl.export_stl(stood), source)
+
+
+def object_of_shape(name: str, shape: str, source: str) -> RigidObject:
+    """The object of a shape's text that another lake wrote; its number is worked out again from the content.
+
+    Raises:
+        ConfigError: the text is no shape, or no object that the bench can hold.
+    """
+    try:
+        read = _read(shape)
+        if isinstance(read, _PartsShape):
+            return _of_parts(name, read, source)
+        stl = _unpack(read)
+        mesh = trimesh.load_mesh(io.BytesIO(stl), file_type="stl")
+    except (ValueError, zlib.error, RecursionError) as error:
+        raise ConfigError(f"{source}: the shape of `{name}` cannot be read; export it again.") from error
+    _check_size(np.ptp(_checked(mesh, source).bounds, axis=0), source)
+    return _of_standing(name, mesh, stl, source)
 
 
 @lru_cache(maxsize=GRIDS_KEPT)
@@ -112,6 +121,23 @@ def own_id(content: bytes) -> int:
     """Number of an own object: from its content, above those of the 36, and small enough for any integer column."""
     number = int.from_bytes(hashlib.sha256(content).digest()[:8], "big")
     return FIRST_OWN_ID + number % (_LAST_ID - FIRST_OWN_ID)
+
+
+def _of_parts(name: str, shape: _PartsShape, source: str) -> RigidObject:
+    rows = _standing(shape.parts)
+    points = np.asarray(surface_of(rows).vertices)
+    has_mirrors = [bool(np.abs(distance(rows, points * signs)).max() <= SAME_MM) for signs in _MIRRORS]
+    low, high = bounds(rows)
+    return _object(name, shape, canonical_json(shape.model_dump()).encode(), high - low, has_mirrors, source)
+
+
+def _of_standing(name: str, mesh: trimesh.Trimesh, stl: bytes, source: str) -> RigidObject:
+    """The object of a mesh in the object frame, and of the same as a binary STL."""
+    mesh_grid, points = MeshGrid.of(mesh), surface_points(mesh)
+    packed = base64.b64encode(zlib.compress(stl, 9)).decode()
+    shape = _MeshShape(is_round=looks_round(mesh_grid, points), stl=packed)
+    has_mirrors = [mesh_grid.has_on_surface(points * signs) for signs in _MIRRORS]
+    return _object(name, shape, stl, np.ptp(mesh.bounds, axis=0), has_mirrors, source)
 
 
 def _object(
@@ -154,8 +180,20 @@ def _read(shape: str) -> _MeshShape | _PartsShape:
 
 
 def _mesh_of(shape: _MeshShape) -> trimesh.Trimesh:
-    stl = zlib.decompress(base64.b64decode(shape.stl))
-    return trimesh.load_mesh(io.BytesIO(stl), file_type="stl")
+    return trimesh.load_mesh(io.BytesIO(_unpack(shape)), file_type="stl")
+
+
+def _unpack(shape: _MeshShape) -> bytes:
+    """The binary STL of a shape.
+
+    Raises:
+        ValueError, zlib.error: it is none, or larger than any that is taken.
+    """
+    packed, most = zlib.decompressobj(), 84 + 50 * MOST_TRIANGLES
+    stl = packed.decompress(base64.b64decode(shape.stl, validate=True), most)
+    if not packed.eof:
+        raise ValueError("larger than any mesh that is taken, or cut off")
+    return stl
 
 
 def _checked(mesh: trimesh.Trimesh, source: str) -> trimesh.Trimesh:
@@ -178,8 +216,9 @@ def _checked(mesh: trimesh.Trimesh, source: str) -> trimesh.Trimesh:
             f"{source}: the mesh is not watertight, {n_open} of its {len(n_faces)} edges do not join two triangles; "
             "close it in the program that made it."
         )
-    if not turned.is_winding_consistent or turned.volume < 0.0:
-        turned.fix_normals()
+    with np.errstate(invalid="ignore", divide="ignore"):  # a mesh without volume has no centre
+        if not turned.is_winding_consistent or turned.volume < 0.0:
+            turned.fix_normals()
     if not abs(turned.volume) > 1e-9 * float(np.prod(np.maximum(np.ptp(turned.bounds, axis=0), 1e-9))):
         raise ConfigError(f"{source}: the mesh has no volume; export a solid.")
     return turned

@@ -31,7 +31,9 @@ class _Part(Record):
     @property
     def rows(self) -> np.ndarray:
         """Row (1, N_COLUMNS) of the part where it is."""
-        return primitives.moved(primitives.rotated(self.make_row()[None], turn_matrix(self.turn_deg)), np.array(self.at_mm))
+        return primitives.moved(
+            primitives.rotated(self.make_row()[None], turn_matrix(self.turn_deg)), np.array(self.at_mm)
+        )
 
 
 class Sphere(_Part):

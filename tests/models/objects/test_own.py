@@ -1,0 +1,146 @@
+"""Own objects: meshes against exact shapes, parts, numbers from content, and what cannot be an object."""
+
+import time
+from functools import cache
+
+import numpy as np
+import pytest
+import trimesh
+
+from models.design.space import BEST_PUBLISHED
+from models.errors import ConfigError
+from models.objects.catalogue import FIRST_OWN_ID, OBJECTS, RigidObject, get_object
+from models.objects.distance import distance
+from models.objects.mount import printable_mesh
+from models.objects.own import object_of_mesh, object_of_parts
+from models.objects.parts import Box, Capsule, Cylinder, Sphere, turn_matrix
+from models.records import GraspSetup, SimulatorVersion
+from models.simulation.grasp import simulate_grasp
+
+SPHERE = trimesh.creation.icosphere(4, 24.0)
+
+
+@cache
+def ball(**values: object) -> RigidObject:
+    return object_of_mesh("ball", SPHERE, "ball.stl", **values)  # type: ignore[arg-type]
+
+
+def points(n: int = 20_000) -> np.ndarray:
+    return np.random.default_rng(0).uniform([-28.0, -28.0, 0.0], [28.0, 28.0, 52.0], (n, 3))
+
+
+def test_a_meshed_sphere_is_the_sphere() -> None:
+    exact = distance(get_object(2).primitives, points())
+    near = np.abs(exact) < 1.0
+    error = np.abs(distance(ball().primitives, points()) - exact)[near]
+    assert np.median(error) < 0.03  # the triangles themselves are up to 0.05 mm inside
+    assert error.max() < 0.08
+    assert ball().size_mm == pytest.approx((48.0, 48.0, 48.0), abs=0.01)
+    assert (ball().mirror_x, ball().mirror_y, ball().is_round) == (True, True, True)
+
+
+def test_its_grasp_is_that_of_the_primitive_and_costs_little_more() -> None:
+    def simulate(obj: RigidObject) -> tuple[float, float]:
+        start = time.process_time()
+        result = simulate_grasp(BEST_PUBLISHED, obj, SimulatorVersion(), GraspSetup())
+        return result.peak_force_n, time.process_time() - start
+
+    fine = object_of_mesh("ball", trimesh.creation.icosphere(5, 24.0), "ball.stl")
+    for obj in (get_object(2), fine):
+        simulate(obj)  # compiles
+    exact_n, exact_s = min(simulate(get_object(2)) for _ in range(3))
+    meshed_n, meshed_s = min(simulate(fine) for _ in range(3))
+    assert meshed_n == pytest.approx(exact_n, rel=0.02)
+    assert meshed_s < 2.0 * exact_s  # 1.1 times on a quiet machine (docs/how-to/bring-own-objects.md)
+
+
+def test_the_inside_of_a_mug_is_outside() -> None:
+    cup = trimesh.creation.cylinder(18, 44, sections=96)
+    hollow = trimesh.creation.cylinder(15, 44, sections=96).apply_translation([0, 0, 4])
+    mug = object_of_mesh("mug", trimesh.boolean.difference([cup, hollow]), "mug.stl")
+    found = distance(mug.primitives, np.array([[0, 0, 30.0], [0, 0, 2.0], [16.5, 0, 30.0], [19.0, 0, 30.0]]))
+    assert found == pytest.approx([15.0, -2.0, -1.5, 1.0], abs=0.05)
+
+
+def test_the_number_follows_from_the_content() -> None:
+    coarse = trimesh.creation.icosphere(1, 15.0)
+    made = object_of_mesh("ball", coarse, "x")
+    assert made.object_id >= FIRST_OWN_ID
+    assert object_of_mesh("other name", coarse, "y").object_id == made.object_id
+    assert object_of_mesh("ball", coarse, "x", scale=0.9).object_id != made.object_id
+    parts = [Sphere(shape="sphere", diameter_mm=30)]
+    assert object_of_parts("ball", parts, "x").object_id == object_of_parts("ball", parts, "y").object_id
+
+
+def test_parts_are_exact_and_stand_on_the_mount() -> None:
+    rod = Cylinder(shape="cylinder", diameter_mm=14, length_mm=40, at_mm=(50.0, 0.0, 90.0), rounding_mm=0.5)
+    knob = Sphere(shape="sphere", diameter_mm=30, at_mm=(50.0, 0.0, 100.0))
+    made = object_of_parts("dumbbell", [rod, knob], "x")
+    assert made.size_mm == pytest.approx((30.0, 30.0, 45.0))
+    found = distance(made.primitives, np.array([[0.0, 0.0, 30.0], [0.0, 0.0, 46.0], [10.0, 0.0, 5.0]]))
+    assert found == pytest.approx([-15.0, 1.0, 3.0], abs=1e-9)
+    assert made.is_round
+
+
+def test_turns_are_about_x_then_y_then_z() -> None:
+    assert turn_matrix((0.0, 0.0, 90.0)) @ [1.0, 0.0, 0.0] == pytest.approx([0.0, 1.0, 0.0])
+    assert turn_matrix((90.0, 0.0, 0.0)) @ [0.0, 1.0, 0.0] == pytest.approx([0.0, 0.0, 1.0])
+    assert turn_matrix((0.0, 90.0, 0.0)) @ [0.0, 0.0, 1.0] == pytest.approx([1.0, 0.0, 0.0])
+    assert turn_matrix((90.0, 0.0, 90.0)) @ [0.0, 1.0, 0.0] == pytest.approx([0.0, 0.0, 1.0])
+    lying = Capsule(shape="capsule", diameter_mm=10, length_mm=40, turn_deg=(90.0, 0.0, 0.0))
+    assert object_of_parts("rod", [lying], "x").size_mm == pytest.approx((10.0, 40.0, 10.0))
+
+
+def test_an_object_without_symmetry_says_so() -> None:
+    block = Box(shape="box", size_x_mm=20, size_y_mm=20, size_z_mm=30)
+    nose = Sphere(shape="sphere", diameter_mm=12, at_mm=(0.0, 10.0, 5.0))
+    made = object_of_parts("nosed", [block, nose], "x")
+    assert (made.mirror_x, made.mirror_y, made.is_round) == (True, False, False)
+
+
+def test_an_object_is_printed_on_its_mount() -> None:
+    mesh = printable_mesh(ball())
+    assert mesh.is_volume
+    assert mesh.body_count == 1
+    assert mesh.bounds[:, 2] == pytest.approx([0.0, 33.0 + 48.0], abs=0.05)
+
+
+def open_mesh() -> trimesh.Trimesh:
+    mesh = SPHERE.copy()
+    mesh.update_faces(np.arange(len(mesh.faces)) > 4)
+    return mesh
+
+
+WRONG = {
+    "open": (open_mesh(), {}, "not watertight, .* edges do not join two triangles"),
+    "large": (SPHERE, {"scale": 2.0}, "96.0 mm wide in x, a place of the bench takes at most 64 mm; scale it down"),
+    "small": (SPHERE, {"scale": 0.001}, "the fingers need 3 mm at least; scale it up"),
+    "flat": (trimesh.creation.box((30.0, 30.0, 0.0)), {}, "no volume"),
+    "empty": (trimesh.Trimesh(), {}, "no triangles"),
+    "nan": (trimesh.Trimesh(SPHERE.vertices * np.nan, SPHERE.faces, process=False), {}, "not a finite number"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_no_object_is_one_sentence(name: str) -> None:
+    mesh, values, words = WRONG[name]
+    with pytest.raises(ConfigError, match=words) as refused:
+        object_of_mesh("own", mesh, "own.stl", **values)  # type: ignore[arg-type]
+    assert str(refused.value).startswith("own.stl: ")
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["", "7 dwarfs", "cube", "x" * 41, "../up"])
+def test_names_of_others_and_of_files_are_refused(name: str) -> None:
+    with pytest.raises(ConfigError, match="cannot be the name of an own object"):
+        object_of_mesh(name, SPHERE, "own.stl")
+
+
+def test_an_inside_out_mesh_is_turned() -> None:
+    inverted = trimesh.creation.icosphere(2, 24.0)
+    inverted.invert()
+    assert distance(object_of_mesh("b", inverted, "x").primitives, np.array([[0.0, 0.0, 24.0]]))[0] < -20.0
+
+
+def test_the_36_are_untouched() -> None:
+    assert [obj.shape for obj in OBJECTS] == [None] * 36

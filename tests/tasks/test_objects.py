@@ -1,0 +1,153 @@
+"""Own objects from files, in configs, in a lake, and by name."""
+
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from lake.provenance import current_provenance
+from lake.store import Lake
+from lake.tables.campaign import ObjectRow
+from models.errors import ConfigError, UsageError
+from models.objects import catalogue
+from models.objects.catalogue import get_object, name_object
+from tasks.campaign.config import load_config
+from tasks.campaign.settings import ObjectPlan
+from tasks.objects import find_object, own_objects, read_object, read_objects
+
+DUMBBELL = """
+name = "dumbbell"
+[[parts]]
+shape = "sphere"
+diameter_mm = 30
+[[parts]]
+shape = "cylinder"
+diameter_mm = 14
+length_mm = 40
+"""
+CONFIG = """
+name = "own"
+[objects]
+ids = [30]
+files = ["ball.stl", "dumbbell.toml"]
+[bench]
+world = "world.toml"
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(catalogue, "_OWN", {})
+    trimesh.creation.icosphere(2, 20.0).export(tmp_path / "ball.stl")
+    (tmp_path / "dumbbell.toml").write_text(DUMBBELL)
+    (tmp_path / "own.toml").write_text(CONFIG)
+    (tmp_path / "world.toml").write_text((Path(__file__).parents[2] / "worlds" / "quick.toml").read_text())
+    return tmp_path
+
+
+def test_a_config_names_objects_by_file_and_gives_them_free_places(folder: Path) -> None:
+    plan = load_config(folder / "own.toml").objects
+    ball, dumbbell = plan.own_ids
+    assert plan.object_ids == (30, ball, dumbbell)
+    assert plan.own_places == ((ball, 0), (dumbbell, 1))
+    assert name_object(dumbbell) == f"dumbbell ({dumbbell})"
+
+
+def test_names_of_files_decide_no_results_and_their_content_does(folder: Path) -> None:
+    before = load_config(folder / "own.toml").science
+    (folder / "ball.stl").rename(folder / "bowl.stl")
+    (folder / "own.toml").write_text(CONFIG.replace("ball.stl", "bowl.stl"))
+    assert load_config(folder / "own.toml").science == before
+    trimesh.creation.icosphere(2, 21.0).export(folder / "bowl.stl")
+    assert load_config(folder / "own.toml").science != before
+
+
+def test_a_lake_knows_an_object_after_its_file_is_gone(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ball = read_object(folder / "ball.stl")
+    lake = Lake.open(folder / "lake", create=True)
+    lake.append([ObjectRow.of(ball)], current_provenance())
+    lake.close()
+    (folder / "ball.stl").unlink()
+    monkeypatch.setattr(catalogue, "_OWN", {})
+    assert [obj.name for obj in own_objects(folder / "lake")] == ["ball"]
+    assert find_object("ball", folder / "lake") == get_object(ball.object_id) == ball
+    opened = Lake.open(folder / "lake")
+    monkeypatch.setattr(catalogue, "_OWN", {})
+    assert get_object(ball.object_id) == ball  # asked of the lake that is open
+    opened.close()
+
+
+def test_objects_are_found_by_name_number_and_file(folder: Path) -> None:
+    lake = folder / "lake"
+    assert find_object("cube", lake).object_id == find_object("30", lake).object_id == 30
+    assert find_object("Large-Sphere", lake).object_id == 2
+    assert find_object(str(folder / "dumbbell.toml"), lake).name == "dumbbell"
+    for text, words in (
+        ("cubee", "no object is called `cubee`; did you mean `cube`"),
+        ("36", "object 36 does not exist"),
+        ("-1", "object -1 does not exist"),
+        ("123456", "own object that this lake does not have"),
+        ("none.stl", "does not exist"),
+    ):
+        with pytest.raises((UsageError, ConfigError), match=words):
+            find_object(text, lake)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("x.step", b"", "of no known kind; give one that ends in .stl"),
+        ("x.stl", b"", "x.stl"),
+        ("x.stl", b"\x00" * 100, "x.stl"),
+        ("x.obj", b"v 1 2\nf 1 2 3\n", "x.obj"),
+        ("x.3mf", b"PK\x03\x04nonsense", "cannot be read as 3MF"),
+        ("x.toml", b"\xff\xfe", "not a text file"),
+        ("x.toml", b"name = ", "x.toml"),
+        ("x.toml", b'name = "x"', "either `mesh` or `parts`"),
+        ("x.toml", b'mesh = "x.png"', "must end in .stl"),
+        ("x.toml", b'[[parts]]\nshape = "blob"\n', "shape"),
+        ("x.toml", b'[[parts]]\nshape = "sphere"\ndiameter_mm = -3\n', "diameter_mm"),
+        ("x.toml", b'[[parts]]\nshape = "capsule"\ndiameter_mm = 30\nlength_mm = 20\n', "longer than its diameter"),
+        (
+            "x.toml",
+            b'[[parts]]\nshape = "cylinder"\ndiameter_mm = 20\nlength_mm = 20\nbore_mm = 20\n',
+            "a bore is smaller",
+        ),
+        (
+            "x.toml",
+            b'[[parts]]\nshape = "lathe"\noutline_mm = [[0, 0], [0, 20], [10, 20], [10, 0]]\n',
+            "goes clockwise or has no area",
+        ),
+        ("x.toml", b'scale = 2\n[[parts]]\nshape = "sphere"\ndiameter_mm = 20\n', "are of a mesh"),
+    ],
+)
+def test_a_wrong_file_is_one_sentence(folder: Path, name: str, content: bytes, words: str) -> None:
+    (folder / name).write_bytes(content)
+    with pytest.raises(ConfigError, match=words) as refused:
+        read_object(folder / name)
+    assert "\n" not in str(refused.value)
+
+
+def test_two_files_with_one_object_or_one_name_are_refused(folder: Path) -> None:
+    (folder / "again.toml").write_text(DUMBBELL)
+    with pytest.raises(ConfigError, match="hold the same object"):
+        read_objects([folder / "dumbbell.toml", folder / "again.toml"])
+    (folder / "again.toml").write_text(DUMBBELL.replace("40", "41"))
+    with pytest.raises(ConfigError, match="another object is called `dumbbell`"):
+        read_objects([folder / "dumbbell.toml", folder / "again.toml"])
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"files": ("a.stl",)}, "set `ids` to those that stay"),
+        ({"ids": (), "files": ()}, "name one object at least"),
+        ({"ids": (), "files": ("a.stl", "a.stl")}, "names one file twice"),
+        ({"ids": (3,), "files": ("a.stl",), "places": (3,)}, "a place of its own"),
+        ({"ids": (3,), "files": ("a.stl",), "places": (36,)}, "0 to 35"),
+        ({"ids": tuple(range(36)), "files": ("a.stl",)}, "the bench has 36 places"),
+    ],
+)
+def test_a_plan_without_room_is_refused(values: dict[str, object], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        ObjectPlan(**values)  # type: ignore[arg-type]

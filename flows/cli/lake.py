@@ -30,7 +30,9 @@ def import_(
     ] = None,
     set: Annotated[
         list[str] | None,
-        Parameter(help="NAME=VALUE of how grasps were made where the files do not say it, e.g. closed_gap_mm=30."),
+        Parameter(
+            negative="", help="NAME=VALUE of how grasps were made where the files do not say it, e.g. closed_gap_mm=30."
+        ),
     ] = None,
     dry_run: Annotated[bool, Parameter(negative="", help="Only check and count, write nothing.")] = False,
     json: AsJson = False,

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, say, show, table_text
+from flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, show, table_text
 
 if TYPE_CHECKING:
     from models.objects.catalogue import RigidObject
@@ -61,6 +61,7 @@ def draw(
     *,
     out: Annotated[Path, Parameter(help="PNG file to write.")],
     lake: LakePath = DEFAULT_LAKE,
+    json: AsJson = False,
 ) -> None:
     """Draw objects as they stand on the bench, seen from the front right; the fingers close from left and right."""
     from flows.report.mesh_picture import draw_objects
@@ -70,7 +71,7 @@ def draw(
     _check_suffix(out, ".png")
     out.parent.mkdir(parents=True, exist_ok=True)
     draw_objects(found).savefig(out)
-    say(f"wrote {out}")
+    show({"written": str(out), "objects": [obj.object_id for obj in found]}, f"wrote {out}", json)
 
 
 @app.command(name="print")
@@ -79,6 +80,7 @@ def print_object(
     *,
     out: Annotated[Path, Parameter(help="STL file to write.")],
     lake: LakePath = DEFAULT_LAKE,
+    json: AsJson = False,
 ) -> None:
     """Write an object on its mount, as one body to print."""
     from models.objects.mount import printable_mesh
@@ -90,7 +92,8 @@ def print_object(
     out.parent.mkdir(parents=True, exist_ok=True)
     mesh.export(out)
     size = " x ".join(f"{mm:.1f}" for mm in mesh.extents)
-    say(f"wrote {out}: {found.name} on its mount, {size} mm, {mesh.volume / 1000:.1f} cm3")
+    data = {"written": str(out), "size_mm": [float(mm) for mm in mesh.extents], "volume_mm3": float(mesh.volume)}
+    show(data, f"wrote {out}: {found.name} on its mount, {size} mm, {mesh.volume / 1000:.1f} cm3", json)
 
 
 def _row(obj: "RigidObject") -> dict[str, Any]:

@@ -117,7 +117,7 @@ def test_the_reference_names_every_option():
     assert [pair for pair in options if not re.search(rf"{pair[1]}\b", page)] == []
 
 
-@pytest.mark.parametrize("words", ["campaign rn x", "sql --formt csv", "simulate --object five", "nothing"])
+@pytest.mark.parametrize("words", ["campaign rn x", "sql --formt csv", "simulate --workers five", "nothing"])
 def test_a_wrong_command_is_found(words: str):
     assert complaint_about(words.split()) is not None
 
